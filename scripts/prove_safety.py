@@ -42,6 +42,10 @@ MEMORY_TESTS, TICK_TESTS = "tests/runtime/tick/test_memory.py", "tests/runtime/t
 FEED_TESTS, FRAMED_TESTS = "tests/runtime/trackers/test_trackers.py", "tests/runtime/trackers/test_framed_feed.py"
 SENDER_TESTS = "tests/runtime/trackers/test_sender_clock.py"
 FRAME_TESTS = "tests/sensing/frame/test_frame_registration.py"
+OSC_TESTS = "tests/apps/serve/osc/test_osc_session.py::test_without_the_token_nothing_happens"
+VIEWER_TESTS = "tests/apps/serve/foxglove/test_viewer_connection.py"
+SERVED_TESTS, ACCESS_TESTS = "tests/apps/serve/test_served_device.py", "tests/apps/serve/test_server_choice.py"
+REMOTE_TESTS, BLOCK_TESTS = "tests/worlds/dynamic/test_remote.py", "tests/runtime/memory/test_force_block.py"
 ORIENTATION_TESTS = "tests/sensing/orientation/test_least_squares.py"
 MAP_TESTS = "tests/sensing/torque_maps/test_torque_maps.py"
 
@@ -112,6 +116,27 @@ RULES = [
         "drop",
         "tests/runtime/drivers/test_sim_driver.py",
     ),
+    ("client-silence-fades", "a client that falls silent leaves no force", "without 1", REMOTE_TESTS),
+    ("client-loss-fades", "a client whose connection is lost leaves no force", "without 2", REMOTE_TESTS),
+    ("client-force-finite", "a client's force that is no number is none", "always", REMOTE_TESTS),
+    ("client-force-limit", "no force of a client is greater than the world's limit", "only 1 of value", REMOTE_TESTS),
+    ("one-client-holds", "one server's client holds the device until its force has faded", "always", BLOCK_TESTS),
+    ("watcher-commands-nothing", "a client that watches commands nothing", "never", SERVED_TESTS),
+    ("served-force-finite", "a command that is no force goes nowhere", "never", SERVED_TESTS),
+    ("lost-client-told", "the loop is told of a lost connection", "drop", SERVED_TESTS),
+    ("serve-origin", "pages of other sites command no device", "never", ACCESS_TESTS),
+    ("serve-host", "a name that is not this computer's reaches no server", "never", ACCESS_TESTS),
+    ("osc-finite", "an OSC message's numbers are finite", "never", "tests/apps/serve/osc/test_requests.py"),
+    ("osc-token", "an OSC message from beyond this computer needs the token", "never", OSC_TESTS),
+    ("foxglove-origin", "pages of other sites see nothing of a device", "never", VIEWER_TESTS),
+    ("foxglove-host", "a name that is not this computer's reaches no live view", "never", VIEWER_TESTS),
+    (
+        "plain-state",
+        "a state in a recording makes plain values and runs no code",
+        "never",
+        "tests/runtime/replay/test_bad_recordings.py::test_a_state_that_is_none_is_refused_and_runs_no_code",
+    ),
+    ("serve-token", "from another computer a server needs the token", "never", ACCESS_TESTS),
     ("dead-sensors", "dead sensors are no weak magnets", "never", ORIENTATION_TESTS),
     ("readings-possible", "readings that cannot be are left out", "always", MAP_TESTS),
     ("network-device", "networks of another device are refused", "never", MAP_TESTS),

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import json
 import re
 import shutil
 import signal
@@ -236,6 +237,54 @@ def _study(browser: Any, folder: Path, who: str, moment: str, theme: str, path: 
         run.stderr.close()
 
 
+def _record(path: Path) -> None:
+    """Twelve seconds of the simulated Omni: a stylus that wanders over the dome, a stop, another width of the dome."""
+    from haptorb.runtime.servo.servo import Servo
+
+    with Servo("omni", "dome", record=str(path)) as servo:
+        start, done = time.monotonic(), 0
+        acts = [
+            (4.0, servo.stop),
+            (5.0, servo.engage),
+            (8.0, lambda: servo.set_world("dome", {"half_width_deg": 30.0})),
+        ]
+        while (t := time.monotonic() - start) < 12.0:
+            tilt, azimuth = 0.35 + 0.2 * np.sin(1.3 * t), 0.7 * t
+            across = 0.0495 * np.sin(tilt)
+            servo.point([across * np.cos(azimuth), across * np.sin(azimuth), 0.0495 * np.cos(tilt)], patience=0.5)
+            if done < len(acts) and t > acts[done][0]:
+                acts[done][1]()
+                done += 1
+            time.sleep(0.01)
+
+
+def take_view(path: Path) -> None:
+    """That recording in `haptorb view`."""
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as play:
+        run = Path(folder, "run.mcap")
+        _record(run)
+        words = [sys.executable, "-c", "from haptorb.apps.cli import main; main()", "view", str(run), "--json"]
+        served = subprocess.Popen([*words, "--port", "0"], stdout=subprocess.PIPE, text=True)
+        assert served.stdout is not None
+        url = json.loads(served.stdout.readline())["url"]
+        browser = play.chromium.launch(executable_path=chromium, args=FLAGS)
+        page = browser.new_page(viewport={"width": 1280, "height": 860}, color_scheme="light")
+        page.goto(url.replace("/#", "/?detail=full#"))
+        player = "document.querySelector('iframe').contentWindow.player"
+        _until(page, f"!!{player} && {player}.shown.settled && timeline.overview === 1")
+        page.evaluate("timeline.go(9.4)")
+        _until(page, f"{player}.shown.settled && Math.abs({player}.felt([0, 0, 1])) > 0")
+        page.wait_for_timeout(1500)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        page.screenshot(path=path)
+        browser.close()
+        served.terminate()
+        served.wait(10)
+        served.stdout.close()
+    print(path, flush=True)
+
+
 def _until(page: Page, expression: str) -> None:
     for _ in range(600):
         if page.evaluate(expression):
@@ -266,6 +315,7 @@ def main() -> None:
         wanted = [(*what, ROOT / "docs" / "images" / name) for name, what in CHOSEN.items()]
         study = [(*what, ROOT / "docs" / "images" / name) for name, what in STUDY.items()]
         take_film(ROOT / "docs" / "images" / "console.webp")
+        take_view(ROOT / "docs" / "images" / "view.png")
     take(wanted)
     take_study(study)
 

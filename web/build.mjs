@@ -1,6 +1,6 @@
 // Bundles the pages into the Python package: scripts, style sheets and documents, nothing from elsewhere.
 import { build } from "esbuild";
-import { cp, mkdir, readFile, rm } from "node:fs/promises";
+import { cp, mkdir, readFile, rm, writeFile } from "node:fs/promises";
 import { fileURLToPath } from "node:url";
 
 const apps = process.argv[2] ?? fileURLToPath(new URL("../src/haptorb/apps/", import.meta.url));
@@ -15,7 +15,7 @@ const unusedShaders = {
     })),
 };
 
-/** One program's pages: emptied, bundled, and its documents copied. */
+/** One program's pages: emptied, bundled, and its documents copied, or changed on the way. */
 async function bundle(out, entryPoints, documents) {
   await rm(out, { recursive: true, force: true });
   await mkdir(out, { recursive: true });
@@ -31,7 +31,10 @@ async function bundle(out, entryPoints, documents) {
     plugins: [unusedShaders],
     logLevel: "warning",
   });
-  for (const [from, name] of documents) await cp(new URL(`src/${from}`, import.meta.url), `${out}/${name}`);
+  for (const [from, name, change] of documents) {
+    if (change) await writeFile(`${out}/${name}`, change(await readFile(new URL(`src/${from}`, import.meta.url), "utf8")));
+    else await cp(new URL(`src/${from}`, import.meta.url), `${out}/${name}`);
+  }
 }
 
 await bundle(
@@ -51,4 +54,20 @@ await bundle(
     { in: "src/study/study.css", out: "study" },
   ],
   [["study/participant.html", "participant.html"], ["study/experimenter.html", "experimenter.html"], ["icon.svg", "icon.svg"]],
+);
+
+// A recording is played in the console's own document, with another script.
+await bundle(
+  `${apps}/view/static`,
+  [
+    { in: "src/view/view.ts", out: "view" },
+    { in: "src/view/player.ts", out: "player" },
+    { in: "src/view/view.css", out: "view" },
+    { in: "src/view/player.css", out: "player" },
+  ],
+  [
+    ["view/view.html", "view.html"],
+    ["index.html", "player.html", (text) => text.replaceAll("/static/console.", "/static/player.")],
+    ["icon.svg", "icon.svg"],
+  ],
 );

@@ -16,6 +16,8 @@ from sphinx.application import Sphinx
 import haptorb
 from haptorb import worlds
 from haptorb.apps.feel.design_file import DesignFile, DesignTable
+from haptorb.apps.serve.foxglove.row_messages import RowMessages
+from haptorb.apps.serve.osc.addresses import INCOMING, OUTGOING, REPLIES
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.templates.study_template import TEMPLATES, make_study_text
 from haptorb.control.protection.trip import GuardState, Trip
@@ -134,7 +136,36 @@ def benchmarks() -> str:
     return load_result(Path(__file__).resolve().parents[1] / "benchmarks.json").markdown()
 
 
+def osc_messages() -> str:
+    """What `--serve osc` sends, understands and answers."""
+    sent = [(f"`{one.address}`", one.values, one.unit, one.about) for one in OUTGOING]
+    heard = [(f"`{one.address}`", one.values, one.unit, one.about) for one in INCOMING]
+    answers = [(f"`{one.address}`", one.values, one.unit, one.about) for one in REPLIES]
+    head = ("values", "unit", "meaning")
+    parts = [table((name, *head), rows) for name, rows in (("sent", sent), ("understood", heard), ("answer", answers))]
+    return "\n".join(parts)
+
+
+def foxglove_topics() -> str:
+    """What `--serve foxglove` sends, and how often."""
+    device = haptorb.load("omni")
+    topics = RowMessages(device, RowLayout.of(device)).topics
+    rows = [(f"`{one.topic.name}`", one.topic.schema_name, f"{one.rate:g}", one.about) for one in topics]
+    rows += [
+        ("`/shape`", "foxglove.SceneUpdate", "once", "every part of the device whose place is known"),
+        (
+            "`/log`",
+            "foxglove.Log",
+            "as it happens",
+            "trips, states of the guard, changes of the world; at first the last 50",
+        ),
+    ]
+    return table(("topic", "schema", "a second", "content"), rows)
+
+
 PAGES = {
+    "osc-messages": osc_messages,
+    "foxglove-topics": foxglove_topics,
     "benchmarks": benchmarks,
     "row-table": row_table,
     "trip-table": trip_table,

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -47,10 +47,14 @@ def serve(console: Console) -> Iterator[Console]:
         serving.join(10)
 
 
-class Screen:
-    """A page of the console, and what a test wants to know of it."""
+class HostGone(Exception):
+    """The program behind a page ended before the page was up."""
 
-    def __init__(self, page: Any, url: str) -> None:
+
+class Screen:
+    """A page of the console, and what a test wants to know of it; `runs`: whether a program is still behind it."""
+
+    def __init__(self, page: Any, url: str, runs: Callable[[], bool] = lambda: True) -> None:
         self.page = page
         self.url, _, self.token = url.partition("#")
         self.requests: list[str] = []
@@ -58,17 +62,24 @@ class Screen:
         page.on("request", lambda request: self.requests.append(request.url))
         page.on("pageerror", lambda mistake: self.troubles.append(str(mistake)))
         page.on("console", lambda line: self.troubles.append(line.text) if line.type == "error" else None)
-        page.goto(url, timeout=60_000)
-        self.until("window.haptorb && haptorb.frames > 3 && haptorb.status !== 'waiting'")
+        try:
+            page.goto(url, timeout=60_000)
+        except Exception as cause:
+            if not runs():
+                raise HostGone from cause
+            raise
+        self.until("window.haptorb && haptorb.frames > 3 && haptorb.status !== 'waiting'", runs=runs)
 
     def tell(self, expression: str) -> Any:
         """The value of a JavaScript expression."""
         return self.page.evaluate(expression)
 
-    def until(self, expression: str, seconds: float = 60.0) -> Any:
+    def until(self, expression: str, seconds: float = 60.0, runs: Callable[[], bool] = lambda: True) -> Any:
         """Wait until the expression is true. (The page's policy forbids Playwright's own way of waiting.)"""
         end = time.monotonic() + seconds
         while not (value := self.page.evaluate(expression)):
+            if not runs():
+                raise HostGone
             assert time.monotonic() < end, (
                 f"never came true: {expression}; status {self.tell('haptorb.status')}; troubles {self.troubles}"
             )
@@ -144,6 +155,9 @@ class Host:
         cursor, rows = self.ask("rows", cursor=cursor, columns=np.concatenate(columns).tolist())
         return cursor, np.split(np.array(rows), np.cumsum([len(column) for column in columns])[:-1], axis=1)
 
+    def runs(self) -> bool:
+        return self._process.poll() is None
+
     def close(self) -> None:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -159,13 +173,19 @@ class Host:
 @pytest.fixture
 def live(browser: Any) -> Iterator[tuple[Screen, Host]]:
     """The real thing: servo with the simulated Omni, console, page."""
-    host = Host()
-    page = browser.new_page(viewport=DESK)
-    try:
-        yield Screen(page, host.url), host
-    finally:
-        page.close()
-        host.close()
+    for _ in range(3):
+        # A browser that starts on a busy machine can keep a host from its heart for half a second: its servo ends, and
+        # it with that. To wait a minute for such a page, as for any other, tells nothing.
+        host, page = Host(), browser.new_page(viewport=DESK)
+        try:
+            yield Screen(page, host.url, host.runs), host
+            return
+        except HostGone:
+            continue
+        finally:
+            page.close()
+            host.close()
+    raise AssertionError("three hosts ended before their pages were up; their words are above")
 
 
 @pytest.fixture

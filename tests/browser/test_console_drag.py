@@ -81,3 +81,26 @@ def test_what_is_waited_for_and_cooling_are_on_the_page(staged: Any, fake: Any) 
     screen.page.get_by_role("button", name="cool coils").click()
     screen.page.wait_for_timeout(200)
     assert fake.count("cool") == 1
+
+
+def test_programs_that_are_connected_are_on_the_page_and_see_its_buttons(staged: Any, fake: Any) -> None:
+    """Who is connected, how often each asks and who commands; keys 1, 2, 3 are held down for them."""
+    one = {"name": "teleoperator", "session": 1, "rate_hz": 812.4, "holds": True}
+    two = {"name": "watcher", "session": 2, "rate_hz": 20.0, "holds": False}
+    fake.connections = [
+        {"server": "haply", "address": "ws://127.0.0.1:10001", "count": 2, "clients": [two, one], "dropped": 0}
+    ]
+    screen = staged()
+    screen.until("haptorb.status === 'running' && haptorb.control")
+    badge = screen.page.locator("#connected")
+    badge.wait_for(state="visible")
+    assert badge.inner_text() == "haply: teleoperator 812 Hz +1"
+    title = badge.get_attribute("title") or ""
+    assert "teleoperator 812 Hz, commands" in title
+    assert "watcher 20 Hz, watches" in title
+    screen.page.keyboard.down("1")
+    screen.page.keyboard.down("3")
+    screen.page.keyboard.up("1")
+    screen.page.keyboard.up("3")
+    screen.page.wait_for_timeout(200)
+    assert [call[1] for call in fake.calls if call[0] == "press"] == [("a",), ("a", "c"), ("c",), ()]

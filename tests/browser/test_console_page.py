@@ -459,3 +459,18 @@ def test_memory_does_not_grow(staged, fake):
         screen.page.wait_for_timeout(60)
     screen.page.wait_for_timeout(300)
     assert heap() < before + 3e6
+
+
+@pytest.mark.parametrize("lost", ["**/api/session", "**/static/socket.js"])
+def test_a_connection_that_is_lost_while_the_page_loads_is_made_again(browser, staged, lost):
+    asked = []
+
+    def lose_first(route):
+        asked.append(route.request.url)
+        route.abort() if len(asked) == 1 else route.continue_()
+
+    with browser.new_context() as context:
+        context.route(lost, lose_first)
+        screen = staged(context=context)
+        assert len(asked) >= 2
+        assert screen.page.locator("#lock").is_hidden()

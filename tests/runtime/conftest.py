@@ -22,6 +22,7 @@ from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.servo import servo as servo_module
 from haptorb.runtime.servo.servo import Servo
+from haptorb.worlds.client_force import make_client_force
 
 cloudpickle.register_pickle_by_value(sys.modules[__name__])  # the servo's process cannot import a conftest
 
@@ -67,6 +68,7 @@ class FakeChain:
         self.driver = FakeDriver(log, behaviour.get("fails", ""))
         self.guard = self
         self.error = self.remark = ""
+        self.client = make_client_force()
         self.world = world
         self._layout, self._behaviour, self._tracker = layout, behaviour, tracker
         self._trip = Trip.NONE

@@ -6,6 +6,7 @@ import type { Subject, Wish } from "./scene/subject";
 
 export interface KeyActions {
   stop(by: string): void;
+  press(buttons: string[]): void;
   rest(wish: Wish, stamp: number): void;
   readonly subject: Subject;
   readonly orbit: Orbit | null;
@@ -20,7 +21,30 @@ const ARROWS: Record<string, [number, number]> = {
   ArrowDown: [0, -1],
 };
 
+const BUTTONS: Record<string, string> = { Digit1: "a", Digit2: "b", Digit3: "c" };
+
+/** The tool's buttons, for programs that are connected: held down as long as the key is. */
+function listenForButtons(actions: KeyActions): void {
+  const down = new Set<string>();
+  const tell = (): void => actions.press([...down].sort());
+  addEventListener("keydown", (event) => {
+    const button = BUTTONS[event.code];
+    if (!button || down.has(button) || event.ctrlKey || event.metaKey || event.altKey || !actions.control) return;
+    if ((event.target as HTMLElement).closest("input, select, dialog[open]")) return;
+    down.add(button);
+    tell();
+  });
+  const up = (released: string[]): void => {
+    const before = down.size;
+    released.forEach((button) => down.delete(button));
+    if (down.size < before) tell();
+  };
+  addEventListener("keyup", (event) => up([BUTTONS[event.code] ?? ""]));
+  addEventListener("blur", () => up(["a", "b", "c"]));
+}
+
 export function listen(actions: KeyActions): void {
+  listenForButtons(actions);
   addEventListener(
     "keydown",
     (event) => {

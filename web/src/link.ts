@@ -12,14 +12,30 @@ export interface Listener {
   event(event: Record<string, unknown> & { event: string }): void;
 }
 
+const RETRY = 1000; // ms until the socket's thread is loaded again
 const BEAT = 50; // ms between two signs of life to the socket's thread
 
 export class Link {
-  private readonly worker = new Worker("/static/socket.js", { type: "module" });
+  private worker!: Worker;
 
   /** `patience`: after so long without a sign of life from this page its hold on the stylus ends [ms] */
-  constructor(token: string, patience: number, listener: Listener) {
+  constructor(
+    private readonly token: string,
+    private readonly patience: number,
+    private readonly listener: Listener,
+  ) {
+    this.open();
+    setInterval(() => this.post({ kind: "alive" }), BEAT);
+  }
+
+  private open(): void {
+    const { listener, token, patience } = this;
+    this.worker = new Worker("/static/socket.js", { type: "module" });
+    let begun = false;
+    // The file did not come; without it the page would wait for ever.
+    this.worker.onerror = () => begun || setTimeout(() => this.open(), RETRY);
     this.worker.onmessage = ({ data }: MessageEvent<FromSocket>) => {
+      begun = true;
       switch (data.kind) {
         case "opened":
           return listener.opened();
@@ -34,7 +50,6 @@ export class Link {
       }
     };
     this.post({ kind: "open", url: `ws://${location.host}/ws`, protocols: ["haptorb", `token.${token}`], patience });
-    setInterval(() => this.post({ kind: "alive" }), BEAT);
   }
 
   point(pointer: Pointer): void {

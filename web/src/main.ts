@@ -25,6 +25,7 @@ import { Shapes } from "./scene/shapes";
 import { Stage } from "./scene/stage";
 import type { Subject, Wish } from "./scene/subject";
 import { TargetPane } from "./scene/target_pane";
+import { listenToViewButtons } from "./scene/view_buttons";
 import { Rumble } from "./senses/rumble";
 import { Sound } from "./senses/sound";
 import { session as fetchSession, Stranger, token, type FeelState, type Session, type Shape, type TargetScene, type Values, type World } from "./session";
@@ -37,6 +38,7 @@ const SAY = 4000; // ms between two sentences for those who listen
 const NOTED = 8000; // ms for which a note stands that nobody must act upon
 const FULL = 1013; // the server's word for too many pages
 const STALE = 500; // ms without a sample after which nothing is live
+const RETRY = 1000; // ms until the server is asked again who it is
 
 class Console {
   private readonly sample: Sample;
@@ -131,6 +133,11 @@ class Console {
     document.addEventListener("visibilitychange", () => this.hidden());
     this.probe();
     requestAnimationFrame((now) => this.frame(now));
+  }
+
+  /** The tool's buttons that a person holds down, for programs that are connected. */
+  press(buttons: string[]): void {
+    if (this.health?.connections?.length) this.command({ do: "buttons", pressed: buttons });
   }
 
   /** Coils off, at once, whoever asks. */
@@ -272,6 +279,7 @@ class Console {
         this.silence.servoEnded = event["alive"] === false;
         this.silence.missingPose = String(event["missing_pose"] ?? "");
         this.health = event as unknown as Health;
+        this.header.connected(this.health.connections ?? []);
         this.notice(this.health);
         break;
       case "mistake":
@@ -409,18 +417,7 @@ class Console {
     const cool = at<HTMLButtonElement>("cool");
     cool.hidden = !this.session.simulated;
     cool.addEventListener("click", () => this.command({ do: "cool" }));
-    const views: Record<string, () => void> = {
-      left: () => this.orbit.turn(-15, 0),
-      right: () => this.orbit.turn(15, 0),
-      up: () => this.orbit.turn(0, 10),
-      down: () => this.orbit.turn(0, -10),
-      in: () => this.orbit.zoom(1 / 1.25),
-      out: () => this.orbit.zoom(1.25),
-      reset: () => this.orbit.reset(),
-    };
-    for (const button of document.querySelectorAll<HTMLElement>("[data-view]")) {
-      button.addEventListener("click", views[button.dataset["view"]!]!);
-    }
+    listenToViewButtons(this.orbit);
     new ResizeObserver(() => this.viewMoved()).observe(at("view"));
   }
 
@@ -489,10 +486,15 @@ const median = (list: number[]): number => [...list].sort((a, b) => a - b)[list.
 // Another address pasted over this one differs only behind the #, and would load nothing by itself.
 addEventListener("hashchange", () => location.reload());
 
-if (!token()) cover(UNKNOWN);
-else {
-  fetchSession().then(
-    (session) => new Console(session),
-    (mistake: unknown) => cover(mistake instanceof Stranger ? UNKNOWN : UNREACHED),
-  );
+/** Once somebody answers: a connection that was lost while the page loads must not leave it empty for good. */
+async function begin(): Promise<void> {
+  const answer = await fetchSession().catch((mistake: unknown) => mistake);
+  if (answer instanceof Stranger) cover(UNKNOWN);
+  else if (answer instanceof Error) {
+    cover(UNREACHED);
+    setTimeout(() => void begin(), RETRY);
+  } else new Console(answer as Session);
 }
+
+if (!token()) cover(UNKNOWN);
+else void begin();

@@ -25,6 +25,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast, final
 
+from haptorb.numerics.compile_permission import watch_compiling
+
 __all__ = ["PostponedKernel", "cache_folder", "kernel", "load_compiler", "vector_kernel"]
 
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -185,6 +187,8 @@ def _dispatcher(function: Callable[..., Any], vectors: bool) -> Any:
         )(function)
     finally:
         numba.config.CACHE_DIR = usual
+    if _find_source(function).is_relative_to(_PACKAGE):
+        watch_compiling(compiled)
     if vectors and "NUMBA_LOOP_VECTORIZE" not in os.environ:
         _vectorize_loops(numba, compiled)
     template = compiled.get_call_template

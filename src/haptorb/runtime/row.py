@@ -120,6 +120,32 @@ class RowLayout:
                 "energy dissipated by the least damping of a hand, less that created by sampling and delay",
             ),
             Field("injected", 1, "N·s/m", "damping added because the balance was negative"),
+            # what the driver had read and was told, and what was commanded: a replay needs nothing else
+            Field("drive", m, "1", "duties that the drive commands, before what the driver can apply of them"),
+            Field("currents_age", 1, "s", "age of the measured currents at the tick's begin"),
+            Field("field_age", 1, "s", "age of the field sensors' readings at the tick's begin"),
+            Field("pose_t", 1, "s", "time at which the tracker's pose was measured, on the loop's clock"),
+            Field("pose_valid", 1, "1", "1 if the tracker says that its pose is valid"),
+            Field("pose_p", 3, "m", "position of the mover, as the tracker says"),
+            Field("pose_r", 9, "1", "orientation R_SR of the mover, as the tracker says, row by row"),
+            Field("pose_v", 3, "m/s", "velocity of the mover, as the tracker says"),
+            Field("pose_w", 3, "rad/s", "angular velocity of the mover, stator frame, as the tracker says"),
+            Field(
+                "commands",
+                1,
+                "1",
+                "what was commanded before the tick, a sum: 1 stop, 2 engage, 4 cool, 8 another world, 16 another "
+                "version of it, 32 lateness excused, 64 torque scale, 128 translate, 256 rotate, 512 take hold, 1024 "
+                "let go, 2048 times the number of a model, from 1 on; −1: no tick, the coils are off for good",
+            ),
+            Field("torque_scale", 1, "1", "scale of a motor's torques that was commanded last"),
+            Field(
+                "failures",
+                1,
+                "1",
+                "what failed in the tick, a sum: 1 reading, 2 writing, 4 engaging the driver, 8 the world, 16 its "
+                "memory, 32 the allocation",
+            ),
             # the last: a row of whatever room is filled as far as it goes
             Field("memory", self.memory, "SI", "memory of the world; names and units are noted with the world"),
         )

@@ -19,6 +19,7 @@ from haptorb.worlds.contact_world import ContactWorld
 from haptorb.worlds.dynamic.ball import RollingBall
 from haptorb.worlds.dynamic.button import Button
 from haptorb.worlds.dynamic.friction import Friction
+from haptorb.worlds.dynamic.remote import Remote
 from haptorb.worlds.dynamic.stirred_fluid import StirredFluid
 from haptorb.worlds.dynamic_world import DynamicSum, DynamicWorld
 from haptorb.worlds.maps.changing import ChangingTerrain, Summits
@@ -60,6 +61,7 @@ __all__ = [
     "Outlet",
     "PathGuidance",
     "PublishedOutlet",
+    "Remote",
     "RollingBall",
     "Scene",
     "Shape",
@@ -109,6 +111,7 @@ CATALOGUE: dict[str, type[World]] = {
     "button": Button,
     "friction": Friction,
     "stirred_fluid": StirredFluid,
+    "remote": Remote,
 }
 
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from haptorb.devices.state import State
 from haptorb.errors import HaptorbError, InputError
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
+from haptorb.worlds.client_force import make_client_force
 from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.memory import check_memory, numbers_of
 from haptorb.worlds.world import World
@@ -36,6 +37,7 @@ class BoundWorld:
     numbers  (n,) all of its memory, in the units of its fields: a view
     paused   there is no pose: it stands still and renders nothing
     failed   it raised something, or its memory is not finite: it renders nothing until `restart`
+    client   (1,) CLIENT_FORCE: what a program outside the loop commands; filled by the loop
     """
 
     def __init__(self, world: DynamicWorld, dt: float) -> None:
@@ -54,6 +56,7 @@ class BoundWorld:
         stored = [start for name, start in zip(names, starts, strict=False) if name.rpartition("_")[2] == "energy"]
         self._energies = stored if world.stores_energy else []
         self._dt, self._advance, self._still = dt, world.advance, np.zeros(6)
+        self._takes_commands, self.client = world.takes_commands, make_client_force()
         _is_finite(self.numbers)  # compiled now
 
     @property
@@ -72,6 +75,8 @@ class BoundWorld:
             return self._still
         # Whatever happens in there: half of a step is no memory to go on with.
         self.failed = True  # safety: half-a-step
+        if self._takes_commands:
+            self.world.take_command(self.memory, self.client)
         wrench = self._advance(self.memory, state, self._dt)
         if not _is_finite(self.numbers):  # safety: memory-finite
             raise MemoryNotFinite(self._explain())
@@ -98,15 +103,18 @@ def check_world_period(world: World, dt: float) -> None:
         world.check_period(dt)
 
 
-def bind_world(world: World, dt: float, before: BoundWorld | None = None) -> BoundWorld | None:
+def bind_world(
+    world: World, dt: float, before: BoundWorld | None = None, client: Records | None = None
+) -> BoundWorld | None:
     """`world` bound to a memory, for ticks `dt` [s] apart; None for a world without one.
 
-    before: the world that it takes over from, whose memory it may keep by its own rule. Raises InputError for a memory
-    that cannot be.
+    before: the world that it takes over from, whose memory it may keep by its own rule; client: (1,) CLIENT_FORCE that
+    a loop fills before every tick [N, s]. Raises InputError for a memory that cannot be.
     """
     if not isinstance(world, DynamicWorld):
         return None
     bound = BoundWorld(world, dt)
+    bound.client = bound.client if client is None else client
     if before is not None and not before.failed:
         world.keep(bound.memory, before.world, before.memory)
         if not np.isfinite(bound.numbers).all():

@@ -40,6 +40,7 @@ class DynamicWorld(World):
     """
 
     remembers: ClassVar[bool] = True
+    takes_commands: ClassVar[bool] = False  #: renders what programs outside the loop command: see `take_command`
 
     @property
     @abstractmethod
@@ -55,6 +56,10 @@ class DynamicWorld(World):
     def advance(self, memory: Records, state: State, dt: float) -> Array:
         """(6,) what the mover should feel at `state`, `dt` [s] after the tick before; `memory` (1,) is changed in
         place. Force [N] and torque about the mover's origin [N·m]."""
+
+    def take_command(self, memory: Records, client: Records) -> None:
+        """Before each `advance` of a world that `takes_commands`: copy into `memory` (1,) what a program outside the
+        loop commands, `client` (1,) CLIENT_FORCE [N, s]. Most worlds have nothing to do."""
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
         """This world takes over from `previous`, whose memory is `old` (1,): parameters were changed, or its file was
@@ -158,6 +163,17 @@ class DynamicSum(Sum, DynamicWorld):
         for still in self._still:
             total += still.wrench(state)
         return total
+
+    @property
+    def takes_commands(self) -> bool:  # type: ignore[override]  # of a class, but a sum does what one of its parts does
+        """Whether one of the parts renders what a program outside the loop commands."""
+        return any(part.takes_commands for _, part in self._remembering)
+
+    def take_command(self, memory: Records, client: Records) -> None:
+        """Each part that takes commands copies `client` (1,) CLIENT_FORCE [N, s] into its own part of `memory` (1,)."""
+        for name, part in self._remembering:
+            if part.takes_commands:
+                part.take_command(memory[name], client)
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
         """Each part by its own rule, with the memory of the part that had its name; in the fields' units."""

@@ -36,6 +36,7 @@ class FakeServo:
 
     def __init__(self, device: str = "omni", world: str = "dome") -> None:
         self.tracker_refusals: dict[str, int] = {}
+        self.connections: list[dict[str, Any]] = []
         self.device = load(device)
         self.layout = RowLayout.of(self.device)
         self.alive = True
@@ -100,6 +101,9 @@ class FakeServo:
 
     def cool(self) -> None:
         self.calls.append(("cool",))
+
+    def press(self, buttons: Any) -> None:
+        self.calls.append(("press", tuple(buttons)))
 
     def set_mode(self, mode: str) -> None:
         self.calls.append(("mode", mode))

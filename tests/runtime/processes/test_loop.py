@@ -7,8 +7,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from haptorb.control.protection.trip import GuardState
+from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.loader import load
+from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.exchange.commands import Commands
@@ -20,6 +21,7 @@ from haptorb.runtime.realtime.schedule import Schedule
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.tick.assembly import assemble
 from haptorb.worlds import find_world
+from haptorb.worlds.own.function_world import FunctionWorld
 
 RAMPING, RUNNING, TRIPPED = int(GuardState.RAMPING), int(GuardState.RUNNING), int(GuardState.TRIPPED)
 RATE = 1000.0
@@ -80,6 +82,9 @@ class Host(Commands):
 
     def check(self) -> None:
         return
+
+    def _compile_world(self, name: str) -> None:
+        raise AssertionError(f"the code of {name} is there")
 
 
 def states_after(*deeds: Callable[[Host], None], apart: int = 50) -> list[int]:
@@ -148,6 +153,32 @@ def test_an_engage_that_was_asked_for_before_a_stop_is_void() -> None:
     )
     assert states[:5] == [RUNNING, TRIPPED, TRIPPED, TRIPPED, TRIPPED]
     assert states[5] in (RAMPING, RUNNING)
+
+
+def test_a_world_that_fails_again_in_the_first_tick_after_engage_is_another_trip() -> None:
+    omni, fails = load("omni"), False
+
+    def brittle(state: State) -> tuple[float, float, float]:
+        if fails:
+            raise ValueError("broken")
+        return (0.0, 0.0, 0.0)
+
+    def break_it() -> None:
+        nonlocal fails
+        fails = True
+
+    world = FunctionWorld(brittle)
+    shared = SharedMemory.create(RowLayout.of(omni))
+    try:
+        host = Host(shared)
+        chain = assemble(omni, world, "sim", RATE, 0, None, PointerTracker())
+        clock = WoundClock(shared, Script({400: break_it, 450: host.engage, 500: host.engage}, 550), beating=True)
+        chain.driver.open()
+        Loop(chain, world, shared, RATE, os.getppid()).run(clock)
+        assert shared.words[Word.TRIPS] == 3
+        assert [int(code) for _, code in shared.trips[:3].tolist()] == [Trip.WORLD_FAILED] * 3
+    finally:
+        shared.unlink()
 
 
 def test_another_model_is_inverted_from_the_next_tick_on() -> None:

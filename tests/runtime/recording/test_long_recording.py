@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import pickle
 import tracemalloc
+import zlib
 
 import numpy as np
 import pytest
 
 from haptorb import Recording
 from haptorb.errors import RecordingError
+from haptorb.runtime.recording.mcap_rows import MESSAGE_OVERHEAD
+from haptorb.runtime.recording.mcap_schema import CDR_HEADER
 from haptorb.runtime.recording.recorder import Recorder
 from haptorb.runtime.row import RowLayout
 
@@ -100,6 +103,43 @@ def test_a_file_that_was_cut_has_its_whole_chunks(long_file, tmp_path):
     assert 0 < n < ROWS
     last = make_rows((n - 1) // 1000 * 1000, (n - 1) // 1000 * 1000 + 1000)[(n - 1) % 1000, P]
     assert np.array_equal(recording["p"][-1], last)
+
+
+def lie_about_a_chunk(data):
+    """In the summary a chunk has one row less; the checksum is made good for it."""
+    end = len(data) - 37
+    start = int.from_bytes(data[end + 9 : end + 17], "little")
+    at, seen = start, 0
+    while seen < 100:
+        length = int.from_bytes(data[at + 1 : at + 9], "little")
+        seen += data[at] == 8
+        last, at = at + 9 + length - 8, at + 9 + length
+    less = int.from_bytes(data[last : last + 8], "little") - (MESSAGE_OVERHEAD + len(CDR_HEADER) + 8 * LAYOUT.width)
+    data[last : last + 8] = less.to_bytes(8, "little")
+    data[-12:-8] = zlib.crc32(data[start:-12]).to_bytes(4, "little")
+
+
+def test_a_summary_that_was_damaged_is_not_asked(long_file, recording, tmp_path):
+    data = bytearray(long_file.read_bytes())
+    data[-3000] ^= 4
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data)
+    walked = Recording(damaged)
+    assert len(walked) == ROWS
+    assert walked.notes == recording.notes
+    assert walked.truncated == recording.truncated
+    assert np.array_equal(walked["p"][::4999], recording["p"][::4999])
+
+
+def test_a_summary_that_lies_is_found_out_where_it_does(long_file, recording, tmp_path):
+    data = bytearray(long_file.read_bytes())
+    lie_about_a_chunk(data)
+    lying = tmp_path / "lying.mcap"
+    lying.write_bytes(data)
+    told = Recording(lying)
+    assert np.array_equal(told["p"][:10], recording["p"][:10])
+    with pytest.raises(RecordingError, match="damaged at row"):
+        told["p"].max()
 
 
 def test_damage_is_told_where_it_is_and_the_rest_is_read(long_file, tmp_path):

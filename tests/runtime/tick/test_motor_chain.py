@@ -125,7 +125,7 @@ def test_the_drive_feeds_forward_what_the_turning_magnets_induce(monkeypatch):
 @pytest.mark.parametrize("moment", [0.9, 1.2005, 1.35])
 def test_switching_in_the_middle_of_a_pull_is_no_step(moment):
     rig = Rig(hand_path).go(moment)
-    rig.tick.linkage.set_mode("rotate")
+    rig.tick.joining.set_mode("rotate")
     rig.go(0.3)
     at = round(moment / DT)
     place, asked, wanted = rig["object"], rig["asked"][:, 3:], rig["wanted"]

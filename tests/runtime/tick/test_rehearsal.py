@@ -41,9 +41,9 @@ try:
             if tick == 160:
                 chain.engage()
             if tick == 170 and servo.modes:
-                chain.linkage.set_mode("rotate")
+                chain.joining.set_mode("rotate")
             if tick == 180 and servo.modes:
-                chain.linkage.set_clutch(False)
+                chain.joining.set_clutch(False)
             chain.step(row, tick * 1e-3)
     print(rendered, kernels() - before[0], sorted(set(sys.modules) - before[1]))
 finally:

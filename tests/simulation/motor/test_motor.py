@@ -67,6 +67,8 @@ def test_a_free_rotor_keeps_energy_and_spin(w, angles):
         energies.append(motor.energy)
         touched = touched or motor.stop_deflection > 0
         momenta.append(motor.momentum[2])
+    motor.advance(DT, OFF, NOWHERE, UPRIGHT)  # an impact that has just begun shows in the next step
+    touched = touched or motor.stop_deflection > 0
     size = max(abs(energy), 1e-3)
     # an impact on the stop begins within a step: that costs a thousandth, nothing else does more than 1e-6
     assert np.abs(np.array(energies) - energy).max() < 2e-3 * size

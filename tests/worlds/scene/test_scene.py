@@ -137,7 +137,7 @@ def test_a_heavy_scene_sheds_detail_and_then_time() -> None:
 @pytest.mark.parametrize("depth", [0.3e-3, 1e-3, 2e-3])
 def test_the_tool_slides_over_the_dome_of_the_boxes_without_trembling(depth: float) -> None:
     bound = bind(Scene("boxes", stiffness=600.0, damping=5.93), "omni")
-    forces, tilt, radius, speed = [], 0.11, 53.5e-3 - depth, 0.06
+    forces, tilt, radius, speed = [], 0.11, 49.5e-3 - depth, 0.06
     for tick in range(700):
         height = max(62e-3 - 0.05e-3 * tick, radius)
         turn = speed / 6e-3 * 1e-3 * tick

@@ -10,13 +10,21 @@ const FEEL = [
   ["N", "next design in random order"],
 ] as const;
 
-export function fill(session: Session, scene: DeviceScene, keys: readonly (readonly [string, string])[]): void {
+const PAUSE = [["P", "pause the plots; mark a range or use the wheel to zoom"]] as const;
+const ZOOM = [["plots", "mark a range or use the wheel to zoom"]] as const;
+
+type Keys = readonly (readonly [string, string])[];
+
+const STOP: Keys = [["Space, Esc", "STOP: coils off at once, wherever the focus is"]];
+
+/** `keys`: what they do to the device's mover; `first`: those that come before. */
+export function fill(session: Session, scene: DeviceScene, keys: Keys, first = STOP): void {
   const all = [
-    ["Space, Esc", "STOP: coils off at once, wherever the focus is"],
+    ...first,
     ...keys,
     ...(session.feel ? FEEL : []),
     [`drag beside the ${scene.held}`, "turn the view; wheel or pinch zooms; 0 resets"],
-    ["P", "pause the plots; mark a range or use the wheel to zoom"],
+    ...(first === STOP ? PAUSE : ZOOM),
     ["Tab, Enter", "reach and press every button"],
     ["?", "this help"],
   ] as const;

@@ -15,6 +15,14 @@ export interface Health {
   warning: string;
   world_trouble: string; // a part of `warning`
   missing_pose: string; // which pose is waited for; empty while poses are valid
+  connections: Connection[]; // what each server says of the programs that are connected to it
+}
+
+export interface Connection {
+  server: string;
+  address: string;
+  count: number;
+  clients: { name: string; session: number; rate_hz: number; holds: boolean }[];
 }
 
 export class Header {
@@ -59,6 +67,25 @@ export class Header {
     if (health.pose_age_ms) parts.push(`pose ${shown(health.pose_age_ms, 0)} ms`);
     if (health.recording_trouble) parts.push("not recording");
     write(at("loop"), parts.join(" · "));
+  }
+
+  /** Who is connected, and how often each asks. */
+  connected(connections: Connection[]): void {
+    const box = at("connected");
+    box.hidden = connections.length === 0;
+    if (box.hidden) return;
+    const one = (client: Connection["clients"][number]): string => `${client.name} ${shown(client.rate_hz, 0)} Hz`;
+    const servers = connections.map((server) => {
+      const [first] = [...server.clients].sort((a, b) => Number(b.holds) - Number(a.holds) || b.rate_hz - a.rate_hz);
+      if (!first) return `${server.server}: nobody`;
+      return `${server.server}: ${one(first)}${server.count > 1 ? ` +${server.count - 1}` : ""}`;
+    });
+    write(box, servers.join(" · "));
+    const lines = connections.flatMap((server) => [
+      `${server.server} ${server.address}`,
+      ...server.clients.map((client) => `${one(client)}, ${client.holds ? "commands" : "watches"}`),
+    ]);
+    box.title = `${lines.join("\n")}\nKeys 1, 2, 3 are the buttons a, b, c.`;
   }
 
   /** Two deliberate steps; the second one must follow soon. */

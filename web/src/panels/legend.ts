@@ -16,11 +16,12 @@ export class Legend {
     this.paint();
   }
 
-  /** Full colour is at ±`range` newtons. */
+  /** Full colour is at ±`range` newtons; 0: nothing is painted, so there is no scale. */
   scale(range: number): void {
-    if (range === this.range) return;
+    at("arrows").hidden = false;
+    at("legend").hidden = range === 0;
+    if (range === this.range || range === 0) return;
     this.range = range;
-    at("legend").hidden = at("arrows").hidden = false;
     const ticks = at("ticks");
     ticks.replaceChildren();
     for (const share of [1, 0.5, 0, -0.5, -1]) {

@@ -62,6 +62,8 @@ export class FeltDome {
   readonly mesh: Mesh<BufferGeometry, ShaderMaterial>;
   /** force at full colour [N] */
   range = 0.5;
+  /** the map has no force and no limit anywhere: there is nothing to paint */
+  blank = false;
   force: Float32Array = new Float32Array();
   saturated: Uint8Array = new Uint8Array();
   private directions: Float32Array = new Float32Array();
@@ -109,6 +111,7 @@ export class FeltDome {
     let largest = 0;
     for (const f of force) largest = Math.max(largest, Math.abs(f));
     this.range = niceAbove(Math.max(largest, 0.05));
+    this.blank = largest < 1e-4 && !saturated.some(Boolean); // 0.1 mN: what rounding leaves
     const { geometry, material } = this.mesh;
     (geometry.getAttribute("force") as BufferAttribute).copyArray(force).needsUpdate = true;
     (geometry.getAttribute("saturated") as BufferAttribute).copyArray(saturated).needsUpdate = true;

@@ -74,8 +74,9 @@ export class ToolSubject implements Subject {
     return this.given.visible || this.asked.visible;
   }
 
+  /** [N]; 0 where nothing is painted */
   get range(): number {
-    return this.dome.range;
+    return this.dome.blank ? 0 : this.dome.range;
   }
 
   felt(direction: readonly number[]): { force: number; saturated: boolean } {

@@ -25,6 +25,8 @@ interface Row extends Prompt {
   seconds: number;
   safety: string[];
   repeats: number;
+  /** the part of the session's recording that is this trial */
+  recording: string | null;
 }
 
 interface Everything extends View {
@@ -65,7 +67,10 @@ let about: About | null = null;
 let view: Everything | null = null;
 let pen: Pen | null = null;
 let shown = 0; // safety events
-let rows = -1;
+let rows = "";
+let viewers: Record<string, string> = {};
+/** tabs that wait for the address of a viewer, by the part that it plays */
+const tabs = new Map<string, Window | null>();
 const pad = element<HTMLCanvasElement>("pad");
 const code = element<HTMLInputElement>("code");
 
@@ -89,6 +94,15 @@ const line = new Line<Everything>(
       paint();
     },
     mistake,
+    viewers(urls) {
+      viewers = urls;
+      for (const [part, tab] of tabs) {
+        if (!urls[part]) continue;
+        if (tab && !tab.closed) tab.location.href = urls[part];
+        tabs.delete(part);
+      }
+      if (view) log();
+    },
     gone(refused) {
       view = null;
       pen = null;
@@ -109,6 +123,10 @@ const line = new Line<Everything>(
 );
 
 function mistake(text: string): void {
+  if (text) {
+    for (const tab of tabs.values()) tab?.close();
+    tabs.clear();
+  }
   show("mistake", text !== "");
   say("mistake", text);
   if (element("session-panel").hidden) say("last", text);
@@ -242,8 +260,9 @@ function safety(): void {
 
 function log(): void {
   const answered = view!.log;
-  if (answered.length === rows) return;
-  rows = answered.length;
+  const told = JSON.stringify([answered.length, viewers]);
+  if (told === rows) return;
+  rows = told;
   element("log").replaceChildren(
     ...[...answered].reverse().map((row) => {
       const line = document.createElement("tr");
@@ -254,10 +273,33 @@ function log(): void {
           made.textContent = String(cell);
           return made;
         }),
+        played(row),
       );
       return line;
     }),
   );
+}
+
+/** The way to the recording of a trial: a button that starts its viewer, then a link to that. */
+function played({ trial, recording }: Row): HTMLElement {
+  const cell = document.createElement("td");
+  if (recording === null) return cell;
+  const url = viewers[recording];
+  if (url) {
+    const link = Object.assign(document.createElement("a"), { href: url, target: "_blank", rel: "noopener", textContent: "open" });
+    link.ariaLabel = `Open the recording of trial ${trial + 1}`;
+    cell.append(link);
+    return cell;
+  }
+  const button = Object.assign(document.createElement("button"), { type: "button", textContent: url === "" ? "starting …" : "view", disabled: url === "" });
+  button.ariaLabel = `View the recording of trial ${trial + 1}`;
+  button.addEventListener("click", () => {
+    mistake("");
+    // Now, while it is the person's own wish: browsers let no page open a tab later.
+    if (line.send({ do: "view", trial })) tabs.set(recording, window.open("", "_blank"));
+  });
+  cell.append(button);
+  return cell;
 }
 
 function paint(): void {

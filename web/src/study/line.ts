@@ -74,6 +74,8 @@ export interface Hears<V extends View> {
   view(view: V): void;
   pen(pen: Pen | null): void;
   mistake(text: string): void;
+  /** where recorded trials are played, by their part of the recording; empty while a viewer starts */
+  viewers?(urls: Record<string, string>): void;
   /** nothing that is shown may be taken for live any more */
   gone(refused: string): void;
 }
@@ -109,6 +111,7 @@ export class Line<V extends View> {
       if (told.event === "about") this.hears.about(told as unknown as About);
       else if (told.event === "view") this.hears.view(told.is as V);
       else if (told.event === "pen") this.hears.pen(told.is as Pen | null);
+      else if (told.event === "viewers") this.hears.viewers?.(told.is as Record<string, string>);
       else if (told.event === "mistake") this.hears.mistake(told.text ?? "");
     };
     socket.onclose = (end) => {

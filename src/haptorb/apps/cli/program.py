@@ -19,10 +19,12 @@ from haptorb.apps.cli import (
     frame,
     hardware,
     recording,
+    replay,
     run,
     show,
     study,
     train,
+    view,
 )
 from haptorb.apps.cli.evaluation import bench, estimators, guidance, reproduce
 from haptorb.apps.terminal import say, tell
@@ -60,7 +62,7 @@ def start(
 
 
 for module in (
-    *(run, show, check, study, recording, calibrate, frame, fit, train, estimators, guidance),
+    *(run, view, show, check, study, recording, replay, calibrate, frame, fit, train, estimators, guidance),
     *(bench, hardware, reproduce, feel),
 ):
     module.register(app)

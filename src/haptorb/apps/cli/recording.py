@@ -23,7 +23,7 @@ from haptorb.errors import InputError, RecordingError, UnknownName
 if TYPE_CHECKING:
     from haptorb.runtime.recording.recording import Recording
 
-__all__ = ["register"]
+__all__ = ["parse_time", "register"]
 
 
 def register(app: typer.Typer) -> None:
@@ -120,7 +120,7 @@ def export(
 
     if to not in FORMATS:
         raise UnknownName("format", to, FORMATS)
-    first, last = _parse_time("--start", start), _parse_time("--end", end)
+    first, last = parse_time("--start", start), parse_time("--end", end)
     path = output or file.with_suffix(f".{to}")
     if path.exists() and not force:
         raise RecordingError(f"{path} exists; choose another name with -o, or replace it with --force")
@@ -138,8 +138,8 @@ def export(
         tell(f"{path}: {ticks} ticks")
 
 
-def _parse_time(option: str, text: str | None) -> float | None:
-    """[s] of a time with its unit; a plain number is in seconds."""
+def parse_time(option: str, text: str | None) -> float | None:
+    """[s] of a time with its unit; a plain number is in seconds. InputError, naming the `option`, for anything else."""
     from haptorb.devices.schema.quantity import si
 
     if text is None:

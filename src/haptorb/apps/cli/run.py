@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from haptorb.apps.part_notice import tell_part
-from haptorb.apps.pose_wait import tell_missing_pose
+from haptorb.apps.pose_wait import describe_tracking, tell_missing_pose
 from haptorb.apps.terminal import print_json, say
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
+    from haptorb.apps.serve.serving import Serving
     from haptorb.runtime.processes.prestart import PrestartedProcess
     from haptorb.runtime.servo.servo import Servo
     from haptorb.worlds import World
@@ -96,6 +97,12 @@ def run(
         bool,
         typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; keep hands off the device."),
     ] = False,
+    serve: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Serve programs: haply[:PORT[:EVENTS]], osc[:[HOST:]PORT], lsl, foxglove[:PORT]; repeatable."
+        ),
+    ] = None,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
     browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the report at the end as one JSON object.")] = False,
@@ -110,17 +117,22 @@ def run(
     with PrestartedProcess() as standby:  # it loads while this process does, and reads the device file
         from haptorb.apps.cli.world_option import choose_scene_option, choose_world_option
         from haptorb.apps.progress import build_tables
+        from haptorb.apps.serve.server_choice import add_client_force, check_servers, feels_alone
+        from haptorb.apps.serve.serving import Serving
         from haptorb.devices.loader import load
         from haptorb.runtime.exchange.black_box import state_folder
         from haptorb.runtime.servo.servo import Servo
         from haptorb.runtime.tick.assembly import default_world
 
+        choices = check_servers(serve or [])
         found = load(device)
         felt: World | WorldFile | SceneFile
         if scene is None and body is None:
-            felt = choose_world_option(world or default_world(found), settings or [], found)
+            first = "remote" if feels_alone(choices) else default_world(found)
+            felt = choose_world_option(world or first, settings or [], found)
         else:
             felt = choose_scene_option(scene, body, world, settings or [], found)
+        felt = add_client_force(felt, choices)
         build_tables(found)
         servo = Servo(
             device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction, frame=frame,
@@ -133,11 +145,12 @@ def run(
         if servo.coupling:
             say(servo.coupling)
         try:
-            number = (
-                _run_without_console(servo, standby, duration, json)
-                if headless
-                else _run_with_console(servo, standby, duration, port, browser, json)
-            )
+            with Serving(choices, servo) as serving:
+                number = (
+                    _run_without_console(servo, standby, serving, duration, json)
+                    if headless
+                    else _run_with_console(servo, standby, serving, duration, port, browser, json)
+                )
             for file in servo.trip_files:
                 say(f"last ticks before the trip: {file}")
         except _Termination:  # while it was still starting
@@ -148,8 +161,11 @@ def run(
         raise typer.Exit(128 + number)
 
 
-def _run_without_console(servo: Servo, standby: PrestartedProcess, duration: float | None, json: bool) -> int:
-    with _open_servo(servo, standby):
+def _run_without_console(
+    servo: Servo, standby: PrestartedProcess, serving: Serving, duration: float | None, json: bool
+) -> int:
+    with _open_servo(servo, standby, serving):
+        serving.hold_tool()
         if not json:
             say(f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_nature(servo)}. Ctrl-C ends.")
         try:
@@ -165,14 +181,20 @@ def _run_without_console(servo: Servo, standby: PrestartedProcess, duration: flo
 
 
 def _run_with_console(
-    servo: Servo, standby: PrestartedProcess, duration: float | None, port: int, browser: bool, json: bool
+    servo: Servo,
+    standby: PrestartedProcess,
+    serving: Serving,
+    duration: float | None,
+    port: int,
+    browser: bool,
+    json: bool,
 ) -> int:
     from time import monotonic
 
     from haptorb.apps.console import Console
     from haptorb.apps.web.server import freeze_garbage
 
-    with Console(servo, port) as console, freeze_garbage(), _open_servo(servo, standby):
+    with Console(servo, port) as console, freeze_garbage(), _open_servo(servo, standby, serving):
         end = float("inf") if duration is None else monotonic() + duration
         last, invited = "", False
 
@@ -195,7 +217,7 @@ def _run_with_console(
 
 
 @contextmanager
-def _open_servo(servo: Servo, standby: PrestartedProcess) -> Iterator[None]:
+def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> Iterator[None]:
     """`servo` running, and closed on the way out; people are told why when the start takes long."""
     hint = Timer(
         3.0, say, ["Starting ... The first start after an installation compiles code for about half a minute."]
@@ -204,6 +226,11 @@ def _open_servo(servo: Servo, standby: PrestartedProcess) -> Iterator[None]:
     hint.start()
     try:
         servo.open(standby)
+        serving.start()
+    except BaseException:
+        serving.end()
+        servo.close()
+        raise
     finally:
         hint.cancel()
     try:
@@ -211,8 +238,11 @@ def _open_servo(servo: Servo, standby: PrestartedProcess) -> Iterator[None]:
             say(f"Warning: {servo.warning}")
         if servo.tracker_token:
             say(f"A program on another computer must send this token before its poses: {servo.tracker_token}")
+        for line in serving.lines:
+            say(line)
         yield
     finally:
+        serving.end()
         servo.close()
         if servo.report()["coil_state"] == "unknown":
             say("COIL STATE UNKNOWN: the device did not confirm that its coils are off. Switch off its supply.")
@@ -223,6 +253,7 @@ def _nature(servo: Servo) -> str:
 
 
 def _report(servo: Servo, json: bool) -> None:
+    from haptorb.apps.serve.server_report import describe_servers
     from haptorb.runtime.exchange.scene_detail import describe_detail
 
     report: dict[str, Any] = servo.report()
@@ -242,23 +273,13 @@ def _report(servo: Servo, json: bool) -> None:
             )
         )
     if "rate_hz" in (poses := report["tracking"]):
-        say(_describe_tracking(servo.tracker, poses))
+        say(describe_tracking(servo.tracker, poses))
     if heavy := describe_detail(report.get("scene", {})):
         say(heavy)
+    for line in describe_servers(report.get("servers", [])):
+        say(line)
     for trip in report["trips"]:
         say(f"tripped at {trip['t']:.2f} s: {trip['reason']}")
-
-
-def _describe_tracking(name: str, poses: dict[str, Any]) -> str:
-    """One line on how the poses came."""
-    if not poses["accepted"]:
-        text = "no pose accepted"
-    else:
-        text = f"{poses['accepted']} poses, {poses['rate_hz'] or 0:.0f} Hz"
-        if poses["age_ms"]:
-            text += f", age in use {poses['age_ms']['p50']:.1f} ms (99 %: {poses['age_ms']['p99']:.1f} ms)"
-    refused = ", ".join(f"{count} {why.replace('_', ' ')}" for why, count in poses["refused"].items())
-    return f"tracker {name}: {text}, lost {poses['lost']} times" + (f"; refused: {refused}" if refused else "")
 
 
 class _Termination(BaseException):

@@ -19,7 +19,6 @@ from haptorb.apps.console.force_map import Flags
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.exchange.plan import pack, unpack
 from haptorb.worlds.world import Sum, World
 
 __all__ = ["ForceMapProcess"]
@@ -50,7 +49,7 @@ class ForceMapProcess:
             assert process.stdout is not None
             own = self.own_worlds().get(name)
             try:
-                world = None if own is None else pack(own)
+                world = None if own is None else _pack(own)
                 pickle.dump((name, world, dict(values), model, points, self.render), process.stdin)
                 process.stdin.flush()
                 answer = pickle.load(process.stdout)
@@ -103,6 +102,13 @@ class ForceMapProcess:
         process.stdout.close()
 
 
+def _pack(world: World) -> bytes:
+    # What a servo has loaded anyway: without one there is no own world, and nothing of it is needed.
+    from haptorb.runtime.exchange.plan import pack
+
+    return pack(world)
+
+
 def _select_lasting(world: World) -> World:
     """What of `world` has a map: a world with memory feels different at a place from one moment to the next."""
     parts = world.parts if isinstance(world, Sum) else (world,)
@@ -115,6 +121,7 @@ def main() -> None:
     os.nice(10)
     questions, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a world prints is not an answer
+    from haptorb.runtime.exchange.plan import unpack
     from haptorb.simulation.force_map import force_map
     from haptorb.worlds import find_world
 

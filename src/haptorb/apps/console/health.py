@@ -17,13 +17,14 @@ WINDOW = 5.0
 
 
 def describe_troubles(servo: RunningServo) -> dict[str, Any]:
-    """Whether the loop runs, and texts that are empty while all is well."""
+    """Whether the loop runs, texts that are empty while all is well, and which programs are connected."""
     return {
         "alive": servo.alive,
         "recording_trouble": servo.recording_trouble,
         "warning": servo.warning,
         "world_trouble": servo.world_trouble,
         "missing_pose": servo.missing_pose,
+        "connections": servo.connections,
     }
 
 

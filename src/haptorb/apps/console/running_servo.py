@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
@@ -12,11 +12,11 @@ from haptorb.numerics.arrays import Array
 from haptorb.runtime.row import RowLayout
 from haptorb.worlds.world import World
 
-__all__ = ["RunningServo"]
+__all__ = ["DescribedServo", "RunningServo"]
 
 
-class RunningServo(Protocol):
-    """A running servo as the console sees it."""
+class DescribedServo(Protocol):
+    """A servo, running or recorded, as the page must know it before the first frame."""
 
     @property
     def device(self) -> Device:
@@ -37,6 +37,25 @@ class RunningServo(Protocol):
     def models(self) -> tuple[str, ...]:
         """The models of the device that its controller can invert, the default first."""
         ...
+
+    @property
+    def part_remarks(self) -> tuple[str, ...]:
+        """What to say of each part that can be rendered, by its number in the row; empty where there is no choice."""
+        ...
+
+    @property
+    def driver(self) -> str:
+        """ "sim" for the simulated one."""
+        ...
+
+    @property
+    def tracker(self) -> str:
+        """Who knows where the mover is, as in `--tracker`."""
+        ...
+
+
+class RunningServo(DescribedServo, Protocol):
+    """A running servo as the console sees it."""
 
     @property
     def model(self) -> str:
@@ -64,21 +83,6 @@ class RunningServo(Protocol):
         ...
 
     @property
-    def part_remarks(self) -> tuple[str, ...]:
-        """What to say of each part that can be rendered, by its number in the row; empty where there is no choice."""
-        ...
-
-    @property
-    def driver(self) -> str:
-        """ "sim" for the simulated one."""
-        ...
-
-    @property
-    def tracker(self) -> str:
-        """Who knows where the mover is, as in `--tracker`."""
-        ...
-
-    @property
     def tracker_refusals(self) -> Mapping[str, int]:
         """How many messages of the tracker's senders were refused so far, by reason."""
         ...
@@ -96,6 +100,15 @@ class RunningServo(Protocol):
     @property
     def warning(self) -> str:
         """What a person should know of the device or of the servo's memory; empty if there is nothing."""
+        ...
+
+    @property
+    def connections(self) -> list[dict[str, Any]]:
+        """What each server says of the programs that are connected to it; empty without servers."""
+        ...
+
+    def press(self, buttons: Collection[str]) -> None:
+        """A person holds down these buttons, of a, b, c, and no others; UnknownName for another."""
         ...
 
     @property

@@ -89,8 +89,8 @@ def _describe_part(part: RoundPart) -> dict[str, Any]:
     }
 
 
-def list_shapes(name: str, values: Mapping[str, Any], own: Mapping[str, World]) -> list[dict[str, Any]]:
-    """Bodies of the world `name` with `values`, one of the catalogue or of the `own` ones; none of any other world.
+def list_shapes(name: str, values: Mapping[str, Any], own: Mapping[str, World], device: Device) -> list[dict[str, Any]]:
+    """Bodies of the world `name` with `values` on `device`, of the catalogue or of the `own` ones; none of any other.
 
     size [m] as `worlds.shape.SHAPES` says; place and attitude are indices in the row's memory.
     """
@@ -98,7 +98,8 @@ def list_shapes(name: str, values: Mapping[str, Any], own: Mapping[str, World]) 
         world = own[name] if name in own else find_world(name)()
         if not isinstance(world, DynamicWorld):
             return []
-        changed = world.replace(**values)
+        changed = world.replace(**values).for_device(device)
+        assert isinstance(changed, DynamicWorld)
         fields = changed.memory_fields
         return [
             {

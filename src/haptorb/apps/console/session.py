@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.apps.console.pointer_relay import patience_for
-from haptorb.apps.console.running_servo import RunningServo
+from haptorb.apps.console.running_servo import DescribedServo, RunningServo
 from haptorb.apps.console.scenes import axes_scene, list_shapes
 from haptorb.apps.console.target import target_scene, world_remarks
 from haptorb.apps.console.wire import Columns
@@ -23,7 +23,7 @@ from haptorb.worlds import CATALOGUE, World
 from haptorb.worlds.parameter import parameters
 from haptorb.worlds.parameter import values as parameter_values
 
-__all__ = ["read_world", "session", "world_now", "worlds", "worlds_now"]
+__all__ = ["describe_world", "press_buttons", "read_world", "session", "world_now", "worlds", "worlds_now"]
 
 _KELVIN = 273.15
 _NAME = 64  #: of a world or a value [characters]
@@ -78,7 +78,7 @@ def _word(trip: Trip, tracker: str) -> str:
     return "tracker lost" if trip is Trip.POSE_LOST and tracker != "pointer" else "tripped"
 
 
-def session(servo: RunningServo, started: str) -> dict[str, Any]:
+def session(servo: DescribedServo, started: str) -> dict[str, Any]:
     """The JSON of /api/session but for `worlds_now`; `started` tells one run of the server from another."""
     device = servo.device
     heat = device.coils.heat
@@ -121,15 +121,23 @@ def worlds_now(servo: RunningServo, *, shown: bool = True) -> dict[str, Any]:
 def world_now(servo: RunningServo, *, shown: bool = True) -> dict[str, Any]:
     """Name and values of the world that is felt now, the model that is inverted, what there is to draw and to say."""
     name, values = servo.world
-    if not shown:
-        return {"name": "hidden", "values": {}, "model": servo.model, "scene": None, "shapes": [], "remarks": []}
     plain = {key: _to_json(value) for key, value in values.items()}
+    return describe_world(servo, name, plain, servo.model, shown=shown)
+
+
+def describe_world(
+    servo: RunningServo, name: str, values: Mapping[str, Any], model: str, *, shown: bool
+) -> dict[str, Any]:
+    """The world `name` with `values` as JSON has them, what there is to draw and to say; of one that is not `shown`
+    nothing but the `model`."""
+    if not shown:
+        return {"name": "hidden", "values": {}, "model": model, "scene": None, "shapes": [], "remarks": []}
     return {
         "name": name,
-        "values": plain,
-        "model": servo.model,
+        "values": dict(values),
+        "model": model,
         "scene": target_scene(name, values) if servo.modes else None,
-        "shapes": list_shapes(name, values, servo.own_worlds),
+        "shapes": list_shapes(name, values, servo.own_worlds, servo.device),
         "remarks": world_remarks(name, values),
     }
 
@@ -137,6 +145,14 @@ def world_now(servo: RunningServo, *, shown: bool = True) -> dict[str, Any]:
 def _to_json(value: Any) -> Any:
     """`value` as JSON has it."""
     return list(value) if isinstance(value, tuple | list | np.ndarray) else value
+
+
+def press_buttons(servo: RunningServo, command: Mapping[str, Any]) -> None:
+    """The buttons that a page holds down, for programs that are connected; InputError for what is no list of names."""
+    pressed = command.get("pressed")
+    if not isinstance(pressed, list) or not all(isinstance(name, str) for name in pressed[:_VALUES]):
+        raise InputError("buttons are a list of names: a, b, c")
+    servo.press([name[:_NAME] for name in pressed[:_VALUES]])
 
 
 def read_world(command: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:

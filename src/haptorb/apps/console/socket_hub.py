@@ -18,9 +18,8 @@ from haptorb.apps.console.page import ConsolePage, to_json, wait_for_first
 from haptorb.apps.console.pointer_relay import PointerRelay
 from haptorb.apps.console.recent import RecentRows
 from haptorb.apps.console.running_servo import RunningServo
-from haptorb.apps.console.scenes import list_shapes
-from haptorb.apps.console.session import read_world, worlds
-from haptorb.apps.console.target import prepare, target_scene, world_remarks
+from haptorb.apps.console.session import describe_world, press_buttons, read_world, worlds
+from haptorb.apps.console.target import prepare
 from haptorb.apps.console.wire import Columns, encode_force_frame, mesh_frame, pointer, rows_frame
 from haptorb.apps.web.command import asks_to_stop
 from haptorb.apps.web.command import command as read_command
@@ -39,7 +38,7 @@ FRESH = 0.1  #: from steadying the hand to engaging [s]
 
 _TELLING = ("another_sender", "stranger", "jump")  # what a tracker refuses and a person should know of
 _FULL = 1013  #: of a WebSocket that is closed: try again later
-_COMMANDS = "stop, engage, home, drop, mode, model, clutch, cool, world"
+_COMMANDS = "stop, engage, home, drop, mode, model, clutch, cool, buttons, world"
 _NAME = 64  #: of a world, a mode or a value [characters]
 
 
@@ -111,6 +110,7 @@ class ConsoleSocketHub:
             had_control = self._pages[0] is page
             self._pages.remove(page)
             if had_control:
+                self._servo.press(())
                 self._cancel_engage()
                 self._hand.release()
             self._tell_roles()
@@ -174,6 +174,8 @@ class ConsoleSocketHub:
                 self._designs.execute(page, command)
             case "cool":
                 self._servo.cool()
+            case "buttons":
+                press_buttons(self._servo, command)
             case "world":
                 self._asked = (page, *read_world(command))
                 if self._asking is None or self._asking.done():
@@ -232,16 +234,7 @@ class ConsoleSocketHub:
 
     def _world_event(self) -> dict[str, Any]:
         name, values, model, hidden = self._world
-        if hidden:
-            return {"name": "hidden", "values": {}, "model": model, "scene": None, "shapes": [], "remarks": []}
-        return {
-            "name": name,
-            "values": values,
-            "model": model,
-            "scene": target_scene(name, values) if self._servo.modes else None,
-            "shapes": list_shapes(name, values, self._servo.own_worlds),
-            "remarks": world_remarks(name, values),
-        }
+        return describe_world(self._servo, name, values, model, shown=not hidden)
 
     def _send_map(self) -> None:
         self._trouble = ""

@@ -11,7 +11,7 @@ import numpy as np
 from haptorb.apps.guidance.moving_point import MovingPoint
 from haptorb.apps.guidance.person import Habits
 from haptorb.apps.guidance.trial import Trial, run_trial
-from haptorb.control.stability.hand_grip import GRIPS
+from haptorb.control.stability.hand_grip import GRIPS, HandGrip
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.worlds.basic.guidance import Guidance
 from haptorb.worlds.basic.nothing import Nothing
@@ -22,12 +22,15 @@ from haptorb.worlds.world import World
 
 __all__ = ["WAYS", "GuidanceComparison", "GuidanceRow", "compare_guidance"]
 
-#: none: no force. valley: the world `guidance`, as strong as it needs to be to use the planner's mean force. spring: to
+#: none: no force. valley: the world `guidance`, as stiff as it needs to be to use the planner's mean force. spring: to
 #: a point that goes along by the clock. plan: the world `path_guidance`.
 WAYS = ("none", "valley", "spring", "plan")
-_STRENGTHS = {"none": 0.0, "valley": 0.35, "spring": 0.35, "plan": 0.5}  #: the worlds' own [N]
-_TRIES = 4  #: to find the valley's strength
+_STRENGTHS = {"none": 0.0, "valley": 0.35, "spring": 0.35, "plan": 1.0}  #: [N]
+_WIDTH = 0.003  #: of a valley that needs no more than its greatest strength, 1 N, to be as stiff as it should be [m]
+_STIFF = (2.0, 2000.0)  #: of valleys, least and greatest [N/m]
+_TRIES = 8  #: to find the valley's stiffness
 _NEAR = 0.03  #: two mean forces that differ by less are equal
+_KNOWN = 0.7  #: what the plan takes for the hand's mass and damping, as a share of what they are
 _RESTS = (2.0, 3.0, 8.0)  #: the hand stops; the time in which its way is measured begins, and ends [s]
 
 
@@ -43,6 +46,7 @@ class GuidanceRow:
     force: float  #: mean size [N]
     heat: float  #: mean power in the coils [W]
     strength: float  #: of the world: most force [N]
+    width: float  #: of the valley, over which its force rises; NaN for the others [m]
     tripped: bool
 
 
@@ -67,7 +71,7 @@ class GuidanceComparison:
         return next(row for row in self.rows if (row.path, row.grip, row.way) == (path, grip, way))
 
     def find_ratio(self, grip: str) -> float:
-        """Error of the plan over that of the valley at equal mean force, over all paths; NaN without one."""
+        """Error of the plan over that of the valley at equal mean force, or the best valley, over all paths."""
         errors = {way: [row.error for row in self.rows if row.grip == grip and row.way == way] for way in WAYS}
         return float(np.mean(errors["plan"]) / np.mean(errors["valley"])) if all(errors.values()) else float("nan")
 
@@ -83,7 +87,8 @@ class GuidanceComparison:
                 {
                     "path": row.path, "grip": row.grip, "guidance": row.way, "error_m": row.error,
                     "largest_error_m": row.largest, "force_N": row.force, "heat_W": row.heat,
-                    "strength_N": row.strength, "tripped": row.tripped,
+                    "strength_N": row.strength, "width_m": row.width if row.way == "valley" else None,
+                    "tripped": row.tripped,
                 }
                 for row in self.rows
             ],
@@ -92,14 +97,22 @@ class GuidanceComparison:
         }  # fmt: skip
 
 
-def _make_world(way: str, path: GuidancePath, strength: float, pace: float) -> World:
+def _make_world(way: str, path: GuidancePath, grip: HandGrip, pace: float) -> World:
     if way == "none":
         return Nothing()
     if way == "valley":
-        return Guidance(strength=strength, path=tuple(map(tuple, path.places[::4].tolist())))
+        return _make_valley(path, _STRENGTHS[way] / _WIDTH)
     if way == "spring":
-        return MovingPoint(path=path, strength=strength, pace=pace)
-    return PathGuidance(path=path, strength=strength)
+        return MovingPoint(path=path, strength=_STRENGTHS[way], pace=pace)
+    return PathGuidance(
+        path=path, strength=_STRENGTHS[way], hand_mass=max(_KNOWN * grip.mass, 0.05), hand_damping=_KNOWN * grip.damping
+    )
+
+
+def _make_valley(path: GuidancePath, stiffness: float) -> Guidance:
+    """The valley of `stiffness` [N/m]: its strength as it is needed, then narrower."""
+    strength = min(stiffness * _WIDTH, 1.0)
+    return Guidance(strength=strength, width=strength / stiffness, path=tuple(map(tuple, path.places[::4].tolist())))
 
 
 def compare_guidance(
@@ -130,22 +143,22 @@ def compare_guidance(
         path = make_shape(name, radius=shell.contact_distance)
         for grip in grips:
 
-            def run(way: str, strength: float) -> Trial:
-                world = _make_world(way, path, strength, habits.pace)  # noqa: B023
+            def run(world: World) -> Trial:
                 return run_trial(device, world, path, GRIPS[grip], habits, seconds, seed, sensing=sensing)  # noqa: B023
 
-            found: dict[str, tuple[Trial, float]] = {}
+            found: dict[str, Trial] = {}
             for way in ("none", "spring", "plan"):
-                found[way] = run(way, _STRENGTHS[way]), _STRENGTHS[way]
+                found[way] = run(_make_world(way, path, GRIPS[grip], habits.pace))
                 go_on()
-            found["valley"] = _equal_force(lambda strength: run("valley", strength), found["plan"][0].force)
+            found["valley"], valley = _find_valley(path, run, found["plan"].force)
             go_on(_TRIES)
             for way in WAYS:
-                trial, strength = found[way]
+                trial = found[way]
+                strength, width = (valley.strength, valley.width) if way == "valley" else (_STRENGTHS[way], np.nan)
                 rows.append(
                     GuidanceRow(
                         name, grip, way, trial.error, float(np.abs(trial.across).max()), trial.force, trial.heat,
-                        strength, trial.tripped,
+                        strength, width, trial.tripped,
                     )
                 )  # fmt: skip
                 if name == paths[0]:
@@ -155,7 +168,7 @@ def compare_guidance(
     path = make_shape(paths[0], radius=shell.contact_distance)
     for grip in grips:
         for way in WAYS:
-            world = _make_world(way, path, _STRENGTHS[way], habits.pace)
+            world = _make_world(way, path, GRIPS[grip], habits.pace)
             still = replace(habits, rest_after=start)
             trial = run_trial(device, world, path, GRIPS[grip], still, last + 0.2, seed, sensing=sensing)
             begins = round(1000 * (first - 1.0))
@@ -167,15 +180,23 @@ def compare_guidance(
     return GuidanceComparison(device.name, seconds, seed, sensing, tuple(rows), drift, courses)
 
 
-def _equal_force(run: Callable[[float], Trial], force: float) -> tuple[Trial, float]:
-    """The trial, and its strength [N], whose mean force is nearest to `force` [N]."""
-    attempts: list[tuple[float, Trial, float]] = []
-    strength = _STRENGTHS["valley"]
+def _find_valley(path: GuidancePath, run: Callable[[World], Trial], force: float) -> tuple[Trial, Guidance]:
+    """The valley whose mean force is `force` [N], and its trial.
+
+    A valley that is too stiff for hand and tracker oscillates, and its force jumps. Where none has that force, it is
+    the valley with the least error, of whatever force.
+    """
+    attempts: list[tuple[Trial, Guidance]] = []
+    stiffness, (low, high) = _STRENGTHS["valley"] / _WIDTH, _STIFF
     for _ in range(_TRIES):
-        trial = run(strength)
-        attempts.append((abs(trial.force / max(force, 1e-9) - 1.0), trial, strength))
-        if attempts[-1][0] <= _NEAR:
-            break
-        strength = min(max(strength * (force / max(trial.force, 1e-6)) ** 1.3, 0.002), 1.0)
-    best = min(attempts, key=lambda one: one[0])
-    return best[1], best[2]
+        valley = _make_valley(path, stiffness)
+        trial = run(valley)
+        attempts.append((trial, valley))
+        share = trial.force / max(force, 1e-9)
+        if abs(share - 1.0) <= _NEAR:
+            return attempts[-1]
+        low, high = (stiffness, high) if share < 1.0 else (low, stiffness)
+        # Towards an end that no trial has shown to be one the next step is not halfway, but as the force tells.
+        guess = stiffness * max(share, 1e-3) ** -1.5
+        stiffness = guess if low < guess < high else (low * high) ** 0.5
+    return min(attempts, key=lambda one: one[0].error)

@@ -49,9 +49,10 @@ def print_guidance(found: GuidanceComparison, console: Console) -> None:
     print_table(console, rest)
     print_text(
         console,
-        "\nError: mean deviation across the path. Force: mean that is asked for. The strength of the valley (world "
-        "guidance) is sought so that it uses the mean force of the plan (world path_guidance); compare the column, it "
-        "cannot always: at most 1 N, and a strong one oscillates. Spring: to a point that goes along by the clock.",
+        "\nError: mean deviation across the path. Force: mean that is asked for. The valley (world guidance) is as "
+        "stiff as it must be to use the mean force of the plan (world path_guidance); where a valley of that "
+        "force oscillates, it is the valley with the least error. The plan takes the hand for 30 % lighter and "
+        "less damped than it is. Spring: to a point that goes along by the clock.",
     )
 
 

@@ -33,6 +33,8 @@ POLICY = "; ".join(
     )
 )
 
+_FRAMED = "frame-ancestors 'self'; frame-src 'self'"
+
 
 def _host(authority: str) -> str:
     """The host in `host:port`, lower case, without a final dot."""
@@ -45,10 +47,12 @@ class AccessGate:
 
     token   empty: none is needed
     free    paths that need no token, as the files in /static/ never do: a page alone says nothing about the device
+    framed  whether pages of this server may stand in frames of each other; of others they never may
     """
 
-    def __init__(self, app: ASGIApp, *, token: str = "", free: tuple[str, ...] = ("/",)) -> None:
+    def __init__(self, app: ASGIApp, *, token: str = "", free: tuple[str, ...] = ("/",), framed: bool = False) -> None:
         self.app = app
+        self._policy = POLICY.replace("frame-ancestors 'none'", _FRAMED) if framed else POLICY
         self._token = token
         self._free = free
 
@@ -62,7 +66,7 @@ class AccessGate:
         if refusal is None and not self._open(scope["path"]) and not is_authorized(headers, self._token):
             refusal = "open the full address that the terminal printed, with the part after its #"
         if refusal is None:
-            await self.app(scope, receive, _add_policy(send))
+            await self.app(scope, receive, _add_policy(send, self._policy))
         elif scope["type"] == "websocket":
             # Closing before accepting makes the server answer 403.
             await send({"type": "websocket.close", "code": 1008, "reason": refusal})
@@ -85,13 +89,13 @@ class AccessGate:
         return None
 
 
-def _add_policy(send: Send) -> Send:
-    """`send`, with the content policy on every answer."""
+def _add_policy(send: Send, policy: str) -> Send:
+    """`send`, with the content `policy` on every answer."""
 
     async def send_with_policy(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)
-            headers["content-security-policy"] = POLICY
+            headers["content-security-policy"] = policy
             headers["x-content-type-options"] = "nosniff"
             headers["referrer-policy"] = "no-referrer"
             headers["cross-origin-resource-policy"] = "same-origin"

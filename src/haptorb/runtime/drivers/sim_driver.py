@@ -187,7 +187,8 @@ class SimDriver(Driver):
     @property
     def coil_state(self) -> CoilState:
         """On while any duty is not zero."""
-        return CoilState.ON if np.count_nonzero(self._duties) else CoilState.OFF  # `any` takes ten times as long
+        # Of a list: numpy's own ways to ask take three to ten times as long.
+        return CoilState.ON if any(self._duties.tolist()) else CoilState.OFF
 
     def truth(self) -> Array:
         """(6,) the mean wrench of coils and core on the mover over the last advance [N, N·m]."""

@@ -7,21 +7,26 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from time import monotonic_ns, time_ns
 from typing import final
 
+import numpy as np
+
 from haptorb.control.protection.trip import Trip
 from haptorb.files.replace_file import replace_file
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.record import record
+from haptorb.runtime.exchange.kept_state import read_state
 from haptorb.runtime.exchange.shared_memory import TRIPS, SharedMemory, Word
 from haptorb.runtime.recording.recorder import Recorder
 
 __all__ = ["TICKS", "BlackBox", "TripRecord", "state_folder"]
 
 TICKS = 100  #: kept up to each trip
+_START = 400  #: ticks after the start, within which the file has them all
 _MOST = 50  #: files of earlier trips that stay in the folder
 
 
@@ -52,13 +57,22 @@ class TripRecord:
 class BlackBox:
     """Watches `shared` of a loop of `rate` [Hz]; files go into `folder` (made when first needed), None: no files.
 
-    `named` begins the files' names.
+    `named` begins the files' names; `notes` are what their recordings say of the run. A file begins some ticks
+    earlier than the rows in `trips`: where the loop has kept what the chain remembered, so that it can be replayed.
     """
 
-    def __init__(self, shared: SharedMemory, named: str, rate: float, folder: Path | None) -> None:
+    def __init__(
+        self,
+        shared: SharedMemory,
+        named: str,
+        rate: float,
+        folder: Path | None,
+        notes: Mapping[str, Mapping[str, str]] | None = None,
+    ) -> None:
         self.trips: list[TripRecord] = []  #: the first 64, in order
         self.files: list[Path | None] = []  #: where each of them is; None: nowhere yet, or it could not be written
         self._shared, self._named, self._rate, self._folder = shared, named, rate, folder
+        self._notes = notes or {}
         self._writers: list[threading.Thread] = []
         self._looking = threading.Lock()
 
@@ -82,12 +96,26 @@ class BlackBox:
         self.trips.append(tripped)
         self.files.append(None)
         if self._folder is not None:
-            error = self._shared.error.read()[1]
-            writer = threading.Thread(target=self._write, args=(len(self.trips) - 1, self._folder, error), daemon=True)
+            first, state = self._find_beginning(t, until)
+            notes = {"error": self._shared.error.read()[1], **state}
+            work = (len(self.trips) - 1, self._folder, until[first:].copy(), notes, self._shared.worlds_since(0))
+            writer = threading.Thread(target=self._write, args=work, daemon=True)
             writer.start()
             self._writers.append(writer)
 
-    def _write(self, number: int, folder: Path, error: str) -> None:
+    def _find_beginning(self, t: float, rows: Array) -> tuple[int, dict[str, str]]:
+        """Index [1] of the row with which the file of the trip at `t` [s] begins, and what the chain remembered
+        then."""
+        ticks = rows[:, self._shared.layout["tick"].start]
+        tick, at, state = read_state(self._shared.state)
+        if state and at == t and len(found := np.flatnonzero(ticks == tick)):
+            return int(found[0]), {"tick": str(tick), "state": state}
+        whole = len(rows) <= _START and len(rows) > 0 and ticks[0] == 0
+        return (0 if whole else max(len(rows) - TICKS, 0)), {}
+
+    def _write(
+        self, number: int, folder: Path, rows: Array, known: dict[str, str], worlds: list[tuple[int, str]]
+    ) -> None:
         tripped = self.trips[number]
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
         name = f"{self._named}-{stamp}-{number + 1}-{tripped.trip.name.lower()}.mcap"
@@ -96,9 +124,15 @@ class BlackBox:
             with replace_file(folder / name) as part, part.open("wb") as file:
                 recorder = Recorder(file, self._shared.layout, self._rate, time_ns() - monotonic_ns())
                 trip = tripped.trip
-                notes = {"t": repr(tripped.t), "code": trip.name, "reason": trip.text, "error": error}
-                recorder.note("trip", notes)
-                recorder.append(tripped.rows)
+                for note, values in self._notes.items():
+                    recorder.note(note, values)
+                for change, text in worlds:
+                    recorder.note("world", {"change": str(change), "tick": "", "world": text})
+                reason = {"t": repr(tripped.t), "code": trip.name, "reason": trip.text, "error": known["error"]}
+                recorder.note("trip", reason)
+                if "state" in known:
+                    recorder.note("state", {"tick": known["tick"], "state": known["state"]})
+                recorder.append(rows)
                 recorder.finish()
             self.files[number] = folder / name
             for old in sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime)[:-_MOST]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from itertools import count
 from pathlib import Path
 from time import monotonic, sleep
@@ -16,17 +16,19 @@ from haptorb.errors import InputError, ServoError, UnknownName, quote
 from haptorb.runtime.exchange.hand_commands import HandCommands
 from haptorb.runtime.exchange.plan import pack
 from haptorb.runtime.exchange.shared_memory import SharedMemory, Word, engage_request
-from haptorb.runtime.exchange.world_change import name_of, parse_answer, request
+from haptorb.runtime.exchange.world_change import name_of, parse_answer, parse_postponement, request, values_of
 from haptorb.worlds import CATALOGUE
-from haptorb.worlds.parameter import values as parameter_values
+from haptorb.worlds.dynamic.remote_sum import split_remote
 from haptorb.worlds.world import World
 
-__all__ = ["LARGEST_SCALE", "Commands"]
+__all__ = ["BUTTONS", "LARGEST_SCALE", "Commands"]
 
+BUTTONS = ("a", "b", "c")  #: of the tool, as programs that are connected see them
 LARGEST_SCALE = 100.0  #: of a motor's torques
 
 _ANSWER = 2.0  #: longest wait for the servo's answer [s]
 _LOADED = 30.0  #: where it loads a world, which may be compiled there [s]
+_COMPILED = 150.0  #: where that waits for code that another process compiles [s]
 
 
 class Commands(HandCommands):
@@ -41,17 +43,22 @@ class Commands(HandCommands):
     def __init__(self, first: World) -> None:
         HandCommands.__init__(self)
         self._first = first
-        name = name_of(first)
+        name, (felt, _) = name_of(first), split_remote(first)
         #: worlds beside the catalogue's that `set_world` knows, by name: the first one, if it is none of those
-        self.own_worlds = {} if type(first) is CATALOGUE.get(name) else {name: first}
+        self.own_worlds = {} if type(felt) is CATALOGUE.get(name) else {name: felt}
         self._requests = 0
         self._requesting = threading.Lock()
+        self.world_ahead = ""  #: world that was chosen, and whose code is being compiled, once on this computer
         self._stop_numbers = count(1)
         self._stopped = 0  # number of the last stop
 
     @abstractmethod
     def check(self) -> None:
         """Raise ServoError if the loop no longer runs."""
+
+    @abstractmethod
+    def _compile_world(self, name: str) -> None:
+        """Have the code of the catalogue's world `name` compiled next, beside the loop."""
 
     @property
     def stops(self) -> int:
@@ -88,6 +95,16 @@ class Commands(HandCommands):
         if self.driver != "sim":
             raise InputError(f"only simulated coils cool at once; driver '{self.driver}' drives a real device")
         self._memory.words[Word.COOL] += 1
+
+    def press(self, buttons: Collection[str]) -> None:
+        """A person holds down these `buttons`, of "a", "b", "c", and no others: programs that are connected see it.
+
+        Raises UnknownName for another button.
+        """
+        for name in buttons:
+            if name not in BUTTONS:
+                raise UnknownName("button", str(name), BUTTONS)
+        self._memory.words[Word.BUTTONS] = sum(1 << i for i, name in enumerate(BUTTONS) if name in buttons)
 
     def set_mode(self, mode: str) -> None:
         """Go over to `mode`, "translate" or "rotate", without a step of the target's pose or of torque.
@@ -138,7 +155,7 @@ class Commands(HandCommands):
         """Name and values of the world that is felt now."""
         shared = self._memory_or_none
         if shared is None or not (known := shared.words[Word.WORLD]):
-            return name_of(self._first), dict(parameter_values(self._first))
+            return name_of(self._first), dict(values_of(self._first))
         world = json.loads(shared.worlds_since(known - 1)[-1][1])
         return world["name"], world["values"]
 
@@ -151,7 +168,8 @@ class Commands(HandCommands):
 
     def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
         """Render the world `name` with `values` from the next tick on; values not given stay as they are, or, in a
-        new world, are its defaults. Raises UnknownName or InputError if the servo refuses; then nothing changes."""
+        new world, are its defaults. Soon after a first start its code may have to be compiled first; `world_ahead`
+        says so meanwhile. Raises UnknownName or InputError if the servo refuses; then nothing changes."""
         self._request(name, values or {})
 
     def replace_own_world(self, world: World, values: Mapping[str, Any], folder: Path) -> None:
@@ -177,15 +195,26 @@ class Commands(HandCommands):
             self.check()
             self._requests += 1
             shared.request.write(request(self._requests, name, values, "" if file is None else str(file)))
-            longest = _ANSWER if file is None else _LOADED
-            patience = monotonic() + longest
-            while True:
-                number, error = parse_answer(shared.answer.read()[1])
-                if number == self._requests:
-                    if error is not None:
-                        raise error
-                    return
-                self.check()
-                if monotonic() > patience:
-                    raise ServoError(f"the servo did not answer within {longest:g} s")
-                sleep(0.0005)
+            try:
+                self._await_answer(shared, name, _ANSWER if file is None else _LOADED)
+            finally:
+                self.world_ahead = ""
+
+    def _await_answer(self, shared: SharedMemory, name: str, longest: float) -> None:
+        """Return when the request for the world `name` is fulfilled, after at most `longest` [s]."""
+        patience = monotonic() + longest
+        while True:
+            text = shared.answer.read()[1]
+            number, error = parse_answer(text)
+            if number == self._requests:
+                if error is not None:
+                    raise error
+                return
+            if not self.world_ahead and parse_postponement(text) == self._requests:
+                self.world_ahead, longest = name, _COMPILED
+                patience = monotonic() + longest
+                self._compile_world(name)
+            self.check()
+            if monotonic() > patience:
+                raise ServoError(f"the servo did not answer within {longest:g} s")
+            sleep(0.0005)

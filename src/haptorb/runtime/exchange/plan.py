@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pickle
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
 from haptorb.devices.device import Device
 from haptorb.runtime.tick.chain import Chain
+from haptorb.runtime.tick.compilation import Compilation
 from haptorb.runtime.trackers.tracker import Tracker
 from haptorb.worlds.world import World
 
@@ -28,7 +29,7 @@ class Plan:
     practice: Callable[[Tracker], Chain]  #: the same on the simulated device, run before the start
     prediction: float | None  #: of a tracker's own process [s]; None: the host's pointer is the tracker
     calibration: bytes | None  #: id of what the controller believes of the device beside its file
-    compiling: Callable[[], Iterator[None]]  #: its code part by part, for a first start's second process
+    compilation: Compilation  #: of its code, for a first start's second process
     own_worlds: Mapping[str, World] = field(default_factory=dict)  #: beside the catalogue's, by name
     reloads: bool = False  #: whether one of them may be replaced while the loop runs
 

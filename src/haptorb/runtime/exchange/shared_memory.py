@@ -19,7 +19,8 @@ import numpy as np
 
 from haptorb.errors import ServoError
 from haptorb.numerics.arrays import Array, Records
-from haptorb.runtime.memory import pose_block, text_slot
+from haptorb.runtime.memory import force_block, pose_block, text_slot
+from haptorb.runtime.memory.force_block import BLOCKS, ClientForces, ForceBlock
 from haptorb.runtime.memory.histogram import BINS, Histogram
 from haptorb.runtime.memory.pose_block import PoseBlock
 from haptorb.runtime.memory.ring import RingBuffer
@@ -32,7 +33,7 @@ from haptorb.runtime.row import RowLayout
 __all__ = ["CAPACITY", "COUNTS", "TRIPS", "WORLDS", "Phase", "SharedMemory", "Word", "engage_request", "engage_stops"]
 
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
-_VERSION = 6
+_VERSION = 8
 _PAGE = 4096
 _TEXTS = 9
 CAPACITY = 8192  #: rows: 2 s at the fastest rate
@@ -71,6 +72,7 @@ class Word(IntEnum):
     COOL = 23  #: count: simulated coils at the ambient temperature
     POINTER = 24  #: and the ten after it
     SCALE = 35  #: 0: as it is, else the scale of a motor's torques, in millionths
+    BUTTONS = 36  #: bits of the buttons a, b, c that a person holds down: for servers, not for the loop
     # servo → host
     PID = 40
     PHASE = 41
@@ -84,6 +86,8 @@ class Word(IntEnum):
     WORLD = 49  #: changes of the world
     PEAK_TORQUE = 50  #: float: greatest torque on the mover [N·m]
     FIRST_CALL = 51  #: monotonic clock at which the first call of a user's world began [ns]; 0: none runs
+    COMPILED = 52  #: kernels that its process had to compile before it knew the plan
+    UNCOMPILED = 53  #: worlds of the catalogue whose code lies in no cache
     # recorder → host
     RECORDER = 56  #: a Phase
     WRITTEN = 57  #: rows that are in the file, whatever happens to the recorder
@@ -94,9 +98,16 @@ class Word(IntEnum):
     # recorder → host
     RECORDER_LOOKS = 61  #: how often it has looked for rows
     TRACKED = 64  #: and the fifteen after it
+    # each server's process → servo, host
+    FORCES = 128  #: eight for each of eight servers
+    SERVERS = 192  #: a Phase for each of eight servers
 
 
-_LATENESS = _PAGE + (_TEXTS + WORLDS) * text_slot.SIZE + 16 * TRIPS  #: where the histograms begin
+_SERVER_TEXTS = 2 * BLOCKS
+_STATE = 8 * text_slot.SIZE  #: bytes of what the chain remembered at some tick
+_LATENESS = (
+    _PAGE + (_TEXTS + WORLDS + _SERVER_TEXTS) * text_slot.SIZE + 2 * _STATE + 16 * TRIPS
+)  #: where the histograms begin
 _ROWS = _LATENESS + 2 * 8 * BINS
 
 #: What the loop counts in every tick, where it lies in the memory before the rows: words of the first page, histograms.
@@ -160,14 +171,21 @@ class SharedMemory:
 
         self.pointer = PointerBlock(self.words, self.floats, Word.POINTER)
         self.tracked = PoseBlock(self.words, self.floats, Word.TRACKED)
+        self.client_forces = ClientForces(self.words, self.floats, Word.FORCES)
         at = _PAGE
         slots = []
-        for _ in range(_TEXTS + WORLDS):
+        for _ in range(_TEXTS + WORLDS + _SERVER_TEXTS):
             slots.append(TextSlot(memory[at : at + text_slot.SIZE]))
             at += text_slot.SIZE
+        self.state = TextSlot(memory[at : at + _STATE])  #: `kept_state` from before the last trip
+        self.regular_state = TextSlot(memory[at + _STATE : at + 2 * _STATE])  #: and the newest that is to be recorded
+        at += 2 * _STATE
         self.request, self.answer, self.reason, self.error, self.facts, self.recorder_reason = slots[:6]
         self.tracker_reason, self.tracker_facts, self.warning = slots[6:_TEXTS]
-        self._worlds = slots[_TEXTS:]
+        self._worlds = slots[_TEXTS : _TEXTS + WORLDS]
+        texts = slots[_TEXTS + WORLDS :]
+        #: of each server's process: what it says of its clients, and what they wish
+        self.server_facts, self.server_wishes = texts[:BLOCKS], texts[BLOCKS:]
         self.trips: Array = np.frombuffer(memory[at : at + 16 * TRIPS], dtype=np.float64).reshape(TRIPS, 2)
         self.lateness = Histogram(self.counts["lateness"][0])
         self.compute = Histogram(self.counts["compute"][0])
@@ -210,6 +228,10 @@ class SharedMemory:
             self.path.unlink()
         if self._claim is not None:
             self._claim.close()
+
+    def force_block(self, server: int) -> ForceBlock:
+        """Where the process of the server with this number, 0 to 7, says what its clients command."""
+        return ForceBlock(self.words, self.floats, Word.FORCES + force_block.WORDS * server)
 
     @property
     def phase(self) -> Phase:
@@ -256,4 +278,6 @@ def _size(layout: RowLayout) -> int:
 
 
 assert Word.POINTER + pointer_block.WORDS <= Word.PID
-assert 8 * (Word.TRACKED + pose_block.WORDS) <= _PAGE
+assert Word.TRACKED + pose_block.WORDS <= Word.FORCES
+assert Word.FORCES + force_block.WORDS * BLOCKS <= Word.SERVERS
+assert 8 * (Word.SERVERS + BLOCKS) <= _PAGE

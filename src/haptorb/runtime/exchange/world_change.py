@@ -1,4 +1,7 @@
-"""A world by name and values, as it travels from host to servo and into recordings: JSON there and back."""
+"""A world by name and values, as it travels from host to servo and into recordings: JSON there and back.
+
+A clients' force beside it (`haptorb run --serve`) stays through every change, and is no part of name and values.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,23 @@ from typing import Any
 
 from haptorb import worlds
 from haptorb.errors import HaptorbError, InputError, UnknownName
+from haptorb.worlds.dynamic.remote_sum import join_remote, split_remote
 from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.parameter import values as parameter_values
 from haptorb.worlds.world import World
 
-__all__ = ["answer", "change_world", "description", "name_of", "parse_answer", "parse_request", "request"]
+__all__ = [
+    "answer",
+    "change_world",
+    "description",
+    "name_of",
+    "parse_answer",
+    "parse_postponement",
+    "parse_request",
+    "postponement",
+    "request",
+    "values_of",
+]
 
 
 def name_of(world: World) -> str:
@@ -21,25 +36,42 @@ def name_of(world: World) -> str:
     >>> name_of(worlds.Nothing())
     'nothing'
     """
-    kind = type(world)
+    felt, _ = split_remote(world)
     for name, known in worlds.CATALOGUE.items():
-        if known is kind:
+        if known is type(felt):
             return name
-    return world.name
+    return felt.name
+
+
+def values_of(world: World) -> dict[str, float | tuple[float, ...]]:
+    """The values of the parameters of `world` by name, each in its own unit.
+
+    >>> values_of(worlds.Nothing() + worlds.Remote())
+    {}
+    """
+    return parameter_values(split_remote(world)[0])
 
 
 def description(world: World) -> str:
-    """Name and present values as JSON; of a world with memory, also the fields of that as rows have them.
+    """Name and present values as JSON, and what it promises; of a world with memory, its fields as rows have them; and
+    the values of the clients' force beside it.
 
     >>> description(worlds.Nothing())
-    '{"name": "nothing", "values": {}}'
+    '{"name": "nothing", "values": {}, "asks": "force"}'
     """
-    message: dict[str, Any] = {"name": name_of(world), "values": parameter_values(world)}
+    message: dict[str, Any] = {"name": name_of(world), "values": values_of(world)}
+    if (remote := split_remote(world)[1]) is not None:
+        message["remote"] = parameter_values(remote)
     if isinstance(world, DynamicWorld):
         message["memory"] = [
             {"name": field.name, "unit": field.unit, "about": field.about, "shape": list(field.shape)}
             for field in world.memory_fields
         ]
+        if world.stores_energy != any(field.name == "energy" for field in world.memory_fields):
+            message["stores_energy"] = world.stores_energy
+    # What a replay must know of a world whose code it has not.
+    message |= {} if world.passive else {"passive": False}
+    message |= {"asks": world.asks} if world.asks else {}
     return json.dumps(message)
 
 
@@ -65,13 +97,15 @@ def change_world(world: World, name: str, values: Mapping[str, Any], own: Mappin
 
     Raises UnknownName for a world or value that does not exist, InputError for a value that cannot be.
     """
+    felt, remote = split_remote(world)
     if name == name_of(world):
-        known = world
+        known = felt
     elif own and name in own:
         known = own[name]
     else:
         known = worlds.find_world(name)()
-    return known.replace(**values) if values else known  # to make it anew could take several ticks
+    changed = known.replace(**values) if values else known  # to make it anew could take several ticks
+    return world if changed is felt else join_remote(changed, remote)
 
 
 def answer(number: int, error: HaptorbError | None = None) -> str:
@@ -83,13 +117,24 @@ def answer(number: int, error: HaptorbError | None = None) -> str:
 
 
 def parse_answer(text: str) -> tuple[int, InputError | None]:
-    """(number, the error or None) of an `answer`; number 0 for no answer at all."""
-    if not text:
+    """(number, the error or None) of an `answer`; number 0 for no answer at all, or not yet."""
+    message = json.loads(text) if text else {}
+    if "number" not in message:
         return 0, None
-    message = json.loads(text)
     if "refused" not in message:
         return message["number"], None
     kind = UnknownName if message["refused"] == "UnknownName" else InputError
     error = kind.__new__(kind)  # the text is complete: UnknownName's own constructor would compose another
     error.args = (message["text"],)
     return message["number"], error
+
+
+def postponement(number: int) -> str:
+    """What comes before the answer to request `number` if that must wait for compiled code, as JSON."""
+    return json.dumps({"postponed": number})
+
+
+def parse_postponement(text: str) -> int:
+    """The number of the request that must wait; 0 if `text` is no `postponement`."""
+    number: int = json.loads(text).get("postponed", 0) if text else 0
+    return number

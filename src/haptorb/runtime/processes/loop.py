@@ -17,7 +17,15 @@ from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.errors import HaptorbError, InputError
 from haptorb.numerics.arrays import Array, Records
 from haptorb.runtime.exchange.shared_memory import COUNTS, Phase, SharedMemory, Word, engage_stops
-from haptorb.runtime.exchange.world_change import answer, change_world, description, name_of, parse_request
+from haptorb.runtime.exchange.world_change import (
+    answer,
+    change_world,
+    description,
+    name_of,
+    parse_request,
+    postponement,
+)
+from haptorb.runtime.processes.state_keeper import StateKeeper
 from haptorb.runtime.processes.stats import count_tick, publish_row
 from haptorb.runtime.processes.world_loader import LoadedWorld, WorldLoader
 from haptorb.runtime.realtime.clock import Clock
@@ -25,6 +33,8 @@ from haptorb.runtime.realtime.host_heartbeat import LATE, HostHeartbeat, state_o
 from haptorb.runtime.realtime.parent_death import is_parent_gone
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.tick.chain import Chain
+from haptorb.runtime.tick.tick_log import NO_TICK
+from haptorb.worlds.dynamic.remote_sum import join_remote, split_remote
 from haptorb.worlds.world import World
 
 __all__ = ["Loop"]
@@ -54,10 +64,12 @@ class Loop:
         *,
         own_worlds: Mapping[str, World] | None = None,
         loader: WorldLoader | None = None,
+        remember: Callable[[], bytes] | None = None,
     ) -> None:
         self._chain = chain
         self._world = world
         self._own, self._loader = dict(own_worlds or {}), loader
+        self._states = None if remember is None else StateKeeper(remember, shared.state, shared.regular_state)
         self._shared = shared
         self._parent = parent
         self._host = HostHeartbeat(state_of(parent))
@@ -116,7 +128,7 @@ class Loop:
         """Tick until told to end (None) or until the host is gone (HOST_SILENT)."""
         shared, chain, row, words, at = self._shared, self._chain, self._row, self._shared.words, self._places
         schedule, period = clock.schedule, clock.schedule.period
-        ring, counts = shared.ring, shared.counts
+        ring, counts, forces = shared.ring, shared.counts, shared.client_forces
         doubt_time = 0  # when the host was last given the benefit of the doubt [ns]
         words[Word.ORIGIN] = schedule.origin
         words[Word.PHASE] = Phase.RUNNING
@@ -144,12 +156,15 @@ class Loop:
             self._execute_requests()
             self.in_step = True
             self._now = schedule.time(schedule.deadline(schedule.number))
+            forces.fill(chain.client, 1e-9 * now)
             chain.step(row, self._now)
             self.in_step = False
             publish_row(row, ring.slot(), at, counts, self._ticks, now, lateness, skipped)
             ring.publish_slot()
             self._ticks += 1
             self._announce_trip()
+            if self._states is not None and 2.0 * self._work < period:
+                self._states.look(self._ticks - 1)
             took = monotonic_ns() - now
             self._work += (min(took, _LONG * period) - self._work) / _MEAN
             count_tick(counts, self._ticks, schedule.missed, lateness, took, period)
@@ -165,48 +180,60 @@ class Loop:
             self._engaged = engage
             # An engage request that was given before the last stop is void, however late it comes.
             if engage_stops(engage) == stops & 0xFFFF_FFFF:  # safety: engage-void
-                self._chain.engage()
+                # Engaged, a world that fails again in the very next tick is another trip.
+                self._tripped = not self._chain.engage() and self._tripped
         if words[Word.MODE] != self._mode:
             self._mode = words[Word.MODE]
-            self._chain.linkage.set_mode(MODES[self._mode - 1])
+            self._chain.joining.set_mode(MODES[self._mode - 1])
         if words[Word.MODEL] != self._model:
             self._model = words[Word.MODEL]
             with suppress(InputError):  # the host asks only for what the device has
                 self._chain.change_model(self._model - 1)
         if words[Word.SCALE] != self._scale:
             self._scale = words[Word.SCALE]
-            self._chain.linkage.set_torque_scale(1e-6 * float(self._scale))
+            self._chain.joining.set_torque_scale(1e-6 * float(self._scale))
         if words[Word.COOL] != self._cooled:
             self._cooled = words[Word.COOL]
             self._chain.cool()
         if words[Word.CLUTCH] != self._clutch:
             self._clutch = words[Word.CLUTCH]
-            self._chain.linkage.set_clutch(self._clutch == 1)
+            self._chain.joining.set_clutch(self._clutch == 1)
         if self._shared.request.version != self._asked:
             self._asked, text = self._shared.request.read()
             if text:
                 self._take_request(text)
         if self._loader is not None and (loaded := self._loader.ready) is not None:
             self._loader.ready = None
-            self._shared.answer.write(self._replace(loaded))
+            self._shared.answer.write(self._take_loaded(loaded))
 
     def _take_request(self, text: str) -> None:
-        """Change the world now, or have another version of an own world loaded beside the loop."""
+        """Change the world now; have its code, or another version of an own world, loaded beside the loop."""
         number, name, values, file = parse_request(text)
-        if file and self._loader is not None:
+        make = partial(change_world, self._world, name, values, self._own)
+        if self._loader is None:
+            reply = self._change(number, name, make, self._chain.change_world)
+        elif file:
             self._loader.load(number, name, Path(file))
+            return
+        elif name not in self._own and self._loader.lacks_code(name):
+            self._loader.prepare(number, name, make)
+            reply = postponement(number)
         else:
-            make = partial(change_world, self._world, name, values, self._own)
-            self._shared.answer.write(self._change(number, name, make, self._chain.change_world))
+            reply = self._change(number, name, make, self._chain.change_world)
+        self._shared.answer.write(reply)
 
-    def _replace(self, loaded: LoadedWorld) -> str:
-        """Know another version of an own world, and render it if that one is felt; the answer as JSON."""
+    def _take_loaded(self, loaded: LoadedWorld) -> str:
+        """Render a world of the catalogue whose code is there now, or know another version of an own one; the answer
+        as JSON."""
         world = loaded.world
         if world is None:
             return answer(loaded.number, loaded.error)
+        if not loaded.own:
+            return self._change(loaded.number, loaded.name, lambda: world, self._chain.change_world)
         if loaded.name == name_of(self._world):
-            reply = self._change(loaded.number, loaded.name, lambda: world, self._chain.replace_world)
-            if self._world is not world:
+            joined = join_remote(world, split_remote(self._world)[1])
+            reply = self._change(loaded.number, loaded.name, lambda: joined, self._chain.replace_world)
+            if self._world is not joined:
                 return reply
         self._own[loaded.name] = world
         return answer(loaded.number)
@@ -228,6 +255,8 @@ class Loop:
         """Tell of a trip, once."""
         tripped = self._cells[self._guard] == _TRIPPED
         if tripped and not self._tripped:
+            if self._states is not None:
+                self._states.tell(self._ticks - 1, self._now)
             self._shared.error.write(self._chain.error[:_ERROR])  # first: who sees the trip may ask for it
             self._shared.announce_trip(self._now, self._cells[self._shared.layout["trip"].start])
         self._tripped = tripped
@@ -244,6 +273,7 @@ class Loop:
         row[at["guard"]] = GuardState.OFF if failed is None else GuardState.TRIPPED
         row[at["trip"]] = Trip.CLOSING if failed is None else failed
         row[at["coil_state"]] = self._chain.driver.coil_state
+        row[at["commands"]] = NO_TICK
         if failed is not None:
             shared.announce_trip(self._now, failed)
         shared.ring.publish(row)

@@ -19,9 +19,10 @@ from haptorb.errors import ServoError
 from haptorb.runtime.realtime.process_starter import start
 from haptorb.runtime.realtime.stale_files import FOLDER, FileLock
 
-__all__ = ["PLAN", "PrestartedProcess", "start_module"]
+__all__ = ["PLAN", "WANTED", "PrestartedProcess", "code_note", "start_module"]
 
 PLAN = "plan"  #: name of the file in the folder
+WANTED = "wanted"  #: of the file that names the world for which somebody waits
 
 
 @final
@@ -81,6 +82,11 @@ class PrestartedProcess:
         self.end()
 
 
+def code_note(folder: Path, name: str) -> Path:
+    """The file in the servo's `folder` that is there when the code of the catalogue's world `name` is compiled."""
+    return folder / f"code-{name}"
+
+
 def _create_folder() -> tuple[Path, FileLock]:
     """A new folder, and its claim."""
     while True:
@@ -97,6 +103,7 @@ def start_module(
     stdin: int = subprocess.DEVNULL,
     stdout: int = subprocess.DEVNULL,
     descriptor: int | None = None,
+    descriptors: tuple[int, ...] = (),
 ) -> subprocess.Popen[bytes]:
     """`python -m module arguments` in a session of its own; what it says on standard error goes to the end of `errors`.
 
@@ -110,7 +117,7 @@ def start_module(
             stdout=stdout,
             stderr=file,
             start_new_session=True,
-            pass_fds=() if descriptor is None else (descriptor,),
+            pass_fds=descriptors if descriptor is None else (descriptor, *descriptors),
             # Small matrices: a second thread of OpenBLAS would only wait in a loop, beside the servo's.
             env={"OPENBLAS_NUM_THREADS": "1", **os.environ},
         )

@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from haptorb.runtime.exchange.kept_state import read_state
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.realtime.kill_timer import KillTimer
 from haptorb.runtime.realtime.parent_death import end_group, is_parent_gone
@@ -62,7 +63,7 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
             recorder.note(name, values)
         file.flush()
         words[Word.RECORDER] = Phase.RUNNING
-        cursor = worlds = lost = errors = 0
+        cursor = worlds = lost = errors = states = 0
         servo, timer = _ProcessExit(spec["servo"]), KillTimer()
         last = False
         while True:
@@ -76,6 +77,10 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
                 errors, text = shared.error.read()
                 if text:
                     recorder.note("error", {"tick": str(words[Word.TICKS]), "text": text})
+            if shared.regular_state.version != states:
+                states = shared.regular_state.version
+                tick, _, state = read_state(shared.regular_state)
+                recorder.note("state", {"tick": str(tick), "state": state})
             before = cursor
             cursor, rows = shared.ring.read_since(cursor)
             gap = cursor - before - len(rows)

@@ -16,7 +16,6 @@ import shutil
 import signal
 import sys
 import traceback
-from collections.abc import Callable
 from contextlib import redirect_stdout, suppress
 from functools import partial
 from importlib import import_module
@@ -27,6 +26,8 @@ from types import FrameType
 from haptorb import worlds
 from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.errors import HaptorbError
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compile_permission import UncompiledKernelError, count_compiled, forbid_compiling
 from haptorb.runtime.exchange import plan as plans
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.exchange.world_change import description
@@ -42,6 +43,10 @@ from haptorb.runtime.realtime.kernel_requests import request_real_time
 from haptorb.runtime.realtime.kill_timer import KillTimer
 from haptorb.runtime.realtime.parent_death import die_with_parent, end_group, is_parent_gone
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
+from haptorb.runtime.tick.chain import Chain
+from haptorb.runtime.tick.compilation import find_uncompiled, list_companions, practise
+from haptorb.runtime.tick.tick import Tick
+from haptorb.runtime.tick.tick_state import save_state
 from haptorb.runtime.trackers.feed_tracker import FeedTracker
 from haptorb.runtime.trackers.tracker import Tracker
 from haptorb.worlds.own.failure import keep_source, try_world
@@ -98,15 +103,22 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     plan = plans.load(path)
     shared.announce_world(description(plan.world))
     gc.disable()  # compiling makes a million objects that live, and looking them over took an eighth of a first start
+    shared.words[Word.COMPILED] = count_compiled()
     with redirect_stdout(None):
-        _rehearse(plan, shared)
+        uncompiled = _rehearse(plan, shared)
+    shared.words[Word.UNCOMPILED] = len(uncompiled)
     tracker = _tracker(plan, shared)
     chain = plan.assemble(tracker)
     for own in plan.own_worlds.values():
         keep_source(own)
-    loader = WorldLoader(plan.device) if plan.reloads else None
+    loader = None
+    if plan.reloads or uncompiled:
+        loader = WorldLoader(plan.device, plan.compilation.make_tick(), path.parent, uncompiled)
     timer = KillTimer()
-    loop = Loop(chain, plan.world, shared, plan.rate, parent, timer.set, own_worlds=plan.own_worlds, loader=loader)
+    loop = Loop(
+        chain, plan.world, shared, plan.rate, parent, timer.set, own_worlds=plan.own_worlds, loader=loader,
+        remember=partial(save_state, chain) if isinstance(chain, Tick) else None,
+    )  # fmt: skip
     # What a world prints, warnings included, is the host's to show; a tick must not wait for a terminal.
     sys.stdout = sys.stderr = WorldOutput(1)
     # No collection but this one: another would hold up the loop. What is alive now is never looked at again.
@@ -150,11 +162,12 @@ def _load() -> None:
         kind()
 
 
-def _rehearse(plan: plans.Plan, shared: SharedMemory) -> None:
+def _rehearse(plan: plans.Plan, shared: SharedMemory) -> frozenset[str]:
     """Run a chain of its own for a few ticks: compiled code is loaded now, and not in the first tick.
 
     Then one tick of every world of the catalogue: who chooses another while the loop runs must not wait for its code,
-    and neither must the coils.
+    and neither must the coils. Those whose code lies in no cache are left to others: a first start is long enough.
+    Returns their names.
     """
     for own in (plan.world, *plan.own_worlds.values()):
         if type(own) in worlds.CATALOGUE.values():
@@ -170,19 +183,21 @@ def _rehearse(plan: plans.Plan, shared: SharedMemory) -> None:
             chain.prepare(tick / plan.rate)
         for tick in range(_REHEARSAL, 2 * _REHEARSAL):
             chain.step(row, tick / plan.rate)
-        makers: list[Callable[[], World]] = [*worlds.CATALOGUE.values()]
-        makers += [partial(_itself, own) for own in plan.own_worlds.values()]
-        for tick, make in enumerate(makers, start=2 * _REHEARSAL):
-            with suppress(HaptorbError):  # not for this device: nobody will be able to choose it either
-                world = make()
-                if world.remembers:
-                    try_world(world, plan.device)  # without a valid pose the chain does not advance it
-                chain.change_world(world)
-                chain.step(row, tick / plan.rate)
+        now = 2 * _REHEARSAL / plan.rate
+        for own in (plan.world, *plan.own_worlds.values()):
+            for one in (*list_companions(plan.device, own), own):
+                practise(chain, one, row, now)
+        return frozenset(name for name, kind in worlds.CATALOGUE.items() if _lacks_code(plan, chain, kind(), row, now))
 
 
-def _itself(world: World) -> World:
-    return world
+def _lacks_code(plan: plans.Plan, chain: Chain, world: World, row: Array, now: float) -> bool:
+    """Load the code of `world`, as far as it is compiled; whether some is not."""
+    if world.remembers:  # without a valid pose the chain does not advance it
+        with forbid_compiling() as missing, suppress(HaptorbError, UncompiledKernelError):
+            try_world(world, plan.device)
+        if missing:
+            return True
+    return bool(find_uncompiled(chain, world, row, now))
 
 
 def _tracker(plan: plans.Plan, shared: SharedMemory) -> Tracker:

@@ -1,7 +1,7 @@
-"""Where the rows of a long recording lie in its file: found by the heads of its records, without unpacking chunks.
+"""Where the rows of a long recording lie in its file, without unpacking chunks.
 
-An hour has 100 000 chunks and gigabytes of rows. Its heads are read in a second, and then a stretch of rows is unpacked
-when somebody asks for it.
+An hour has 100 000 chunks and gigabytes of rows. The summary at the file's end lists them; where a killed recorder has
+written none, the heads of all records do, within a second. A stretch of rows is unpacked when somebody asks for it.
 """
 
 from __future__ import annotations
@@ -9,12 +9,14 @@ from __future__ import annotations
 import mmap
 import os
 import struct
+import zlib
 from pathlib import Path
 from typing import final
 
 import numpy as np
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
+from numpy.typing import NDArray
 from zstandard import ZstdError
 
 from haptorb.errors import RecordingError
@@ -35,6 +37,9 @@ from haptorb.runtime.recording.mcap_schema import CDR_HEADER
 __all__ = ["ChunkIndex"]
 
 _HEAD = struct.Struct("<BQ")  #: of a record: what it is, and its length
+_END = struct.Struct("<BQQQI8s")  #: of a file: its footer, with the summary's place and checksum, and the magic bytes
+_METADATA_PLACE = struct.Struct("<QQ")  #: of a record of metadata, and its length with the head
+_CHUNK_PLACE = slice(RECORD_HEAD + 16, RECORD_HEAD + 32)  #: in a record that lists a chunk: its place, and its length
 _RELEASE = 16 * 1024 * 1024  #: bytes of the file after which those that were looked at need no more memory
 _SIZES = struct.Struct("<QQQI")  #: of a chunk: its first and last time, its bytes when unpacked, their checksum
 _DAMAGE = (McapError, ZstdError, ValueError, OverflowError, MemoryError, struct.error)
@@ -54,7 +59,8 @@ class ChunkIndex:
         self._lengths: list[int] = []
         self._counts: list[int] = []
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as view:
-            self._walk(view)
+            if not self._read_summary(view):
+                self._walk(view)
         self._starts = np.concatenate(([0], np.cumsum(np.array(self._counts, dtype=np.int64))))
         self._unpacked: tuple[int, Array] | None = None  # number and rows of the last chunk: neighbours share it
 
@@ -110,6 +116,65 @@ class ChunkIndex:
             f'{int(self._starts[number + 1])} on, can be read: recording["p"][:{first}]'
         )
 
+    def _read_summary(self, view: mmap.mmap) -> bool:
+        """Take from the summary where chunks and notes are; False if there is none that is whole."""
+        size = len(view)
+        if size < len(MAGIC) + _END.size:
+            return False
+        opcode, length, start, _, checksum, magic = _END.unpack_from(view, size - _END.size)
+        end = size - _END.size
+        if opcode != Opcode.FOOTER or length != 20 or magic != MAGIC or not len(MAGIC) <= start < end:
+            return False
+        if zlib.crc32(view[start : size - len(MAGIC) - 4]) != checksum:
+            return False
+        summary = Contents()
+        places = []
+        chunks = np.empty((0, 3), dtype=np.uint64)
+        at = start
+        try:
+            while at + RECORD_HEAD <= end:
+                opcode, length = _HEAD.unpack_from(view, at)
+                if opcode == Opcode.CHUNK_INDEX:
+                    listed, at = _read_listed_chunks(view, at, end)
+                    chunks = np.concatenate((chunks, listed))
+                    continue
+                at += RECORD_HEAD
+                if opcode == Opcode.METADATA_INDEX:
+                    places.append(_METADATA_PLACE.unpack_from(view, at))
+                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    summary.add(open_record(opcode, view[at : at + length], size, 1)[0][0])
+                at += length
+            notes = [
+                open_record(Opcode.METADATA, view[place + RECORD_HEAD : place + long], size, 1)[0][0]
+                for place, long in sorted(places)
+                if view[place] == Opcode.METADATA and place + long <= start
+            ]
+        except (*_DAMAGE, IndexError):
+            return False
+        ends = chunks[:, 0] + chunks[:, 1]
+        if not summary.fields or len(notes) < len(places) or (ends > start).any():
+            return False
+        self._take_listed_chunks(view, chunks, summary.width)
+        for note in notes:
+            self._contents.add(note)
+        self._contents.truncated = False
+        return True
+
+    def _take_listed_chunks(self, view: mmap.mmap, chunks: NDArray[np.uint64], width: int) -> None:
+        """Note where the `chunks` (n, 3) lie: place and length of each record, and its bytes when unpacked."""
+        room, most = total_room(len(view)), count_records(len(view))
+        each = MESSAGE_OVERHEAD + len(CDR_HEADER) + 8 * width
+        check_chunk_size(int(chunks[:, 2].max(initial=0)), room - int(chunks[:-1, 2].sum()))
+        plain = (chunks[:, 2] % each == 0) & (chunks[:, 2] > 0)
+        first = int(plain.argmax()) if plain.any() else len(chunks)
+        if not plain[first:].all():  # something else is among the rows: look at each
+            first = len(chunks)
+        for place, length in chunks[:first, :2].tolist():
+            room -= self._take_chunk(view, place + RECORD_HEAD, length - RECORD_HEAD, room, most)
+        self._offsets += (chunks[first:, 0] + RECORD_HEAD).tolist()
+        self._lengths += (chunks[first:, 1] - RECORD_HEAD).tolist()
+        self._counts += (chunks[first:, 2] // each).tolist()
+
     def _walk(self, view: mmap.mmap) -> None:
         """Visit every record's head; unpack a chunk only where its size does not tell how many rows it has."""
         size, at, released = len(view), len(MAGIC), 0
@@ -148,6 +213,17 @@ class ChunkIndex:
             self._lengths.append(length)
             self._counts.append(count)
         return unpacked
+
+
+def _read_listed_chunks(view: mmap.mmap, at: int, end: int) -> tuple[NDArray[np.uint64], int]:
+    """(n, 3) place, length and unpacked bytes of the chunks that the records from `at` on list, which are all of one
+    length; and where those records end."""
+    size = RECORD_HEAD + int(_HEAD.unpack_from(view, at)[1])
+    block = np.frombuffer(view[at : at + (end - at) // size * size], np.uint8).reshape(-1, size)
+    alike = (block[:, :RECORD_HEAD] == block[0, :RECORD_HEAD]).all(axis=1)
+    count = len(block) if alike.all() else int(alike.argmin())
+    numbers = np.concatenate((block[:count, _CHUNK_PLACE], block[:count, -8:]), axis=1)
+    return np.ascontiguousarray(numbers).view("<u8").astype(np.uint64), at + count * size
 
 
 def _release_memory(view: mmap.mmap, first: int, last: int) -> int:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["plot"]
+__all__ = ["plot", "thin_curve"]
 
 #: Okabe and Ito's colours: told apart by everybody
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -105,8 +105,8 @@ def _wrench(axes: Axes, recording: Fields, t: Array) -> None:
     turning = not (np.nan_to_num(given[:, :3]).any() or asked[:, :3].any()) and asked[:, 3:].any()
     first, letter = (3, "T") if turning else (0, "F")
     for i, name in enumerate("xyz"):
-        axes.plot(*_join_points(t, given[:, first + i]), color=_COLOURS[i], linewidth=1.1, label=f"${letter}_{name}$")
-        axes.plot(*_join_points(t, asked[:, first + i]), color=_COLOURS[i], linewidth=1.1, linestyle=(0, (4, 2)))
+        axes.plot(*thin_curve(t, given[:, first + i]), color=_COLOURS[i], linewidth=1.1, label=f"${letter}_{name}$")
+        axes.plot(*thin_curve(t, asked[:, first + i]), color=_COLOURS[i], linewidth=1.1, linestyle=(0, (4, 2)))
     axes.plot([], [], color=_INK, linewidth=1.1, label=label)
     axes.plot([], [], color=_INK, linewidth=1.1, linestyle=(0, (4, 2)), label="asked")
     axes.set_ylabel("torque [N·m]" if turning else "force [N]")
@@ -116,7 +116,7 @@ def _energy(axes: Axes, recording: Fields, t: Array) -> None:
     """What the hand was given, and where damping was injected because sampling and delay had made energy."""
     if not {"energy", "injected"} <= {field.name for field in recording.fields}:  # an older recording
         return
-    axes.plot(*_join_points(t, 1e3 * recording["energy"]), color=_COLOURS[0], linewidth=1.1, label="given to the hand")
+    axes.plot(*thin_curve(t, 1e3 * recording["energy"]), color=_COLOURS[0], linewidth=1.1, label="given to the hand")
     damped = recording["injected"] > 0
     if damped.any():
         lowest = axes.get_ylim()[0]
@@ -127,7 +127,7 @@ def _energy(axes: Axes, recording: Fields, t: Array) -> None:
 def _currents(axes: Axes, recording: Fields, t: Array) -> None:
     columns = _columns(np.asarray(recording["currents"]))
     for i, (values, name) in enumerate(zip(columns, _coil_names(recording, len(columns)), strict=True)):
-        axes.plot(*_join_points(t, values), color=_COLOURS[i % 6], linewidth=1.0, label=f"coil {name}")
+        axes.plot(*thin_curve(t, values), color=_COLOURS[i % 6], linewidth=1.0, label=f"coil {name}")
     axes.set_ylabel("current [A]")
 
 
@@ -136,10 +136,10 @@ def _temperatures(axes: Axes, recording: Fields, t: Array) -> None:
     for i, values in enumerate(
         _columns(np.asarray(recording["boundary"]))
     ):  # first: their noise must not hide the windings
-        axes.plot(*_join_points(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=0.7, linestyle=":", alpha=0.4)
+        axes.plot(*thin_curve(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=0.7, linestyle=":", alpha=0.4)
     columns = _columns(np.asarray(recording["winding"]))
     for i, (values, name) in enumerate(zip(columns, _coil_names(recording, len(columns)), strict=True)):
-        axes.plot(*_join_points(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=1.1, label=f"winding {name}")
+        axes.plot(*thin_curve(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=1.1, label=f"winding {name}")
     axes.plot([], [], color=_INK, linewidth=0.9, linestyle=":", label="boundary")
     axes.set_ylabel("temperature [°C]")
 
@@ -189,8 +189,9 @@ def _columns(values: Array) -> Array:
     return columns
 
 
-def _join_points(t: Array, values: Array) -> tuple[Array, Array]:
-    """The curve itself, or, where it has more points than a figure can show, lowest and highest of each stretch."""
+def thin_curve(t: Array, values: Array) -> tuple[Array, Array]:
+    """The curve `values` (n,) over `t` (n,) [s] itself, or, where it has more points than a figure can show, lowest and
+    highest of each stretch; each in the unit [SI] that it came in."""
     stretch = -(-len(t) // (_POINTS // 2))
     if stretch < 2:
         return t, values

@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from time import monotonic_ns, time_ns
 from typing import Any
 
-import numpy as np
-
+from haptorb.control.clutch.modes import Gains
 from haptorb.devices.device import Device
+from haptorb.errors import InputError
 from haptorb.runtime.exchange.shared_memory import SharedMemory
+from haptorb.runtime.exchange.world_change import name_of
+from haptorb.runtime.recording.software import describe_machine, list_versions
 from haptorb.runtime.trackers.tracker_registry import Preparation
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
-from haptorb.version import __version__
+from haptorb.worlds.own.world_note import note_world
+from haptorb.worlds.world import World
 
-__all__ = ["notes", "recorder_spec", "tracker_spec"]
+__all__ = ["check_seed", "describe_choices", "notes", "recorder_spec", "tracker_spec"]
+
+
+_LONGEST = 30_000  #: characters of how a world is made: the notes are handed over on a command line
 
 
 def recorder_spec(
@@ -48,7 +55,8 @@ def notes(device: Device, text: str, run: Mapping[str, str]) -> dict[str, dict[s
             "coils": json.dumps(device.coils.names),
         },
         "run": dict(run),
-        "versions": {"haptorb": __version__, "numpy": np.__version__},
+        "versions": list_versions(),
+        "machine": describe_machine(),
     }
 
 
@@ -61,3 +69,20 @@ def tracker_spec(shared: SharedMemory, tracker: Preparation, frame: TrackerFrame
         "feed": tracker.spec,
         "frame": "" if frame is None else frame.text(),
     }
+
+
+def describe_choices(gains: Gains | None, torque_arm: float | None, worlds: Iterable[World]) -> dict[str, str]:
+    """What a replay must know of the chain beside its names: `gains`, `torque_arm` [m], and how each world is made."""
+    made = {name_of(world): note_world(world) for world in worlds}
+    return {
+        "gains": "" if gains is None else json.dumps(asdict(gains)),
+        "torque_arm_m": "" if torque_arm is None else repr(torque_arm),
+        "worlds": json.dumps({name: text for name, text in made.items() if len(text) <= _LONGEST}),
+    }
+
+
+def check_seed(seed: int) -> int:
+    """`seed` itself; InputError unless it is a whole number, 0 or more."""
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise InputError(f"seed must be a whole number, 0 or more; got {seed!r}")
+    return seed

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from haptorb.control.allocation.wrench_choice import WrenchChoice
 from haptorb.control.protection.trip import GuardState, Trip
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     from haptorb.runtime.recording.recording import Recording
 
 __all__ = ["ServoObserver"]
+
+_PREPARING = "preparing world '{}': its code is being compiled, once on this computer; the world before it goes on"
 
 
 class ServoObserver(Commands):
@@ -80,18 +83,36 @@ class ServoObserver(Commands):
         return self._children.servo_pid if self._children is not None else 0
 
     @property
+    def memory_path(self) -> Path:
+        """The file that loop, recorder and servers share. Raises ServoError before the start."""
+        return self._memory.path
+
+    @property
+    def connections(self) -> list[dict[str, Any]]:
+        """What each server says of the programs that are connected to it, by the `--serve` option's order: `server`,
+        `address`, and `clients`, each with its name, `session`, `rate_hz` and whether it `holds` the device."""
+        shared = self._memory_or_none
+        texts = () if shared is None else [slot.read()[1] for slot in shared.server_facts]
+        return [json.loads(text) for text in texts if text]
+
+    @property
     def recording_trouble(self) -> str:
         """Why the recording ended before the servo did, or stands still; empty while all is well."""
         return self._children.recorder_trouble if self._children is not None else ""
 
+    def _compile_world(self, name: str) -> None:
+        assert self._children is not None
+        self._children.compiler.compile_world(name)
+
     @property
     def warning(self) -> str:
-        """What a person should know of the device that answered, of the servo's memory, and of the code of world and
-        path; empty if nothing."""
+        """What a person should know of the device that answered, of the servo's memory, of the code of world and path,
+        and of a world that is being prepared; empty if nothing."""
         if self._shared is None or self._children is None:
             return ""
         found = (
             self._shared.warning.read()[1], self._children.memory.warning, self.world_trouble, self.hand_trouble,
+            _PREPARING.format(self.world_ahead) if self.world_ahead else "",
         )  # fmt: skip
         return "; ".join(filter(None, found))
 
@@ -160,6 +181,7 @@ class ServoObserver(Commands):
             **loop,
             **({"scene": scene} if (scene := read_detail(self._memory)) else {}),
             "recorded": children.recorder_counts,
+            **({"servers": served} if (served := self.connections) else {}),
             "memory_mb": children.memory.facts(),
             "warning": self.warning,
             **{name: trouble for name, trouble in troubles.items() if trouble},

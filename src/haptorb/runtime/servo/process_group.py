@@ -19,10 +19,11 @@ from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.runtime.exchange.black_box import BlackBox
 from haptorb.runtime.exchange.report import count_recorded
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
-from haptorb.runtime.processes.prestart import PLAN, PrestartedProcess, start_module
+from haptorb.runtime.processes.prestart import PrestartedProcess, start_module
 from haptorb.runtime.realtime.kernel_requests import raise_priority
 from haptorb.runtime.realtime.memory_growth import MemoryGrowth
 from haptorb.runtime.realtime.stall_time import StallTime
+from haptorb.runtime.servo.compiler_process import CompilerProcess
 from haptorb.runtime.servo.output_reader import OutputReader
 
 __all__ = ["ProcessGroup"]
@@ -33,7 +34,6 @@ _HUNG = 1.5  #: and so long without one it is killed [s]
 _STALLED = 1.0  #: without a look for rows the recorder is said to stand still [s]
 _START = 180.0  #: the first start on a machine compiles the kernels [s]
 _FIRST_CALL = 20.0  #: a world that compiles code of its own may take long, once [s]
-_USUAL = 3.0  #: a start with compiled code; who needs longer has it compiled by two [s]
 _FINISH = 1.5  #: to end as told before a signal is sent [s]
 _DRAIN = 20.0  #: for the recorder to write what it has [s]
 _HANG = (
@@ -58,7 +58,7 @@ class ProcessGroup:
     def __init__(self, standby: PrestartedProcess, shared: SharedMemory, black_box: BlackBox) -> None:
         self._shared = shared
         self._black_box = black_box
-        self._errors, self._plan = standby.errors, standby.folder / PLAN
+        self._errors = standby.errors
         self._ending = threading.Event()
         self._end_sent = False
         shared.words[Word.HEARTBEAT] = monotonic_ns()
@@ -70,7 +70,7 @@ class ProcessGroup:
         self._output = OutputReader(standby.process.stdout)
         self._recorder: subprocess.Popen[bytes] | None = None
         self._tracker: subprocess.Popen[bytes] | None = None
-        self._compiler: subprocess.Popen[bytes] | None = None
+        self.compiler = CompilerProcess(standby.folder, shared, standby.errors)
         # Not the thread that may be blocked by a user's code: it has nothing else to do.
         self._heart = threading.Thread(target=self._beat, name="haptorb-heartbeat", daemon=True)
         self._heart.start()
@@ -108,9 +108,7 @@ class ProcessGroup:
         try:
             self._wait()
         finally:
-            if self._compiler is not None:
-                self._compiler.kill()
-                self._compiler.wait()
+            self.compiler.finish_start(running=self.alive)
         self.check()
 
     def _wait(self) -> None:
@@ -128,16 +126,8 @@ class ProcessGroup:
                 raise ServoError(_ENDLESS.format(self._shared.world_now(), _FIRST_CALL))
             if monotonic() > start + _START:
                 raise ServoError(f"the servo did not start within {_START:g} s")
-            if self._compiler is None and self._compiling_since(start):
-                plan = str(self._plan)
-                self._compiler = start_module(
-                    "haptorb.runtime.processes.first_start", plan, str(os.getpid()), errors=self._errors
-                )
+            self.compiler.help_start()
             sleep(0.005)
-
-    def _compiling_since(self, start: float) -> bool:
-        """Whether the servo has been preparing for too long; opening a device may take its time."""
-        return monotonic() > start + _USUAL and not self._shared.facts.read()[1]
 
     def check(self) -> None:
         """Raise ServoError if the servo ended, RecordingError if the recorder did."""
@@ -186,6 +176,7 @@ class ProcessGroup:
         if self._end_sent:
             return
         self._end_sent = True
+        self.compiler.end()
         self._shared.words[Word.QUIT] = 1
         for patience, force in ((_FINISH, signal.SIGTERM), (_FINISH / 2, signal.SIGKILL), (None, None)):
             try:

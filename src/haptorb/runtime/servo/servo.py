@@ -29,7 +29,6 @@ from haptorb.runtime.exchange import plan as plans
 from haptorb.runtime.exchange.black_box import BlackBox
 from haptorb.runtime.exchange.shared_memory import SharedMemory
 from haptorb.runtime.exchange.world_change import description
-from haptorb.runtime.processes.first_start import compiling
 from haptorb.runtime.processes.prestart import PrestartedProcess
 from haptorb.runtime.realtime.linux import require_linux
 from haptorb.runtime.realtime.schedule import check_rate
@@ -37,7 +36,7 @@ from haptorb.runtime.realtime.stale_files import FileLock, sweep
 from haptorb.runtime.recording.run_recording import RunRecording
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.servo.device_text import text_of
-from haptorb.runtime.servo.launch import notes, recorder_spec, tracker_spec
+from haptorb.runtime.servo.launch import check_seed, describe_choices, notes, recorder_spec, tracker_spec
 from haptorb.runtime.servo.process_group import ProcessGroup
 from haptorb.runtime.servo.servo_context import ServoContext
 from haptorb.runtime.servo.world_watcher import WorldWatcher, choose_world
@@ -50,6 +49,7 @@ from haptorb.runtime.tick.assembly import (
     linkage_of,
     modes_of,
 )
+from haptorb.runtime.tick.compilation import Compilation
 from haptorb.runtime.trackers.feed_tracker import PREDICTION, check_prediction
 from haptorb.runtime.trackers.tracker_registry import Preparation, check_frame, check_tracker, has_feed, prepare_tracker
 from haptorb.sensing.calibration.calibration import Calibration
@@ -135,7 +135,7 @@ class Servo(ServoContext):
         self.tracker = check_tracker(tracker, self.driver)
         self.tracker_token = ""  #: what senders on other computers must say first; known once the servo is open
         self.rate = check_rate(rate)
-        self.seed = _check_seed(seed)
+        self.seed = check_seed(seed)
         self.estimator = check_estimator(self.device, "hall" if tracker == "hall" and estimator is None else estimator)
         self.models = self.device.tick_models  #: that `set_model` knows
         self._model = self.device.check_tick_model(model or self.models[0])
@@ -146,6 +146,7 @@ class Servo(ServoContext):
             # refuses here what is another device's
             self.calibration.apply(electromagnet(self.device, "a calibration"))
         self.modes = modes_of(self.device)  #: that `set_mode` knows; empty where the device acts directly
+        self._gains, self._torque_arm = gains, torque_arm
         if gains is not None:
             linkage_of(self.device, gains)  # refuses here what does not fit
         self._choice = choice_of(self.device, render, torque_arm)  # refuses here what does not fit
@@ -174,7 +175,7 @@ class Servo(ServoContext):
         self._plan = plans.Plan(
             self.device, first, self.rate, chain, practice, self._ahead if has_feed(self.tracker) else None,
             None if self.calibration is None else self.calibration.id,
-            partial(compiling, self.device, first, self.estimator, self._model, gains),
+            Compilation(self.device, first, self.estimator, self._model, gains),
             self.own_worlds, reloads=self._world_file is not None,
         )  # fmt: skip
         self._recording = RunRecording(record, overwrite=overwrite)
@@ -239,7 +240,7 @@ class Servo(ServoContext):
             self.layout = self._lay_out_rows()
             self._shared = SharedMemory.create(self.layout)
             self._carry_stops(self._shared)
-            self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder)
+            self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder, self._notes())
             self._claim, self._folder = process.claim, process.folder
             self._children = ProcessGroup(process, self._shared, self._black_box)
         if descriptor is not None:
@@ -290,11 +291,6 @@ class Servo(ServoContext):
             "seed": str(self.seed),
             "rate_hz": repr(self.rate),
             "first_world": description(self._plan.world),
+            **describe_choices(self._gains, self._torque_arm, (self._plan.world, *self.own_worlds.values())),
         }
         return notes(self.device, self._device_text, run)
-
-
-def _check_seed(seed: int) -> int:
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise InputError(f"seed must be a whole number, 0 or more; got {seed!r}")
-    return seed

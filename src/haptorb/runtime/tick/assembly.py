@@ -10,6 +10,7 @@ from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.errors import InputError, UnknownName
 from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.drivers.driver_registry import is_real, real_driver
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.tick.tick import Tick
@@ -30,6 +31,7 @@ __all__ = [
     "estimator_of",
     "estimators_of",
     "linkage_of",
+    "make_tick",
     "modes_of",
 ]
 
@@ -151,23 +153,42 @@ def assemble(
     from haptorb.runtime.drivers.sim_driver import SimDriver  # the simulation is loaded only where it runs
 
     check_driver(driver)
-    dt = 1.0 / rate
     real = is_real(driver)
     if isinstance(tracker, PointerTracker):
         tracker.guide = device.kind.part("guide")(device)
+    axes = _choices(device)[check_estimator(device, estimator)].axes  # what a board has shows when it is opened
+    return make_tick(
+        device, world,
+        real_driver(driver, device, tracker.pose, hall_axes=axes, watchdog=watchdog)
+        if real
+        else SimDriver.of(device, 1.0 / rate, tracker.goal, seed),
+        rate, model,
+        estimator=estimator, gains=gains, calibration=calibration, render=render, torque_arm=torque_arm, in_turns=real,
+    )  # fmt: skip
+
+
+def make_tick(
+    device: Device,
+    world: World,
+    driver: Driver,
+    rate: float,
+    model: str | None,
+    *,
+    estimator: str | None = None,
+    gains: Gains | None = None,
+    calibration: Calibration | None = None,
+    render: str | None = None,
+    torque_arm: float | None = None,
+    in_turns: bool = False,
+) -> Tick:
+    """The chain behind `driver`, as `assemble` makes it; at `rate` [Hz].
+
+    in_turns: the driver reads a part of the field sensors in each tick.
+    """
     believed = device if calibration is None else calibration.apply(electromagnet(device, "a calibration"))
     offsets = None if calibration is None else calibration.offsets
     known = check_estimator(device, estimator)
-    axes = _choices(device)[known].axes  # what a board has shows when it is opened
     return Tick(
-        believed,
-        world,
-        real_driver(driver, device, tracker.pose, hall_axes=axes, watchdog=watchdog)
-        if real
-        else SimDriver.of(device, dt, tracker.goal, seed),
-        estimator_of(believed, known, model, offsets, in_turns=real),
-        allocator_of(device),
-        dt,
-        linkage_of(device, gains),
-        choice=choice_of(device, render, torque_arm),
-    )
+        believed, world, driver, estimator_of(believed, known, model, offsets, in_turns=in_turns),
+        allocator_of(device), 1.0 / rate, linkage_of(device, gains), choice=choice_of(device, render, torque_arm),
+    )  # fmt: skip

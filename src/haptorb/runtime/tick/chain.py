@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from haptorb.control.clutch.modes import Mode
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.worlds.world import World
 
@@ -13,7 +13,7 @@ __all__ = ["Chain", "Joining"]
 
 
 class Joining(Protocol):
-    """The part of a linkage that the loop needs."""
+    """The part of a linkage that the loop needs, and what it is told is noted."""
 
     def set_mode(self, mode: Mode) -> None:
         """Go over to `mode` without a step."""
@@ -37,11 +37,15 @@ class Chain(Protocol):
         """What a person should know of the estimator before it is relied on; empty for nothing."""
 
     @property
+    def client(self) -> Records:
+        """(1,) CLIENT_FORCE [N, s]: what a program outside the loop commands; the loop fills it before every step."""
+
+    @property
     def driver(self) -> Driver:
         """The door to the device."""
 
     @property
-    def linkage(self) -> Joining:
+    def joining(self) -> Joining:
         """What joins the mover to the world's object."""
 
     def excuse_lateness(self) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["fill_object", "fill_quaternion", "fill_row"]
+__all__ = ["fill_object", "fill_pose", "fill_quaternion", "fill_row"]
 
 
 @kernel
@@ -73,7 +73,7 @@ def fill_row(
     for j in range(coils.size):
         c = coils[j]
         row[at.wanted + j], row[at.currents + j] = c.held, c.current
-        row[at.resistance + j] = c.resistance
+        row[at.resistance + j], row[at.drive + j] = c.resistance, c.duty
         row[at.boundary + j], row[at.winding + j] = c.boundary, c.winding
         for i in range(6):
             row[at.modelled + i] += c.wrench[i] * c.current
@@ -81,6 +81,23 @@ def fill_row(
     _copy(row, at.stages, stages)
     row[at.guard], row[at.trip], row[at.gain], row[at.remaining] = g.state, g.reason, g.gain, heat.remaining
     row[at.energy], row[at.balance], row[at.injected] = passivity.energy, passivity.balance, passivity.damping
+
+
+@kernel
+def fill_pose(
+    row: Array, at: int, R: Array, p: Array, v: Array, w: Array, t: float, valid: bool, currents_age: float,
+    field_age: float,
+) -> None:  # fmt: skip
+    """Fill the fields of `row` (width,) from `at` on, which is where `currents_age` begins: how old the readings were
+    [s], then what the tracker said, the pose of a `Sample`, p [m], v [m/s], w [rad/s], t [s].
+
+    One number instead of the places of all fields: it is looked at three times faster.
+    """
+    row[at], row[at + 1], row[at + 2], row[at + 3] = currents_age, field_age, t, valid
+    for i in range(3):
+        row[at + 4 + i], row[at + 16 + i], row[at + 19 + i] = p[i], v[i], w[i]
+        for j in range(3):
+            row[at + 7 + 3 * i + j] = R[i, j]
 
 
 @kernel

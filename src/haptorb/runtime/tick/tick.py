@@ -25,14 +25,19 @@ from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.row import STAGES, RowLayout
-from haptorb.runtime.tick.fill_row import fill_object, fill_row
+from haptorb.runtime.tick.fill_row import fill_object, fill_pose, fill_row
 from haptorb.runtime.tick.rendered_part import RenderedPart
-from haptorb.runtime.tick.world_budget import WorldBudget
-from haptorb.sensing.controller_model import FADE
+from haptorb.runtime.tick.silent_row import fill_silent_row
+from haptorb.runtime.tick.tick_log import NotedLinkage, TickCommand, TickFailure, TickLog
+from haptorb.runtime.tick.trip_cause import explain_trip
+from haptorb.runtime.tick.world_budget import StepWatch, WorldBudget
+from haptorb.runtime.tick.wrench_fade import WrenchFade
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.sample import Estimate
 from haptorb.worlds.bound_world import BoundWorld, MemoryNotFinite, bind_world, check_world_period
-from haptorb.worlds.own.failure import check_wrench, describe_failure
+from haptorb.worlds.client_force import make_client_force
+from haptorb.worlds.dynamic.remote_sum import split_remote
+from haptorb.worlds.own.failure import check_wrench
 from haptorb.worlds.world import World
 
 __all__ = ["Tick"]
@@ -57,34 +62,32 @@ class Tick:
         choice: WrenchChoice | None = None,
     ) -> None:
         self.world = world.for_device(device)
-        self._dt = dt
+        self._device, self._dt = device, dt
         check_world_period(self.world, dt)
-        self._bound = bind_world(self.world, dt)  # of a world with memory; None of another
-        self._budget = WorldBudget(dt)
+        self.client = make_client_force()  #: (1,) what a program outside the loop commands; the loop fills it
+        self._bound = bind_world(self.world, dt, client=self.client)  # of a world with memory; None of another
+        self.budget: StepWatch = WorldBudget(dt)
         self.world_changes = 0
-        self.driver = driver
-        self.estimator = estimator
+        self.driver, self.estimator = driver, estimator
+        self._log = TickLog()
         self.linkage = linkage or Direct()
+        self.joining = NotedLinkage(self.linkage, self._log)
         self.protection = Protection(device, dt, self.linkage.arm)
         self.protection.change_world(passive=self.world.passive and self.linkage.passive)
         self.layout = RowLayout.of(device)
         self._failure: tuple[Trip, BaseException] | None = None  # since the last engage
-        self._device = device
-        self._zeros = np.zeros(device.channels)
-        self._applied = np.zeros(device.channels)
+        self._zeros, self._applied = np.zeros(device.channels), np.zeros(device.channels)
         self._nothing, self._no_memory = np.zeros(6), np.zeros(0)
         nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
         self._felt_last = RenderedWrench(self._nothing, nowhere, self._nothing, NO_CONTACTS, 0, np.zeros(2), False)
         self._no_currents = Allocation(self._zeros, self._nothing, Saturation.NONE, 0.0)
         self._stages = np.zeros(len(STAGES))
         self._ahead = 0.0  # spent in `prepare` [s]
-        model = estimator.model
-        self._model: float = device.models.index(model) if model else np.nan
+        self._model: float = device.models.index(estimator.model) if estimator.model else np.nan
         self._rendered, self._on_thing = np.zeros(6), np.zeros(6)
         self.part = RenderedPart(allocator, choice, self.protection, self._rendered)
         self.part.begin(self.world)
-        self._fade_from: Array | None = None  # (6,) wrench of before `replace_world` [N, N·m]
-        self._fade_start: float | None = None  # of the first tick after it [s]
+        self._fade = WrenchFade()
         self._places = self.layout.places
         self._start = {field.name: self.layout[field.name].start for field in self.layout.fields}
 
@@ -97,14 +100,7 @@ class Tick:
     def error(self) -> str:
         """What a failed world or driver said, and where in a user's code; empty for other trips. Read it after the
         tick: to say it takes longer than to switch the coils off."""
-        if self._failure is None:
-            return ""
-        reason, cause = self._failure
-        if reason is Trip.MEMORY_NOT_FINITE:
-            return str(cause)
-        if reason is not Trip.WORLD_FAILED:
-            return f"{type(cause).__name__}: {cause}"
-        return describe_failure(self.world, cause)
+        return "" if self._failure is None else explain_trip(*self._failure, self.world)
 
     def change_world(self, world: World) -> None:
         """Render `world` from the next tick on; the guard's slew limit takes the step out of the change.
@@ -112,11 +108,15 @@ class Tick:
         In another kind of world the object begins anew; with other parameters it stays where it is, and a world with
         memory keeps of it what its rule says.
         """
+        self._go_over(world)
+        self._log.note(TickCommand.WORLD)
+
+    def _go_over(self, world: World) -> None:
         fitted = world.for_device(self._device)
         check_world_period(fitted, self._dt)
-        restarts = type(fitted) is not type(self.world)
+        restarts = type(split_remote(fitted)[0]) is not type(split_remote(self.world)[0])
         # A target that begins anew is not where a memory has it.
-        bound = bind_world(fitted, self._dt, None if restarts and self.linkage.modes else self._bound)
+        bound = bind_world(fitted, self._dt, None if restarts and self.linkage.modes else self._bound, self.client)
         if restarts:
             self.linkage.restart()
         self.world, self._bound = fitted, bound
@@ -126,36 +126,30 @@ class Tick:
 
     def replace_world(self, world: World) -> None:
         """Render another version of the world: the wrench goes over from the last one within `FADE`."""
-        self.change_world(world)
-        self._fade_from, self._fade_start = self._rendered.copy(), None
-
-    def _fade(self, now: float) -> None:
-        """Mix the wrench of before the change into the rendered one."""
-        assert self._fade_from is not None
-        if self._fade_start is None:
-            self._fade_start = now
-        share = (now - self._fade_start) / FADE
-        if share >= 1.0:
-            self._fade_from = None
-            return
-        self._rendered += (1.0 - share) * (self._fade_from - self._rendered)
+        self._go_over(world)
+        self._log.note(TickCommand.REPLACE)
+        self._fade.begin(self._rendered)
 
     def change_model(self, number: int) -> None:
         """Invert another of the device's models, counted from 0, without a step. InputError if the estimator cannot."""
         self.estimator.change_model(self._device.models[number])
         self._model = number
+        self._log.note_model(number)
 
     def stop(self) -> None:
         """A person stopped: coils off, and off until a person engages."""
+        self._log.note(TickCommand.STOP)
         self.protection.trip(Trip.STOPPED)
 
     def engage(self) -> bool:
         """Leave OFF or a trip deliberately; False while its reason is still there. Nothing happens while engaged."""
         if self.protection.engaged:
             return True
+        self._log.note(TickCommand.ENGAGE)
         try:
             self.driver.engage()
         except HaptorbError as cause:
+            self._log.fail(TickFailure.ENGAGE)
             self._fail(Trip.DRIVER_FAILED, cause)
             return False
         engaged = self.protection.engage()
@@ -174,12 +168,14 @@ class Tick:
     def cool(self) -> None:
         """Simulated coils at the ambient temperature. Real ones stay as warm as they are, and as the guard knows."""
         if self.driver.simulated:  # safety: cool-simulated
+            self._log.note(TickCommand.COOL)
             self.driver.cool()
             self.protection.restart_heat()
 
     def excuse_lateness(self) -> None:
         """The computer woke the loop too late. A simulated device does not trip for that; a real one may."""
         if self.driver.simulated:  # safety: excuse-simulated
+            self._log.note(TickCommand.EXCUSE)
             self.protection.excuse_lateness()
 
     def prepare(self, now: float) -> None:
@@ -197,6 +193,7 @@ class Tick:
         try:
             sample = self.driver.read(now)
         except HaptorbError as cause:
+            self._log.fail(TickFailure.READ)
             self._fail(Trip.DRIVER_FAILED, cause)  # safety: driver-failure-trips
             self._switch_off(row, now)
             return
@@ -208,7 +205,7 @@ class Tick:
         felt = self._render(estimate, now)
         t3 = perf_counter()
         if self._bound is not None:
-            self._budget.watch(self._bound, t3 - t2)
+            self.budget.watch(self._bound, t3 - t2)
         # Modes scale what the hand feels: what a target's world holds is no measure of it.
         stored = np.nan if self._bound is None or self.linkage.modes else self._bound.energy
         asked = protection.protect_wrench(self._rendered, estimate, sample.t, stored)
@@ -219,20 +216,25 @@ class Tick:
         try:
             self._applied = self.driver.write(duties)
         except HaptorbError as cause:
+            self._log.fail(TickFailure.WRITE)
             self._fail(Trip.DRIVER_FAILED, cause)
         t6 = perf_counter()
         stages[0], stages[1], stages[2], stages[3], stages[4], stages[5] = (
             t1 - t0, t2 - t1, t3 - t2, t4 - t3, t5 - t4, t6 - t5,
         )  # fmt: skip
-        places, thing = self._places, felt.thing
+        places, start, thing = self._places, self._start, felt.thing
         fill_row(
             row, places, protection.state, protection.coils, self.driver.target(), self.driver.truth(), self._applied,
             sample.field, stages,
         )  # fmt: skip
+        pose = sample.pose
+        fill_pose(
+            row, start["currents_age"], pose.R_SR, pose.p, pose.v, pose.w, pose.t, pose.valid,
+            sample.currents_age, sample.field_age,
+        )  # fmt: skip
         memory = self._no_memory if self._bound is None else self._bound.numbers
         fill_object(row, places, felt.share, thing.p, thing.R_SR, self._on_thing, felt.contacts, memory)
         cells: Any = row.data  # single numbers go through it three times faster than into an array
-        start = self._start
         cells[start["ahead"]] = self._ahead
         cells[start["world"]] = self.world_changes
         cells[start["coil_state"]] = self.driver.coil_state
@@ -241,6 +243,7 @@ class Tick:
         cells[start["model"]] = self._model
         cells[start["mode"]] = felt.mode
         cells[start["engaged"]] = felt.engaged
+        self._log.fill(cells, start)
         stages[6] = perf_counter() - t6
 
     def _render(self, estimate: Estimate, now: float) -> RenderedWrench:
@@ -254,8 +257,8 @@ class Tick:
             check_wrench(felt.wrench)
             # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.
             self._rendered[:], self._on_thing[:] = felt.wrench, felt.on_thing
-            if self._fade_from is not None:
-                self._fade(now)
+            if self._fade.active:
+                self._fade.mix(self._rendered, now)
             if self.part.is_open:
                 self.part.follow()
             self._felt_last = felt
@@ -265,15 +268,17 @@ class Tick:
         # A world is the user's code: whatever it raises must end in coils off.
         except BaseException as cause:  # safety: world-exit-trips
             reason = Trip.MEMORY_NOT_FINITE if isinstance(cause, MemoryNotFinite) else Trip.WORLD_FAILED
+            self._log.fail(TickFailure.MEMORY if reason is Trip.MEMORY_NOT_FINITE else TickFailure.WORLD)
             self._fail(reason, cause)  # safety: world-failure-trips
             self._rendered[:] = self._on_thing[:] = 0.0
-            self._fade_from = None
+            self._fade.end()
             return replace(self._felt_last, wrench=self._nothing, on_thing=self._nothing)
 
     def _allocate(self, wrench_map: WrenchMap, wrench: Array) -> Allocation:
         try:
             return self.part.allocator.allocate(wrench_map, wrench)
         except HaptorbError as cause:
+            self._log.fail(TickFailure.ALLOCATION)
             self._fail(Trip.CURRENTS_NOT_FINITE, cause)  # safety: allocation-failure-trips
             return self._no_currents
 
@@ -287,14 +292,9 @@ class Tick:
         try:
             self._applied = self.driver.write(self._zeros)
         except HaptorbError:
+            self._log.fail(TickFailure.WRITE)
             self._applied = self._zeros
-        protection, layout = self.protection, self.layout
-        protection.skip_tick(now)
-        row[:] = np.nan
-        row[layout["t"]] = now
-        row[layout["guard"]] = protection.guard_state
-        row[layout["trip"]] = protection.reason
-        row[layout["coil_state"]] = self.driver.coil_state
-        row[layout["gain"]] = row[layout["valid"]] = row[layout["wanted"]] = 0.0
-        row[layout["world"]] = self.world_changes
-        row[layout["duties"]] = self._applied
+        self.protection.skip_tick(now)
+        fill_silent_row(row, self.layout, self.protection, self.driver.coil_state, now)
+        row[self.layout["world"]], row[self.layout["duties"]] = self.world_changes, self._applied
+        self._log.fill(row.data, self._start)

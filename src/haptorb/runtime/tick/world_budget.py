@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from typing import final
+from typing import Protocol, final
 
 from haptorb.worlds.bound_world import BoundWorld
 
-__all__ = ["WorldBudget"]
+__all__ = ["StepWatch", "WorldBudget"]
 
 _SHARE = 0.4  #: of a tick that a world may take; the rest of the tick needs about 0.2 ms
 _EASY = 0.15  #: of a tick: below, there is time for more
 _AGAIN = 8  #: ticks within which a second one over the budget counts: a single one may be the computer's
 _CALM = 1.0  #: without a longer step, before one level of detail comes back [s]
 _MOST = 64.0  #: by so much that time grows with every return that did not last
+
+
+class StepWatch(Protocol):
+    """Who is told how long each step of a world took."""
+
+    def watch(self, bound: BoundWorld, took: float) -> None:
+        """One step of `bound` took so long [s]."""
 
 
 @final

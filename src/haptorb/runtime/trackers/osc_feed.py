@@ -19,8 +19,9 @@ from math import isfinite
 from time import monotonic
 from typing import final
 
-from haptorb.errors import DriverError
+from haptorb.errors import DriverError, InputError
 from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
+from haptorb.runtime.trackers.osc_packet import read_packet
 from haptorb.runtime.trackers.sender_clock import SenderClock
 
 __all__ = ["LOST", "POSE", "OscFeed", "loopback", "osc_socket"]
@@ -68,9 +69,6 @@ class OscFeed(Feed):
     """Listens on an open socket. With a `token`, messages that do not begin with it are a stranger's."""
 
     def __init__(self, listening: socket.socket, token: str = "") -> None:
-        from pythonosc.osc_packet import OscPacket  # here, so that its absence is told before anything starts
-
-        self._parsed = OscPacket
         self._socket = listening
         self._socket.setblocking(False)
         self._token = token.encode()
@@ -97,8 +95,8 @@ class OscFeed(Feed):
             yield RejectedPose("garbage")
             return
         try:
-            messages = [(one.message.address, list(one.message.params)) for one in self._parsed(data).messages]
-        except Exception:  # whatever a parser makes of bytes that anybody may send
+            messages = read_packet(data)
+        except InputError:
             yield RejectedPose("garbage")
             return
         if not messages:

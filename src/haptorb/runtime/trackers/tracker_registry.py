@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 from haptorb.errors import DriverError, InputError, UnknownName
-from haptorb.runtime.drivers.driver_registry import is_real
 from haptorb.runtime.trackers.feed import Feed
 
 if TYPE_CHECKING:
@@ -43,6 +42,8 @@ def has_feed(name: str) -> bool:
 
 def check_tracker(name: str, driver: str = "sim") -> str:
     """`name` itself; UnknownName or InputError if it is none, or none for `driver`. Nothing is opened."""
+    from haptorb.runtime.drivers.driver_registry import is_real  # loads the compiler, which many need not
+
     if not has_feed(name):
         return name
     kind = _KINDS.get(name.partition(":")[0])
@@ -93,6 +94,8 @@ def prepare_tracker(name: str) -> Preparation:
 
 def check_frame(frame: TrackerFrame, device: Device, tracker: str, driver: str = "sim") -> TrackerFrame:
     """`frame` itself; InputError or CalibrationError if it cannot be that of `tracker` before `device`."""
+    from haptorb.runtime.drivers.driver_registry import is_real  # loads the compiler, which many need not
+
     if not has_feed(tracker) or tracker.startswith("replay:"):
         raise InputError(
             f"tracker '{tracker}' already reports poses in the stator's frame; leave out the frame, which is for "

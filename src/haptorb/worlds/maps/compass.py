@@ -20,11 +20,11 @@ __all__ = ["Compass", "CompassDome"]
 
 @dataclass(frozen=True)
 class Compass(World):
-    """Torque that turns a tool's axis to a direction: the gradient of U = T (√(c² + s²) − s).
+    """Torque that turns a tool's axis to a direction, and grows softly from zero beside it.
 
-    c is the chord |axis − direction|: torque T (axis × direction)/√(c² + s²), a spring of T/s [N·m/rad] near the
-    direction that never exceeds T. It lies across the axis everywhere, where a magnet's torque can be had. It asks no
-    force; one comes along with the torque.
+    The gradient of U = T (√(c² + s²) − s) with the chord c = |axis − direction|: a torque of
+    T (axis × direction)/√(c² + s²), which is a spring of T/s [N·m/rad] near the direction and never exceeds T. It lies
+    across the axis everywhere, where a magnet's torque can be had. It asks no force; one comes along with the torque.
 
     >>> upright = Compass(direction=(1, 0, 0), strength=0.004).wrench(State.at((0, 0, 0.05)))
     >>> (upright * 1e3).round(2).tolist()

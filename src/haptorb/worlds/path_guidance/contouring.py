@@ -157,8 +157,9 @@ def advance_plan(
             for i in range(3):
                 m.across[a] += frame[2 + a, i] * (p[i] - frame[0, i])
     m.lag = lag
+    distance = np.sqrt(frame[0, 0] * frame[0, 0] + frame[0, 1] * frame[0, 1] + frame[0, 2] * frame[0, 2])
     for i in range(3):
-        m.place[i] = frame[0, i]
+        m.place[i] = frame[0, i] * (1.0 - s.lower / distance)
     _observe(m, s, frame, p, v, dt)
     known = _weigh_heat(s, frame, actuation[:, :3], actuation[:, 3], actuation[:, 4], heat, per)
     _plan(m, s, heat, work)

@@ -25,7 +25,7 @@ MEMORY = (
     MemoryField("force", "N", "given in this tick", (3,)),
     MemoryField("heat", "W", "of the coils by the plan, now"),
     MemoryField("steps", "1", "Newton steps of the last solution; -1: it was cut short"),
-    MemoryField("place", "m", "on the path, nearest to the hand", (3,)),
+    MemoryField("place", "m", "of the path nearest to the hand, on the dome, under the tool's tip", (3,)),
     MemoryField("plan", "N", "force sideways in every step of the plan", (STEPS,)),
 )
 
@@ -42,6 +42,7 @@ SETTINGS = fields(
     ("mass", "f8"),  # of hand and tool [kg]
     ("damping", "f8"),  # of the hand [N·s/m]
     ("observer", "f8"),  # its poles [rad/s]
+    ("lower", "f8"),  # by how much the tip is nearer to the centre than the tool's magnet [m]
     ("closed", "?"),
     ("spacing", "f8"),  # of the path's places [m]
     ("cost", "f8", (STEPS, STEPS)),  # Hessian of one direction, without heat [1/N²]

@@ -15,8 +15,9 @@ _MOST = 320  #: rings: a path of 2 m is no load for the page
 _SIDES = 4
 
 
-def draw_path(path: GuidancePath) -> Shape:
-    """A tube along `path`, open at its ends, or closed as the path is.
+def draw_path(path: GuidancePath, lower: float = 0.0) -> Shape:
+    """A tube along `path`, open at its ends, or closed as the path is; `lower` [m] nearer to the centre: where the tip
+    goes that the tool's magnet is above.
 
     >>> from haptorb.worlds.path_guidance.path_shapes import make_shape
     >>> draw_path(make_shape("line")).kind
@@ -33,7 +34,7 @@ def draw_path(path: GuidancePath) -> Shape:
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     turn = np.arange(_SIDES) * 2 * np.pi / _SIDES
     across = np.cos(turn)[:, None] * side[:, None] + np.sin(turn)[:, None] * np.cross(side, along)[:, None]
-    points = (centres[:, None] + _RADIUS * across).round(5)
+    points = (centres[:, None] - lower * outward[:, None] + _RADIUS * across).round(5)
     here = _SIDES * np.arange(count)[:, None] + np.arange(_SIDES)
     beside = _SIDES * np.arange(count)[:, None] + (np.arange(_SIDES) + 1) % _SIDES
     corners = np.stack([here, beside, here + _SIDES, beside, beside + _SIDES, here + _SIDES], axis=-1)

@@ -27,7 +27,7 @@ __all__ = ["PathGuidance"]
 
 @dataclass(frozen=True)
 class PathGuidance(DynamicWorld):
-    """Predictive contouring control along a path, after Langerak et al., UIST 2020.
+    """Guidance that plans ahead and keeps the tool on a path: contouring control after Langerak et al., UIST 2020.
 
     In every tick it observes deviation, its rate and the hand's push across the path, predicts them over `horizon`, and
     chooses the forces of the plan that cost least: Σ (deviation² + (30 ms · rate)²)/tolerance² + heat_weight · power
@@ -43,15 +43,15 @@ class PathGuidance(DynamicWorld):
 
     mode: float = parameter(1.0, "1", 0, 1, "1: guide; 0: no force, the deviation is only observed and recorded")
     strength: float = parameter(0.5, "N", 0, 1, "most force across the path")
-    horizon: float = parameter(0.15, "s", 0.05, 0.4, "how far ahead the motion is predicted")
+    horizon: float = parameter(0.1, "s", 0.05, 0.4, "how far ahead the motion is predicted")
     tolerance: float = parameter(0.0005, "m", 0.0002, 0.01, "deviation that costs 1 in every step of the plan")
     heat_weight: float = parameter(0.005, "1/W", 0, 1, "what 1 W in the coils costs beside the deviation")
-    change: float = parameter(0.1, "N", 0.01, 1, "change of force from step to step that costs 1")
+    change: float = parameter(0.5, "N", 0.01, 1, "change of force from step to step that costs 1")
     rest_pace: float = parameter(0.005, "m/s", 0, 0.05, "pace at which half of the guidance is given; 0: always all")
     height: float = parameter(0.0, "1", 0, 1, "share of the guidance outward from the centre, for paths above the dome")
-    hand_mass: float = parameter(0.2, "kg", 0.05, 2, "mass of hand and tool in the prediction")
-    hand_damping: float = parameter(3.0, "N·s/m", 0.2, 20, "damping of the hand in the prediction")
-    observer: float = parameter(15.0, "Hz", 1, 30, "bandwidth with which the hand's push is observed")
+    hand_mass: float = parameter(0.1, "kg", 0.05, 2, "mass of hand and tool in the prediction")
+    hand_damping: float = parameter(2.0, "N·s/m", 0.2, 20, "damping of the hand in the prediction")
+    observer: float = parameter(20.0, "Hz", 1, 30, "bandwidth with which the hand's push is observed")
     shape: float = parameter(1.0, "1", 0, 3, "path, if none is given: 0 line, 1 circle, 2 square, 3 spiral")
     size_deg: float = parameter(25.0, "deg", 10, 55, "tilt from the summit to which that path reaches")
     path: GuidancePath | tuple[tuple[float, ...], ...] | None = None
@@ -99,6 +99,7 @@ class PathGuidance(DynamicWorld):
         made["slowest"], made["mass"], made["damping"] = self.rest_pace, self.hand_mass, self.hand_damping
         made["power"] = np.inf if self.device is None else self.device.supply.power
         made["observer"] = 2 * np.pi * self.observer
+        made["lower"] = self._lower
         made["closed"], made["spacing"] = self.curve.closed, self.curve.spacing
         weigh_plan(made)
         return made
@@ -120,12 +121,19 @@ class PathGuidance(DynamicWorld):
     @property
     def shapes(self) -> tuple[Shape, ...]:
         """The path, and the place on it that the hand has reached."""
-        return draw_path(self.curve), Shape("progress", "sphere", (0.0015,), "place")
+        return draw_path(self.curve, self._lower), Shape("progress", "sphere", (0.0015,), "place")
+
+    @property
+    def _lower(self) -> float:
+        """By how much a tool's tip is nearer to the centre than its magnet, which the path is for [m]."""
+        shell = None if self.device is None else self.device.shell
+        return 0.0 if shell is None else shell.contact_distance - shell.dome_radius
 
     def begin(self) -> Records:
         """(1,) nothing was seen yet; the place is the path's first."""
         memory = make_memory(MEMORY)
-        memory["place"] = self.curve.places[0]
+        first = self.curve.places[0]
+        memory["place"] = first * (1.0 - self._lower / np.linalg.norm(first))
         return memory
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:

@@ -40,6 +40,8 @@ from haptorb.errors import InputError
 
 __all__ = ["Analysis", "analyse"]
 
+_RECORDED = ("participant", "trial", "safety", "recording")
+
 
 @dataclass(frozen=True)
 class Analysis(NotebookReport):
@@ -68,6 +70,8 @@ class Analysis(NotebookReport):
     magnitudes: tuple[MagnitudeScale, ...] = ()
     times: tuple[ResponseTime, ...] = ()
     notes: tuple[str, ...] = ()  #: what the data cannot tell
+    #: (participant, trial, safety, part of a recording) of each recorded trial, practice left out
+    recorded: tuple[tuple[str, int, str, str], ...] = ()
 
     printer: ClassVar[str] = "haptorb.apps.study.analysis.summary:print_summary"
 
@@ -167,6 +171,11 @@ def analyse(
         parts["arrows"] = find_arrows(confusion)
     if np.isfinite(main["distance_mm"]).any():
         parts["rings"] = measure_rings(main, index, len(people))
+    if main.keys() >= set(_RECORDED):  # answers from elsewhere have no recordings
+        parts["recorded"] = tuple(
+            (str(code), int(trial), str(safety), str(part))
+            for code, trial, safety, part in zip(*(main[n] for n in _RECORDED), strict=True) if part
+        )  # fmt: skip
     notes = _list_empty(study, main)
     if study.procedure == "constant":
         parts["curves"], more = fit_curves(main, progress)

@@ -7,6 +7,7 @@ from base64 import b64encode
 from html import escape
 from io import BytesIO
 from pathlib import Path
+from shlex import quote
 
 from haptorb.apps.study.analysis.accuracy import describe_accuracy
 from haptorb.apps.study.analysis.analysis import Analysis
@@ -118,6 +119,7 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
     for table in list_group_tables(analysis):
         body += [f"<h2>{escape(table.title)}</h2>", _convert_table(table)]
     body += [f"<p class='quiet'>{escape(note)}</p>" for note in list_notes(analysis)]
+    body += _list_recordings(analysis)
     body += ["<h2>Study file</h2>", f"<pre>{escape(analysis.study.text)}</pre>"]
     title = f"{analysis.study.name}{' (simulated)' if analysis.marked else ''}"
     return (
@@ -126,6 +128,24 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
         + "\n".join(body)
         + "</body></html>"
     )
+
+
+def _list_recordings(analysis: Analysis) -> list[str]:
+    """How to look at each recorded trial: the command, for a page without a server cannot play it."""
+    if not analysis.recorded:
+        return []
+    rows = [
+        [code, trial, safety.replace("|", ", "), f"haptorb view {quote(part)}"]
+        for code, trial, safety, part in analysis.recorded
+    ]
+    return [
+        "<h2>Recordings</h2>",
+        "<p class='quiet'>Each command plays one trial: picture, plots and numbers. Type it in the folder of the "
+        "recordings, which is that of the database.</p>",
+        f"<details><summary>{len(rows)} trials</summary>",
+        scroll_table_html(["participant", "trial", "safety", "command"], rows),
+        "</details>",
+    ]
 
 
 def write_report(analysis: Analysis, folder: str | Path, *, kind: str = "svg") -> Path:

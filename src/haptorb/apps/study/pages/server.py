@@ -51,6 +51,7 @@ class StudyServer:
         try:
             everything = {"places": places(reception.study), **(more or {})}
             room = StudySocketHub(reception, token, describe_study(reception.study, simulated), everything)
+            self._viewers = room.viewers
             self._server = server(application(room))
         except BaseException:
             self._socket.close()
@@ -76,6 +77,7 @@ class StudyServer:
                 dead = asyncio.run(self._serve())
         finally:
             self._reception.close()
+            self._viewers.close()
             sys.setswitchinterval(before)
         if dead:
             raise ServoError(

@@ -266,13 +266,14 @@ class SessionManager:
         prompt, number, seconds, repeats = conduct.prompt, conduct.sitting.number, conduct.seconds, conduct.repeats
         if value is not None and (isinstance(value, bool) or not isinstance(value, int)):
             raise InputError(f"an answer is a whole number; got {value!r}")
+        part = conduct.stage.course(str(self._recording.absolute()) if self._recording is not None else None)
         conduct.answer(value)
         trips = [str(trip.get("code")) for trip in conduct.trips if trip["trial"] == number]
         assert prompt is not None
         row = {
             "trial": number, "answer": value, "seconds": round(seconds, 1), "safety": trips, "phase": prompt.phase,
             "set_point": prompt.set_point, "condition": prompt.condition, "level": prompt.level,
-            "interval": prompt.interval, "repeats": repeats,
+            "interval": prompt.interval, "repeats": repeats, "recording": part,
         }  # fmt: skip
         self.log = [*self.log, row]
 

@@ -16,6 +16,7 @@ from typing import Any, final
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptorb.apps.study.pages.session_manager import SessionManager
+from haptorb.apps.study.pages.trial_viewers import TrialViewers
 from haptorb.apps.study.pages.views import for_experimenter, for_participant, pen
 from haptorb.apps.web.command import asks_to_stop
 from haptorb.apps.web.command import command as read_command
@@ -31,7 +32,8 @@ PATIENCE = 5.0  #: for an experimenter's token [s]
 _STOPS = re.compile(r'"do"\s*:\s*"(stop|pause|leave|abort)"')
 #: what a participant may ask of the reception; everything else steers, and steering is the experimenter's
 _PARTICIPANT = frozenset({"agree", "answer", "reply", "skip", "interval"})
-_EXPERIMENTER = frozenset({"begin", "pause", "stop", "resume", "repeat", "engage", "leave", "abort", "skip"})
+_EXPERIMENTER = frozenset({"begin", "pause", "stop", "resume", "repeat", "engage", "leave", "abort", "skip", "view"})
+_IN_TRIAL = ("running", "time is up")
 _UNTOLD = 20  #: mistakes that a page was not told of yet, at most
 _LARGEST = 10**6  #: draft of an answer
 
@@ -61,6 +63,7 @@ class StudySocketHub:
         self._about, self._more = dict(about), dict(more)
         self._participants: list[StudyPage] = []  # the first has the pen and answers, the others only look on
         self._experimenters: list[StudyPage] = []
+        self.viewers = TrialViewers()  #: of recorded trials, for the experimenter
         self._draft: Any = None
         self._draft_of = -1
 
@@ -175,8 +178,19 @@ class StudySocketHub:
             raise InputError(f"unknown command {do[:40]!r} (known: {known})")
         if do == "begin" and not isinstance(command.get("code"), str):
             raise InputError("a session begins with a participant's code, a text")
-        if do not in ("stop", "pause"):
+        if do == "view":
+            self._view(page, command.get("trial"))
+        elif do not in ("stop", "pause"):
             self._reception.ask(command, page.tell)
+
+    def _view(self, page: StudyPage, trial: Any) -> None:
+        """Have the recording of an answered trial of this session played."""
+        if self._reception.now in _IN_TRIAL:
+            raise InputError("a trial runs: stop it, or wait for the pause after it, to look at a recording")
+        parts = [row.get("recording") for row in self._reception.log if row["trial"] == trial]
+        if not parts or parts[-1] is None:
+            raise InputError("this trial has no recording: it is not answered yet, or the session is not recorded")
+        self.viewers.open(parts[-1], page.tell)
 
     async def _send(self, page: StudyPage, about: Mapping[str, Any]) -> None:
         """Whatever is new to `page`, some 25 times a second."""
@@ -213,6 +227,7 @@ class StudySocketHub:
             sitting = reception.sitting
             draft = self._draft if sitting is not None and self._draft_of == sitting.number else None
             events["view"] = for_experimenter(reception, len(self._participants), draft)
+            events["viewers"] = self.viewers.urls
         stage = reception.stage
         if stage is not None and (not page.participant or stage.simulated):
             with suppress(HaptorbError):

@@ -50,3 +50,15 @@ def test_a_time_of_zero_has_no_logarithm_and_does_no_harm() -> None:
     (one,) = find_response_times(study_of(TWO), columns({("P1", "b"): [0.0, 0.0]}))
     assert one.median == 0.0
     assert list_response_times((one,))[0]["geometric_mean_s"] is None
+
+
+def test_where_two_are_compared_the_pair_has_the_time() -> None:
+    text = TWO.replace("[trials]", 'procedure = "forced-choice"\n[trials]') + '[[conditions]]\nname = "c"\n'
+    pairs = [("a", "b", 2.0), ("b", "a", 4.0), ("c", "a", 6.0), ("a", "c", 6.0)]
+    first, second, seconds = zip(*pairs, strict=True)
+    main = {
+        "participant": np.array(["P1"] * 4), "condition": np.array(first), "other": np.array(second),
+        "seconds": np.array(seconds),
+    }  # fmt: skip
+    found = find_response_times(study_of(text), main)
+    assert [(one.condition, one.trials, one.median) for one in found] == [("a, b", 2, 3.0), ("a, c", 2, 6.0)]

@@ -1,4 +1,4 @@
-"""How long people took to answer: by condition, every person counting alike; time-outs counted.
+"""How long people took to answer: by condition or pair, every person counting alike; time-outs counted.
 
 Response times are skewed, so that each person's median and geometric mean stand for their trials.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ __all__ = ["ResponseTime", "find_response_times", "list_response_times", "make_r
 
 @dataclass(frozen=True)
 class ResponseTime:
-    """Of one condition; intervals are 95 % over people, NaN for a single one."""
+    """Of one condition, or of a pair that was compared; intervals are 95 % over people, NaN for a single one."""
 
     condition: str
     trials: int
@@ -37,11 +38,14 @@ class ResponseTime:
 
 
 def find_response_times(study: Study, main: Columns) -> tuple[ResponseTime, ...]:
-    """Response times of the trials that count, by condition in the order of the study file; none without a trial."""
+    """Response times of the trials that count, in the order of the study file; none without a trial.
+
+    By condition; where two are compared in a trial, by pair.
+    """
     found = []
     limit = study.trials.time_limit
-    for condition in study.conditions:
-        here = (main["condition"] == condition.name) & np.isfinite(main["seconds"])
+    for name, trials in _group(study, main):
+        here = trials & np.isfinite(main["seconds"])
         seconds = main["seconds"][here]
         if not len(seconds):
             continue
@@ -53,12 +57,23 @@ def find_response_times(study: Study, main: Columns) -> tuple[ResponseTime, ...]
         known = np.isfinite(logs)
         found.append(
             ResponseTime(
-                condition.name, len(seconds), len(own), float(medians.mean()), _ends(medians),
+                name, len(seconds), len(own), float(medians.mean()), _ends(medians),
                 float(np.exp(logs[known].mean())) if known.any() else math.nan, _ends(logs, exponential=True),
                 None if limit is None else int(np.count_nonzero(seconds > limit)),
             )
         )  # fmt: skip
     return tuple(found)
+
+
+def _group(study: Study, main: Columns) -> Iterator[tuple[str, Any]]:
+    """(name, which trials (n,)) of each condition or pair."""
+    names = [condition.name for condition in study.conditions]
+    if study.procedure != "forced-choice":
+        yield from ((name, main["condition"] == name) for name in names)
+        return
+    for first, second in combinations(names, 2):
+        one_way = (main["condition"] == first) & (main["other"] == second)
+        yield f"{first}, {second}", one_way | ((main["condition"] == second) & (main["other"] == first))
 
 
 def list_response_times(times: tuple[ResponseTime, ...]) -> list[dict[str, Any]]:
@@ -74,7 +89,7 @@ def list_response_times(times: tuple[ResponseTime, ...]) -> list[dict[str, Any]]
 
 
 def make_response_table(times: tuple[ResponseTime, ...]) -> TextTable:
-    """One row per condition, for terminal and report."""
+    """One row per condition or pair, for terminal and report."""
     columns = (
         Column("condition", kind="key"), Column("trials"), Column("median", "s"), Column("95 %", "s"),
         Column("geometric mean", "s"), Column("95 %", "s"), Column("time-outs"),

@@ -1,6 +1,6 @@
 """An hour of a device at 1 kHz as one recording: how long it takes to open, to tell of and to cut a piece out of.
 
-    python benchmarks/long_recording.py [--hours 1] [--folder DIR] [--json]
+    python benchmarks/recordings/long_recording.py [--hours 1] [--folder DIR] [--json]
 
 The rows are those of a simulated Omni with its dome world and field sensors, recorded for some seconds and then written
 again and again with later times. Each figure is taken in a process of its own; the file is in the page cache, as it was

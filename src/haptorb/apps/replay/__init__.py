@@ -1,0 +1,1 @@
+"""`haptorb replay`: what a replay found, in words, numbers and one picture."""

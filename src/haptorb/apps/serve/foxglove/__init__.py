@@ -1,0 +1,1 @@
+"""`haptorb run --serve foxglove`: a live view of the device in Foxglove."""

@@ -1,0 +1,205 @@
+"""The protocol itself: one inventory for who connects, and one state message for every message, whatever it says."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any, final
+
+from haptorb.apps.serve.haply.commands import read_device_force, read_list
+from haptorb.apps.serve.haply.cursor import Cursor
+from haptorb.apps.serve.haply.inventory import DeviceIds, Settings
+from haptorb.apps.serve.haply.session import Session
+from haptorb.apps.serve.haply.space import Space, default_space
+from haptorb.apps.serve.haply.transform import parse_basis, parse_transform
+from haptorb.apps.serve.served_device import ServedDevice
+from haptorb.errors import HaptorbError
+
+__all__ = ["Service"]
+
+
+@final
+class Service:
+    """All clients of one server, before the device `served`; `tell` sends an event: name, category, level, data,
+    message."""
+
+    def __init__(self, served: ServedDevice, tell: Callable[..., None]) -> None:
+        self.served, self.tell = served, tell
+        self.sessions: dict[int, Session] = {}
+        self.identity = DeviceIds.of(served.device)
+        self.settings = Settings()
+        self.space: Space = default_space(served.device)  #: of clients that say nothing else
+        self.cursor = Cursor(served)
+        self._tick, self._texts = -1, dict[tuple[int | bool, ...], tuple[Space, str]]()
+
+    def open(self, peer: str) -> Session:
+        """A client has connected from the address `peer`."""
+        session = Session(self.served.open_session(), peer, self.space)
+        self.sessions[session.number] = session
+        self.tell("session-connected", "session", "info", {"session_id": session.number})
+        return session
+
+    def close(self, session: Session) -> None:
+        """Its connection is lost, however it ended: so is its force."""
+        if self.sessions.pop(session.number, None) is not None:
+            self.served.lose(session.number)
+            self.tell("session-disconnected", "session", "info", {"session_id": session.number})
+
+    def greet(self, session: Session) -> str:
+        """The inventory: what a client that has just connected is sent, unasked."""
+        return self._write(session, config=True, inventory=True)
+
+    def answer(self, session: Session, text: str | bytes) -> str:
+        """The one message in answer to a client's message: the state, whatever was said."""
+        session.messages += 1
+        self.cursor.look()
+        try:
+            message = json.loads(text)
+        except (ValueError, RecursionError):
+            message = None
+        full = self._obey(session, message) if isinstance(message, dict) else False
+        return self._write(session, config=full)
+
+    def _obey(self, session: Session, message: dict[str, Any]) -> bool:
+        """Do what `message` says, as far as it can be understood; whether the answer has the config again."""
+        full = False
+        wanted = message.get("session")
+        if isinstance(wanted, Mapping):
+            full = "force_render_full_state" in wanted
+            self._set_session(session, wanted.get("configure"))
+        force: list[float] | None = None
+        for entry in read_list(message.get("inverse3")):
+            if not self.identity.is_meant(entry.get("device_id")):
+                continue
+            if isinstance(given := entry.get("configure"), Mapping):
+                self._try(partial(self.configure, session, given))
+            found = read_device_force(entry, session.space, self.cursor)
+            if found.transform is not None:
+                self._try(partial(self._move, session, found.transform))
+            if found.force is not None:
+                force = [a + b for a, b in zip(force or (0.0, 0.0, 0.0), found.force, strict=True)]
+        if force is not None:
+            self._command(session, force)
+        return full
+
+    def _command(self, session: Session, force: list[float]) -> None:
+        stator = session.space.stator_force(force)
+        refusals = self.served.busy
+        if self.served.command(session.number, stator):
+            session.refused = False
+        elif self.served.busy > refusals and not session.refused:
+            session.refused = True  # said once, not with each of a thousand commands a second
+            self.tell(
+                "device-busy", "device", "warning",
+                {"device_id": self.identity.device, "session_id": session.number, "holder": self.served.holder},
+                "another session commands this device; this one may watch",
+            )  # fmt: skip
+
+    def _set_session(self, session: Session, given: object) -> None:
+        if not isinstance(given, Mapping):
+            return
+        profile = given.get("profile")
+        if isinstance(profile, Mapping):
+            session.rename(profile.get("name"))
+        for found in (given, profile):
+            if isinstance(found, Mapping) and "basis" in found:
+                basis = found["basis"]
+                text = basis.get("permutation") if isinstance(basis, Mapping) else basis
+                self._try(partial(self._rename_axes, session, text))
+
+    def _rename_axes(self, session: Session, text: object) -> None:
+        session.space = replace(session.space, basis=parse_basis(text))
+
+    def _move(self, session: Session, given: object) -> None:
+        session.space = replace(session.space, transform=parse_transform(given, session.space.transform))
+
+    def configure(self, session: Session | None, found: Mapping[str, Any]) -> None:
+        """What one client sets for itself, or, for None, somebody for all clients that connect from now on. Raises
+        InputError for what cannot be; then nothing changes."""
+        space = (self.space if session is None else session.space).configure(found)
+        self.settings = self.settings.configure(found)
+        if session is None:
+            self.space = space
+        else:
+            session.space = space
+
+    @staticmethod
+    def _try(change: Callable[[], None]) -> None:
+        """What cannot be set changes nothing; the answer is the state all the same."""
+        try:
+            change()
+        except HaptorbError:
+            return
+
+    def _write(self, session: Session, *, config: bool, inventory: bool = False) -> str:
+        cursor = self.cursor
+        cursor.look()
+        holder, buttons = self.served.holder, self.served.buttons
+        if not config and not inventory:
+            return self._write_state(session.space, holder, buttons)
+        state = self._describe(session.space, holder, buttons)
+        state["inverse3"][0]["config"] = self.settings.as_json(self.identity, session.space)
+        state["wireless_verse_grip"][0]["config"] = {"type": "wireless_verse_grip", "handedness": "right"}
+        return json.dumps({"session_id": session.number, **state})
+
+    def _write_state(self, space: Space, holder: int, buttons: dict[str, bool]) -> str:
+        """The state as everybody is told who sees the device through `space`, written once per tick."""
+        if self._tick != self.cursor.tick:
+            self._tick, self._texts = self.cursor.tick, {}
+        # With the space itself kept beside the text, no other one can have its id within the tick.
+        key = (id(space), holder, *buttons.values())
+        found = self._texts.get(key)
+        if found is None:
+            found = self._texts[key] = (space, json.dumps(self._describe(space, holder, buttons)))
+        return found[1]
+
+    def _describe(self, space: Space, holder: int, buttons: dict[str, bool]) -> dict[str, Any]:
+        cursor = self.cursor
+        place, force = _point(space.place(cursor.place)), _point(space.force(cursor.force))
+        x, y, z, w = space.orientation(cursor.turn)
+        turn = {"w": w, "x": x, "y": y, "z": z}
+        mode = "force" if holder else "idle"
+        still = {"a0": 0.0, "a1": 0.0, "a2": 0.0}  # this device has no joints
+        return {
+            "inverse3": [
+                {
+                    "device_id": self.identity.device,
+                    "state": {
+                        "cursor_position": place,
+                        "cursor_velocity": _point(space.velocity(cursor.velocity)),
+                        "current_cursor_force": force,
+                        "current_cursor_position": place,
+                        "angular_position": still,
+                        "angular_velocity": still,
+                        "current_angular_torques": still,
+                        "body_orientation": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0},
+                        "control_domain": "cartesian",
+                        "control_mode": mode,
+                        "mode": mode,
+                        "transform": space.transform.as_json(),
+                    },
+                    "status": {
+                        "calibrated": cursor.known,
+                        "in_use": holder != 0,
+                        "power_supply": not cursor.tripped,
+                        "ready": cursor.ready and self.served.renders_force,
+                        "started": True,
+                    },
+                }
+            ],
+            "verse_grip": [],
+            "wireless_verse_grip": [
+                {
+                    "device_id": self.identity.grip,
+                    "state": {"orientation": turn, "buttons": buttons, "battery_level": 1.0, "hall": 0},
+                    "status": {"connected": True, "awake": True, "ready": cursor.known},
+                }
+            ],
+            "custom_verse_grip": [],
+        }
+
+
+def _point(v: tuple[float, float, float]) -> dict[str, float]:
+    return {"x": v[0], "y": v[1], "z": v[2]}

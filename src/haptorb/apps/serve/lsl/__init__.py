@@ -1,0 +1,1 @@
+"""`haptorb run --serve lsl`: every row of the loop as a stream of the lab streaming layer."""

@@ -1,0 +1,96 @@
+"""The OSC addresses that are sent and understood: one table for server and documentation.
+
+Numbers go out as float32, counts and codes as int32, for most OSC programs know no other numbers. Vectors are in the
+stator's frame; quaternions are scalar last.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+__all__ = ["INCOMING", "OUTGOING", "REPLIES", "Incoming", "Outgoing"]
+
+
+@final
+@dataclass(frozen=True)
+class Outgoing:
+    """A message of each bundle: the numbers `first` to `last` of a row's `field`, in `unit`; or the buttons."""
+
+    address: str
+    field: str
+    values: str  #: names of the values
+    unit: str
+    about: str
+    whole: bool = False  #: whether they are counts or codes, sent as integers
+    first: int = 0
+    last: int | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Incoming:
+    """A message that the server understands."""
+
+    address: str
+    values: str
+    unit: str
+    about: str
+
+
+#: the messages of a bundle, one bundle for a tick
+OUTGOING = (
+    Outgoing("/haptorb/tick", "tick", "n", "1", "number of the tick, modulo 2³¹", whole=True),
+    Outgoing("/haptorb/time", "t", "t", "s", "time of the sample since the start"),
+    Outgoing("/haptorb/valid", "valid", "v", "1", "1: the pose is valid, 0: it is not", whole=True),
+    Outgoing("/haptorb/position", "p", "x y z", "m", "position of the mover"),
+    Outgoing("/haptorb/orientation", "q", "x y z w", "1", "orientation of the mover, quaternion"),
+    Outgoing("/haptorb/velocity", "v", "x y z", "m/s", "velocity of the mover"),
+    Outgoing("/haptorb/angular_velocity", "w", "x y z", "rad/s", "angular velocity of the mover"),
+    Outgoing("/haptorb/force", "modelled", "x y z", "N", "force of the measured currents on the mover", last=3),
+    Outgoing("/haptorb/torque", "modelled", "x y z", "N·m", "torque of the measured currents on the mover", first=3),
+    Outgoing("/haptorb/force/asked", "asked", "x y z", "N", "force that the worlds ask, after the guard", last=3),
+    Outgoing("/haptorb/torque/asked", "asked", "x y z", "N·m", "torque that the worlds ask, after the guard", first=3),
+    Outgoing("/haptorb/buttons", "buttons", "a b c", "1", "1: a person holds the button down", whole=True),
+    Outgoing("/haptorb/guard", "guard", "n", "1", "0 off, 1 ramping, 2 running, 3 derated, 4 tripped", whole=True),
+    Outgoing("/haptorb/trip", "trip", "n", "1", "code of the last trip, 0 for none", whole=True),
+)
+
+#: what a program may send
+INCOMING = (
+    Incoming(
+        "/haptorb/subscribe",
+        "[port] [rate]",
+        "1, Hz",
+        "Send me the bundles: to this port of my computer (default: the port that I send from), at most so often "
+        "(default: 100). Holds for 10 s; send it again every few seconds.",
+    ),
+    Incoming("/haptorb/unsubscribe", "[port]", "1", "Send me no more bundles."),
+    Incoming("/haptorb/parameters", "", "", "Tell me the world and its parameters."),
+    Incoming(
+        "/haptorb/parameter/NAME",
+        "value ...",
+        "as `haptorb worlds WORLD` says",
+        "Set the parameter NAME of the present world; one number, or three for a direction.",
+    ),
+    Incoming("/haptorb/world", "NAME", "", "Change the world, with its default parameters."),
+    Incoming(
+        "/haptorb/force",
+        "x y z",
+        "N",
+        "Force of the world `remote` on the mover. It fades 50 ms after the last message.",
+    ),
+)
+
+#: what goes back to the sender of a message, to its own port or to that of its subscription
+REPLIES = (
+    Incoming("/haptorb/subscribed", "rate", "Hz", "Bundles come at this rate."),
+    Incoming("/haptorb/world", "NAME", "", "The present world: answer to `/haptorb/parameters` and `/haptorb/world`."),
+    Incoming(
+        "/haptorb/parameter",
+        "NAME value low high unit",
+        "as stated",
+        "A parameter, its value or values, and its range: answer to `/haptorb/parameters`.",
+    ),
+    Incoming("/haptorb/error", "text", "", "Why a message was refused. At most ten a second for each sender."),
+)

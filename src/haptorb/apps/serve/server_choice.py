@@ -1,0 +1,67 @@
+"""From the options `--serve KIND[:...]` to servers that are prepared, and to the world that is felt with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from haptorb.apps.serve.server_kinds import KINDS
+from haptorb.errors import InputError, UnknownName
+from haptorb.numerics.record import record
+from haptorb.worlds import Remote
+from haptorb.worlds.own.world_file import WorldFile
+from haptorb.worlds.scene.scene_file import SceneFile
+from haptorb.worlds.world import World
+
+__all__ = ["ServerChoice", "add_client_force", "check_servers", "feels_alone"]
+
+
+@record
+class ServerChoice:
+    """One `--serve`: the `kind`, and what stands behind its colon."""
+
+    kind: str
+    where: str
+
+
+def check_servers(texts: Sequence[str]) -> tuple[ServerChoice, ...]:
+    """What the options `texts` ask for; nothing is opened.
+
+    Raises UnknownName for a kind that there is not, InputError for two of one kind.
+
+    >>> check_servers(["haply:10001:10020"])
+    (ServerChoice(kind='haply', where='10001:10020'),)
+    """
+    found: dict[str, ServerChoice] = {}
+    for text in texts:
+        kind, _, where = text.partition(":")
+        if kind not in KINDS:
+            raise UnknownName("server", kind, [one.form for one in KINDS.values()])
+        if kind in found:
+            raise InputError(
+                f"--serve {kind} was given twice: a run has one server of a kind, for any number of clients"
+            )
+        found[kind] = ServerChoice(kind, where)
+    return tuple(found.values())
+
+
+def feels_alone(choices: Sequence[ServerChoice]) -> bool:
+    """Whether, without --world, the clients' force is all that is felt."""
+    return any(KINDS[choice.kind].world == "alone" for choice in choices)
+
+
+def add_client_force(
+    world: World | WorldFile | SceneFile, choices: Sequence[ServerChoice]
+) -> World | WorldFile | SceneFile:
+    """`world` with the force of the clients of these servers, if one of them has clients that command forces.
+
+    Raises InputError for a world in a file: it is loaded again whenever it is saved, and would come back without.
+    """
+    commanding = [choice.kind for choice in choices if KINDS[choice.kind].world != "unchanged"]
+    if not commanding or isinstance(world, Remote):
+        return world
+    if isinstance(world, WorldFile | SceneFile):
+        raise InputError(
+            f"--serve {commanding[0]} adds its clients' force to a world of the catalogue (--world); a file or scene "
+            "of your own is loaded anew whenever it is saved, and cannot have it. Leave out one of the two"
+        )
+    return world + Remote()

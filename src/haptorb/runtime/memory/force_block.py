@@ -1,0 +1,97 @@
+"""The forces that programs command, in shared memory: each server's process writes its own block, the loop reads all.
+
+A block says who commanded which force when. The loop judges by those times alone: whatever becomes of a server's
+process, its force ends as that of a client that fell silent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import final
+
+from haptorb.numerics.arrays import Records
+from haptorb.worlds.client_force import CLIENT_FORCE
+from haptorb.worlds.dynamic.remote import FADE, HOLD
+
+__all__ = ["BLOCKS", "WORDS", "ClientForces", "ForceBlock"]
+
+WORDS = 8  #: sequence, force (3), session, stamp, loss, one to spare
+BLOCKS = 8  #: servers that may command at once
+
+_FORCE, _SESSION, _STAMP, _LOSS, _END = 1, 4, 5, 6, 7
+_PLACES = [CLIENT_FORCE.fields[name][1] // 8 for name in ("force", "session", "age", "lost")]  # type: ignore[index]
+_OVER = HOLD + FADE
+
+
+@final
+class ForceBlock:
+    """Eight words at `at`, seen both as integers and as floats; for the one server that writes them."""
+
+    def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
+        self._words, self._floats, self._at = words, floats, at
+
+    def command(self, force: Sequence[float], session: int, stamp: float) -> None:
+        """The client of `session` wants `force` (3,) [N] in the stator's frame, at `stamp` [s] of the monotonic
+        clock."""
+        self._write((*force, float(session), stamp, 0.0))
+
+    def lose(self, stamp: float) -> None:
+        """The connection of the client that commanded last was lost at `stamp` [s] of the monotonic clock."""
+        floats, at = self._floats, self._at
+        if floats[at + _LOSS] == 0.0:
+            self._write((*floats[at + _FORCE : at + _LOSS].tolist(), stamp))
+
+    def _write(self, numbers: tuple[float, ...]) -> None:
+        words, floats, at = self._words, self._floats, self._at
+        sequence = words[at] | 1
+        words[at] = sequence
+        for i, value in enumerate(numbers, start=at + _FORCE):
+            floats[i] = value
+        words[at] = sequence + 1
+
+
+@final
+class ClientForces:
+    """The loop's side: the one client whose force counts now, out of all blocks. Allocates no array in a tick.
+
+    Who commands first keeps the device until its force has faded; then the newest command counts.
+    """
+
+    def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
+        self._words, self._floats = words, floats
+        self._starts = [at + WORDS * block for block in range(BLOCKS)]
+        self._known = [0] * BLOCKS
+        self._numbers = [[0.0] * (_END - _FORCE) for _ in range(BLOCKS)]
+        self._holder = -1
+
+    def fill(self, client: Records, now: float) -> None:
+        """`client` (1,) CLIENT_FORCE becomes what is commanded at `now` [s] of the monotonic clock; never waits."""
+        newest, best = -1, 0.0
+        for block, start in enumerate(self._starts):
+            if self._words[start] != self._known[block]:
+                self._read(block, start)
+            if self._known[block] and (stamp := self._numbers[block][_STAMP - _FORCE]) > best:
+                newest, best = block, stamp
+        if newest < 0:
+            return
+        if self._holder < 0 or self._is_over(self._holder, now):  # safety: one-client-holds
+            self._holder = newest
+        force_x, force_y, force_z, session, stamp, loss = self._numbers[self._holder]
+        cells = client.data.cast("B").cast("d")  # single numbers go through it faster than into an array
+        first, at_session, age, lost = _PLACES
+        cells[first], cells[first + 1], cells[first + 2], cells[at_session] = force_x, force_y, force_z, session
+        cells[age] = max(now - stamp, 0.0)
+        cells[lost] = max(now - loss, 0.0) if loss > 0.0 else 0.0
+
+    def _is_over(self, block: int, now: float) -> bool:
+        stamp, loss = self._numbers[block][_STAMP - _FORCE], self._numbers[block][_LOSS - _FORCE]
+        return now - stamp >= _OVER or (loss > 0.0 and now - loss >= FADE)
+
+    def _read(self, block: int, start: int) -> None:
+        """Take what is written completely; what is being written just now, or never was to its end, is left."""
+        sequence = self._words[start]
+        if sequence & 1:
+            return
+        numbers: list[float] = self._floats[start + _FORCE : start + _END].tolist()  # type: ignore[assignment]
+        if self._words[start] == sequence:
+            self._known[block], self._numbers[block] = sequence, numbers

@@ -1,0 +1,133 @@
+"""What a recording says of each tick, by the names of fields: whole, or as near to it as an older recording allows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import final
+
+import numpy as np
+
+from haptorb.control.clutch.modes import MODES
+from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.errors import RecordingError
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.recording.recording import Recording
+from haptorb.runtime.row import STAGES, Field
+from haptorb.runtime.tick.tick_log import MODEL, TickCommand, TickFailure
+
+__all__ = ["SAMPLE_FIELDS", "PlayedRows"]
+
+#: without these a recording is replayed from what the estimator made of the samples
+SAMPLE_FIELDS = (
+    "drive", "currents_age", "field_age", "pose_t", "pose_valid", "pose_p", "pose_r", "pose_v", "pose_w", "commands",
+    "torque_scale", "failures",
+)  # fmt: skip
+_NEEDED = ("tick", "t", "guard", "trip", "coil_state", "world", "valid", "age", "p", "q", "v", "w", "currents",
+           "boundary", "duties")  # fmt: skip
+_MODES = {MODES.index("translate") + 1: TickCommand.TRANSLATE, MODES.index("rotate") + 1: TickCommand.ROTATE}
+
+
+@final
+class PlayedRows:
+    """The ticks of `recording`, in blocks.
+
+    missing  fields that an older version has not recorded; what is replayed then is near, and not bit for bit
+
+    Raises RecordingError for a recording that has no rows, or lacks what nothing can stand in for.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        names = {field.name for field in recording.fields}
+        lacking = [name for name in _NEEDED if name not in names]
+        if lacking:
+            raise RecordingError(
+                f"{recording.path} cannot be replayed: it has no field '{lacking[0]}'; another program wrote it"
+            )
+        if not len(recording):
+            raise RecordingError(f"{recording.path} cannot be replayed: it has no rows")
+        self._recording = recording
+        self._names = [field.name for field in recording.fields]
+        self._at: dict[str, slice] = {}
+        start = 0
+        for field in recording.fields:
+            self._at[field.name] = slice(start, start + field.width)
+            start += field.width
+        self.missing = tuple(name for name in SAMPLE_FIELDS if name not in names)
+        self.t: Array = recording["t"][:]
+        self.ticks: Array = recording["tick"][:]
+        self.commands = self._read_commands() if "commands" not in names else recording["commands"][:]
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """As the recording has them."""
+        return self._recording.fields
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def read(self, first: int, last: int) -> dict[str, Array]:
+        """Field → (n, width) of the ticks `first` to `last`, in its unit [SI]; those that are missing filled in."""
+        rows = self._recording.read(first, last, self._names)
+        block = {name: rows[:, place] for name, place in self._at.items()}
+        return block if not self.missing else self._fill_in(block)
+
+    def _fill_in(self, block: dict[str, Array]) -> dict[str, Array]:
+        """What the tracker said is taken to be what was believed, and the readings to be of the tick itself."""
+        count = len(block["t"])
+        valid = np.nan_to_num(block["valid"]) == 1.0
+        failed = np.isnan(block["currents"]).all(axis=1, keepdims=True) & ~np.isfinite(block["p"][:, :1])
+        made: Mapping[str, Array] = {
+            "drive": np.full_like(block["duties"], np.nan),
+            "currents_age": np.zeros((count, 1)),
+            "field_age": np.zeros((count, 1)),
+            "pose_t": block["t"] - np.nan_to_num(block["age"], posinf=1e9),
+            "pose_valid": valid.astype(np.float64),
+            "pose_p": block["p"],
+            "pose_r": _rotations(block["q"]),
+            "pose_v": block["v"],
+            "pose_w": block["w"],
+            "torque_scale": np.ones((count, 1)),
+            "failures": np.where(failed, float(TickFailure.READ), 0.0),
+        }
+        widths = {"target": 3, "target_q": 4, "given": 6}
+        others = {name: np.full((count, width), np.nan) for name, width in widths.items()}
+        others["stages"] = np.zeros((count, len(STAGES)))
+        return {**others, **made, **block}
+
+    def _read_commands(self) -> Array:
+        """(n,) what must have been commanded for the states that followed [1]."""
+        recording, names = self._recording, set(self._names)
+        guard, trip = recording["guard"][:], recording["trip"][:]
+        found = np.zeros(len(guard))
+        off = np.array([GuardState.OFF, GuardState.TRIPPED])
+        tripped = (guard == GuardState.TRIPPED) & (trip == Trip.STOPPED)
+        found[1:] += TickCommand.STOP * (tripped[1:] & ~tripped[:-1])
+        found[1:] += TickCommand.ENGAGE * ((guard[:-1] == GuardState.TRIPPED) & ~np.isin(guard[1:], off))
+        world = recording["world"][:]
+        found[1:] += TickCommand.WORLD * (world[1:] > world[:-1])
+        if {"mode", "engaged"} <= names:
+            mode, engaged = recording["mode"][:], recording["engaged"][:]
+            for number, command in _MODES.items():
+                found[1:] += command * ((mode[1:] == number) & (mode[:-1] != number) & (mode[:-1] > 0))
+            found[1:] += TickCommand.HOLD * ((engaged[1:] == 1) & (engaged[:-1] == 0))
+            found[1:] += TickCommand.RELEASE * ((engaged[1:] == 0) & (engaged[:-1] == 1))
+        if "model" in names:
+            model = recording["model"][:]
+            changed = np.isfinite(model[1:]) & (model[1:] != model[:-1]) & np.isfinite(model[:-1])
+            found[1:] += np.where(changed, MODEL * (np.nan_to_num(model[1:]) + 1), 0.0)
+        last = (trip == Trip.CLOSING) & (guard == GuardState.OFF)
+        found[last] = -1.0
+        return found
+
+
+def _rotations(q: Array) -> Array:
+    """(n, 9) rotation matrices, row by row, of quaternions (n, 4) (x, y, z, w); upright where there is none."""
+    x, y, z, w = np.where(np.isfinite(q).all(axis=1, keepdims=True), q, (0.0, 0.0, 0.0, 1.0)).T
+    return np.stack(
+        (
+            1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w),
+            2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
+            2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y),
+        ),
+        axis=1,
+    )  # fmt: skip

@@ -1,0 +1,61 @@
+"""The process that compiles beside a servo, as its host holds it: the controller at a first start, then the worlds."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from contextlib import suppress
+from pathlib import Path
+from time import monotonic
+from typing import final
+
+from haptorb.runtime.exchange.shared_memory import SharedMemory, Word
+from haptorb.runtime.processes.first_start import CATALOGUE, CONTROLLER
+from haptorb.runtime.processes.prestart import WANTED, start_module
+
+__all__ = ["CompilerProcess"]
+
+_USUAL = 3.0  #: a start with compiled code; who needs longer has it compiled by two [s]
+
+
+@final
+class CompilerProcess:
+    """For the servo of the `shared` memory, whose plan lies in `folder`; its errors go to the end of `errors`."""
+
+    def __init__(self, folder: Path, shared: SharedMemory, errors: Path) -> None:
+        self._folder, self._shared, self._errors = folder, shared, errors
+        self._begin = monotonic()
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def help_start(self) -> None:
+        """Compile the controller beside the servo's process, if that compiles, or has been preparing for too long.
+
+        Opening a device may take its time: it is not compiling any more then.
+        """
+        late = self._shared.words[Word.COMPILED] > 0 or monotonic() > self._begin + _USUAL
+        if self.process is None and late and not self._shared.facts.read()[1]:
+            self._run(CONTROLLER)
+
+    def finish_start(self, *, running: bool) -> None:
+        """The loop runs, or never will: end that help, and begin with the worlds whose code is not there."""
+        self.end()
+        if running and self._shared.words[Word.UNCOMPILED]:
+            self._run(CATALOGUE)
+
+    def compile_world(self, name: str) -> None:
+        """Let the world `name` be the next."""
+        with suppress(OSError):  # a full disk: it has its turn nevertheless
+            (self._folder / WANTED).write_text(name, encoding="utf-8")
+        if self.process is None or self.process.poll() is not None:
+            self._run(CATALOGUE)
+
+    def end(self) -> None:
+        """Kill it, if it is there."""
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait()
+
+    def _run(self, what: str) -> None:
+        self.process = start_module(
+            "haptorb.runtime.processes.first_start", what, str(self._folder), str(os.getpid()), errors=self._errors
+        )

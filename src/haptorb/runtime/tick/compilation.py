@@ -1,0 +1,101 @@
+"""What a first start compiles: the controller at once, and the catalogue's worlds when the loop runs already."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import final
+
+from haptorb import worlds
+from haptorb.control.clutch.modes import Gains
+from haptorb.devices.device import Device
+from haptorb.errors import HaptorbError
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compile_permission import UncompiledKernelError, forbid_compiling
+from haptorb.runtime.row import RowLayout
+from haptorb.runtime.tick.assembly import estimator_of
+from haptorb.runtime.tick.chain import Chain
+from haptorb.runtime.tick.idle_tick import make_idle_tick
+from haptorb.worlds.world import World
+
+__all__ = ["Compilation", "find_uncompiled", "list_companions", "practise"]
+
+_TICKS = 3
+
+
+def practise(chain: Chain, world: World, row: Array, now: float) -> None:
+    """One step of `chain` at `now` [s] with `world`, which fills `row` (width,); nothing if the device cannot render
+    it: then nobody will be able to choose it either."""
+    with suppress(HaptorbError):
+        chain.change_world(world)
+        chain.step(row, now)
+
+
+def find_uncompiled(chain: Chain, world: World, row: Array, now: float) -> list[str]:
+    """Names of kernels of `world` that lie in no cache, after one step at `now` [s] as `practise` has it, which fills
+    `row` (width,). What is in the cache was loaded; nothing was compiled."""
+    with forbid_compiling() as missing, suppress(UncompiledKernelError):
+        practise(chain, world, row, now)
+    return missing
+
+
+def list_companions(device: Device, world: World) -> list[World]:
+    """Worlds that have a tool's torque allocated, if only the wrenches of `world` will tell whether it does, too."""
+    if world.asks is not None or device.kind.wrench_choice is None:
+        return []
+    return [kind() for kind in worlds.CATALOGUE.values() if kind.asks in ("torque", "both")]
+
+
+@final
+@dataclass(frozen=True)
+class Compilation:
+    """Of the code that controls `device`, for processes beside the servo's: what one of them has compiled lies in the
+    cache for the others.
+
+    What fails is not told: the servo's process meets it, too, and there it has consequences.
+    """
+
+    device: Device
+    world: World  #: at the start
+    estimator: str
+    model: str | None = None
+    gains: Gains | None = None
+
+    def make_tick(self) -> Chain:
+        """The controller between a driver and an estimator for which nothing needs to be compiled."""
+        return make_idle_tick(self.device, self.world, self.gains)
+
+    def compile_controller(self) -> Iterator[None]:
+        """Compile part after part, as it is iterated, what controls the device in the first world.
+
+        The estimator comes last: it has the magnetics in common with the simulated device, which the servo's process
+        compiles at that time.
+        """
+        with suppress(HaptorbError):
+            chain, row = self.make_tick(), self._make_row()
+            yield
+            for n, one in enumerate((self.world, *list_companions(self.device, self.world))):
+                practise(chain, one, row, 1e-3 * n)
+                yield
+            learning = estimator_of(self.device, self.estimator, self.model)
+            yield
+            for n in range(_TICKS):
+                learning.update(chain.driver.read(1e-3 * n))
+                yield
+
+    def compile_catalogue(self, find_wanted: Callable[[], str]) -> Iterator[str]:
+        """Compile world after world, as it is iterated, and yield its name.
+
+        find_wanted   → name of the world that somebody waits for, which comes next; empty for none
+        """
+        chain, row = self.make_tick(), self._make_row()
+        left = list(worlds.CATALOGUE)
+        while left:
+            wanted = find_wanted()
+            name = left.pop(left.index(wanted) if wanted in left else 0)
+            practise(chain, worlds.CATALOGUE[name](), row, 1e-3 * (len(worlds.CATALOGUE) - len(left)))
+            yield name
+
+    def _make_row(self) -> Array:
+        return RowLayout.of(self.device).empty()

@@ -1,0 +1,32 @@
+"""A world with the clients' force beside it: what is felt beside that keeps its name and its parameters."""
+
+from __future__ import annotations
+
+from haptorb.worlds.dynamic.remote import Remote
+from haptorb.worlds.dynamic_world import DynamicSum
+from haptorb.worlds.world import World
+
+__all__ = ["join_remote", "split_remote"]
+
+
+def split_remote(world: World) -> tuple[World, Remote | None]:
+    """(what is felt beside the clients' force, the clients' force) of a sum that ends with that; else (world, None).
+
+    >>> from haptorb.worlds.maps.dome import Dome
+    >>> split_remote(Dome(moment=1.0) + Remote())
+    (Dome(summit=(0, 0, 1), half_width_deg=18, cut_off_deg=54, moment=1), Remote(limit=10))
+    """
+    if not isinstance(world, DynamicSum) or len(world.parts) < 2:
+        return world, None
+    *others, last = world.parts
+    if not isinstance(last, Remote):
+        return world, None
+    felt = others[0]
+    for other in others[1:]:
+        felt = felt + other
+    return felt, last
+
+
+def join_remote(world: World, remote: Remote | None) -> World:
+    """`world` with the clients' force `remote` beside it, if there is one and `world` is not that itself."""
+    return world if remote is None or isinstance(world, Remote) else world + remote

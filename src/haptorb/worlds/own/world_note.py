@@ -1,0 +1,161 @@
+"""A world as a text of values, so that a recording can run again: of the package by name, own code by digest.
+
+Nothing that such a text says is ever run. Classes of haptorb are made anew with the values that they had; a scene's
+file, and a file of own code, is loaded only if it is byte for byte the one that was recorded with.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from dataclasses import MISSING, Field, fields, is_dataclass
+from importlib import import_module
+from pathlib import Path
+from types import CodeType
+from typing import Any
+
+import numpy as np
+
+from haptorb.errors import HaptorbError, InputError, quote
+from haptorb.files.text_file import read_text
+from haptorb.worlds.own.world_file import WorldFile
+from haptorb.worlds.scene.scene_model import SceneModel, make_scene_model
+from haptorb.worlds.world import World
+
+__all__ = ["load_noted_world", "note_world"]
+
+_ROOM = "haptorb.worlds."
+_LOADED = "haptorb_world_"  #: begins the names of modules that `WorldFile` makes
+_DEEPEST = 12
+
+
+class _OwnCode(Exception):
+    """A value that is somebody's code."""
+
+
+def note_world(world: World) -> str:
+    """`world` as JSON: "made" with the values of a world of the package, or "code" with file, name and digest.
+
+    >>> from haptorb.worlds import find_world
+    >>> load_noted_world(note_world(find_world("dome")())) == find_world("dome")()
+    True
+    """
+    try:
+        return json.dumps({"made": _encode(world)})
+    except _OwnCode:
+        return json.dumps({"code": _describe_code(world)})
+
+
+def load_noted_world(text: str) -> World:
+    """The world that `note_world` noted.
+
+    Raises InputError, with the reason, if this version of haptorb cannot make it, or if the code or scene is no longer
+    there or has changed.
+    """
+    try:
+        note = json.loads(text)
+        if "code" in note:
+            return _load_code(note["code"])
+        world = _decode(note["made"], 0)
+    except HaptorbError:
+        raise
+    except Exception as cause:  # another program may have written it
+        raise InputError(f"this version of haptorb cannot make it ({type(cause).__name__}: {cause})") from cause
+    if not isinstance(world, World):
+        raise InputError(f"the note says no world: {quote(text)}")
+    return world
+
+
+def _encode(value: Any) -> Any:
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, tuple | list):
+        return {"tuple": [_encode(one) for one in value]}
+    if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+        data = base64.b64encode(np.ascontiguousarray(value).tobytes()).decode()
+        return {"array": data, "dtype": value.dtype.str, "shape": list(value.shape)}
+    if isinstance(value, SceneModel) and value.file is not None:
+        return {"scene": str(value.file), "digest": _digest(value.file)}
+    kind = type(value)
+    if not (is_dataclass(value) and kind.__module__.startswith(_ROOM)):
+        raise _OwnCode
+    made = {
+        one.name: _encode(getattr(value, one.name))
+        for one in fields(value)
+        if one.init and not _is_default(one, getattr(value, one.name))
+    }
+    return {"kind": f"{kind.__module__}:{kind.__qualname__}", "fields": made}
+
+
+def _is_default(one: Field[Any], value: Any) -> bool:
+    """Whether a field that is no number, a height map perhaps, is as nobody has changed it."""
+    if one.default_factory is MISSING or not isinstance(value, np.ndarray):
+        return False
+    usual = one.default_factory()
+    return isinstance(usual, np.ndarray) and usual.dtype == value.dtype and np.array_equal(usual, value)
+
+
+def _decode(value: Any, depth: int) -> Any:
+    if depth > _DEEPEST:
+        raise InputError("it is nested too deeply")
+    if not isinstance(value, dict):
+        return value
+    if "tuple" in value:
+        return tuple(_decode(one, depth + 1) for one in value["tuple"])
+    if "array" in value:
+        dtype = np.dtype(str(value["dtype"]))
+        if dtype.kind not in "fiub":
+            raise InputError(f"an array of {quote(value['dtype'])} is none of numbers")
+        return np.frombuffer(base64.b64decode(value["array"]), dtype).reshape(value["shape"]).copy()
+    if "scene" in value:
+        path = Path(value["scene"])
+        if _digest(path) != value["digest"]:
+            raise InputError(f"the scene {path} has changed since, or is gone")
+        return make_scene_model(path)
+    module, _, name = str(value["kind"]).partition(":")
+    if not module.startswith(_ROOM):
+        raise InputError(f"{quote(value['kind'])} is no world of haptorb")
+    kind = getattr(import_module(module), name, None)
+    if not (isinstance(kind, type) and is_dataclass(kind) and kind.__module__ == module):
+        raise InputError(f"{quote(value['kind'])} is no world of this version of haptorb")
+    return kind(**{key: _decode(one, depth + 1) for key, one in value["fields"].items()})
+
+
+def _digest(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return ""
+
+
+def _describe_code(world: World) -> dict[str, str]:
+    """File, name and digest of the code, and whether the file is one that only defines a world."""
+    code, kind = getattr(world.wrench_code, "__code__", None), type(world)
+    file = Path(code.co_filename) if isinstance(code, CodeType) else Path()
+    module = str(getattr(world.wrench_code, "__module__", ""))
+    name = kind.__qualname__ if not kind.__module__.startswith("haptorb.") else world.wrench_code.__qualname__
+    return {
+        "file": str(file),
+        "name": name,
+        "digest": _digest(file),
+        "loaded": "yes" if module.startswith(_LOADED) else "",
+        "made": repr(world)[:400],
+    }
+
+
+def _load_code(code: dict[str, str]) -> World:
+    path, name = Path(code["file"]), code["name"]
+    if not code["digest"]:
+        raise InputError(f"its code was in no file: {quote(code['made'])}")
+    found = _digest(path)
+    if not found:
+        raise InputError(f"its code was in {path}, which is gone")
+    if found != code["digest"]:
+        raise InputError(f"its code in {path} has changed since")
+    if not code["loaded"]:
+        raise InputError(f"its code is in the program {path}, which is not run; give --world FILE.py:NAME")
+    read_text(path, "world file", InputError)
+    return WorldFile(path, "" if "." in name or "<" in name else name).load()

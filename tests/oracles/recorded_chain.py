@@ -1,0 +1,79 @@
+"""A recording of some ticks of a simulated device, made without processes or clocks; commands between the ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptorb import Recording
+from haptorb.devices.loader import load
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.exchange.world_change import description
+from haptorb.runtime.pointer.pointer import PointerTracker
+from haptorb.runtime.recording.recorder import Recorder
+from haptorb.runtime.servo.device_text import text_of
+from haptorb.runtime.servo.launch import describe_choices, notes
+from haptorb.runtime.tick.assembly import assemble, check_estimator, default_world
+from haptorb.runtime.tick.tick import Tick
+from haptorb.worlds import find_world
+from haptorb.worlds.world import World
+
+RATE = 1000.0
+Deed = Callable[[Tick], Any]
+
+
+def record_chain(
+    path: Path,
+    device_name: str = "omni",
+    world: World | None = None,
+    *,
+    ticks: int = 300,
+    deeds: Mapping[int, Deed] | None = None,
+    estimator: str | None = None,
+    change: Callable[[Array], None] | None = None,
+    own: tuple[World, ...] = (),
+    steps: Mapping[int, float] | None = None,
+    **choices: Any,
+) -> Recording:
+    """`ticks` ticks of `world`; deeds: tick → what is done before it; steps: tick → time added to the clock [s].
+
+    change: what is done to the rows (n, width) before they are written.
+    """
+    device = load(device_name)
+    world = world or find_world(default_world(device))()
+    tick = assemble(device, world, "sim", RATE, 7, None, PointerTracker(), estimator=estimator, **choices)
+    layout, now, first_model = tick.layout, 0.0, tick.estimator.model
+    rows = np.full((ticks, layout.width), np.nan)
+    changes = [(0, description(world))]
+    with tick.driver:
+        for number, row in enumerate(rows):
+            if number:
+                now = now + 1.0 / RATE + (steps or {}).get(number, 0.0)
+            if deeds and number in deeds:
+                before = tick.world_changes
+                deeds[number](tick)
+                changes += [(number, description(tick.world))] if tick.world_changes > before else []
+            tick.prepare(now)
+            tick.step(row, now)
+            row[layout["tick"]], row[layout["wall"]] = number, now
+            row[layout["lateness"]] = row[layout["missed"]] = 0.0
+    if change is not None:
+        change(rows)
+    run = {
+        "driver": "sim", "tracker": "pointer", "estimator": check_estimator(device, estimator),
+        "model": first_model, "render": choices.get("render") or "", "calibration": "", "seed": "7",
+        "rate_hz": repr(RATE), "first_world": changes[0][1],
+        **describe_choices(choices.get("gains"), choices.get("torque_arm"), (world, *own)),
+    }  # fmt: skip
+    with path.open("wb") as file:
+        recorder = Recorder(file, layout, RATE, 0)
+        for name, values in notes(device, text_of(device, device_name), run).items():
+            recorder.note(name, values)
+        for change_number, (number, text) in enumerate(changes):
+            recorder.note("world", {"change": str(change_number), "tick": str(number), "world": text})
+        recorder.append(rows)
+        recorder.finish()
+    return Recording(path)

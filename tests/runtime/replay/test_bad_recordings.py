@@ -1,0 +1,276 @@
+"""Recordings that cannot be replayed whole: what is missing is said, and what can run does."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptorb import Recording
+from haptorb.errors import RecordingError
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.recording.recorder import Recorder
+from haptorb.runtime.replay.parallel import replay_in_parts
+from haptorb.runtime.replay.replay import Replay
+from haptorb.runtime.replay.replay_file import check_replay_file
+from haptorb.runtime.tick.tick_state import pack_state, save_state
+from haptorb.worlds import Fluid, RollingBall
+from haptorb.worlds.own.world_file import WorldFile
+from oracles.recorded_chain import Deed, record_chain
+
+OLDER = Path(__file__).parents[2] / "contracts" / "older"
+GROOVE = """
+import numpy as np
+from dataclasses import dataclass
+from haptorb.worlds import World
+from haptorb.worlds.parameter import parameter
+
+@dataclass(frozen=True)
+class Groove(World):
+    depth: float = parameter(1.0, "N", 0.0, 5.0, "of the groove")
+
+    def wrench(self, state):
+        return np.array([self.depth * state.p[0] * 20, 0, 0, 0, 0, 0])
+"""
+
+
+def rewrite(recording: Recording, path: Path, drop: tuple[str, ...] = (), **changes: dict[str, str]) -> Recording:
+    """The same rows with other notes: `drop` leaves some out, `changes` replace values in others."""
+    with path.open("wb") as file:
+        recorder = Recorder(file, recording.layout, 1000.0, 0)
+        for name, values in recording.notes:
+            short = name.removeprefix("haptorb/")
+            if short not in (*drop, "layout", "clock"):
+                recorder.note(short, {**values, **changes.get(short, {})})
+        recorder.append(recording.rows)
+        recorder.finish()
+    return Recording(path)
+
+
+def test_a_truncated_file_replays_as_far_as_it_goes(tmp_path: Path) -> None:
+    whole = record_chain(tmp_path / "run.mcap")
+    content = whole.path.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(content[: len(content) * 2 // 3])
+    replay = Replay(Recording(tmp_path / "cut.mcap"))
+    found = replay.run()
+    assert found.identical
+    assert 0 < found.compared < 300
+    assert any("cut short" in remark for remark in replay.remarks)
+
+
+def test_an_older_recording_replays_nearly(tmp_path: Path) -> None:
+    """It does not hold the samples: what the estimator made of them stands in, and the world's wrench is recorded."""
+    replay = Replay(Recording(OLDER / "omni.mcap"))
+    found = replay.run()
+    assert replay.approximate
+    assert "pose_p" in replay.missing
+    apart = {one.field: one for one in found.bounds}
+    assert "asked" not in apart
+    assert apart["wanted"].largest < 0.2 * apart["wanted"].greatest
+    assert any("recorded wrench" in remark for remark in replay.remarks)
+
+
+def test_a_recording_without_its_device_is_refused() -> None:
+    with pytest.raises(RecordingError, match="device"):
+        Replay(Recording(OLDER / "omni_contacts.mcap"))
+
+
+def test_a_recording_of_no_rows_is_refused(tmp_path: Path) -> None:
+    recording = record_chain(tmp_path / "run.mcap", ticks=1)
+    path = tmp_path / "empty.mcap"
+    with path.open("wb") as file:
+        recorder = Recorder(file, recording.layout, 1000.0, 0)
+        recorder.finish()
+    with pytest.raises(RecordingError, match="no rows"):
+        Replay(Recording(path))
+
+
+def test_rows_of_something_else_are_refused(tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        kind = writer.register_schema("haptorb/msg/Tick", "ros2msg", b"float64 speed  # [m/s] of a car\n")
+        channel = writer.register_channel("/haptorb/tick", "cdr", kind)
+        writer.add_message(channel, 0, b"\0\1\0\0" + np.zeros(1).tobytes(), 0)
+        writer.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(RecordingError, match="no field"):
+        Replay(Recording(path))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "no json", "{}", '{"made": {"kind": "os:system", "fields": {"command": "false"}}}', '{"made": 3}', "[1]",
+     '{"code": {"file": "/etc/passwd", "name": "x", "digest": "0", "loaded": "yes"}}',
+     '{"made": {"kind": "haptorb.worlds.maps.dome:Dome", "fields": {"speed": 1.0}}}'],
+)  # fmt: skip
+def test_a_note_of_a_world_that_cannot_be_made_leaves_the_recorded_wrench(text: str, tmp_path: Path) -> None:
+    recording = record_chain(tmp_path / "run.mcap", world=Fluid(viscosity=3.0))
+    replay = Replay(rewrite(recording, tmp_path / "other.mcap", run={"worlds": json.dumps({"fluid": text})}))
+    found = replay.run()
+    assert found.identical, found.first
+    assert any("recorded wrench" in remark for remark in replay.remarks)
+
+
+def test_a_world_of_a_file_runs_as_long_as_the_file_is_the_same(tmp_path: Path) -> None:
+    file = tmp_path / "groove.py"
+    file.write_text(GROOVE)
+    recording = record_chain(tmp_path / "run.mcap", world=WorldFile(file).load().replace(depth=2.0))
+    replay = Replay(recording)
+    assert replay.run().identical
+    assert replay.remarks == []
+    file.write_text(GROOVE.replace("* 20", "* 21"))
+    for word in ("changed", "gone"):
+        if word == "gone":
+            file.unlink()
+        replay = Replay(recording)
+        found = replay.run()
+        assert found.identical, found.first
+        assert any(word in remark for remark in replay.remarks)
+
+
+def test_another_version_is_named(tmp_path: Path) -> None:
+    recording = record_chain(tmp_path / "run.mcap")
+    assert Replay(recording).recorded.same_software
+    newer = rewrite(recording, tmp_path / "newer.mcap", versions={"haptorb": "99.0"})
+    replay = Replay(newer)
+    assert replay.run().identical
+    assert not replay.recorded.same_software
+    assert "99.0" in replay.recorded.describe_software()
+
+
+def test_a_device_that_has_changed_is_told(tmp_path: Path) -> None:
+    recording = record_chain(tmp_path / "run.mcap")
+    text = recording.metadata["device"]["file"].replace('title = "', 'title = "Another ')
+    replay = Replay(rewrite(recording, tmp_path / "other.mcap", device={"file": text}))
+    assert replay.run().identical
+    assert any("device" in remark for remark in replay.remarks)
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_after_lost_ticks_it_goes_on_where_the_state_is_known(kept: bool, tmp_path: Path) -> None:
+    states: list[bytes] = []
+    deeds: dict[int, Deed] = {
+        155: lambda tick: tick.change_world(RollingBall()),
+        201: lambda tick: states.append(save_state(tick)),
+        250: lambda tick: tick.stop(),
+    }
+    whole = record_chain(tmp_path / "run.mcap", deeds=deeds)
+    path = tmp_path / "lost.mcap"
+    with path.open("wb") as file:
+        recorder = Recorder(file, whole.layout, 1000.0, 0)
+        for name, values in whole.notes:
+            if (short := name.removeprefix("haptorb/")) not in ("layout", "clock"):
+                recorder.note(short, values)
+        if kept:
+            recorder.note("state", {"tick": "200", "state": pack_state(states[0])})
+        recorder.append(np.concatenate((whole.rows[:150], whole.rows[160:])))
+        recorder.finish()
+    replay = Replay(Recording(path))
+    found = replay.run()
+    assert found.identical, found.first
+    assert found.compared == (150 + 99 if kept else 150)
+    assert any("lost" in remark for remark in replay.remarks)
+
+
+def late(recording: Recording, path: Path, first: int, state: dict[str, str] | None) -> Recording:
+    """The recording from tick `first` on, as a black box."""
+    with path.open("wb") as file:
+        recorder = Recorder(file, recording.layout, 1000.0, 0)
+        for name, values in recording.notes:
+            if (short := name.removeprefix("haptorb/")) not in ("layout", "clock"):
+                recorder.note(short, values)
+        if state is not None:
+            recorder.note("state", state)
+        recorder.append(recording.rows[first:])
+        recorder.finish()
+    return Recording(path)
+
+
+@pytest.mark.parametrize(("device", "estimator"), [("omni", "hall"), ("omni", None), ("pmsm", None)])
+def test_a_recording_that_begins_in_the_middle_goes_on_from_the_kept_state(
+    device: str, estimator: str | None, tmp_path: Path
+) -> None:
+    kept: list[bytes] = []
+    deeds: dict[int, Deed] = {121: lambda tick: kept.append(save_state(tick)), 200: lambda tick: tick.stop()}
+    if device == "omni":
+        deeds[60] = lambda tick: tick.change_world(RollingBall())
+    else:
+        deeds[60] = lambda tick: tick.joining.set_mode("rotate")
+    whole = record_chain(tmp_path / "run.mcap", device, estimator=estimator, deeds=deeds)
+    state = {"tick": "120", "state": pack_state(kept[0])}
+    replay = Replay(late(whole, tmp_path / "late.mcap", 120, state))
+    found = replay.run()
+    assert found.identical, found.first
+    assert not replay.approximate
+    without = Replay(late(whole, tmp_path / "without.mcap", 120, None))
+    without.run()
+    assert without.approximate
+
+
+class Harm:
+    """What makes a folder when it is unpickled."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Path.mkdir, (self.folder,)
+
+
+@pytest.mark.parametrize("text", ["", "%%%", "eJxLAQAAZQBl", "harm"])
+def test_a_state_that_is_none_is_refused_and_runs_no_code(text: str, tmp_path: Path) -> None:
+    text = pack_state(pickle.dumps(Harm(tmp_path / "made"))) if text == "harm" else text
+    whole = record_chain(tmp_path / "run.mcap")
+    recording = late(whole, tmp_path / "late.mcap", 120, {"tick": "120", "state": text})
+    with pytest.raises(RecordingError, match="state"):
+        Replay(recording)
+    assert not (tmp_path / "made").exists()
+
+
+def test_a_file_is_not_replaced_by_accident(tmp_path: Path) -> None:
+    (tmp_path / "there.mcap").touch()
+    with pytest.raises(RecordingError, match="exists"):
+        check_replay_file(tmp_path / "there.mcap", overwrite=False)
+    with pytest.raises(RecordingError, match="folder"):
+        check_replay_file(tmp_path / "no" / "there.mcap", overwrite=False)
+
+
+@pytest.mark.parametrize("planted", [None, 60, 222])
+def test_parts_at_once_find_what_one_after_the_other_does(
+    planted: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept: list[bytes] = []
+    deeds: dict[int, Deed] = {
+        101: lambda tick: kept.append(save_state(tick)),
+        130: lambda tick: tick.change_world(RollingBall()),
+        151: lambda tick: kept.append(save_state(tick)),
+    }
+
+    def change(rows: Array) -> None:
+        if planted is not None:
+            rows[planted, -60] += 1.0
+
+    whole = record_chain(tmp_path / "run.mcap", deeds=deeds, change=change)
+    path = tmp_path / "kept.mcap"
+    with path.open("wb") as file:
+        recorder = Recorder(file, whole.layout, 1000.0, 0)
+        for name, values in whole.notes:
+            if (short := name.removeprefix("haptorb/")) not in ("layout", "clock"):
+                recorder.note(short, values)
+        for tick, state in zip((100, 150), kept, strict=True):
+            recorder.note("state", {"tick": str(tick), "state": pack_state(state)})
+        recorder.append(whole.rows)
+        recorder.finish()
+    monkeypatch.setattr("haptorb.runtime.replay.parallel._WORTH", 100)
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1, 2})
+    at_once, after = replay_in_parts(Recording(path)).comparison, Replay(whole).run()
+    assert (at_once.compared, at_once.differing, at_once.numbers) == (300, after.differing, after.numbers)
+    assert at_once.first == after.first
+    assert (after.first is None) == (planted is None)
+    assert at_once.bounds == after.bounds

@@ -1,0 +1,67 @@
+// The whole recording at a glance: least and greatest of each stretch of time, and what happened when.
+
+import type { Recorded } from "./played";
+
+export interface Mark {
+  /** after the recording's first tick [s] */
+  t: number;
+  kind: "trip" | "world" | "gap";
+  text: string;
+}
+
+export interface Ranges {
+  least: Float32Array;
+  most: Float32Array;
+}
+
+export interface Overview {
+  /** share of the recording that was looked at, 0 to 1 */
+  done: number;
+  trouble: string;
+  bins: number;
+  /** by name, each with its unit */
+  ranges: Map<string, Ranges & { unit: string }>;
+  marks: Mark[];
+}
+
+interface Told {
+  done: number;
+  rows: number;
+  trouble: string;
+  bins: number;
+  channels: { name: string; unit: string }[];
+  events: { kind: Mark["kind"]; t: number; code: number }[];
+}
+
+export type Trips = Record<string, { word: string; text: string }>;
+
+/** What the server knows of it now. */
+export async function fetchOverview(recording: number, token: string, played: Recorded, trips: Trips): Promise<Overview> {
+  const answer = await fetch(`/api/overview?recording=${recording}`, { headers: { authorization: `Bearer ${token}` } });
+  if (!answer.ok) throw new Error(`the server answered ${answer.status} to /api/overview`);
+  const buffer = await answer.arrayBuffer();
+  const length = new DataView(buffer).getUint32(0, true);
+  const told = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length))) as Told;
+  const { bins } = told;
+  const ranges = new Map(
+    told.channels.map(({ name, unit }, i) => {
+      const at = 4 + length + 8 * i * bins;
+      return [name, { unit, least: new Float32Array(buffer, at, bins), most: new Float32Array(buffer, at + 4 * bins, bins) }];
+    }),
+  );
+  const marks = told.events.map(({ kind, t, code }): Mark => ({ kind, t, text: describe(kind, code, played, trips) }));
+  marks.sort((a, b) => a.t - b.t);
+  return { done: told.rows ? told.done / told.rows : 1, trouble: told.trouble, bins, ranges, marks };
+}
+
+function describe(kind: Mark["kind"], code: number, { changes }: Recorded, trips: Trips): string {
+  if (kind === "gap") return `${code} ticks missing`;
+  if (kind === "world") {
+    const [name, before] = [changes[code], changes[code - 1]];
+    return name === undefined ? "world changed" : name === before ? `${name}, other values` : `world ${name}`;
+  }
+  return `trip: ${trips[code] ? reason(trips[code]) : "unknown reason"}`;
+}
+
+/** The first sentence of what happened. */
+const reason = ({ text }: { text: string }): string => text.split(/[.:;]\s/)[0]!.replace(/\.$/, "");

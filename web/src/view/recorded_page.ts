@@ -1,0 +1,32 @@
+// The console's document without what needs a servo: each such thing is gone, or stands still and says why.
+
+import { at, make, write } from "../panels/dom";
+import type { Recorded } from "./played";
+
+const WHY = "A recording: it is shown as it was, and cannot be changed.";
+
+export function without({ name, notices }: Recorded): void {
+  document.body.classList.add("recorded");
+  document.title = `haptorb · ${name}`;
+  const badge = make("p", { className: "badge recording", title: WHY }, "RECORDING");
+  at("stop").before(badge);
+  document.querySelector(".top")!.ariaLabel = "State";
+  for (const id of ["sound", "rumble", "cool", "watching"]) at(id).remove();
+  at("reset").before(make("span", { className: "about", title: WHY }, "as recorded"));
+  for (const id of ["stop", "reset", "pause"]) at(id).hidden = true; // the panels still write to them
+  for (const id of ["world", "model"]) at(id).title = WHY;
+  at("sliders").title = WHY;
+  for (const id of ["mode-translate", "mode-rotate", "mode-clutch"]) at(id).title = WHY;
+  const canvas = at("scene");
+  canvas.tabIndex = -1;
+  canvas.role = "img";
+  canvas.ariaLabel = "The device as recorded; the numbers are beside it, the timeline is below.";
+  write(document.querySelector<HTMLElement>("#help > p")!, "No servo runs: nothing here moves a device.");
+  at("simulated").title = "Recorded from a simulated device";
+  if (notices.length) {
+    const list = make("ul", { className: "notices", role: "note" }, ...notices.map((text) => make("li", {}, text)));
+    document.querySelector(".notes")!.prepend(list);
+  }
+  const facts = at("facts");
+  facts.prepend(make("dt", {}, "recording"), make("dd", {}, name));
+}

@@ -1,0 +1,383 @@
+// The page with the timeline: it says to each recording's page, in a frame, which moment to show.
+
+import { at, make, write } from "../panels/dom";
+import { cover, UNKNOWN } from "../panels/lock";
+import { Stranger, token } from "../session";
+import { Clock, SPEEDS, words } from "./clock";
+import { fetchOverview, type Overview, type Trips } from "./overview";
+import type { Recorded, TimelineHandle } from "./played";
+import { QUANTITIES, Strip, type Quantity } from "./strip";
+
+const LATER = 600; // ms before the overview is asked for: the picture comes first
+const OFTEN = 700; // ms between two questions for what is not complete
+const SAY = 150; // ms between two changes of what a screen reader is told of the slider
+const LONG = 2000; // ms after which progress is shown
+
+interface Opening {
+  version: string;
+  started: string;
+  recordings: (Recorded & { scene: string; trips: Trips })[];
+  at: number;
+  range: [number, number] | null;
+  offset: number;
+}
+
+class Timeline {
+  private readonly clock: Clock;
+  private readonly frames: HTMLIFrameElement[] = [];
+  private readonly strips: Strip[] = [];
+  private readonly overviews: (Overview | null)[] = [];
+  private offset: number;
+  private last = performance.now();
+  private saidAt = 0;
+  private told = NaN;
+  private scrubbing = false;
+  private readonly begun = performance.now();
+
+  constructor(private readonly opening: Opening) {
+    const { recordings } = opening;
+    this.offset = opening.offset;
+    this.clock = new Clock(0, 0);
+    this.bounds();
+    for (const [i, { name, scene }] of recordings.entries()) {
+      const frame = make("iframe", { src: `/player?recording=${i}${location.search.replace("?", "&")}#${token()}`, title: `Recording ${name}` });
+      this.frames.push(frame);
+      at("frames").append(frame);
+      const strip = new Strip(recordings.length > 1 ? name : "", quantityOf(scene === "motor" ? "torque" : "force"), this.place(i));
+      this.strips.push(strip);
+      this.overviews.push(null);
+      at("strips").append(strip.canvas);
+    }
+    document.title = `haptorb · ${recordings.map(({ name }) => name).join(" | ")}`;
+    this.clock.go(opening.at);
+    if (opening.range) {
+      this.clock.range = { from: opening.range[0], to: opening.range[1] };
+      this.clock.loop = true;
+    }
+    this.controls();
+    this.pointer();
+    addEventListener("keydown", (event) => this.key(event));
+    window.timeline = this.handle;
+    setTimeout(() => recordings.forEach((_, i) => void this.look(i)), LATER);
+    requestAnimationFrame((now) => this.frame(now));
+  }
+
+  private get handle(): TimelineHandle {
+    const page = this;
+    return {
+      key: (event) => page.key(event),
+      get time() {
+        return page.clock.time;
+      },
+      get playing() {
+        return page.clock.playing;
+      },
+      get speed() {
+        return page.clock.speed;
+      },
+      get loop() {
+        return page.clock.loop;
+      },
+      get marks() {
+        return page.marks;
+      },
+      get overview() {
+        return Math.min(...page.overviews.map((one) => one?.done ?? 0));
+      },
+      go: (t) => page.go(t),
+    };
+  }
+
+  /** Where recording `i` lies on the time line. */
+  private place(i: number): { from: number; seconds: number; begin: number; end: number } {
+    const { begin, end } = this.clock;
+    return { from: i ? this.offset : 0, seconds: this.opening.recordings[i]!.seconds, begin, end };
+  }
+
+  private bounds(): void {
+    const spans = this.opening.recordings.map(({ seconds }, i) => [i ? this.offset : 0, (i ? this.offset : 0) + seconds] as const);
+    this.clock.begin = Math.min(...spans.map(([from]) => from));
+    this.clock.end = Math.max(...spans.map(([, to]) => to));
+    const slider = at("slider");
+    slider.ariaValueMin = this.clock.begin.toFixed(3);
+    slider.ariaValueMax = this.clock.end.toFixed(3);
+  }
+
+  private get marks(): { t: number; text: string }[] {
+    const all = this.overviews.flatMap((overview, i) => {
+      const name = this.frames.length > 1 ? `${i + 1}: ` : "";
+      return (overview?.marks ?? []).map(({ t, text }) => ({ t: t + (i ? this.offset : 0), text: name + text }));
+    });
+    return all.sort((a, b) => a.t - b.t);
+  }
+
+  /** The overview of recording `i`, until it is complete. */
+  private async look(i: number): Promise<void> {
+    const recorded = this.opening.recordings[i]!;
+    try {
+      const overview = await fetchOverview(i, token(), recorded, recorded.trips);
+      this.overviews[i] = overview;
+      this.strips[i]!.show(overview);
+      this.listMarks();
+      this.report();
+      if (overview.done < 1 && !overview.trouble) setTimeout(() => void this.look(i), OFTEN);
+    } catch {
+      setTimeout(() => void this.look(i), 2 * OFTEN); // the server is away: it may come back
+    }
+  }
+
+  private report(): void {
+    const done = Math.min(...this.overviews.map((one) => one?.done ?? 0));
+    const trouble = this.overviews.map((one) => one?.trouble ?? "").find(Boolean) ?? "";
+    const progress = at("progress");
+    progress.hidden = !trouble && (done >= 1 || performance.now() - this.begun < LONG);
+    write(progress, trouble ? `overview: ${trouble}` : `overview: ${Math.floor(100 * done)} % looked through, the rest is a sketch`);
+  }
+
+  private listMarks(): void {
+    const select = at<HTMLSelectElement>("marks");
+    if (document.activeElement === select) return;
+    const { marks } = this;
+    const told = marks.map(({ t, text }) => `${words(t)}  ${text}`);
+    if (told.join() === [...select.options].slice(1).map(({ text }) => text).join()) return;
+    const head = make("option", { value: "" }, marks.length ? `${marks.length} marks` : "none");
+    select.replaceChildren(head, ...marks.map(({ t }, i) => make("option", { value: String(t) }, told[i]!)));
+  }
+
+  private go(time: number): void {
+    this.clock.go(time);
+    this.told = NaN;
+  }
+
+  private jump(direction: 1 | -1): void {
+    const { time } = this.clock;
+    const { marks } = this;
+    const next = direction > 0 ? marks.find(({ t }) => t > time + 1e-4) : marks.filter(({ t }) => t < time - 1e-4).at(-1);
+    write(at("polite"), next ? `${next.text}, ${words(next.t)}` : "No further mark.");
+    if (next) this.go(next.t);
+  }
+
+  private step(ticks: number): void {
+    this.clock.play(false);
+    const player = this.frames[0]!.contentWindow?.player;
+    // Of two recordings the first one's ticks count, or the other's where the first has none.
+    const { seconds } = this.opening.recordings[0]!;
+    const inside = this.clock.time >= 0 && this.clock.time <= seconds;
+    if (player && inside) return this.go(player.neighbour(ticks));
+    const other = this.frames[1]?.contentWindow?.player;
+    this.go(other ? other.neighbour(ticks) + this.offset : this.clock.time + ticks / 1000);
+  }
+
+  /** What a key does; true if it was one of ours. */
+  key(event: KeyboardEvent): boolean {
+    const target = event.target as HTMLElement;
+    if (event.ctrlKey || event.metaKey || event.altKey) return false;
+    if (target.closest("input, select, textarea, dialog[open]")) return false;
+    if (event.key === " " && target.closest("button, summary, a")) return false;
+    const act = this.action(event);
+    if (!act) return false;
+    act();
+    event.preventDefault();
+    return true;
+  }
+
+  private action({ key, shiftKey }: KeyboardEvent): (() => void) | null {
+    const { clock } = this;
+    const move = (seconds: number) => (): void => this.go(clock.time + seconds);
+    switch (key) {
+      case " ":
+      case "k":
+      case "K":
+        return () => this.play(!clock.playing);
+      case "ArrowLeft":
+        return shiftKey ? move(-0.1) : () => this.step(-1);
+      case "ArrowRight":
+        return shiftKey ? move(0.1) : () => this.step(1);
+      case "ArrowUp":
+        return move(0.1);
+      case "ArrowDown":
+        return move(-0.1);
+      case "PageUp":
+        return move(10);
+      case "PageDown":
+        return move(-10);
+      case "Home":
+        return () => this.go(clock.begin);
+      case "End":
+        return () => this.go(clock.end);
+      case "[":
+        return () => this.jump(-1);
+      case "]":
+        return () => this.jump(1);
+      case "-":
+        return () => this.faster(-1);
+      case "+":
+      case "=":
+        return () => this.faster(1);
+      case "l":
+      case "L":
+        return () => this.repeat();
+      case "i":
+      case "I":
+        return () => this.mark("from");
+      case "o":
+      case "O":
+        return () => this.mark("to");
+      case "?":
+        return () => this.frames[0]!.contentWindow?.player?.help();
+    }
+    return null;
+  }
+
+  private play(yes: boolean): void {
+    this.clock.play(yes);
+    this.show();
+  }
+
+  private faster(steps: number): void {
+    this.clock.faster(steps);
+    this.show();
+    write(at("polite"), `Speed ${this.clock.speed}.`);
+  }
+
+  private repeat(): void {
+    this.clock.loop = !this.clock.loop;
+    if (!this.clock.loop) this.clock.range = null;
+    this.show();
+  }
+
+  private mark(end: "from" | "to"): void {
+    this.clock.mark(end);
+    this.show();
+  }
+
+  private controls(): void {
+    const speed = at<HTMLSelectElement>("speed");
+    speed.append(...SPEEDS.map((one) => make("option", { value: String(one) }, `${one} ×`)));
+    speed.addEventListener("change", () => {
+      this.clock.speed = Number(speed.value);
+    });
+    const quantity = at<HTMLSelectElement>("quantity");
+    quantity.append(...QUANTITIES.map(({ name }) => make("option", { value: name }, name)));
+    quantity.value = this.opening.recordings[0]!.scene === "motor" ? "torque" : "force";
+    quantity.addEventListener("change", () => {
+      for (const strip of this.strips) strip.choose(quantityOf(quantity.value));
+    });
+    const marks = at<HTMLSelectElement>("marks");
+    marks.addEventListener("change", () => {
+      if (marks.value) this.go(Number(marks.value));
+      marks.value = "";
+    });
+    const actions: Record<string, () => void> = {
+      before: () => this.jump(-1),
+      back: () => this.step(-1),
+      play: () => this.play(!this.clock.playing),
+      on: () => this.step(1),
+      after: () => this.jump(1),
+      loop: () => this.repeat(),
+      from: () => this.mark("from"),
+      to: () => this.mark("to"),
+    };
+    for (const [id, act] of Object.entries(actions)) at(id).addEventListener("click", act);
+    const offset = at<HTMLInputElement>("offset");
+    at("offset-row").hidden = this.frames.length < 2;
+    offset.value = String(this.offset);
+    offset.addEventListener("input", () => {
+      if (!Number.isFinite(offset.valueAsNumber)) return;
+      this.offset = offset.valueAsNumber;
+      this.bounds();
+      this.strips.forEach((strip, i) => strip.lay(this.place(i)));
+      this.listMarks();
+      this.go(this.clock.time);
+    });
+    this.show();
+  }
+
+  /** A pointer on the strips is the time. */
+  private pointer(): void {
+    const slider = at("slider");
+    const move = (event: PointerEvent): void => {
+      const { left, width } = slider.getBoundingClientRect();
+      const share = (event.clientX - left) / Math.max(width, 1);
+      this.go(this.clock.begin + share * (this.clock.end - this.clock.begin));
+    };
+    slider.addEventListener("pointerdown", (event) => {
+      if (event.button > 0) return;
+      slider.setPointerCapture(event.pointerId);
+      slider.focus({ preventScroll: true });
+      this.scrubbing = true;
+      move(event);
+      event.preventDefault();
+    });
+    slider.addEventListener("pointermove", (event) => this.scrubbing && move(event));
+    for (const kind of ["pointerup", "pointercancel", "lostpointercapture"] as const) {
+      slider.addEventListener(kind, () => (this.scrubbing = false));
+    }
+  }
+
+  private frame(now: number): void {
+    requestAnimationFrame((next) => this.frame(next));
+    const passed = Math.min((now - this.last) / 1000, 0.25);
+    this.last = now;
+    const { clock } = this;
+    const was = clock.playing;
+    if (!this.scrubbing) clock.pass(passed);
+    if (was !== clock.playing) this.show();
+    const speed = clock.playing && !this.scrubbing ? clock.speed : 0;
+    this.frames.forEach((frame, i) => frame.contentWindow?.player?.show(clock.time - (i ? this.offset : 0), speed));
+    for (const strip of this.strips) strip.draw();
+    this.tell(now);
+  }
+
+  /** The head, the clock, and what a screen reader is told. */
+  private tell(now: number): void {
+    const { time, begin, end } = this.clock;
+    if (time !== this.told) {
+      const share = (time - begin) / Math.max(end - begin, 1e-9);
+      at("head").style.transform = `translateX(${(share * at("strips").clientWidth).toFixed(1)}px)`;
+      write(at("now"), words(time));
+      this.told = time;
+    }
+    if (now - this.saidAt < SAY) return;
+    this.saidAt = now;
+    const shown = this.frames[0]!.contentWindow?.player?.shown;
+    const tick = shown && Number.isFinite(shown.tick) ? `, tick ${shown.tick.toFixed(0)}` : "";
+    write(at("of"), `of ${words(end, 1)}${tick}`);
+    const slider = at("slider");
+    const value = time.toFixed(3);
+    if (slider.ariaValueNow === value) return;
+    slider.ariaValueNow = value;
+    slider.ariaValueText = `${words(time)} of ${words(end)}${tick}`;
+  }
+
+  /** Buttons and the repeated part, as the clock has them. */
+  private show(): void {
+    const { playing, speed, loop, range, begin, end } = this.clock;
+    write(at("play"), playing ? "‖ pause" : "▶ play");
+    at("play").ariaPressed = String(playing);
+    at("loop").ariaPressed = String(loop);
+    at<HTMLSelectElement>("speed").value = String(speed);
+    const box = at("range");
+    box.hidden = !range;
+    if (!range) return;
+    const part = (time: number): string => `${((100 * (time - begin)) / Math.max(end - begin, 1e-9)).toFixed(3)}%`;
+    box.style.left = part(range.from);
+    box.style.width = `calc(${part(range.to)} - ${part(range.from)})`;
+  }
+}
+
+const quantityOf = (name: string): Quantity => QUANTITIES.find((one) => one.name === name) ?? QUANTITIES[0]!;
+
+async function begin(): Promise<void> {
+  const answer = await fetch("/api/view", { headers: { authorization: `Bearer ${token()}` } });
+  if (answer.status === 403) throw new Stranger(await answer.text());
+  if (!answer.ok) throw new Error(`the server answered ${answer.status} to /api/view`);
+  new Timeline((await answer.json()) as Opening);
+}
+
+addEventListener("hashchange", () => location.reload());
+
+const UNREACHED = { title: "No viewer answers here", text: "Start `haptorb view FILE`, and open the address that it prints." };
+
+if (!token()) cover(UNKNOWN);
+else begin().catch((mistake: unknown) => cover(mistake instanceof Stranger ? UNKNOWN : UNREACHED));
