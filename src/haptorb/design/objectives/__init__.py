@@ -1,0 +1,1 @@
+"""What a candidate is judged by: one file for each group of objectives and constraints."""
