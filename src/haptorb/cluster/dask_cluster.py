@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from itertools import islice
+from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 from haptorb.errors import HaptorbError, InputError
@@ -73,35 +74,36 @@ def run_jobs(
     """
     call = _make_call(function.__module__, function.__qualname__, __version__)
     address = client.scheduler.address
-    source, open_jobs = iter(jobs), set[Any]()
+    source, pending, done = iter(jobs), set[Any](), SimpleQueue[Any]()
     try:
         while True:
-            room = _AHEAD * max(1, count_threads(client)) - len(open_jobs)
+            room = _AHEAD * max(1, count_threads(client)) - len(pending)
             fresh = list(islice(source, max(room, 0)))
-            open_jobs.update(client.map(call, fresh, pure=False, key="haptorb") if fresh else ())
-            if not open_jobs:
+            for future in client.map(call, fresh, pure=False) if fresh else ():
+                pending.add(future)
+                future.add_done_callback(done.put)
+            if not pending:
                 return
-            for future in _wait_for_some(client, open_jobs):
-                open_jobs.discard(future)
-                yield future.result()
+            future = _wait_for_one(client, done)
+            result = future.result()
+            pending.discard(future)
+            yield result
     except (HaptorbError, GeneratorExit):
         raise
     except Exception as cause:  # a scheduler that went away, a job that kills its workers
         raise InputError(f"the Dask cluster at '{address}' failed: {_shorten(cause)}; {after}") from cause
     finally:
-        if open_jobs and client.status == "running":
-            client.cancel(list(open_jobs))
+        if pending and client.status == "running":
+            client.cancel(list(pending))
 
 
-def _wait_for_some(client: Any, futures: set[Any]) -> set[Any]:
-    """Those of `futures` that are done, one at least; InputError if there is nobody to compute them."""
-    distributed: Any = import_module("distributed")
+def _wait_for_one(client: Any, done: SimpleQueue[Any]) -> Any:
+    """A future that is done; RuntimeError if there is nobody to compute one."""
     deserted = None
     while True:
         try:
-            done: set[Any] = distributed.wait(list(futures), timeout=_LOOK, return_when="FIRST_COMPLETED").done
-            return done
-        except TimeoutError:
+            return done.get(timeout=_LOOK)
+        except Empty:
             now = time.monotonic()
             deserted = None if client.nthreads() else (deserted or now)
             if deserted is not None and now - deserted > _DESERTED:

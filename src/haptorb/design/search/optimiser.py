@@ -60,7 +60,9 @@ class Optimiser:
         count = 0 if self._asked is None else len(self._asked)
         ordered = sorted(evaluations, key=lambda evaluation: evaluation.number)
         if not count or [evaluation.number for evaluation in ordered] != list(range(self._told, self._told + count)):
-            raise InputError(f"the optimiser asked for candidates {self._told} to {self._told + count - 1}: tell it all")
+            raise InputError(
+                f"the optimiser asked for candidates {self._told} to {self._told + count - 1}: tell it all"
+            )
         goals = [(goal.name, -1.0 if goal.sense == "maximise" else 1.0) for goal in self._design.goals]
         costs = [[sign * one.objectives[name] if one.valid else 0.0 for name, sign in goals] for one in ordered]
         self._asked.set("F", np.array(costs))

@@ -14,7 +14,7 @@ def measure_violation(evaluation: Evaluation, bounds: Sequence[Bound]) -> float:
     """0 for a valid candidate; otherwise the sum over the constraints, each from 0 (kept) to 1 (not computed).
 
     A constraint that misses its bound by d counts d / (d + |bound|), or d / (d + 1) where the bound is 0. One that was
-    not computed counts 1. What makes no device, or has no finite objective, counts 1 more than all constraints.
+    not computed counts 1, and so does a device that cannot be built or an objective without a finite number.
     """
     if evaluation.valid:
         return 0.0
