@@ -64,20 +64,27 @@ def _build(file: DesignFile, text: str, folder: Path) -> Design:
     kind = str(tables.values.get("kind"))
     mistakes: list[str] = []
     codes: dict[str, str] = {}
-    parameters = [found for found in (
-        _collect(mistakes, make_parameter, key, section) for key, section in file.parameters.items()) if found]  # fmt: skip
-    goals = [found for found in (
-        _collect(mistakes, _make_goal, key, section, kind, folder, codes)
-        for key, section in file.objectives.items()) if found]  # fmt: skip
+    parameters = [_collect(mistakes, make_parameter, key, section) for key, section in file.parameters.items()]
+    goals = [
+        _collect(mistakes, _make_goal, key, section, kind, folder, codes) for key, section in file.objectives.items()
+    ]
     quantities = {
         key: _collect(mistakes, _find_quantity, f"constraints.{key}", key, section, kind, folder, codes)
         for key, section in file.constraints.items()
     }
     whole = "\0".join((text, *codes.values(), tables.text))
     design = Design(
-        name=file.name, title=file.title or file.name, base=base, parameters=tuple(parameters), goals=tuple(goals),
-        bounds=(), options=file.evaluation, text=text, digest=hashlib.sha256(whole.encode()).hexdigest(), tables=tables,
-    )  # fmt: skip
+        name=file.name,
+        title=file.title or file.name,
+        base=base,
+        parameters=tuple(filter(None, parameters)),
+        goals=tuple(filter(None, goals)),
+        bounds=(),
+        options=file.evaluation,
+        text=text,
+        digest=hashlib.sha256(whole.encode()).hexdigest(),
+        tables=tables,
+    )
     mistakes += _list_mistakes(design)
     if mistakes:
         raise InputError("\n".join(mistakes))
@@ -107,14 +114,14 @@ def _find_quantity(
     where: str, name: str, section: GoalSection | BoundSection, kind: str, folder: Path, codes: dict[str, str]
 ) -> Quantity:
     """haptorb's own quantity, or one made of the user's function, whose code goes into `codes`."""
-    from haptorb.design.objectives import quantity, quantity_names
-
     try:
         if section.function is not None:
             function, source = load_function(section.function, folder)
             codes[section.function] = source
             text = (function.__doc__ or f"function {section.function}").strip().splitlines()[0]
             return Quantity(name, section.unit or "", "minimise", text, (kind,), function)
+        from haptorb.design.objectives import quantity, quantity_names
+
         found = quantity(section.quantity or name)
         if kind not in found.kinds:
             raise UnknownName(f"quantity of a {kind}", found.name, quantity_names(kind))
