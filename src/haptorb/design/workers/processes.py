@@ -13,24 +13,20 @@ from itertools import islice
 from multiprocessing import active_children, get_context, parent_process
 from typing import final
 
+from haptorb.cluster.cores import count_cores
 from haptorb.design.design import Design
 from haptorb.design.evaluate import evaluate
 from haptorb.design.evaluation import Evaluation
 from haptorb.design.workers.workers import Job, LocalWorker, Workers
 from haptorb.errors import InputError
 
-__all__ = ["ProcessWorkers", "count_cores", "evaluate_all", "open_processes"]
+__all__ = ["ProcessWorkers", "evaluate_all", "open_processes"]
 
 _MOST = 8  #: candidates in one job: more would wait for each other at the end
 _SHARES = 4  #: jobs for each process, unless that makes them longer than `_MOST`
 _AHEAD = 3  #: jobs that are given out for each process
 #: one thread each: the processes are as many as the cores
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-
-
-def count_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def evaluate_all(design: Design, jobs: Iterable[Job], processes: int | None = None) -> Iterator[Evaluation]:
