@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -127,11 +128,11 @@ def test_another_design_version_or_wish(design: Design, tmp_path: Path, monkeypa
 
 def test_files_that_are_no_results(design: Design, tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("not a database, but long enough to be one")
-    with sqlite3.connect(tmp_path / "other.db") as other:
+    with closing(sqlite3.connect(tmp_path / "other.db", isolation_level=None)) as other:
         other.execute("CREATE TABLE animals (name TEXT)")
     with open_results(tmp_path / "newer.sqlite", design, "sobol", 1):
         pass
-    with sqlite3.connect(tmp_path / "newer.sqlite") as newer:
+    with closing(sqlite3.connect(tmp_path / "newer.sqlite", isolation_level=None)) as newer:
         newer.execute("UPDATE haptorb_design_schema SET version = 99")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
     for name, told in (
