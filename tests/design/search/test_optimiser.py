@@ -141,7 +141,7 @@ def test_where_nothing_is_valid_it_goes_towards_where_something_might_be() -> No
     found = list(optimise(Optimiser(MIXED, seed=1, population=20), refuse, {}, 400))
     late = [abs(float(one.values["angle"]) - 15.0) for one in found[200:] if one.values["pattern"] != "none"]
     assert np.median(late) < 2.0
-    assert len(late) > 180
+    assert len(late) > 150  # of 200
 
 
 @pytest.mark.parametrize(
