@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from haptorb.design.evaluation import Evaluation, Value
 from haptorb.design.search.optimiser import Optimiser
-from haptorb.errors import RecordingError
+from haptorb.design.store.stored_values import check_values
 
 __all__ = ["optimise"]
 
@@ -29,21 +29,10 @@ def optimise(
     while (jobs := optimiser.ask()) and jobs[0][0] < count:
         wanted = [(number, values) for number, values in jobs if number < count]
         found = [known[number] for number, _ in wanted if number in known]
-        _check_values(dict(wanted), found)
+        check_values(dict(wanted), found)
         for evaluation in evaluate([(number, values) for number, values in wanted if number not in known]):
             found.append(evaluation)
             yield evaluation
         if len(found) < len(jobs):
             return
         optimiser.tell(found)
-
-
-def _check_values(wanted: Mapping[int, Mapping[str, Value]], stored: Iterable[Evaluation]) -> None:
-    for one in stored:
-        for name, value in wanted[one.number].items():
-            if one.values.get(name) != value:
-                raise RecordingError(
-                    f"candidate {one.number} of the results has {name} = {one.values.get(name)}, the optimiser asks "
-                    f"for {value}: another version of haptorb, NumPy or pymoo made them; take another --seed, or "
-                    "another file of results"
-                )
