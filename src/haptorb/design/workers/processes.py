@@ -56,7 +56,6 @@ def open_processes(design: Design, processes: int | None = None) -> Iterator[Wor
     others = set(active_children())
     pool = ProcessPoolExecutor(many, get_context("spawn"), initializer=_start, initargs=(packed,))
     try:
-        _start_all(pool)
         yield ProcessWorkers(pool, many)
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
@@ -73,10 +72,14 @@ class ProcessWorkers:
 
     def __init__(self, pool: ProcessPoolExecutor, many: int) -> None:
         self._pool, self._many = pool, many
+        self._started = False  # with the first candidates: a run that is complete needs none
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
         """What each candidate came to, as they come. InputError if a process is killed; what came before is good."""
         todo = [(number, dict(values)) for number, values in jobs]
+        if todo and not self._started:
+            _start_all(self._pool)
+            self._started = True
         size = max(1, min(_MOST, len(todo) // (_SHARES * self._many)))
         parts = iter([todo[k : k + size] for k in range(0, len(todo), size)])
         running: set[Future[list[Evaluation]]] = set()
