@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, final
+from collections.abc import Sequence
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ _DIGITS = 9  #: of a place in the unit cube; what processors compute differently
 
 @final
 class SearchSpace:
-    """Points of the unit cube ↔ values of parameters.
+    """Values of parameters for points of the unit cube.
 
     parameters  in the order of the cube's axes
     levels      of each parameter, (p,) int: 0 continuous, otherwise how many steps or choices it has
@@ -53,12 +53,6 @@ class SearchSpace:
             for parameter, levels, place in zip(self.parameters, self.levels, point, strict=True)
         }
 
-    def point(self, values: Mapping[str, Value]) -> Array:
-        """The point (p,) of these values, snapped."""
-        places = [_place_of(parameter, values[parameter.name]) for parameter in self.parameters]
-        found: Array = self.snap(np.array([places]))[0]
-        return found
-
 
 def _value_at(parameter: Parameter, levels: int, place: float) -> Value:
     if parameter.choices:
@@ -66,11 +60,3 @@ def _value_at(parameter: Parameter, levels: int, place: float) -> Value:
     if levels:
         return pick_level(parameter, round(place * max(levels - 1, 1)), levels)
     return round_value(parameter.low + place * (parameter.high - parameter.low))
-
-
-def _place_of(parameter: Parameter, value: Any) -> float:
-    if parameter.choices:
-        return (parameter.labels.index(value) + 0.5) / len(parameter.choices)
-    levels = count_levels(parameter)
-    span = (levels - 1) * parameter.step if levels else parameter.high - parameter.low
-    return (float(value) - parameter.low) / span if span else 0.0
