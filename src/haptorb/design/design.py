@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from haptorb.design.parameter import Parameter
 from haptorb.design.quantity import Quantity, Sense
+from haptorb.devices.loader import DeviceTables, read_tables
+from haptorb.errors import UnknownName
 
 __all__ = ["Bound", "Design", "Goal"]
 
 
 @dataclass(frozen=True)
 class Goal:
-    """An objective of a design, and what is wanted of it."""
+    """An objective of a design, and what is wanted of it; `name` is that of the design file."""
 
     quantity: Quantity
     sense: Sense
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            object.__setattr__(self, "name", self.quantity.name)
 
 
 @dataclass(frozen=True)
@@ -34,9 +41,11 @@ class Bound:
 class Design:
     """What a design file says.
 
-    text    of the file, with the text of the user's own objectives: `digest` is made of it
+    text    of the file
+    digest  of the file, of the user's own objectives, and of the base device: results belong to one digest
     base    name in the catalogue, or path, of the base device
     options the table [evaluation]
+    tables  what the base device's file says; None: it is read when it is needed
     """
 
     name: str
@@ -48,3 +57,16 @@ class Design:
     options: Mapping[str, Any]
     text: str
     digest: str
+    tables: DeviceTables | None = field(default=None, repr=False)
+
+    @property
+    def base_tables(self) -> DeviceTables:
+        """What the base device's file says."""
+        return read_tables(self.base) if self.tables is None else self.tables
+
+    def parameter(self, name: str) -> Parameter:
+        """The parameter of that name; UnknownName for another."""
+        for one in self.parameters:
+            if one.name == name:
+                return one
+        raise UnknownName(f"parameter of design '{self.name}'", name, [one.name for one in self.parameters])

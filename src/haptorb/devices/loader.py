@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,23 @@ from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import DeviceError, InputError, UnknownName, quote
 from haptorb.files.text_file import parse_toml, read_text
 
-__all__ = ["catalogue", "load", "parse"]
+__all__ = ["DeviceTables", "build_tables", "catalogue", "lay_over", "list_mistakes", "load", "parse", "read_tables"]
 
 _FOLDER = Path(__file__).parent / "catalogue"
+
+
+@dataclass(frozen=True)
+class DeviceTables:
+    """What a device file says, laid over the devices that it is based on, before any of it is checked.
+
+    name    what mistakes are reported under
+    values  the tables
+    text    all text that went into them: the device's digest is made of it
+    """
+
+    name: str
+    values: Mapping[str, Any] = field(repr=False)
+    text: str = field(repr=False)
 
 
 def catalogue() -> dict[str, str]:
@@ -37,8 +52,7 @@ def load(name: str | Path, *, override: bool = False) -> Device:
     >>> load("omni").channels
     3
     """
-    content, source = _read(str(name))
-    return parse(content, source, override=override)
+    return build_tables(read_tables(name), override=override)
 
 
 def _read(text: str) -> tuple[str, str]:
@@ -58,10 +72,21 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
 
     Raises DeviceError with all mistakes of the text.
     """
+    return build_tables(DeviceTables(name, *_load_with_base(content, name, 0)), override=override)
+
+
+def read_tables(name: str | Path) -> DeviceTables:
+    """The tables of the device of that name in the catalogue, or in the TOML file at that path; errors as of `load`."""
+    content, source = _read(str(name))
+    return DeviceTables(source, *_load_with_base(content, source, 0))
+
+
+def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
+    """The device that `tables` describe. Raises DeviceError with all mistakes; `override` as for `load`."""
     from pydantic import ValidationError
 
-    raw, whole = _load_with_base(content, name, 0)
-    kind = raw.get("kind")
+    name = tables.name
+    kind = tables.values.get("kind")
     if not isinstance(kind, str) or kind not in kind_names():
         raise DeviceError(f"device '{name}': kind must be one of {', '.join(kind_names())}; got {quote(kind)}")
     assumed: dict[str, str] = {}
@@ -69,9 +94,9 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
     try:
         # sizes that overflow, or divide by nothing, are refused here and not carried on as NaN
         with np.errstate(over="raise", invalid="raise", divide="raise"):
-            plain = {key: _strip_provenance(value, key, assumed) for key, value in raw.items()}
+            plain = {key: _strip_provenance(value, key, assumed) for key, value in tables.values.items()}
             file = file_class.model_validate(plain)
-            digest = hashlib.sha256(whole.encode()).hexdigest()
+            digest = hashlib.sha256(tables.text.encode()).hexdigest()
             device: Device = file.build(assumed, digest, override=override)
     except ValidationError as cause:
         lines = [f"device '{name}': {line}" for line in explain_mistakes(cause.errors(), file_class)]
@@ -84,6 +109,38 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
     except ValueError as cause:
         raise DeviceError(f"device '{name}': {cause}") from cause
     return device
+
+
+def list_mistakes(tables: DeviceTables) -> list[tuple[list[str | int], str]]:
+    """(path, sentence) of each value that the file's class refuses; entries of lists count from 1 in a path.
+
+    Only what can be said of values one by one: overlaps and wiring are for `build_tables` to find.
+    """
+    from pydantic import ValidationError
+
+    file_class = kind_of_name(str(tables.values["kind"])).require_part("file", tables.name, "a device file")
+    try:
+        file_class.model_validate({key: _strip_provenance(value, key, {}) for key, value in tables.values.items()})
+    except ValidationError as cause:
+        return [
+            ([part + 1 if isinstance(part, int) else part for part in error["loc"]], sentence)
+            for error in cause.errors()
+            for sentence in explain_mistakes([error], file_class)
+        ]
+    return []
+
+
+def lay_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """`below` with what `above` says in its place: tables are joined, values and lists replaced.
+
+    >>> lay_over({"dome": {"radius": "30 mm", "friction": 0.1}}, {"dome": {"radius": "31 mm"}})
+    {'dome': {'radius': '31 mm', 'friction': 0.1}}
+    """
+    merged = dict(below)
+    for key, value in above.items():
+        both = isinstance(value, Mapping) and isinstance(below.get(key), Mapping) and "value" not in value
+        merged[key] = lay_over(below[key], value) if both else value
+    return merged
 
 
 def _load_with_base(content: str, name: str, depth: int) -> tuple[dict[str, Any], str]:
@@ -105,15 +162,7 @@ def _load_with_base(content: str, name: str, depth: int) -> tuple[dict[str, Any]
             "that it is based on: recordings and calibrations refer to a device by its name"
         )
     raw.setdefault("title", f"{below.get('title')} ({raw['name']})")
-    return _merge(below, raw), whole + content
-
-
-def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(below)
-    for key, value in above.items():
-        both = isinstance(value, Mapping) and isinstance(below.get(key), Mapping) and "value" not in value
-        merged[key] = _merge(below[key], value) if both else value
-    return merged
+    return lay_over(below, raw), whole + content
 
 
 def _strip_provenance(value: Any, path: str, assumed: dict[str, str]) -> Any:

@@ -15,7 +15,7 @@ from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store import migrations
 from haptorb.apps.study.store.bids import write_bids
-from haptorb.apps.study.store.claim import SessionLock
+from haptorb.apps.study.store.claim import lock_session
 from haptorb.apps.study.store.columns import COLUMNS, keep_older, read_replies, read_study, tidy
 from haptorb.apps.study.store.database import SCHEMA, database
 from haptorb.apps.study.store.export import write_csv
@@ -149,7 +149,7 @@ def test_a_trial_that_somebody_else_wrote_is_not_written_twice(identify: Study, 
             other.answer(Answer(1, HERE))
             with pytest.raises(RecordingError, match="already answered"):
                 sitting.answer(Answer(2, HERE))
-        sitting._claim = SessionLock(engine, sitting.id)
+        sitting._claim = lock_session(engine, sitting.id)
     assert tidy(engine, identify)["answer"].tolist() == [1]
 
 

@@ -115,7 +115,7 @@ def _run_in_browser(
 ) -> None:
     from haptorb.apps.study.pages.server import StudyServer
     from haptorb.apps.study.simulated.forecast import forecast
-    from haptorb.apps.study.store.database import mask_password
+    from haptorb.files.sql_engine import mask_password
 
     more = {"database": mask_password(db), "foretold": forecast(known).sentence, "code": participant or ""}
     with StudyServer(sessions, port, simulated=driver == "sim", more=more) as host:
@@ -130,7 +130,7 @@ def _run_in_browser(
 
 def _free_recording_path(db: str, session: int) -> Path:
     """A name for this stretch of the session's recording that is not taken."""
-    from haptorb.apps.study.store.database import url_of
+    from haptorb.files.sql_engine import url_of
 
     url = url_of(db)
     folder = Path(url.removeprefix("sqlite:///")).parent if url.startswith("sqlite:///") else Path()

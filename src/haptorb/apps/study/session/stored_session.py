@@ -20,7 +20,7 @@ from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.model.study_parts import Question
 from haptorb.apps.study.session.halt import utc_now
-from haptorb.apps.study.store.claim import SessionLock
+from haptorb.apps.study.store.claim import lock_session
 from haptorb.apps.study.store.database import events, lock, participants, replies, sessions, studies, trials, try_begin
 from haptorb.errors import RecordingError
 from haptorb.version import __version__
@@ -46,7 +46,7 @@ class StoredSession:
         self._again = 0.0  # when to offer them again
         try:
             self.id, stored = self._find_or_create()
-            self._claim = SessionLock(engine, self.id)
+            self._claim = lock_session(engine, self.id)
         except SQLAlchemyError as cause:
             raise _storage_error(cause) from cause
         try:

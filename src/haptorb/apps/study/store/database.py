@@ -1,6 +1,5 @@
 """The tables of a study database and the door to them: SQLite in a file, PostgreSQL by URL.
 
-SQLite runs with a write-ahead log and `synchronous = FULL`: a committed transaction is on the disk, power loss or not.
 A database of an older schema is brought forward when it is opened, one of a newer schema is refused.
 """
 
@@ -9,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from sqlalchemy import (
     Boolean,
@@ -23,17 +21,15 @@ from sqlalchemy import (
     Table,
     Text,
     UniqueConstraint,
-    create_engine,
-    event,
     inspect,
     select,
-    text,
 )
-from sqlalchemy.engine import Engine, make_url
-from sqlalchemy.exc import ArgumentError, SQLAlchemyError
+from sqlalchemy.engine import Engine
+from sqlalchemy.exc import SQLAlchemyError
 
 from haptorb.apps.study.store.migrations import STEPS, migrate
 from haptorb.errors import RecordingError
+from haptorb.files.sql_engine import BUSY, lock_database, make_engine, mask_password, url_of
 
 __all__ = [
     "FAMILY",
@@ -41,19 +37,15 @@ __all__ = [
     "database",
     "events",
     "lock",
-    "mask_password",
     "participants",
     "replies",
     "sessions",
     "studies",
     "trials",
-    "url_of",
 ]  # fmt: skip
 
 SCHEMA = 1 + len(STEPS)  #: of this version; a database of a newer one is refused
 FAMILY = 0x68617074  #: of PostgreSQL's advisory locks that are ours
-_BUSY = 10_000  #: milliseconds for which an answer waits while another program holds the database
-_PATIENCE = 5  #: seconds until a server that does not answer counts as unreachable
 
 _tables = MetaData()
 versions = Table("haptorb_schema", _tables, Column("version", Integer, primary_key=True))
@@ -118,39 +110,15 @@ replies = Table(
 )  # fmt: skip
 
 
-def url_of(place: str | Path) -> str:
-    """`place` as a URL: a path means SQLite.
-
-    >>> url_of("study.db")
-    'sqlite:///study.db'
-    """
-    text = str(place)
-    return text if "://" in text else f"sqlite:///{text}"
-
-
 def database(place: str | Path, *, make: bool = True) -> Engine:
     """The database at `place`, with its tables; RecordingError if it cannot be reached, is newer, or is none of ours.
 
     With `make` false one that is not there is refused rather than made.
     """
-    try:
-        url = make_url(url_of(place))
-        if url.get_backend_name() == "sqlite" and url.database and not make and not Path(url.database).is_file():
-            raise RecordingError(f"database {place} does not exist: create it with `haptorb study run` or `simulate`")
-        if url.drivername == "postgresql":
-            url = url.set(drivername="postgresql+psycopg")
-        engine = create_engine(url, connect_args=_watched if url.get_backend_name() == "postgresql" else {})
-    except ArgumentError as cause:
-        raise RecordingError(
-            f"'{place}' is not a database; give a file, or a URL like postgresql://host/name"
-        ) from cause
-    except ImportError as cause:
-        raise RecordingError(
-            f"database {place} needs a driver that is not installed ({cause.name or cause}): "
-            "pip install 'haptorb[study]' brings PostgreSQL's"
-        ) from cause
-    if engine.dialect.name == "sqlite":
-        event.listen(engine, "connect", _set_pragmas)
+    url = url_of(place)
+    if not make and url.startswith("sqlite:///") and not Path(url.removeprefix("sqlite:///")).is_file():
+        raise RecordingError(f"database {place} does not exist: create it with `haptorb study run` or `simulate`")
+    engine = make_engine(place)
     try:
         with engine.connect() as connection:
             version = _version(connection, place)
@@ -178,11 +146,8 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
 
 
 def lock(connection: Connection) -> None:
-    """Nobody else gets past here until the transaction that has just begun on `connection` ends."""
-    if connection.dialect.name == "sqlite":
-        connection.execute(text("BEGIN IMMEDIATE"))  # Python's sqlite3 would begin only at the first change of data
-    else:
-        connection.execute(text("SELECT pg_advisory_xact_lock(:family, 0)"), {"family": FAMILY})
+    """No other study's program gets past here until the transaction that has just begun on `connection` ends."""
+    lock_database(connection, FAMILY)
 
 
 def _version(connection: Connection, place: str | Path) -> int | None:
@@ -202,13 +167,6 @@ def _version(connection: Connection, place: str | Path) -> int | None:
     return version
 
 
-#: a station that loses its power must not hold its session, nor one that loses its server wait, for hours
-_watched = {
-    "connect_timeout": _PATIENCE, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3,
-    "tcp_user_timeout": 30_000,
-}  # fmt: skip
-
-
 @contextmanager
 def try_begin(engine: Engine) -> Iterator[Connection]:
     """A transaction that gives up after 50 ms where another program holds the database."""
@@ -221,16 +179,4 @@ def try_begin(engine: Engine) -> Iterator[Connection]:
         finally:
             if sqlite:
                 connection.rollback()
-                connection.exec_driver_sql(f"PRAGMA busy_timeout = {_BUSY}")
-
-
-def mask_password(place: str | Path) -> str:
-    """`place` without the password that a URL may hold."""
-    return make_url(url_of(place)).render_as_string() if "://" in str(place) else str(place)
-
-
-def _set_pragmas(connection: Any, record: Any) -> None:
-    cursor = connection.cursor()
-    for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", f"busy_timeout = {_BUSY}"):
-        cursor.execute(f"PRAGMA {pragma}")
-    cursor.close()
+                connection.exec_driver_sql(f"PRAGMA busy_timeout = {BUSY}")

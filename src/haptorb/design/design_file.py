@@ -1,0 +1,183 @@
+"""From a design file to a Design: read, checked as a whole against its base device, every mistake named."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from haptorb.design.candidate import Candidate
+from haptorb.design.design import Bound, Design, Goal
+from haptorb.design.device_changes import change_tables
+from haptorb.design.device_keys import check_key, split_key
+from haptorb.design.evaluate import compute_quantity, find_base
+from haptorb.design.evaluation import Value
+from haptorb.design.file_schema import BoundSection, DesignFile, GoalSection
+from haptorb.design.file_values import make_parameter, needs_base, read_bound
+from haptorb.design.own_function import load_function
+from haptorb.design.parameter import Parameter
+from haptorb.design.quantity import Quantity
+from haptorb.devices.loader import list_mistakes, read_tables
+from haptorb.devices.schema.mistakes import explain_mistakes
+from haptorb.errors import HaptorbError, InputError, UnknownName
+from haptorb.files.text_file import parse_toml, read_text
+
+__all__ = ["load_design", "parse_design"]
+
+
+def load_design(path: str | Path) -> Design:
+    """The design that the TOML file at `path` describes. Raises InputError with all mistakes of the file."""
+    found = Path(path).expanduser()
+    text = read_text(found, "design file", InputError)
+    return parse_design(text, str(path), found.absolute().parent)
+
+
+def parse_design(text: str, name: str, folder: Path) -> Design:
+    """The design that the TOML `text` describes; `name` is what mistakes are reported under.
+
+    Paths in it, of a base device or a function, start at `folder`.
+    """
+    from pydantic import ValidationError
+
+    try:
+        file = DesignFile.model_validate(parse_toml(text))
+    except ValidationError as cause:
+        lines = explain_mistakes(cause.errors(), DesignFile)
+        raise InputError("\n".join(f"design file '{name}': {line}" for line in lines)) from cause
+    except ValueError as cause:
+        raise InputError(f"design file '{name}': not a TOML file: {cause}") from cause
+    try:
+        return _build(file, text, folder)
+    except HaptorbError as cause:
+        if str(cause).startswith("design file"):
+            raise
+        lines = str(cause).splitlines()
+        raise InputError("\n".join(f"design file '{name}': {line}" for line in lines)) from cause
+
+
+def _build(file: DesignFile, text: str, folder: Path) -> Design:
+    base = file.base
+    if base.endswith(".toml") or "/" in base:
+        base = str(folder / Path(base).expanduser())
+    tables = read_tables(base)
+    kind = str(tables.values.get("kind"))
+    mistakes: list[str] = []
+    codes: dict[str, str] = {}
+    parameters = [_collect(mistakes, make_parameter, key, section) for key, section in file.parameters.items()]
+    goals = [
+        _collect(mistakes, _make_goal, key, section, kind, folder, codes) for key, section in file.objectives.items()
+    ]
+    quantities = {
+        key: _collect(mistakes, _find_quantity, f"constraints.{key}", key, section, kind, folder, codes)
+        for key, section in file.constraints.items()
+    }
+    whole = "\0".join((text, *codes.values(), tables.text))
+    design = Design(
+        name=file.name,
+        title=file.title or file.name,
+        base=base,
+        parameters=tuple(filter(None, parameters)),
+        goals=tuple(filter(None, goals)),
+        bounds=(),
+        options=file.evaluation,
+        text=text,
+        digest=hashlib.sha256(whole.encode()).hexdigest(),
+        tables=tables,
+    )
+    mistakes += _list_mistakes(design)
+    if mistakes:
+        raise InputError("\n".join(mistakes))
+    bounds = [
+        _make_bound(design, key, section, quantity)
+        for (key, section), quantity in zip(file.constraints.items(), quantities.values(), strict=True)
+        if quantity is not None
+    ]
+    return replace(design, bounds=tuple(bounds))
+
+
+def _collect(mistakes: list[str], make: Any, *arguments: Any) -> Any:
+    """What `make` returns; None, with the mistake kept, if it raises."""
+    try:
+        return make(*arguments)
+    except HaptorbError as cause:
+        mistakes.append(str(cause))
+        return None
+
+
+def _make_goal(name: str, section: GoalSection, kind: str, folder: Path, codes: dict[str, str]) -> Goal:
+    quantity = _find_quantity(f"objectives.{name}", name, section, kind, folder, codes)
+    return Goal(quantity, section.sense or quantity.sense, name)
+
+
+def _find_quantity(
+    where: str, name: str, section: GoalSection | BoundSection, kind: str, folder: Path, codes: dict[str, str]
+) -> Quantity:
+    """haptorb's own quantity, or one made of the user's function, whose code goes into `codes`."""
+    try:
+        if section.function is not None:
+            function, source = load_function(section.function, folder)
+            codes[section.function] = source
+            text = (function.__doc__ or f"function {section.function}").strip().splitlines()[0]
+            return Quantity(name, section.unit or "", "minimise", text, (kind,), function)
+        from haptorb.design.objectives import quantity, quantity_names
+
+        found = quantity(section.quantity or name)
+        if kind not in found.kinds:
+            raise UnknownName(f"quantity of a {kind}", found.name, quantity_names(kind))
+    except HaptorbError as cause:
+        raise InputError(f"{where}: {cause}") from cause
+    return found
+
+
+def _make_bound(design: Design, name: str, section: BoundSection, quantity: Quantity) -> Bound:
+    where, base = f"constraints.{name}", None
+    if needs_base(section.at_least) or needs_base(section.at_most):
+        device = find_base(design)
+        base, reason = compute_quantity(quantity, Candidate(device, device, design.options))
+        if reason:
+            raise InputError(f"{where}: the base device has no number for it: {reason}")
+    low, high = (
+        None if value is None else read_bound(value, quantity.unit, f"{where}.{key}", base)
+        for key, value in (("at_least", section.at_least), ("at_most", section.at_most))
+    )
+    if low is not None and high is not None and low > high:
+        raise InputError(f"{where}: at_least ({low:g}) is above at_most ({high:g})")
+    return Bound(name, quantity, low, high)
+
+
+def _list_mistakes(design: Design) -> list[str]:
+    """Keys that the base device has not, or that two parameters write, and values that a key does not take."""
+    mistakes: list[str] = []
+    writers: dict[str, str] = {}
+    for parameter in design.parameters:
+        for place in parameter.places:
+            try:
+                check_key(design.base_tables, place.key)
+            except InputError as cause:
+                mistakes.append(f"parameters.{parameter.name}.places: {cause}")
+                continue
+            other = writers.setdefault(place.key, parameter.name)
+            if other != parameter.name:
+                mistakes.append(f"parameters.{parameter.name}.places: '{place.key}' is written by '{other}' as well")
+    if mistakes:
+        return mistakes
+    for parameter in design.parameters:
+        ends: dict[str, Value] = {label: label for label in parameter.labels} or {
+            "low": parameter.low, "high": parameter.high
+        }  # fmt: skip
+        for label, value in ends.items():
+            mistakes += _try_value(design, parameter, label, value)
+    return list(dict.fromkeys(mistakes))
+
+
+def _try_value(design: Design, parameter: Parameter, label: str, value: Value) -> list[str]:
+    """What the base device's file has against this one value at its own places; what it says elsewhere is for a run."""
+    alone = replace(design, parameters=(parameter,))
+    tables = change_tables(alone, {parameter.name: value})
+    places = [split_key(place.key) for place in parameter.places]
+    found = []
+    for path, sentence in list_mistakes(tables):
+        if any(path[: len(place)] == place for place in places):
+            found.append(f"parameters.{parameter.name}, {label}: {sentence}")
+    return found

@@ -1,0 +1,106 @@
+"""What a design file may say, table by table."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from annotated_types import Len
+from pydantic import BeforeValidator, Field, model_validator
+
+from haptorb.devices.schema import key as m
+from haptorb.devices.schema.sections import Name, Section, Text
+from haptorb.errors import quote
+
+__all__ = ["BoundSection", "DesignFile", "GoalSection", "ParameterSection", "PlaceSection"]
+
+
+def _check_number(value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise ValueError(f"must be a number, with its unit in quotes where it has one; got {quote(value)}")
+    return value
+
+
+Number = Annotated[str | float, BeforeValidator(_check_number)]  #: "18 deg", or a plain number
+Word = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=64)]
+
+
+class PlaceSection(Section):
+    """One of `places`, written as a table."""
+
+    key: Annotated[str, m.Meaning("dotted key of the device file; entries of lists count from 1")]
+    factor: Annotated[float, Field(allow_inf_nan=False), m.Meaning("what the value is multiplied with")] = 1.0
+    offset: Annotated[Number, m.Meaning("what is then added, with its unit")] = 0.0
+
+
+class ParameterSection(Section):
+    """[parameters.NAME]: a range, or choices."""
+
+    low: Annotated[Number | None, m.Meaning("least value, with its unit")] = None
+    high: Annotated[Number | None, m.Meaning("greatest value, with its unit")] = None
+    step: Annotated[Number | None, m.Meaning("step from `low` on"), m.Without("continuous")] = None
+    choices: Annotated[
+        list[Any] | dict[str, Any] | None, m.Meaning("what may be written, by label if it is a table")
+    ] = None
+    places: Annotated[list[str | PlaceSection], Len(1, 100), m.Meaning("keys of the device file that it is written to")]
+
+    @model_validator(mode="after")
+    def _check_kind(self) -> ParameterSection:
+        if self.choices is not None:
+            if (self.low, self.high, self.step) != (None, None, None):
+                raise ValueError("has choices, so it has no low, high or step")
+            if not self.choices:
+                raise ValueError("has an empty list of choices")
+        elif self.low is None or self.high is None:
+            raise ValueError("needs low and high, or choices")
+        return self
+
+
+class _QuantitySection(Section):
+    quantity: Annotated[str | None, m.Meaning("name of what is computed"), m.Without("the name of the table")] = None
+    function: Annotated[str | None, m.Meaning("a function of yours instead: 'file.py:name'")] = None
+    unit: Annotated[Text | None, m.Meaning("unit of what your function returns, SI without prefix")] = None
+
+    @model_validator(mode="after")
+    def _check_source(self) -> _QuantitySection:
+        if self.quantity is not None and self.function is not None:
+            raise ValueError("has both a quantity and a function; give one")
+        if self.unit is not None and self.function is None:
+            raise ValueError("unit is for a function of yours; a quantity of haptorb has its own")
+        return self
+
+
+class GoalSection(_QuantitySection):
+    """[objectives.NAME]"""
+
+    sense: Annotated[
+        Literal["minimise", "maximise"] | None, m.Meaning("what is wanted"), m.Without("what the quantity is made for")
+    ] = None
+
+
+class BoundSection(_QuantitySection):
+    """[constraints.NAME]"""
+
+    at_least: Annotated[Number | None, m.Meaning("least value, with its unit, 'base' or '0.9 base'")] = None
+    at_most: Annotated[Number | None, m.Meaning("greatest value, with its unit, 'base' or '0.9 base'")] = None
+
+    @model_validator(mode="after")
+    def _check_bound(self) -> BoundSection:
+        if self.at_least is None and self.at_most is None:
+            raise ValueError("needs at_least or at_most")
+        return self
+
+
+class DesignFile(Section):
+    """A design file."""
+
+    name: Annotated[Name, m.Meaning("short name of the design")]
+    title: Annotated[Text, m.Meaning("headline of the design")] = ""
+    base: Annotated[str, m.Meaning("device that is changed: a name in the catalogue, or a path")]
+    parameters: Annotated[dict[Word, ParameterSection], Len(1, 100), m.Meaning("what is free")]
+    objectives: Annotated[dict[Word, GoalSection], Len(1, 20), m.Meaning("what is wanted")]
+    constraints: Annotated[dict[Word, BoundSection], Len(0, 100), m.Meaning("what must hold")] = Field(
+        default_factory=dict
+    )
+    evaluation: Annotated[dict[Word, Any], m.Meaning("how finely candidates are computed")] = Field(
+        default_factory=dict
+    )

@@ -1,0 +1,132 @@
+"""The tables of a results database, made at its first opening; what is none of ours, or newer, is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sqlalchemy import (
+    Column,
+    Connection,
+    Float,
+    ForeignKey,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    Text,
+    UniqueConstraint,
+    inspect,
+    select,
+)
+from sqlalchemy.engine import Engine
+from sqlalchemy.exc import SQLAlchemyError
+
+from haptorb.errors import RecordingError
+from haptorb.files.sql_engine import lock_database, make_engine, mask_password, url_of
+
+__all__ = ["FAMILY", "SCHEMA", "designs", "evaluations", "explain_error", "open_database", "runs"]
+
+SCHEMA = 1  #: of this version; a database of a newer one is refused
+FAMILY = 0x68617064  #: of PostgreSQL's advisory locks that are ours
+
+_tables = MetaData()
+versions = Table("haptorb_design_schema", _tables, Column("version", Integer, primary_key=True))
+designs = Table(
+    "designs", _tables,
+    Column("digest", String(64), primary_key=True),
+    Column("name", String(64), nullable=False),
+    Column("text", Text, nullable=False),  # the design file, word for word
+    Column("record", Text, nullable=False),  # JSON: base device, units, senses and bounds, as they were computed
+)  # fmt: skip
+runs = Table(
+    "runs", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("design", ForeignKey("designs.digest"), nullable=False),
+    Column("method", String(32), nullable=False),
+    Column("seed", Integer, nullable=False),
+    Column("settings", String(400), nullable=False),  # JSON: what else decides the values of a number
+    Column("version", String(32), nullable=False),
+    Column("started", String(32), nullable=False),
+    UniqueConstraint("design", "method", "seed", "settings"),
+)  # fmt: skip
+evaluations = Table(
+    "evaluations", _tables,
+    Column("run", ForeignKey("runs.id"), primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),  # from 0; with the run unique: nothing doubled
+    Column("values", Text, nullable=False),  # JSON
+    Column("objectives", Text, nullable=False),  # JSON
+    Column("constraints", Text, nullable=False),  # JSON
+    Column("refused_by", String(64), nullable=False),
+    Column("reason", Text, nullable=False),
+    Column("seconds", Float, nullable=False),
+    Column("time", String(32), nullable=False),
+)  # fmt: skip
+
+
+def open_database(place: str | Path, *, make: bool) -> Engine:
+    """The database at `place`, with its tables; RecordingError if it cannot be reached, is newer, or is none of ours.
+
+    With `make` false one that is not there is refused rather than made.
+    """
+    url = url_of(place)
+    if url.startswith("sqlite:///"):
+        _check_file(Path(url.removeprefix("sqlite:///")), place, make)
+    engine = make_engine(place)
+    try:
+        with engine.connect() as connection:
+            empty = _check_schema(connection, place)
+        if empty and not make:
+            raise RecordingError(f"{mask_password(place)} holds no results of a design")
+        if empty:
+            with engine.begin() as connection:
+                lock_database(connection, FAMILY)
+                if _check_schema(connection, place):  # another program may have been quicker
+                    _tables.create_all(connection)
+                    connection.execute(versions.insert().values(version=SCHEMA))
+    except SQLAlchemyError as cause:
+        engine.dispose()
+        raise RecordingError(f"results {mask_password(place)} cannot be opened: {explain_error(cause)}") from cause
+    except RecordingError:
+        engine.dispose()
+        raise
+    return engine
+
+
+def explain_error(cause: SQLAlchemyError) -> str:
+    """The database's own words, one line."""
+    return str(getattr(cause, "orig", None) or cause).splitlines()[0]
+
+
+def _check_file(path: Path, place: str | Path, make: bool) -> None:
+    if path.is_dir():
+        raise RecordingError(f"{place} is a folder: name a file, such as results.sqlite")
+    if not path.exists():
+        if not make:
+            raise RecordingError(f"results file {place} does not exist: `haptorb design sweep` makes one")
+        if not path.absolute().parent.is_dir():
+            raise RecordingError(f"{place}: there is no folder {path.parent}; make it first")
+        return
+    try:
+        with path.open("rb") as file:
+            head = file.read(16)
+    except OSError as cause:
+        raise RecordingError(f"results file {place}: cannot be read ({cause.strerror})") from cause
+    if head and head != b"SQLite format 3\0":
+        raise RecordingError(f"{place} is not a results file of `haptorb design`: choose another name")
+
+
+def _check_schema(connection: Connection, place: str | Path) -> bool:
+    """Whether there are no tables yet; RecordingError if they are not ours, or newer."""
+    known = set(inspect(connection).get_table_names())
+    if not known:
+        return True
+    if versions.name not in known:
+        raise RecordingError(
+            f"{mask_password(place)} holds other tables than the results of a design; choose another database"
+        )
+    version = int(connection.execute(select(versions.c.version)).scalar_one())
+    if version > SCHEMA:
+        raise RecordingError(
+            f"{mask_password(place)} has schema {version}; this haptorb knows up to {SCHEMA}: update haptorb"
+        )
+    return False
