@@ -7,6 +7,8 @@ import time
 import traceback
 from collections.abc import Mapping
 
+from threadpoolctl import threadpool_limits
+
 from haptorb.design.candidate import Candidate
 from haptorb.design.design import Bound, Design
 from haptorb.design.device_changes import build_device
@@ -40,6 +42,11 @@ def evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evalua
     A candidate that makes no device, breaks a constraint, or of which a quantity cannot be computed, is refused with
     the reason. Constraints are computed in the order of the design file, up to the first that is broken.
     """
+    with threadpool_limits(1):  # results must not depend on how many cores a computer has
+        return _evaluate(design, number, values)
+
+
+def _evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evaluation:
     begin = time.process_time()
     constraints: dict[str, float] = {}
     objectives: dict[str, float] = {}

@@ -1,0 +1,147 @@
+"""Candidates on all cores of this computer: processes that are started once, and given a few candidates at a time."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from itertools import islice
+from multiprocessing import active_children, get_context, parent_process
+from typing import final
+
+from haptorb.design.design import Design
+from haptorb.design.evaluate import evaluate
+from haptorb.design.evaluation import Evaluation
+from haptorb.design.workers.workers import Job, LocalWorker, Workers
+from haptorb.errors import InputError
+
+__all__ = ["ProcessWorkers", "count_cores", "evaluate_all", "open_processes"]
+
+_MOST = 8  #: candidates in one job: more would wait for each other at the end
+_SHARES = 4  #: jobs for each process, unless that makes them longer than `_MOST`
+_AHEAD = 3  #: jobs that are given out for each process
+#: one thread each: the processes are as many as the cores
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+def count_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def evaluate_all(design: Design, jobs: Iterable[Job], processes: int | None = None) -> Iterator[Evaluation]:
+    """What each candidate (number, values) came to, as they come; on all cores by default.
+
+    As every program that starts processes, a script that calls this needs `if __name__ == "__main__":`.
+    """
+    with open_processes(design, processes) as workers:
+        yield from workers.evaluate(jobs)
+
+
+@contextmanager
+def open_processes(design: Design, processes: int | None = None) -> Iterator[Workers]:
+    """So many processes for the candidates of `design`, one per core by default, until the block ends.
+
+    With one, candidates are computed in this process. An exception in the block, ^C too, ends them at once.
+    """
+    many = count_cores() if processes is None else processes
+    if not 1 <= many <= 1000:
+        raise InputError(f"processes must be between 1 and 1000; got {many}")
+    if many == 1:
+        yield LocalWorker(design)
+        return
+    import cloudpickle
+
+    packed: bytes = cloudpickle.dumps(design)  # an objective of the user's own comes with its code
+    others = set(active_children())
+    pool = ProcessPoolExecutor(many, get_context("spawn"), initializer=_start, initargs=(packed,))
+    try:
+        _start_all(pool)
+        yield ProcessWorkers(pool, many)
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in set(active_children()) - others:
+            child.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+@final
+class ProcessWorkers:
+    """Processes of this computer; made by `open_processes`."""
+
+    def __init__(self, pool: ProcessPoolExecutor, many: int) -> None:
+        self._pool, self._many = pool, many
+
+    def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
+        """What each candidate came to, as they come. InputError if a process is killed; what came before is good."""
+        todo = [(number, dict(values)) for number, values in jobs]
+        size = max(1, min(_MOST, len(todo) // (_SHARES * self._many)))
+        parts = iter([todo[k : k + size] for k in range(0, len(todo), size)])
+        running: set[Future[list[Evaluation]]] = set()
+        try:
+            while True:
+                for part in islice(parts, _AHEAD * self._many - len(running)):
+                    running.add(self._pool.submit(_evaluate_part, part))
+                if not running:
+                    return
+                done, running = wait(running, return_when=FIRST_COMPLETED)
+                for future in done:
+                    yield from future.result()
+        except BrokenProcessPool as cause:
+            raise InputError(
+                "a process that computed candidates was killed, perhaps for want of memory: the same command goes on, "
+                "--processes with fewer of them"
+            ) from cause
+        finally:
+            for future in running:
+                future.cancel()
+
+
+def _start_all(pool: ProcessPoolExecutor) -> None:
+    """Start the processes, which inherit that they do not hear ^C and have one thread each."""
+    main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
+    kept = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        pool.submit(int)
+    finally:
+        for name, value in kept.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+        if main:
+            signal.signal(signal.SIGINT, before)
+
+
+_design: Design | None = None  # of this process, if it is one of the workers
+
+
+def _start(packed: bytes) -> None:
+    """Unpack the design once per process, and end with the program that started it, however that ends."""
+    global _design
+    import cloudpickle
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_wait_for_parent, daemon=True).start()
+    _design = cloudpickle.loads(packed)
+
+
+def _wait_for_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _evaluate_part(jobs: Sequence[Job]) -> list[Evaluation]:
+    if _design is None:
+        raise InputError("no design was given to this process")
+    return [evaluate(_design, number, values) for number, values in jobs]
