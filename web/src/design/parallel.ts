@@ -93,7 +93,7 @@ export class Parallel {
     const named = [...this.filters].map(([column, [low, high]]) => `${column.title} ${number(low)} to ${number(high)}`.replaceAll("–", "any"));
     this.count.textContent = kept
       ? `${kept.reduce((sum, one) => sum + one, 0)} of ${all} designs: ${named.join("; ")}.`
-      : "Drag along an axis to show only designs within that part; click the axis to show all again.";
+      : "Drag along an axis to show only designs within that part; click the axis to show all again. Choices count from 0, at the bottom.";
   }
 
   /** The design that is pointed at anywhere on the page. */

@@ -145,6 +145,7 @@ export class Scatter {
     const up = (value: number): number => bottom - ((value - y0) / (y1 - y0)) * (bottom - MARGIN.top);
     this.axes(context, { across, up, right, bottom, ends: [x0, x1, y0, y1] });
     let beyond = 0;
+    const size = designs.names.length > 2000 ? 3 : 4;
     const inside = (a: number, b: number): boolean => a >= x0 && a <= x1 && b >= y0 && b <= y1;
     context.fillStyle = css("--muted");
     for (let row = 0; row < designs.names.length; row++) {
@@ -155,7 +156,7 @@ export class Scatter {
       this.places[2 * row + 1] = seen ? up(b) : NaN;
       if (!seen) continue;
       context.globalAlpha = this.kept && !this.kept[row] ? 0.08 : 0.45;
-      context.fillRect(across(a) - 1.5, up(b) - 1.5, 3, 3);
+      context.fillRect(across(a) - size / 2, up(b) - size / 2, size, size);
     }
     this.beyond.textContent = beyond ? `${beyond} of ${designs.names.length} designs lie beyond these axes.` : "";
     this.special(context, across, up, inside);
@@ -210,7 +211,7 @@ export class Scatter {
       context.stroke();
     };
     context.textAlign = "center";
-    for (const [value, text] of marks(this.x, x0, x1, (at.right - MARGIN.left) / 90)) {
+    for (const [value, text] of marks(this.x, x0, x1, (at.right - MARGIN.left) / 70)) {
       line(at.across(value), MARGIN.top, at.across(value), at.bottom);
       context.fillText(text, at.across(value), at.bottom + 18);
     }

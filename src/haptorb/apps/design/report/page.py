@@ -102,7 +102,7 @@ def _make_refusals(table: ResultsTable) -> str:
     return (
         "<p class='soft'>Constraints are asked in the order of the design file: a design counts for the first that it "
         "breaks.</p><div class='wide' tabindex='0'><table class='table'><thead><tr><th scope='col'>refused by</th>"
-        "<th scope='col'>designs</th><th scope='col'>of all</th><th scope='col'>for example</th></tr></thead>"
+        "<th scope='col' class='n'>designs</th><th scope='col' class='n'>of all</th><th scope='col'>for example</th></tr></thead>"
         f"<tbody>{lines}</tbody></table></div>"
     )
 

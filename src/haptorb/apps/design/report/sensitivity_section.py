@@ -16,9 +16,9 @@ __all__ = ["make_sensitivity_section"]
 _WIDE, _HIGH = 240, 22  #: of a bar's picture [px]
 
 _LEAD = (
-    "Share: how much of the objective’s variance (of its ranks) goes when this parameter alone is known; what is left "
-    "over 100 % of all shares comes from parameters acting together. Direction: rank correlation, +1 if the objective "
-    "grows with the parameter, −1 if it falls; near 0 beside a large share, the objective turns within the range. "
+    "Share: of the variance of the objective (of its ranks), the part that this parameter alone explains; what the shares "
+    "together lack of 100 % comes from parameters that act together. Direction: rank correlation, +1 if the objective "
+    "grows with the parameter, −1 if it falls; near 0 beside a large share, the best value is within the range. "
     "Lines and brackets are 95 % intervals. Both hold for the valid designs within the ranges that were tried: where "
     "constraints refuse designs, parameters become dependent, and one can carry another’s share."
 )
@@ -69,8 +69,8 @@ def _make_table(objective: ResultsColumn, found: list[tuple[ResultsColumn, Sensi
     return (
         f"<div class='wide' tabindex='0'><table class='table'><caption>{escape(objective.title)} "
         f"<span class='soft'>({rest})</span></caption><thead><tr><th scope='col'>parameter</th>"
-        "<th scope='col'><span class='soft'>0 to 100 %</span></th><th scope='col'>share [95 %]</th>"
-        f"<th scope='col'>direction [95 %]</th></tr></thead><tbody>{lines}</tbody></table></div>"
+        "<th scope='col'><span class='soft'>0 to 100 %</span></th><th scope='col' class='n'>share [95 %]</th>"
+        f"<th scope='col' class='n'>direction [95 %]</th></tr></thead><tbody>{lines}</tbody></table></div>"
     )
 
 
