@@ -14,6 +14,7 @@ import typer
 from haptorb.apps.cli import (
     calibrate,
     check,
+    design,
     feel,
     fit,
     frame,
@@ -63,7 +64,7 @@ def start(
 
 for module in (
     *(run, view, show, check, study, recording, replay, calibrate, frame, fit, train, estimators, guidance),
-    *(bench, hardware, reproduce, feel),
+    *(design, bench, hardware, reproduce, feel),
 ):
     module.register(app)
 

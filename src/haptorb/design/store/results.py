@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, final
 
 from sqlalchemy import select
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import Engine, Row
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -81,7 +82,7 @@ class ResultsWriter:
         rows = [{"run": self.run.id, "time": now, **_write_row(one)} for one in new.values()]
         try:
             with self._engine.begin() as connection:
-                connection.execute(evaluations.insert(), rows)
+                connection.execute(_insert(self._engine), rows)
         except SQLAlchemyError as cause:
             raise RecordingError(
                 f"results {self._place} cannot be written ({explain_error(cause)}): {len(self._known)} designs of this "
@@ -182,6 +183,12 @@ def _read_evaluations(engine: Engine, run: int) -> list[Evaluation]:
             Evaluation(number, json.loads(values), json.loads(objectives), json.loads(constraints), *rest)
             for number, values, objectives, constraints, *rest in connection.execute(query)
         ]
+
+
+def _insert(engine: Engine) -> Any:
+    """Rows that are there already stay: ^C between the transaction's end and what this program knows of it."""
+    make = postgresql.insert if engine.dialect.name == "postgresql" else sqlite.insert
+    return make(evaluations).on_conflict_do_nothing()
 
 
 def _write_row(one: Evaluation) -> dict[str, Any]:

@@ -13,24 +13,20 @@ from itertools import islice
 from multiprocessing import active_children, get_context, parent_process
 from typing import final
 
+from haptorb.cluster.cores import count_cores
 from haptorb.design.design import Design
 from haptorb.design.evaluate import evaluate
 from haptorb.design.evaluation import Evaluation
 from haptorb.design.workers.workers import Job, LocalWorker, Workers
 from haptorb.errors import InputError
 
-__all__ = ["ProcessWorkers", "count_cores", "evaluate_all", "open_processes"]
+__all__ = ["ProcessWorkers", "evaluate_all", "open_processes"]
 
 _MOST = 8  #: candidates in one job: more would wait for each other at the end
 _SHARES = 4  #: jobs for each process, unless that makes them longer than `_MOST`
 _AHEAD = 3  #: jobs that are given out for each process
 #: one thread each: the processes are as many as the cores
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-
-
-def count_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def evaluate_all(design: Design, jobs: Iterable[Job], processes: int | None = None) -> Iterator[Evaluation]:
@@ -60,7 +56,6 @@ def open_processes(design: Design, processes: int | None = None) -> Iterator[Wor
     others = set(active_children())
     pool = ProcessPoolExecutor(many, get_context("spawn"), initializer=_start, initargs=(packed,))
     try:
-        _start_all(pool)
         yield ProcessWorkers(pool, many)
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
@@ -77,10 +72,14 @@ class ProcessWorkers:
 
     def __init__(self, pool: ProcessPoolExecutor, many: int) -> None:
         self._pool, self._many = pool, many
+        self._started = False  # with the first candidates: a run that is complete needs none
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
         """What each candidate came to, as they come. InputError if a process is killed; what came before is good."""
         todo = [(number, dict(values)) for number, values in jobs]
+        if todo and not self._started:
+            _start_all(self._pool)
+            self._started = True
         size = max(1, min(_MOST, len(todo) // (_SHARES * self._many)))
         parts = iter([todo[k : k + size] for k in range(0, len(todo), size)])
         running: set[Future[list[Evaluation]]] = set()

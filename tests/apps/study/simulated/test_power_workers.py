@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from haptorb.apps.study.model.study_file import study_of
-from haptorb.apps.study.simulated import power_workers
 from haptorb.apps.study.simulated.power_workers import simulate_pool
+from haptorb.cluster import dask_cluster
 from haptorb.errors import InputError
 
 STUDY = study_of(
@@ -52,7 +52,7 @@ def test_a_cluster_gives_what_one_process_gives(alone: list[float], cluster: str
 
 @pytest.mark.filterwarnings("ignore")
 def test_workers_of_another_version_are_refused(cluster: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(power_workers, "__version__", "99.0")
+    monkeypatch.setattr(dask_cluster, "__version__", "99.0")
     with pytest.raises(InputError, match=r"this computer has 99\.0: install the same version") as told:
         simulate(scheduler=cluster)
     assert "\n" not in str(told.value)

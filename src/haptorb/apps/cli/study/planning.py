@@ -127,7 +127,7 @@ def power(
     from haptorb.apps.study.inference.significance import check_test
     from haptorb.apps.study.model.study_file import read_study
     from haptorb.apps.study.simulated.power import power as foretold
-    from haptorb.apps.study.simulated.power_workers import count_cores
+    from haptorb.cluster.cores import count_cores
 
     known = read_study(file)
     with make_progress() as bar:

@@ -6,32 +6,21 @@ Each participant has a seed of its own and results are kept by number, so all th
 from __future__ import annotations
 
 import math
-import os
-import re
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache
-from importlib import import_module
 from multiprocessing import get_context
-from typing import Any
 
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.simulated.power_person import simulate_value
-from haptorb.errors import HaptorbError, InputError
-from haptorb.version import __version__
+from haptorb.cluster.dask_cluster import open_cluster, run_jobs
+from haptorb.errors import InputError
 
-__all__ = ["count_cores", "simulate_pool"]
+__all__ = ["simulate_pool"]
 
-_PATIENCE = 5.0  #: until a scheduler that does not answer counts as unreachable [s]
-_ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")  #: of a scheduler: host and port
 _SHARES = 8  #: parts of the work per process, so that none waits long for the last
 
 Job = tuple[bytes, tuple[tuple[tuple[int, ...], int], ...], str, tuple[str, str] | None]
-
-
-def count_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def simulate_pool(
@@ -81,57 +70,8 @@ def _run_processes(jobs: list[Job], processes: int) -> Iterator[dict[int, float]
 
 
 def _run_cluster(jobs: list[Job], address: str) -> Iterator[dict[int, float]]:
-    try:
-        distributed: Any = import_module("distributed")  # which has types only in parts
-    except ImportError as cause:
-        raise InputError("--scheduler needs dask.distributed: pip install 'haptorb[cluster]'") from cause
-    if not _ADDRESS.fullmatch(address):  # a client that is made for it fails a second time when it is thrown away
-        raise InputError(
-            f"'{address}' is no address of a Dask scheduler; give the one that `dask scheduler` prints, such as "
-            "tcp://127.0.0.1:8786"
-        )
-    try:
-        client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
-    except (OSError, ValueError, TypeError, ImportError, KeyError) as cause:
-        raise InputError(
-            f"no Dask scheduler answers at '{address}'; start one with `dask scheduler`, and give the address that it "
-            "prints, such as tcp://127.0.0.1:8786"
-        ) from cause
-    with client:
-        _check_cluster(client, address)
-        futures = client.map(_simulate_job, jobs, pure=False)
-        try:
-            for future in distributed.as_completed(futures, loop=client.loop):
-                yield future.result()
-        except (HaptorbError, GeneratorExit):
-            raise
-        except Exception as cause:  # a worker that was killed, a scheduler that went away
-            text = " ".join(str(cause).split())[:200]
-            raise InputError(
-                f"the Dask cluster at '{address}' failed: {text}; the result is lost, start again"
-            ) from cause
-
-
-def _check_cluster(client: Any, address: str) -> None:
-    """InputError unless the cluster has workers, with the versions of this computer."""
-    if not client.scheduler_info().get("workers"):
-        raise InputError(f"the Dask scheduler at '{address}' has no workers: start some with `dask worker {address}`")
-    try:
-        client.get_versions(check=True)
-        versions = client.run(_find_version)
-    except Exception as cause:  # what a worker of another version raises is its own
-        text = " ".join(str(cause).split())[:200]
-        raise InputError(f"the Dask cluster at '{address}' does not fit this computer: {text}") from cause
-    others = sorted({version for version in versions.values() if version != __version__})
-    if others:
-        raise InputError(
-            f"the Dask workers at '{address}' have haptorb {', '.join(others)}, this computer has {__version__}: "
-            "install the same version on all"
-        )
-
-
-def _find_version() -> str:
-    return __version__
+    with open_cluster(address) as client:
+        yield from run_jobs(client, _simulate_job, jobs, after="the result is lost, start again")
 
 
 def _simulate_job(job: Job) -> dict[int, float]:

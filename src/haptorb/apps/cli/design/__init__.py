@@ -1,0 +1,5 @@
+"""`haptorb design`: search for devices."""
+
+from haptorb.apps.cli.design.command import register
+
+__all__ = ["register"]

@@ -1,0 +1,18 @@
+"""`haptorb design sweep | optimise | report | show`, joined."""
+
+from __future__ import annotations
+
+import typer
+
+from haptorb.apps.cli.design.sweep import sweep
+from haptorb.apps.terminal.help_text import CommandLine
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to `app`."""
+    design = CommandLine(help="Design: search for devices by a sweep or an optimiser, report and show the results.")
+    for command in (sweep,):
+        design.command()(command)
+    app.add_typer(design, name="design")

@@ -1,0 +1,95 @@
+"""NSGA-II over the free parameters of a design, one generation at a time (Deb et al. 2002; pymoo)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, final
+
+import numpy as np
+
+from haptorb.design.design import Design
+from haptorb.design.evaluation import Evaluation, Value
+from haptorb.design.search.space import SearchSpace
+from haptorb.design.search.violation import measure_violation
+from haptorb.errors import InputError
+
+__all__ = ["POPULATION", "Optimiser"]
+
+POPULATION = 50  #: candidates in a generation, unless something else is asked for
+
+
+@final
+class Optimiser:
+    """Proposes a generation of candidates, is told what each came to, proposes the next.
+
+    The same design, seed and population give the same candidates under the same numbers, whatever computed them and in
+    whatever order. The first generation is a Latin hypercube. No candidate is proposed twice.
+
+    Raises InputError for a design without a parameter or an objective, or a population below 4.
+    """
+
+    def __init__(self, design: Design, *, seed: int, population: int = POPULATION) -> None:
+        if population < 4:
+            raise InputError(f"a population of an optimiser has at least 4 candidates; got {population}")
+        if not design.goals:
+            raise InputError(f"design '{design.name}' has no objective: add a table [objectives.NAME]")
+        if seed < 0:
+            raise InputError(f"a seed is 0 or more; got {seed}")
+        self.space = SearchSpace(design.parameters)
+        self._design = design
+        self._population = population
+        self._told = 0
+        self._asked: Any = None
+        self._make_algorithm(seed)
+
+    def ask(self) -> list[tuple[int, dict[str, Value]]]:
+        """(number, values) of the next generation; empty where nothing new can be found.
+
+        Asked again before `tell`, it gives the same.
+        """
+        if self._asked is None:
+            self._asked = self._algorithm.ask()
+            if self._asked is not None:
+                self._new.known.update(point.tobytes() for point in self._asked.get("X"))
+        if self._asked is None:
+            return []
+        return [(self._told + n, self.space.values(point)) for n, point in enumerate(self._asked.get("X"))]
+
+    def tell(self, evaluations: Sequence[Evaluation]) -> None:
+        """What the candidates of the last `ask` came to, in any order; InputError unless it is all of them."""
+        count = 0 if self._asked is None else len(self._asked)
+        ordered = sorted(evaluations, key=lambda evaluation: evaluation.number)
+        if not count or [evaluation.number for evaluation in ordered] != list(range(self._told, self._told + count)):
+            raise InputError(
+                f"the optimiser asked for candidates {self._told} to {self._told + count - 1}: tell it all"
+            )
+        goals = [(goal.name, -1.0 if goal.sense == "maximise" else 1.0) for goal in self._design.goals]
+        costs = [[sign * one.objectives[name] if one.valid else 0.0 for name, sign in goals] for one in ordered]
+        self._asked.set("F", np.array(costs))
+        self._asked.set("G", np.array([[measure_violation(one, self._design.bounds)] for one in ordered]))
+        for individual in self._asked:
+            individual.evaluated.update({"F", "G"})
+        self._algorithm.tell(infills=self._asked)
+        self._told += count
+        self._asked = None
+
+    def _make_algorithm(self, seed: int) -> None:
+        from pymoo.algorithms.moo.nsga2 import NSGA2  # a second and a half, which only an optimiser needs
+        from pymoo.core.problem import Problem
+        from pymoo.core.termination import NoTermination
+
+        from haptorb.design.search.operators import MixedCrossover, MixedMutation, NewOnly, Snap
+
+        axes = len(self.space.parameters)
+        problem = Problem(n_var=axes, n_obj=len(self._design.goals), n_ieq_constr=1, xl=0.0, xu=1.0)
+        self._new = NewOnly()
+        self._algorithm = NSGA2(
+            pop_size=self._population, sampling=self._first_generation(seed), crossover=MixedCrossover(self.space),
+            mutation=MixedMutation(self.space), repair=Snap(self.space), eliminate_duplicates=self._new,
+        )  # fmt: skip
+        self._algorithm.setup(problem, seed=seed, termination=NoTermination(), verbose=False)
+
+    def _first_generation(self, seed: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+        random, count, axes = np.random.default_rng(seed), self._population, len(self.space.parameters)
+        cells = random.permuted(np.tile(np.arange(count), (axes, 1)), axis=1).T
+        return self.space.snap((cells + random.random((count, axes))) / count)

@@ -1,0 +1,83 @@
+"""The free parameters of a design as a unit cube, which is what an optimiser moves in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptorb.design.evaluation import Value
+from haptorb.design.parameter import Parameter
+from haptorb.errors import InputError
+
+__all__ = ["SearchSpace"]
+
+Array = NDArray[np.float64]
+
+_DIGITS = 9  #: of a place in the unit cube; what processors compute differently in the last bit is not kept
+
+
+@final
+class SearchSpace:
+    """Points of the unit cube ↔ values of parameters.
+
+    parameters  in the order of the cube's axes
+    levels      of each parameter, (p,) int: 0 continuous, otherwise how many steps or choices it has
+    free        of each parameter, (p,) bool: a choice, whose levels have no order
+    """
+
+    def __init__(self, parameters: Sequence[Parameter]) -> None:
+        if not parameters:
+            raise InputError("the design has no free parameter: add a table [parameters.NAME]")
+        self.parameters = tuple(parameters)
+        self.levels: NDArray[np.int64] = np.array([_count_levels(parameter) for parameter in parameters])
+        self.free: NDArray[np.bool_] = np.array([bool(parameter.choices) for parameter in parameters])
+
+    def snap(self, points: Array) -> Array:
+        """The nearest points (n, p) that the parameters can take; what lies outside is brought to the bound."""
+        inside = np.clip(points, 0.0, 1.0)
+        widths = np.maximum(self.levels, 1)
+        bins = np.minimum(np.floor(inside * widths), widths - 1)
+        spans = np.maximum(self.levels - 1, 1)
+        stepped = np.where(self.levels == 1, 0.0, np.round(inside * spans) / spans)
+        found = np.where(self.free, (bins + 0.5) / widths, np.where(self.levels > 0, stepped, inside))
+        return np.round(found, _DIGITS) + 0.0  # no negative zero: equal points are equal bytes
+
+    def values(self, point: Array) -> dict[str, Value]:
+        """Parameter → value at `point` (p,), which was snapped."""
+        return {
+            parameter.name: _value_at(parameter, int(levels), float(place))
+            for parameter, levels, place in zip(self.parameters, self.levels, point, strict=True)
+        }
+
+    def point(self, values: Mapping[str, Value]) -> Array:
+        """The point (p,) of these values, snapped."""
+        places = [_place_of(parameter, values[parameter.name]) for parameter in self.parameters]
+        found: Array = self.snap(np.array([places]))[0]
+        return found
+
+
+def _count_levels(parameter: Parameter) -> int:
+    if parameter.choices:
+        return len(parameter.choices)
+    if not parameter.step:
+        return 0
+    return int(np.floor((parameter.high - parameter.low) / parameter.step + 1e-9)) + 1
+
+
+def _value_at(parameter: Parameter, levels: int, place: float) -> Value:
+    if parameter.choices:
+        return parameter.labels[min(int(place * levels), levels - 1)]
+    if levels:
+        return float(f"{parameter.low + round(place * max(levels - 1, 1)) * parameter.step:.12g}")
+    return float(f"{parameter.low + place * (parameter.high - parameter.low):.12g}")
+
+
+def _place_of(parameter: Parameter, value: Any) -> float:
+    if parameter.choices:
+        return (parameter.labels.index(value) + 0.5) / len(parameter.choices)
+    levels = _count_levels(parameter)
+    span = (levels - 1) * parameter.step if levels else parameter.high - parameter.low
+    return (float(value) - parameter.low) / span if span else 0.0
