@@ -34,6 +34,7 @@ from haptorb.physics.sources.soft_sphere import SoftSphere
 
 __all__ = ["ElectromagnetFile"]
 
+_MOST_FILL = 0.9  #: round wires side by side fill 0.907
 Row3 = Annotated[tuple[q.MomentPerCurrent, ...], Len(3, 3)]
 
 
@@ -153,6 +154,15 @@ class WindingsSection(Section):
     length: Annotated[
         tuple[Annotated[q.Length, Positive], ...], Len(3, 3), m.Meaning("length of each winding along its own axis")
     ]
+    fill: Annotated[
+        q.Number | None,
+        Field(gt=0, le=_MOST_FILL),
+        m.Meaning(
+            "share of the windings' section that copper fills; with it the windings, and not the file, decide moments, "
+            "resistances, inductances and the windings' heat capacity"
+        ),
+        m.Without("these are the file's own"),
+    ] = None
 
     def build(self) -> Windings:
         """As the device has it."""
@@ -253,12 +263,16 @@ class ElectromagnetFile(CommonFile):
         tool["inertia"] = np.array(tool["inertia"])
         given = self.electromagnet.moment_per_current
         windings = None if self.windings is None else self.windings.build()
+        fill = None if self.windings is None else self.windings.fill
+        core = SoftSphere(self.electromagnet.core_radius, self.electromagnet.core_permeability)
+        common, coils = self.common(), self.coils.build()
+        if windings is not None and fill is not None:
+            given, coils = None, windings.complete(coils, core, fill)
         if given is not None:
             moments = np.array(given)
         elif windings is not None:
-            core = SoftSphere(self.electromagnet.core_radius, self.electromagnet.core_permeability)
             moments = windings.moment_per_current(core)
-        common, coils = self.common(), self.coils.build()
+        common["coils"] = coils
         if self.thermal is not None:
             common["coils"] = replace(coils, heat=self.thermal.complete(coils.heat, len(coils.names)))
         return SphericalElectromagnet(

@@ -12,6 +12,7 @@ import numpy as np
 
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet.remarks import FORCE_JND
+from haptorb.devices.electromagnet.shell_points import cap_directions
 from haptorb.devices.endurance import endurance
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
@@ -53,17 +54,8 @@ def shell_capability(
     """Card for `device` at `distances` [m] (five over the shell where none are given), `points` over the workspace."""
     if distances is None:
         distances = device.contact_distance + np.linspace(0, device.shell_thickness, 5)
-    directions = _cap(device.workspace_half_angle, points)
+    directions = cap_directions(device.workspace_half_angle, points)
     return ShellCapability(tuple(_layer(device, float(d), directions) for d in distances), endurance(device))
-
-
-def _cap(half_angle: float, points: int) -> Array:
-    """(points, 3) unit vectors spread evenly (a Fibonacci spiral) over the cap about +z."""
-    n = np.arange(points) + 0.5
-    z = 1 - n / points * (1 - np.cos(half_angle))
-    turn = np.pi * (1 + np.sqrt(5)) * n
-    s = np.sqrt(1 - z * z)
-    return np.column_stack([s * np.cos(turn), s * np.sin(turn), z])
 
 
 def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -> Layer:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
+from haptorb.devices.device import Coils
 from haptorb.numerics.arrays import Array
-from haptorb.physics.sources.coil import Coil
+from haptorb.physics.sources.coil import COPPER_RESISTIVITY, Coil
 from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.sources.soft_sphere import SoftSphere
 
 __all__ = ["Windings"]
+
+_COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
 
 _DEGREES = np.arange(1, 16, 2)  #: of the harmonics of the core's answer that `field_error` counts
 
@@ -75,6 +78,32 @@ class Windings:
             axis, equator = (own + _answer(coil, core, distance)) / (2 * scale, -scale)
             found.append(max(abs(axis - 1), abs(equator - 1)))
         return np.array(found)
+
+    def inductance(self, core: SoftSphere) -> Array:
+        """(3,) [H] of each winding with the core.
+
+        The winding's own, and what the core's moment m adds to its flux: m·B(0) per ampere squared, by reciprocity.
+        Left out: the core's higher harmonics, some per cent of the second part.
+        """
+        own = np.array([coil.inductance for coil in self.coils])
+        moments = self.parts(core)[:, 1]
+        per_field = core.moment_in(np.array([0.0, 0.0, 1.0]))[2]  # A·m² per tesla
+        whole: Array = own + moments**2 / per_field
+        return whole
+
+    def complete(self, coils: Coils, core: SoftSphere, fill: float) -> Coils:
+        """`coils` with resistance, inductance and heat capacity of these windings, of which copper fills `fill`.
+
+        The heat capacity is the mean of the three, as a device has one for all its channels.
+        """
+        warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
+        capacity = float(np.mean([coil.heat_capacity(fill) for coil in self.coils]))
+        return replace(
+            coils,
+            resistance=np.array([coil.resistance(fill, COPPER_RESISTIVITY * warm) for coil in self.coils]),
+            inductance=self.inductance(core),
+            heat=replace(coils.heat, winding_capacity=capacity),
+        )
 
     def fill(self, resistance: Array, resistivity: float) -> Array:
         """(3,) share of each winding's section that conductor of `resistivity` [Ω·m] must fill for `resistance` [Ω].

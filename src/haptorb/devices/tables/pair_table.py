@@ -22,7 +22,7 @@ from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.placement import PlacedSource
 from haptorb.physics.sources.round_body import RoundBody
 
-__all__ = ["PairTable", "Progress", "field_table", "torque_table"]
+__all__ = ["PairTable", "Progress", "chord_pieces", "field_table", "torque_table"]
 
 Progress = Callable[[int, int], None]  #: called with (done, total) evaluations of the exact model
 
@@ -150,9 +150,9 @@ def _tabulate(
     if not 0 < float(check_finite(precision, "precision")) < 1:
         raise InputError(f"precision must be a relative error between 0 and 1; got {precision!r}")
     series, tail = _series(exact, precision, progress)
-    cells, gap = _cells(series, _FEWEST)
+    cells, gap = chord_pieces(series, _FEWEST)
     while gap > 0.5 * precision and len(cells) <= _MOST:
-        cells, gap = _cells(series, 2 * (len(cells) - 1))
+        cells, gap = chord_pieces(series, 2 * (len(cells) - 1))
     bound = tail + gap + 0.1 * precision  # what the exact model itself may be off
     if bound > 2 * precision:
         raise PrecisionError(
@@ -192,8 +192,12 @@ def _series(
         count *= 2
 
 
-def _cells(series: Array, count: int) -> tuple[Array, float]:
-    """Quintic Hermite pieces through value and two derivatives at `count` + 1 chords, and their error in between."""
+def chord_pieces(series: Array, count: int) -> tuple[Array, float]:
+    """(count + 1, 6 q) quintic pieces of q functions, laid out as `PairTable.cells`, and their error in between.
+
+    series (q, n) are Chebyshev coefficients in the cosine; each piece takes value and two derivatives at its ends. The
+    error is relative to each function's greatest magnitude.
+    """
     step = 2.0 / count
     x = step * np.arange(count + 1)
     cosine = 1 - 0.5 * x**2

@@ -1,0 +1,174 @@
+"""What a device is made of: sizes, gaps, masses, copper, magnets, and what they cost roughly."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptorb.design.candidate import Candidate
+from haptorb.design.objectives.motor_torque import motor_of
+from haptorb.design.objectives.registry import describe, option
+from haptorb.design.objectives.tool_force import electromagnet_of
+from haptorb.devices.device import Device
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.windings import Windings
+from haptorb.devices.motor.layouts import Layout
+from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.errors import InputError
+from haptorb.numerics.arrays import Array
+from haptorb.physics.sources.coil import COPPER_DENSITY, COPPER_RESISTIVITY
+
+__all__ = ["QUANTITIES", "windings_of"]
+
+_MOTOR, _ELECTROMAGNET = "spherical-motor", "spherical-electromagnet"
+_MAGNET_DENSITY = 7.5e3  #: sintered NdFeB [kg/m³]
+_COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
+#: EUR, assumed: retail prices of small numbers in 2024; a design file's [evaluation] may say others
+_PRICES = {"magnet_price": 120.0, "copper_price": 30.0, "channel_price": 40.0, "sensor_price": 3.0}
+
+
+def windings_of(candidate: Candidate) -> Windings:
+    """The windings of a spherical electromagnet; InputError where its file does not give their sizes."""
+    device = electromagnet_of(candidate)
+    if device.windings is None:
+        raise InputError(f"'{candidate.base.name}' has no [windings]: their sizes are needed for this quantity")
+    return device.windings
+
+
+def _magnet_volume(device: Device) -> float:
+    if isinstance(device, SphericalMotor):
+        magnet = device.magnet
+        return float(np.abs(device.polarity).sum() * np.pi * magnet.radius**2 * magnet.length)
+    if isinstance(device, SphericalElectromagnet):
+        tool = device.tool
+        return float(np.pi * (tool.outer_radius**2 - tool.inner_radius**2) * tool.length)
+    raise InputError(f"device '{device.name}' has no magnets that can be counted")
+
+
+def _moving_mass(candidate: Candidate) -> float:
+    """What the file says; magnets that differ from the base's while the mass does not are counted by their volume."""
+    device, base = candidate.device, candidate.base
+    stated, before = (
+        one.rotor.mass if isinstance(one, SphericalMotor) else one.tool.mass
+        for one in (device, base)
+        if isinstance(one, SphericalMotor | SphericalElectromagnet)
+    )
+    if stated != before:
+        return stated
+    return stated + _MAGNET_DENSITY * (_magnet_volume(device) - _magnet_volume(base))
+
+
+def _motor_copper(candidate: Candidate) -> float:
+    motor = motor_of(candidate)
+    coil, coils = motor.electromagnet, motor.coils
+    warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
+    in_series = np.abs(motor.groups).sum(axis=0)
+    fill = in_series[0] * coil.resistance(1.0, COPPER_RESISTIVITY * warm) / coils.resistance[0]
+    volume = np.pi * (coil.outer_radius**2 - coil.inner_radius**2) * coil.length
+    return float(COPPER_DENSITY * fill * volume * len(motor.electromagnets))
+
+
+def _winding_copper(candidate: Candidate) -> float:
+    device, windings = electromagnet_of(candidate), windings_of(candidate)
+    coils = device.coils
+    warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
+    fill = windings.fill(coils.resistance, COPPER_RESISTIVITY * warm)
+    volume = np.pi * (windings.outer_radius**2 - windings.inner_radius**2) * windings.length
+    return float(COPPER_DENSITY * (fill * volume).sum())
+
+
+def _cost(candidate: Candidate) -> float:
+    device = candidate.device
+    price = {key: option(candidate, key, default) for key, default in _PRICES.items()}
+    copper = _motor_copper(candidate) if isinstance(device, SphericalMotor) else _winding_copper(candidate)
+    magnets = _MAGNET_DENSITY * _magnet_volume(device)
+    return (
+        price["magnet_price"] * magnets
+        + price["copper_price"] * copper
+        + price["channel_price"] * device.channels
+        + price["sensor_price"] * device.sensors
+    )
+
+
+def _corner(distance: float, length: float, radius: float) -> float:
+    return float(np.hypot(distance + 0.5 * length, radius))
+
+
+def _motor_envelope(candidate: Candidate) -> float:
+    motor = motor_of(candidate)
+    coil, magnet = motor.electromagnet, motor.magnet
+    return max(
+        _corner(motor.magnets.distance, magnet.length, magnet.radius),
+        _corner(motor.electromagnets.distance, coil.length, coil.outer_radius),
+    )
+
+
+def _electromagnet_envelope(candidate: Candidate) -> float:
+    return electromagnet_of(candidate).dome_radius
+
+
+def _gap(candidate: Candidate) -> float:
+    """Between the outermost of the inner parts and the innermost of the outer ones."""
+    motor = motor_of(candidate)
+    coil, magnet = motor.electromagnet, motor.magnet
+    sizes = [
+        (motor.electromagnets.distance, float(coil.length), float(coil.outer_radius)),
+        (motor.magnets.distance, float(magnet.length), float(magnet.radius)),
+    ]
+    inner, outer = sorted(sizes)
+    return outer[0] - 0.5 * outer[1] - _corner(*inner)
+
+
+def _air(candidate: Candidate) -> float:
+    device, windings = electromagnet_of(candidate), windings_of(candidate)
+    corners = np.hypot(windings.outer_radius, windings.length / 2)
+    return float(min(device.dome_radius - corners.max(), windings.inner_radius.min() - device.core_radius))
+
+
+def _spacing(candidate: Candidate) -> float:
+    motor = motor_of(candidate)
+    return min(
+        _neighbours(motor.electromagnets, motor.electromagnet.outer_radius, motor.electromagnet.length),
+        _neighbours(motor.magnets, motor.magnet.radius, motor.magnet.length),
+    )
+
+
+def _neighbours(layout: Layout, radius: float, length: float) -> float:
+    """Width of the gap between the inner rims of the two nearest parts; negative where they overlap."""
+    cosine: Array = layout.directions @ layout.directions.T - 2 * np.eye(len(layout))
+    inner = layout.distance - 0.5 * length
+    half = 0.5 * float(np.arccos(np.clip(cosine.max(), -1.0, 1.0)))
+    # rims meet on the plane that halves the angle: inner·sin(half) is how far the axis is from it, radius·cos(half) the rim
+    return 2.0 * (inner * np.sin(half) - radius * np.cos(half))
+
+
+def _nesting(candidate: Candidate) -> float:
+    """How far each winding stays inside the next: as far as its corner, where the two cross, leaves room; negative
+    where a wire of the outer one must go over the edge of the inner one."""
+    windings = windings_of(candidate)
+    order = np.argsort(windings.inner_radius)
+    corners = np.hypot(windings.outer_radius, windings.length / 2)[order]
+    return float((windings.inner_radius[order][1:] - corners[:-1]).min())
+
+
+_BOTH = "of the copper, from resistance and size of the windings."
+QUANTITIES = (
+    describe("envelope_radius", "m", "minimise",
+             "Distance of the farthest corner of magnets and coils from the centre; of a spherical electromagnet, its "
+             "dome.", {_MOTOR: _motor_envelope, _ELECTROMAGNET: _electromagnet_envelope}),
+    describe("clearance", "m", "maximise",
+             "Gap between rotor and stator; of a spherical electromagnet, least air between windings and core or dome.",
+             {_MOTOR: _gap, _ELECTROMAGNET: _air}),
+    describe("spacing", "m", "maximise",
+             "Gap between neighbouring parts: of magnets or coils on their spheres, at the inner rims; of nested "
+             "windings, where two cross. Negative: they overlap.", {_MOTOR: _spacing, _ELECTROMAGNET: _nesting}),
+    describe("magnet_volume", "m³", "minimise", "Volume of all magnets of rotor or tool, without the regulator.",
+             {_MOTOR: lambda one: _magnet_volume(one.device), _ELECTROMAGNET: lambda one: _magnet_volume(one.device)}),
+    describe("moving_mass", "kg", "minimise",
+             "Mass of rotor or tool as the file has it; where only its magnets differ from the base's, more or less by "
+             "their volume.", {_MOTOR: _moving_mass, _ELECTROMAGNET: _moving_mass}),
+    describe("copper", "kg", "minimise", f"Mass {_BOTH}", {_MOTOR: _motor_copper, _ELECTROMAGNET: _winding_copper}),
+    describe("cost", "EUR", "minimise",
+             "Magnets and copper by mass, channels and field sensors by number, at the prices of [evaluation] "
+             "(magnet_price, copper_price, channel_price, sensor_price); assumed ones where it gives none.",
+             {_MOTOR: _cost, _ELECTROMAGNET: _cost}),
+)  # fmt: skip

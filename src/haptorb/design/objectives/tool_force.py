@@ -1,0 +1,111 @@
+"""Force of a spherical electromagnet on a radial tool in contact, in the worst direction and place of the workspace.
+
+All are of the exact model: the tool's magnet at its size. The forces {K i, |i| ≤ I} of three coils fill a
+parallelepiped, whose greatest ball has the radius min over k of I_k/|row k of K⁻¹|.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptorb.design.candidate import Candidate
+from haptorb.design.objectives.registry import describe, option
+from haptorb.devices.device import require
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.shell_points import cap_directions
+from haptorb.devices.state import State
+from haptorb.numerics.arrays import Array
+
+__all__ = ["QUANTITIES", "electromagnet_of", "find_heaviest"]
+
+_PLACES = 40
+_ELECTROMAGNET = "spherical-electromagnet"
+
+
+def electromagnet_of(candidate: Candidate) -> SphericalElectromagnet:
+    """The candidate's device; InputError if it is no spherical electromagnet."""
+    return require(candidate.device, SphericalElectromagnet, "this quantity")
+
+
+def _maps(candidate: Candidate) -> tuple[Array, Array, Array]:
+    """(n, 3, 3) force per ampere [N/A], (n, 3) force without current [N], (n, 3, 3) by the published model."""
+
+    def compute() -> tuple[Array, Array, Array]:
+        device = electromagnet_of(candidate)
+        places = cap_directions(device.workspace_half_angle, int(option(candidate, "places", _PLACES)))
+        states = [State.at(device.contact_distance * place) for place in places]
+        exact = [device.wrench_map(state, "exact") for state in states]
+        return (
+            np.stack([one.force for one in exact]),
+            np.stack([one.passive[:3] for one in exact]),
+            np.stack([device.wrench_map(state, "published").force for state in states]),
+        )
+
+    return candidate.share("electromagnet: maps", compute)
+
+
+def find_heaviest(candidate: Candidate) -> tuple[float, Array]:
+    """Greatest heat for a force [W/N²] at the reference temperature, and the squares (m,) of the currents [A²/N²] that
+    make it: in the worst direction and place."""
+    resistance = electromagnet_of(candidate).coils.resistance
+    per_newton = np.linalg.inv(_maps(candidate)[0])
+    values, axes = np.linalg.eigh(per_newton.transpose(0, 2, 1) @ (resistance[:, None] * per_newton))
+    worst = int(np.argmax(values[:, 2]))
+    currents = per_newton[worst] @ axes[worst, :, 2]
+    return float(values[worst, 2]), currents**2
+
+
+def _heat(candidate: Candidate) -> float:
+    return find_heaviest(candidate)[0]
+
+
+def _ball(candidate: Candidate, limit: Array) -> float:
+    device = electromagnet_of(candidate)
+    per_newton = np.linalg.inv(_maps(candidate)[0])
+    within = (limit / np.linalg.norm(per_newton, axis=2)).min()
+    heat = per_newton.transpose(0, 2, 1) @ (device.greatest_resistance[:, None] * per_newton)
+    supplied = np.sqrt(device.supply.power / np.linalg.eigvalsh(heat)[:, 2].max())
+    return float(min(within, supplied))
+
+
+def _peak(candidate: Candidate) -> float:
+    return _ball(candidate, electromagnet_of(candidate).driven_current)
+
+
+def _continuous(candidate: Candidate) -> float:
+    device = electromagnet_of(candidate)
+    return _ball(candidate, np.minimum(device.sustained_current_together, device.driven_current))
+
+
+def _isotropy(candidate: Candidate) -> float:
+    values = np.linalg.svd(_maps(candidate)[0], compute_uv=False)
+    return float((values[:, 2] / values[:, 0]).min())
+
+
+def _pull(candidate: Candidate) -> float:
+    return float(np.linalg.norm(_maps(candidate)[1], axis=1).max())
+
+
+def _model_error(candidate: Candidate) -> float:
+    exact, _, published = _maps(candidate)
+    return float(np.linalg.norm(exact @ np.linalg.inv(published) - np.eye(3), 2, axis=(1, 2)).max())
+
+
+_OVER = "on a radial tool in contact, in the worst direction and place of the workspace"
+QUANTITIES = (
+    describe("heat_per_force_squared", "W/N²", "minimise",
+             f"Least heat for a force, divided by its square, {_OVER}; coils at their reference temperature.",
+             {_ELECTROMAGNET: _heat}),
+    describe("peak_force", "N", "maximise", f"Force at full current, as far as the supply gives it, {_OVER}.",
+             {_ELECTROMAGNET: _peak}),
+    describe("continuous_force", "N", "maximise",
+             f"Force with currents that may flow for ever in all coils, {_OVER}.", {_ELECTROMAGNET: _continuous}),
+    describe("force_isotropy", "", "maximise",
+             "Smallest over greatest force per ampere by direction, in contact, at the worst place of the workspace.",
+             {_ELECTROMAGNET: _isotropy}),
+    describe("core_pull", "N", "minimise",
+             "Greatest pull of the core on a radial tool in contact, without current.", {_ELECTROMAGNET: _pull}),
+    describe("force_model_error", "", "minimise",
+             "Greatest relative error of the published dipole model's force on a radial tool in contact.",
+             {_ELECTROMAGNET: _model_error}),
+)  # fmt: skip

@@ -1,0 +1,76 @@
+"""Heat, supply and stress of the windings while a device holds a load, or carries its full current.
+
+The load is `load` of the design file's table [evaluation], in N or N·m. It is held for ever in the direction, and at
+the place or orientation, where it takes the most heat; resistances are those at the derating temperature.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptorb.design.candidate import Candidate
+from haptorb.design.objectives import motor_torque, tool_force
+from haptorb.design.objectives.motor_torque import motor_of
+from haptorb.design.objectives.parts import windings_of
+from haptorb.design.objectives.registry import describe, option
+from haptorb.design.objectives.tool_force import electromagnet_of
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.numerics.arrays import Array
+from haptorb.physics.sources.coil import Coil
+
+__all__ = ["QUANTITIES"]
+
+_MOTOR, _ELECTROMAGNET = "spherical-motor", "spherical-electromagnet"
+_LOADS = {_MOTOR: 0.1, _ELECTROMAGNET: 0.05}  #: N·m and N
+
+
+def _channel_powers(candidate: Candidate) -> Array:
+    """(m,) heat [W] of the channels that hold the load."""
+    device = candidate.device
+    module = tool_force if isinstance(device, SphericalElectromagnet) else motor_torque
+    load = option(candidate, "load", _LOADS[device.kind.name])
+    warm = device.coils.resistance_at(np.full(device.channels, device.coils.heat.derate))
+    powers: Array = module.find_heaviest(candidate)[1] * load**2 * warm
+    return powers
+
+
+def _temperature(candidate: Candidate) -> float:
+    device = candidate.device
+    rise = device.coils.heat.network(device.channels).rise_per_watt @ _channel_powers(candidate)
+    return float(device.coils.heat.ambient + rise.max())
+
+
+def _power(candidate: Candidate) -> float:
+    return float(_channel_powers(candidate).sum())
+
+
+def _hoop(coil: Coil, current: float, extra: float = 0.0) -> float:
+    """J B r [Pa] at the inner radius, with the coil's own field there and `extra` [T]."""
+    density = coil.turns * current / (coil.length * (coil.outer_radius - coil.inner_radius))
+    own = float(coil.field((coil.inner_radius, 0.0, 0.0))[2]) * current
+    return abs(density * (abs(own) + extra) * coil.inner_radius)
+
+
+def _motor_stress(candidate: Candidate) -> float:
+    motor = motor_of(candidate)
+    # a magnet that stands before the coil adds its own field; half its polarization is more than it has outside
+    return _hoop(motor.electromagnet, float(motor.driven_current.max()), 0.5 * motor.magnet.polarization)
+
+
+def _winding_stress(candidate: Candidate) -> float:
+    device, windings = electromagnet_of(candidate), windings_of(candidate)
+    fields = 2e-7 * windings.parts(device.core)[:, 1] / windings.inner_radius**3  # of the core, on the coil's axis
+    both = zip(windings.coils, device.driven_current.tolist(), fields.tolist(), strict=True)
+    return max(_hoop(coil, current, field * current) for coil, current, field in both)
+
+
+_LOAD = "while the load of [evaluation] is held for ever in the worst direction and place"
+QUANTITIES = (
+    describe("temperature", "K", "minimise", f"Temperature of the hottest winding {_LOAD}.",
+             {_MOTOR: _temperature, _ELECTROMAGNET: _temperature}),
+    describe("supply_power", "W", "minimise", f"Heat of all windings {_LOAD}: what the supply gives.",
+             {_MOTOR: _power, _ELECTROMAGNET: _power}),
+    describe("coil_stress", "Pa", "minimise",
+             "Hoop stress of a free turn at the inner radius, J B r, at full current, with a bound of the field there.",
+             {_MOTOR: _motor_stress, _ELECTROMAGNET: _winding_stress}),
+)  # fmt: skip
