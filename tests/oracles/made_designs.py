@@ -48,7 +48,9 @@ def make_evaluations(count: int, seed: int = 1) -> list[Evaluation]:
         if core < 12.0 and length < 24.0:
             found.append(Evaluation(number, values, {}, {}, "device", "the <coils> overlap by 0.3 mm", 0.01))
         elif mass > 0.028:
-            found.append(Evaluation(number, values, {}, {"mass": mass}, "mass", f"{mass:.3g} kg is above 0.028 kg", 0.01))
+            found.append(
+                Evaluation(number, values, {}, {"mass": mass}, "mass", f"{mass:.3g} kg is above 0.028 kg", 0.01)
+            )
         else:
             pull = 0.05 * (core / 15.0) ** 5 * (length / 24.0) * (1 + (friction - 0.15) ** 2)
             force = 0.2 * (core / 15.0) ** 1.5 * (length / 24.0) ** 0.5 * (1.0 if choice < 1.0 else 1.2)

@@ -60,7 +60,7 @@ def scale_unit(size: float, unit: str) -> tuple[float, str]:
     ((1000.0, 'mN·m'), (1.0, 'mm²'))
     """
     power = _choose_power(abs(size), unit, 3)
-    return 10.0 ** -power, f"{_PREFIXES[power]}{unit}"
+    return 10.0**-power, f"{_PREFIXES[power]}{unit}"
 
 
 def _choose_power(size: float, unit: str, digits: int) -> int:

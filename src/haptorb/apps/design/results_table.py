@@ -89,8 +89,8 @@ class ResultsTable:
     refusals: tuple[Refusals, ...]
 
     @classmethod
-    def of(cls, results: Results) -> ResultsTable:
-        """The table of `results`; the base device's own numbers are computed."""
+    def of(cls, results: Results, count: int = 5) -> ResultsTable:
+        """The table of `results` with at most `count` picks; the base device's own numbers are computed."""
         design = results.design
         found = tuple((run, one) for run in results.runs for one in run.evaluations if one.valid)
         valid = [one for _, one in found]
@@ -109,7 +109,7 @@ class ResultsTable:
         evaluations = results.evaluations
         return cls(
             design, results.runs, found, len(evaluations), columns, tuple(find_front(costs).tolist()),
-            choose_best(costs, places, titles), _count_refusals(evaluations),
+            choose_best(costs, places, titles, count), _count_refusals(evaluations),
         )  # fmt: skip
 
     def name(self, row: int) -> str:

@@ -40,7 +40,8 @@ def choose_best(costs: Array, places: Array, names: Sequence[str], count: int = 
     places  (n, p) parameters as shares of their ranges, 0 to 1; choices as whole numbers
     names   of the m objectives
 
-    >>> [pick.row for pick in choose_best(np.array([[3.0], [1.0], [1.01], [2.0]]), np.array([[0.0], [0.5], [0.51], [1.0]]), "e", 3)]
+    >>> costs, places = np.array([[3.0], [1.0], [1.01], [2.0]]), np.array([[0.0], [0.5], [0.51], [1.0]])
+    >>> [pick.row for pick in choose_best(costs, places, ["heat"], 3)]
     [1, 3, 0]
     """
     if not len(costs):

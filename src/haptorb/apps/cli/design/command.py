@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import typer
 
+from haptorb.apps.cli.design.report import report
+from haptorb.apps.cli.design.show import show
 from haptorb.apps.cli.design.sweep import sweep
 from haptorb.apps.terminal.help_text import CommandLine
 
@@ -13,6 +15,6 @@ __all__ = ["register"]
 def register(app: typer.Typer) -> None:
     """Add the commands to `app`."""
     design = CommandLine(help="Design: search for devices by a sweep or an optimiser, report and show the results.")
-    for command in (sweep,):
+    for command in (sweep, report, show):
         design.command()(command)
     app.add_typer(design, name="design")

@@ -26,9 +26,10 @@ def make_best_section(table: ResultsTable, best: Sequence[BestDesign]) -> str:
 
 def _make_one(table: ResultsTable, number: int, one: BestDesign) -> str:
     file = f"{one.name}.toml"
+    shown = f"Sections and views of {escape(one.name)} and of the base device, to one scale"
     picture = (
-        f"<figure tabindex='0'><img loading='lazy' width='1080' height='954' alt='Sections and views of {escape(one.name)} and of the base device, "
-        f"to one scale' src='{_encode_data(one.drawing, 'image/png')}'>"
+        f"<figure tabindex='0'><img loading='lazy' width='1080' height='954' alt='{shown}' "
+        f"src='{_encode_data(one.drawing, 'image/png')}'>"
         "<figcaption>One millimetre is as long in both columns.</figcaption></figure>"
         if one.drawing
         else ""
@@ -55,8 +56,9 @@ def _make_numbers(table: ResultsTable, row: int) -> str:
     )
     base = escape(table.design.base.rpartition("/")[2])
     return (
-        "<div class='wide' tabindex='0'><table class='table'><thead><tr><th></th><th scope='col' class='n'>this design</th>"
-        f"<th scope='col' class='n'>{base}</th><th scope='col' class='n'>ratio</th></tr></thead><tbody>{lines}</tbody></table></div>"
+        "<div class='wide' tabindex='0'><table class='table'><thead><tr><th></th>"
+        f"<th scope='col' class='n'>this design</th><th scope='col' class='n'>{base}</th>"
+        f"<th scope='col' class='n'>ratio</th></tr></thead><tbody>{lines}</tbody></table></div>"
     )
 
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from haptorb.apps.design.report.best_section import make_best_section
 from haptorb.apps.design.report.best_design import BestDesign
+from haptorb.apps.design.report.best_section import make_best_section
 from haptorb.apps.design.report.sensitivity_section import make_sensitivity_section
 from haptorb.apps.design.results_table import ResultsTable
 from haptorb.errors import InputError
@@ -52,8 +52,8 @@ def make_page(table: ResultsTable, best: Sequence[BestDesign]) -> str:
 
 
 _LINES = (
-    "<p class='soft'>One line for each valid design; those of the front are drawn in colour, the one that is pointed at "
-    "broad. A line that leaves the drawn part of an axis runs along its end.</p><div id='parallel'></div>"
+    "<p class='soft'>One line for each valid design; those of the front are drawn in colour, the one that is pointed "
+    "at broad. A line that leaves the drawn part of an axis runs along its end.</p><div id='parallel'></div>"
 )
 _NONE = "<p>There is no valid design.</p>"
 
@@ -68,8 +68,8 @@ def _make_front(table: ResultsTable, several: bool) -> str:
         else "Every point is a valid design; the larger point is the best."
     )
     return (
-        f"<p class='soft'>{told} The turned square is the base device, the numbers are the best designs below. Point at "
-        "a design, or use the arrow keys; a click, or Enter, leads to a numbered design’s device.</p>"
+        f"<p class='soft'>{told} The turned square is the base device, the numbers are the best designs below. Point "
+        "at a design, or use the arrow keys; a click, or Enter, leads to a numbered design’s device.</p>"
         "<noscript><p>The picture needs a script; tables and devices are below without it.</p></noscript>"
         "<div id='scatter'></div>"
     )
@@ -95,15 +95,15 @@ def _make_refusals(table: ResultsTable) -> str:
         return "<p>No design was refused.</p>"
     names = {"device": "device (the values make none)", "objective": "objective (no finite number)"}
     lines = "".join(
-        f"<tr><th scope='row'>{escape(names.get(one.by, one.by.replace('_', ' ')))}</th><td class='n'>{one.count:,}</td>"
-        f"<td class='n'>{one.count / table.total:.0%}</td><td>{escape(one.example)}</td></tr>"
+        f"<tr><th scope='row'>{escape(names.get(one.by, one.by.replace('_', ' ')))}</th>"
+        f"<td class='n'>{one.count:,}</td><td class='n'>{one.count / table.total:.0%}</td><td>{escape(one.example)}</td></tr>"
         for one in table.refusals
     )
     return (
         "<p class='soft'>Constraints are asked in the order of the design file: a design counts for the first that it "
         "breaks.</p><div class='wide' tabindex='0'><table class='table'><thead><tr><th scope='col'>refused by</th>"
-        "<th scope='col' class='n'>designs</th><th scope='col' class='n'>of all</th><th scope='col'>for example</th></tr></thead>"
-        f"<tbody>{lines}</tbody></table></div>"
+        "<th scope='col' class='n'>designs</th><th scope='col' class='n'>of all</th><th scope='col'>for example</th>"
+        f"</tr></thead><tbody>{lines}</tbody></table></div>"
     )
 
 
@@ -137,4 +137,3 @@ def _read_static(name: str) -> str:
         raise InputError(
             "the report's page has not been built: run `cd web && npm ci && npm run build`, or `make run`"
         ) from cause
-

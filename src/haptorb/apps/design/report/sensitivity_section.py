@@ -16,8 +16,8 @@ __all__ = ["make_sensitivity_section"]
 _WIDE, _HIGH = 240, 22  #: of a bar's picture [px]
 
 _LEAD = (
-    "Share: of the variance of the objective (of its ranks), the part that this parameter alone explains; what the shares "
-    "together lack of 100 % comes from parameters that act together. Direction: rank correlation, +1 if the objective "
+    "Share: of the variance of the objective (of its ranks), the part that this parameter alone explains; what the "
+    "shares together lack of 100 % comes from parameters that act together. Direction: rank correlation, +1 if the objective "
     "grows with the parameter, −1 if it falls; near 0 beside a large share, the best value is within the range. "
     "Lines and brackets are 95 % intervals. Both hold for the valid designs within the ranges that were tried: where "
     "constraints refuse designs, parameters become dependent, and one can carry another’s share."
@@ -46,8 +46,8 @@ def _choose_rows(table: ResultsTable) -> tuple[Array, str]:
         return every[swept], f"From the {swept.sum()} valid designs of sweeps{others}."
     if every.size >= FEWEST:
         return every, (
-            f"From all {every.size} valid designs. An optimiser chose them: they are crowded where it searched, and the "
-            "numbers are rough. A sweep into the same file gives better ones."
+            f"From all {every.size} valid designs. An optimiser chose them: they are crowded where it searched, and "
+            "the numbers are rough. A sweep into the same file gives better ones."
         )
     return every, f"{every.size} valid designs are too few: at least {FEWEST} are needed. Compute more."
 
