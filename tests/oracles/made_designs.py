@@ -12,8 +12,6 @@ from haptorb.design.parameter import Parameter, Place
 from haptorb.design.quantity import Quantity
 from haptorb.design.store import open_results
 
-BASE = {"core_radius": 15.0, "tool_length": 24.0}
-
 
 def make_design(goals: int = 2) -> Design:
     """With so many objectives, at most two: the pull is to be small, the force great."""
@@ -31,8 +29,8 @@ def make_design(goals: int = 2) -> Design:
     made = (Goal(pull, "minimise", "core_pull"), Goal(force, "maximise", "continuous_force"))
     bounds = (Bound("mass", quantity("mass", "kg", "minimise"), high=0.028),)
     return Design(
-        "omni-core", "Omni: <core> & tool", "omni", parameters, made[:goals], bounds, {}, "name = 'omni-core'\n", "0" * 64
-    )  # fmt: skip
+        "omni-core", "Omni: <core> & tool", "omni", parameters, made[:goals], bounds, {}, "name = 'omni'\n", "0" * 64
+    )
 
 
 def make_evaluations(count: int, seed: int = 1) -> list[Evaluation]:

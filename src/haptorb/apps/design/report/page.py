@@ -96,7 +96,8 @@ def _make_refusals(table: ResultsTable) -> str:
     names = {"device": "device (the values make none)", "objective": "objective (no finite number)"}
     lines = "".join(
         f"<tr><th scope='row'>{escape(names.get(one.by, one.by.replace('_', ' ')))}</th>"
-        f"<td class='n'>{one.count:,}</td><td class='n'>{one.count / table.total:.0%}</td><td>{escape(one.example)}</td></tr>"
+        f"<td class='n'>{one.count:,}</td><td class='n'>{one.count / table.total:.0%}</td>"
+        f"<td>{escape(one.example)}</td></tr>"
         for one in table.refusals
     )
     return (
