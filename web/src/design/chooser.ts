@@ -48,6 +48,7 @@ class Chooser {
   private readonly stop = at<HTMLButtonElement>("stop");
   private frame: HTMLIFrameElement | null = null;
   private marked = BASE;
+  private own = false; // whether this page asked for what starts
   private misses = 0;
   private timer = 0;
 
@@ -91,6 +92,7 @@ class Chooser {
   private async choose(row: number): Promise<void> {
     if (window.chooser.now?.state === "starting") return;
     try {
+      this.own = true;
       this.show(await ask<Now>("/api/choose", { row }));
     } catch (mistake) {
       this.say(`Not started: ${(mistake as Error).message}`, true);
@@ -149,6 +151,9 @@ class Chooser {
       this.frame?.remove();
       this.frame = make("iframe", { src: now.url, title: `Console: ${name}` });
       at("device").append(this.frame);
+      // On a narrow screen the device is below everything else.
+      if (this.own) at("device").scrollIntoView({ block: "end" });
+      this.own = false;
     }
     at("none").hidden = now.state === "running";
   }

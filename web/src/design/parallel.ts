@@ -21,6 +21,8 @@ export class Parallel {
   private readonly which = make("select");
   private readonly from = make("input", { type: "number", step: "any" });
   private readonly to = make("input", { type: "number", step: "any" });
+  /** whether all lines are there */
+  drawn = false;
   private marked = -1;
   private task = 0;
   private held: { column: Column; start: number } | null = null;
@@ -172,6 +174,7 @@ export class Parallel {
   private draw(): void {
     cancelAnimationFrame(this.task);
     const context = this.layers.clear(0);
+    this.drawn = false;
     if (!this.layers.width) return;
     const front = new Set(this.designs.front);
     const rows = this.designs.names.map((_, row) => row).filter((row) => !front.has(row) && (!this.kept || this.kept[row]));
@@ -190,6 +193,7 @@ export class Parallel {
       for (const row of this.designs.front) if (!this.kept || this.kept[row]) this.line(context, row);
       context.globalAlpha = 1;
       this.axes(context);
+      this.drawn = true;
     };
     piece(0);
     this.over();

@@ -8,13 +8,19 @@ import { Scatter } from "./scatter";
 
 declare global {
   interface Window {
-    /** for tests: the design that is pointed at, and that everything is drawn */
-    report: { marked: number; ready: boolean };
+    /** for tests: the design that is pointed at, and whether everything is drawn */
+    report: { marked: number; readonly ready: boolean };
   }
 }
 
 const designs = JSON.parse(at("designs").textContent!) as Designs;
-window.report = { marked: -1, ready: false };
+let drawn = (): boolean => true;
+window.report = {
+  marked: -1,
+  get ready() {
+    return drawn();
+  },
+};
 
 if (designs.names.length) {
   const numbers = new Numbers(designs);
@@ -32,6 +38,6 @@ if (designs.names.length) {
   const parallel = new Parallel(designs, mark, (kept) => scatter.filter(kept));
   at("scatter").append(scatter.root, numbers.root);
   at("parallel").append(parallel.root);
+  drawn = () => parallel.drawn;
   if (designs.picks.length) mark(designs.picks[0]!.row);
 }
-requestAnimationFrame(() => requestAnimationFrame(() => (window.report.ready = true)));
