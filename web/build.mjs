@@ -71,3 +71,15 @@ await bundle(
     ["icon.svg", "icon.svg"],
   ],
 );
+
+// The report's script and style go into its one file; the chooser frames the console's own page.
+await bundle(
+  `${apps}/design/static`,
+  [
+    { in: "src/design/report.ts", out: "report" },
+    { in: "src/design/report.css", out: "report" },
+    { in: "src/design/chooser.ts", out: "chooser" },
+    { in: "src/design/chooser.css", out: "chooser" },
+  ],
+  [["design/chooser.html", "chooser.html"], ["icon.svg", "icon.svg"]],
+);

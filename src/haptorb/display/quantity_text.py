@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable
 
-__all__ = ["format_number", "format_quantity", "format_vector"]
+__all__ = ["format_number", "format_quantity", "format_vector", "scale_unit"]
 
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"}
 #: a unit that begins with one of these takes a prefix
@@ -51,6 +51,16 @@ def format_vector(values: Iterable[float], unit: str, digits: int = 3) -> str:
     # What is tiny beside the largest is rounding, and reads as zero.
     texts = [format_number(0.0 if abs(value) < 1e-9 * largest / 10.0**power else value, digits) for value in scaled]
     return f"({', '.join(texts)}) {_PREFIXES[power]}{unit}".rstrip()
+
+
+def scale_unit(size: float, unit: str) -> tuple[float, str]:
+    """What numbers of about `size` in `unit` [SI] are multiplied with to be shown, and the unit they are then in.
+
+    >>> scale_unit(0.0123, "N·m"), scale_unit(0.0123, "mm²")
+    ((1000.0, 'mN·m'), (1.0, 'mm²'))
+    """
+    power = _choose_power(abs(size), unit, 3)
+    return 10.0**-power, f"{_PREFIXES[power]}{unit}"
 
 
 def _choose_power(size: float, unit: str, digits: int) -> int:

@@ -36,6 +36,7 @@ class Console:
 
     port      0 takes any free one
     designs   a session in which designs are felt and rated; its panel stands in place of the world's
+    framed_by  origin of another server of this program whose pages may frame the console's; empty: none may
     Raises InputError at once if the port is taken or cannot be had, or the page has not been built.
     """
 
@@ -46,11 +47,12 @@ class Console:
         *,
         felt: FeltMap | None = None,
         designs: DesignSession | None = None,
+        framed_by: str = "",
     ) -> None:
         self._servo = servo
         self._socket = bind_socket(port)
         try:
-            app = application(servo, felt, designs)
+            app = application(servo, felt, designs, framed_by)
         except BaseException:
             self._socket.close()
             raise

@@ -29,10 +29,13 @@ __all__ = ["STATIC", "application"]
 STATIC = Path(__file__).parent / "static"
 
 
-def application(servo: RunningServo, felt: FeltMap | None = None, designs: DesignSession | None = None) -> Starlette:
+def application(
+    servo: RunningServo, felt: FeltMap | None = None, designs: DesignSession | None = None, framed_by: str = ""
+) -> Starlette:
     """The ASGI application for one running servo, for those who know `app.state.token`.
 
-    With `designs`, pages choose and rate those, and neither world nor parameters.
+    With `designs`, pages choose and rate those, and neither world nor parameters. Pages of the origin `framed_by`, of
+    this program, may frame the console's.
 
     `felt` answers what the device would give at points in space; by default the simulation of `servo.device` does.
     `app.state.felt` is the process behind that, to be closed at the end, or None.
@@ -72,7 +75,7 @@ def application(servo: RunningServo, felt: FeltMap | None = None, designs: Desig
             Route("/api/session", describe),
             WebSocketRoute("/ws", room.join),
         ],
-        middleware=[Middleware(AccessGate, token=token)],
+        middleware=[Middleware(AccessGate, token=token, framed_by=framed_by)],
         lifespan=run_beside(room.keep),
     )
     app.state.felt = process

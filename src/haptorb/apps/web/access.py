@@ -47,12 +47,27 @@ class AccessGate:
 
     token   empty: none is needed
     free    paths that need no token, as the files in /static/ never do: a page alone says nothing about the device
-    framed  whether pages of this server may stand in frames of each other; of others they never may
+    framed  whether pages of this server may stand in frames of each other; of others they never may, but for
+    framed_by  the origin of another server of this program, whose pages may frame these; empty: none may
+    frames  origins of servers of this program that pages of this one may frame; empty: none
     """
 
-    def __init__(self, app: ASGIApp, *, token: str = "", free: tuple[str, ...] = ("/",), framed: bool = False) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        *,
+        token: str = "",
+        free: tuple[str, ...] = ("/",),
+        framed: bool = False,
+        framed_by: str = "",
+        frames: str = "",
+    ) -> None:
         self.app = app
         self._policy = POLICY.replace("frame-ancestors 'none'", _FRAMED) if framed else POLICY
+        if framed_by:
+            self._policy = self._policy.replace("frame-ancestors 'none'", f"frame-ancestors {framed_by}")
+        if frames:
+            self._policy += f"; frame-src {frames}"
         self._token = token
         self._free = free
 

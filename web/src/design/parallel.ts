@@ -1,0 +1,249 @@
+// Designs as lines over parallel axes, one for each parameter and objective; parts of axes filter.
+
+import { make } from "../panels/dom";
+import { css } from "../theme";
+import { marks, number, range, titleOf, valueAt, type Column, type Designs } from "./designs";
+import { Layers } from "./layers";
+
+const MARGIN = { top: 14, bottom: 14 };
+const NARROWEST = 108; // px between two axes
+const PIECE = 1500; // lines that are drawn between two pictures
+const NEAR = 24; // px from the pointer within which a line is marked
+const GRIP = 18; // px from an axis within which the pointer takes hold of it
+
+export class Parallel {
+  readonly root = make("div", { className: "parallel" });
+  private readonly layers: Layers;
+  private readonly columns: Column[];
+  private readonly ends: [number, number][];
+  private readonly filters = new Map<Column, [number, number]>();
+  private readonly count = make("p", { className: "soft", role: "status" });
+  private readonly which = make("select");
+  private readonly from = make("input", { type: "number", step: "any" });
+  private readonly to = make("input", { type: "number", step: "any" });
+  /** whether all lines are there */
+  drawn = false;
+  private marked = -1;
+  private task = 0;
+  private held: { column: Column; start: number } | null = null;
+
+  /** `mark`: a design is pointed at; `filter`: only designs with a 1 are within the filters, null: all are. */
+  constructor(
+    private readonly designs: Designs,
+    private readonly mark: (row: number) => void,
+    private readonly filter: (kept: Uint8Array | null) => void,
+  ) {
+    this.columns = designs.columns.filter(({ kind }) => kind !== "constraint");
+    this.ends = this.columns.map((column) => range(designs, column, false));
+    this.layers = new Layers("lines", () => this.draw());
+    const heads = this.columns.map((column) => make("span", {}, titleOf(column)));
+    const wide = make("div", { className: "axes" }, make("div", { className: "heads" }, ...heads), this.layers.box);
+    wide.style.minWidth = `${this.columns.length * NARROWEST}px`;
+    const scroll = make("div", { className: "wide", tabIndex: 0, role: "group" }, wide);
+    scroll.ariaLabel = "Parallel coordinates; the filters below do by keyboard what a pointer does on the axes";
+    this.root.append(scroll, this.form(), this.count);
+    this.listen();
+    this.tell(null);
+  }
+
+  private form(): HTMLElement {
+    this.which.append(...this.columns.map((one, k) => make("option", { value: String(k) }, titleOf(one))));
+    const set = make("button", { type: "button" }, "Filter");
+    const clear = make("button", { type: "button" }, "Clear all filters");
+    set.addEventListener("click", () => {
+      const value = (input: HTMLInputElement, other: number): number => (Number.isFinite(input.valueAsNumber) ? input.valueAsNumber : other);
+      const column = this.columns[Number(this.which.value)]!;
+      const [low, high] = [value(this.from, -Infinity), value(this.to, Infinity)];
+      this.set(column, low === -Infinity && high === Infinity ? null : [low, high]);
+    });
+    clear.addEventListener("click", () => {
+      this.filters.clear();
+      this.from.value = this.to.value = "";
+      this.apply();
+    });
+    const labels = [make("label", {}, "Show only ", this.which), make("label", {}, "from ", this.from), make("label", {}, "to ", this.to)];
+    return make("div", { className: "pickers" }, ...labels, set, clear);
+  }
+
+  private set(column: Column, span: [number, number] | null): void {
+    if (span) this.filters.set(column, span);
+    else this.filters.delete(column);
+    this.which.value = String(this.columns.indexOf(column));
+    const text = (value: number | undefined): string => (value !== undefined && Number.isFinite(value) ? String(Number(value.toPrecision(4))) : "");
+    [this.from.value, this.to.value] = [text(span?.[0]), text(span?.[1])];
+    this.apply();
+  }
+
+  private apply(): void {
+    const kept = this.filters.size ? new Uint8Array(this.designs.names.length).fill(1) : null;
+    for (const [column, [low, high]] of this.filters) {
+      kept!.forEach((_, row) => {
+        const value = valueAt(column, row);
+        if (!(value >= low && value <= high)) kept![row] = 0;
+      });
+    }
+    this.tell(kept);
+    this.filter(kept);
+    this.kept = kept;
+    this.draw();
+  }
+
+  private kept: Uint8Array | null = null;
+
+  private tell(kept: Uint8Array | null): void {
+    const all = this.designs.names.length;
+    const named = [...this.filters].map(([column, [low, high]]) => `${column.title} ${number(low)} to ${number(high)}`.replaceAll("–", "any"));
+    this.count.textContent = kept
+      ? `${kept.reduce((sum, one) => sum + one, 0)} of ${all} designs: ${named.join("; ")}.`
+      : "Drag along an axis to show only designs within that part; click the axis to show all again. Choices count from 0, at the bottom.";
+  }
+
+  /** The design that is pointed at anywhere on the page. */
+  show(row: number): void {
+    this.marked = row;
+    this.over();
+  }
+
+  private across(k: number): number {
+    return ((k + 0.5) * this.layers.width) / this.columns.length;
+  }
+
+  private up(k: number, row: number): number {
+    const [low, high] = this.ends[k]!;
+    return this.height(k, Math.min(Math.max(valueAt(this.columns[k]!, row), low), high));
+  }
+
+  private height(k: number, value: number): number {
+    const [low, high] = this.ends[k]!;
+    const room = this.layers.height - MARGIN.top - MARGIN.bottom;
+    return MARGIN.top + (1 - (value - low) / (high - low)) * room;
+  }
+
+  private listen(): void {
+    const { box } = this.layers;
+    const axis = (x: number): number => Math.min(Math.max(Math.floor((x * this.columns.length) / this.layers.width), 0), this.columns.length - 1);
+    const value = (k: number, y: number): number => {
+      const [low, high] = this.ends[k]!;
+      const room = this.layers.height - MARGIN.top - MARGIN.bottom;
+      return low + (1 - Math.min(Math.max((y - MARGIN.top) / room, 0), 1)) * (high - low);
+    };
+    box.addEventListener("pointerdown", (event) => {
+      const [x, y] = this.layers.place(event);
+      const k = axis(x);
+      if (event.button || Math.abs(this.across(k) - x) > GRIP) return;
+      box.setPointerCapture(event.pointerId);
+      this.held = { column: this.columns[k]!, start: y };
+      event.preventDefault();
+    });
+    box.addEventListener("pointermove", (event) => {
+      const [x, y] = this.layers.place(event);
+      if (this.held) return this.over(y);
+      box.style.cursor = Math.abs(this.across(axis(x)) - x) > GRIP ? "crosshair" : "ns-resize";
+      const row = this.nearest(x, y);
+      if (row >= 0 && row !== this.marked) this.mark(row);
+    });
+    const end = (event: PointerEvent): void => {
+      if (!this.held) return;
+      const { column, start } = this.held;
+      const [, y] = this.layers.place(event);
+      this.held = null;
+      const k = this.columns.indexOf(column);
+      const span = [value(k, start), value(k, y)].sort((a, b) => a - b) as [number, number];
+      this.set(column, Math.abs(y - start) < 4 ? null : span);
+    };
+    box.addEventListener("pointerup", end);
+    box.addEventListener("pointercancel", () => (this.held = null));
+  }
+
+  private nearest(x: number, y: number): number {
+    const step = this.layers.width / this.columns.length;
+    const k = Math.min(Math.max(Math.floor(x / step - 0.5), 0), this.columns.length - 2);
+    if (k < 0) return -1;
+    const share = Math.min(Math.max((x - this.across(k)) / step, 0), 1);
+    let best = -1;
+    let least = NEAR;
+    for (let row = 0; row < this.designs.names.length; row++) {
+      if (this.kept && !this.kept[row]) continue;
+      const away = Math.abs((1 - share) * this.up(k, row) + share * this.up(k + 1, row) - y);
+      if (away < least) [best, least] = [row, away];
+    }
+    return best;
+  }
+
+  /** All lines, in pieces, so that the page answers meanwhile; the front last, above the others. */
+  private draw(): void {
+    cancelAnimationFrame(this.task);
+    const context = this.layers.clear(0);
+    this.drawn = false;
+    if (!this.layers.width) return;
+    const front = new Set(this.designs.front);
+    const rows = this.designs.names.map((_, row) => row).filter((row) => !front.has(row) && (!this.kept || this.kept[row]));
+    const veil = Math.min(0.5, Math.max(0.05, 60 / rows.length));
+    const piece = (start: number): void => {
+      context.globalAlpha = veil;
+      context.strokeStyle = css("--muted");
+      context.lineWidth = 1;
+      for (const row of rows.slice(start, start + PIECE)) this.line(context, row);
+      if (start + PIECE < rows.length) {
+        this.task = requestAnimationFrame(() => piece(start + PIECE));
+        return;
+      }
+      context.globalAlpha = 0.7;
+      context.strokeStyle = css("--accent");
+      for (const row of this.designs.front) if (!this.kept || this.kept[row]) this.line(context, row);
+      context.globalAlpha = 1;
+      this.axes(context);
+      this.drawn = true;
+    };
+    piece(0);
+    this.over();
+  }
+
+  private line(context: CanvasRenderingContext2D, row: number): void {
+    context.beginPath();
+    for (let k = 0; k < this.columns.length; k++) context.lineTo(this.across(k), this.up(k, row));
+    context.stroke();
+  }
+
+  private axes(context: CanvasRenderingContext2D): void {
+    context.textAlign = "left";
+    context.lineWidth = 1;
+    this.columns.forEach((column, k) => {
+      const x = this.across(k);
+      context.strokeStyle = css("--text");
+      context.beginPath();
+      context.moveTo(x, MARGIN.top);
+      context.lineTo(x, this.layers.height - MARGIN.bottom);
+      context.stroke();
+      const [low, high] = this.ends[k]!;
+      context.lineWidth = 4;
+      context.strokeStyle = css("--panel");
+      context.fillStyle = css("--text");
+      for (const [value, text] of marks(column, low, high, 5)) {
+        const y = this.height(k, value);
+        context.strokeText(text, x + 5, y + 4, NARROWEST - 30);
+        context.fillText(text, x + 5, y + 4, NARROWEST - 30);
+      }
+      context.lineWidth = 1;
+    });
+  }
+
+  /** The design that is pointed at, the filters, and the part that is being dragged to `y`. */
+  private over(y = NaN): void {
+    const context = this.layers.clear(1);
+    context.fillStyle = css("--accent");
+    context.globalAlpha = 0.35;
+    const bar = (k: number, a: number, b: number): void => context.fillRect(this.across(k) - 7, Math.min(a, b), 14, Math.abs(a - b));
+    for (const [column, [low, high]] of this.filters) {
+      const k = this.columns.indexOf(column);
+      const [bottom, top] = this.ends[k]!;
+      bar(k, this.height(k, Math.max(low, bottom)), this.height(k, Math.min(high, top)));
+    }
+    if (this.held && Number.isFinite(y)) bar(this.columns.indexOf(this.held.column), this.held.start, y);
+    context.globalAlpha = 1;
+    if (this.marked < 0) return;
+    context.strokeStyle = css("--warn");
+    context.lineWidth = 3;
+    this.line(context, this.marked);
+  }
+}
