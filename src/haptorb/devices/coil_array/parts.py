@@ -8,7 +8,7 @@ from typing import final
 
 import numpy as np
 
-from haptorb.devices.coil_array.array_wrench import RULES
+from haptorb.devices.coil_array.array_wrench import CORE_RULE, RULES
 from haptorb.devices.state import rotation_to_axis
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources.charged_ring import ChargedRing
@@ -45,7 +45,7 @@ class PlacedCoils:
 
     @cached_property
     def tables(self) -> tuple[Array, Array, Array]:
-        """Of each sort of winding: shapes (k, 5), tables (k, n, n, 2), series (k, 2, 7, 8), as `array_per_ampere` says."""
+        """Of each sort of winding: shapes (k, 5), tables (k, n, n, 2), series (k, 2, 7, 8), as `ArrayMap` says."""
         made = [tabulate_winding(*size) for size in self._sorts]
         shapes = [
             (one.scale, one.far2, inner, outer, 0.5 * length)
@@ -114,8 +114,8 @@ class ArrayMover:
         )
 
     @cached_property
-    def packed(self) -> tuple[Array, Array, Array]:
-        """charges (4, n), spans (g, rules + 1) and magnets (g, 7), as `array_per_ampere` says."""
+    def packed(self) -> tuple[Array, Array, Array, Array]:
+        """charges (4, n), spans (g, rules + 1), magnets (g, 7) and core_charges (4, n'), as `ArrayMap` says."""
         parts, spans, places = [], [], []
         count = 0
         for magnet in self.magnets:
@@ -126,4 +126,5 @@ class ArrayMover:
                 row.append(count)
             spans.append(row)
             places.append([*magnet.position, *(0.5 * magnet.length * magnet.axis), magnet.outer_radius])
-        return np.ascontiguousarray(np.hstack(parts)), np.array(spans), np.array(places)
+        soft = np.hstack([magnet.charges(*RULES[CORE_RULE]) for magnet in self.magnets])
+        return np.ascontiguousarray(np.hstack(parts)), np.array(spans), np.array(places), np.ascontiguousarray(soft)
