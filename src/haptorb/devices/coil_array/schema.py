@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -18,7 +17,6 @@ from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.limit_checks import list_limit_mistakes
 from haptorb.devices.schema.sections import CommonFile, Point, Positive, Section, ThermometerSection, check_wall
-from haptorb.devices.schema.thermal_sections import ThermalSection
 from haptorb.errors import DeviceError
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources.soft_sphere import SoftSphere
@@ -192,11 +190,6 @@ class CoilArrayFile(CommonFile):
     tool: Annotated[ArrayToolSection, m.Meaning("the tool or plate with magnets")]
     hand: Annotated[HandSection, m.Meaning("the hand that holds the tool, for simulation and stability")]
     thermometer: Annotated[ThermometerSection, m.Meaning("thermometers of the coils")]
-    thermal: Annotated[
-        ThermalSection | None,
-        m.Meaning("the thermal model of all coils together"),
-        m.Without("no coil warms another, and the values of coils.heat are exact"),
-    ] = None
     tolerance: Annotated[
         ToleranceSection,
         m.Meaning("how far coils as built may be from this file, for the simulation"),
@@ -230,14 +223,11 @@ class CoilArrayFile(CommonFile):
         return device
 
     def _build(self, assumed: dict[str, str], digest: str) -> CoilArray:
-        common, coils = self.common(), self.coils.build()
-        if self.thermal is not None:
-            common["coils"] = replace(coils, heat=self.thermal.complete(coils.heat, len(coils.names)))
         return CoilArray(
-            **common,
+            **self.common(),
             assumed=assumed,
             digest=digest,
-            windings=self.windings.build(len(coils.names)),
+            windings=self.windings.build(len(self.coils.names)),
             core=None if self.core is None else SoftSphere(self.core.radius, self.core.permeability),
             tool=self.tool.build(),
             hand=Hand(**self.hand.model_dump()),
