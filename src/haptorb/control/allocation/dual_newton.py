@@ -13,7 +13,16 @@ import numpy as np
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["GIVEN", "NEAREST", "NOT_CONVERGED", "NOT_FINITE", "SCALED", "dual_newton", "line_search", "orthonormal_rows"]
+__all__ = [
+    "GIVEN",
+    "NEAREST",
+    "NOT_CONVERGED",
+    "NOT_FINITE",
+    "SCALED",
+    "dual_newton",
+    "line_search",
+    "orthonormal_rows",
+]
 
 GIVEN = 0  #: the torque is given in full
 SCALED = 1  #: beyond the limits: cut, direction kept

@@ -15,7 +15,7 @@ from haptorb.devices.device import Device, Shell
 from haptorb.devices.electromagnet.electromagnet import DomeContact, Hand
 from haptorb.devices.kind import DeviceKind
 from haptorb.devices.schema.limit_checks import list_limit_remarks
-from haptorb.devices.state import State
+from haptorb.devices.state import State, rotation_to_axis
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.display.quantity_text import format_quantity
 from haptorb.errors import GeometryError
@@ -24,7 +24,6 @@ from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.sources.placement import PlacedSource
 from haptorb.physics.sources.soft_sphere import SoftSphere
 from haptorb.physics.sources.sphere_answer import answer_to_source, weigh_charges
-from haptorb.devices.state import rotation_to_axis
 
 __all__ = ["BuildTolerance", "CoilArray", "Surface"]
 

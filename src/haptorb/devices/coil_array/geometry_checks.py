@@ -25,7 +25,9 @@ def list_array_mistakes(
     The mover is upright in the middle, 10 mm above contact.
     """
     found = []
-    inside = [name for name, reach in zip(names, _nearest_to_origin(coils), strict=True) if reach < core_radius - _TOUCH]
+    inside = [
+        name for name, reach in zip(names, _nearest_to_origin(coils), strict=True) if reach < core_radius - _TOUCH
+    ]
     if inside:
         found.append(
             f"windings of coil {_join(inside)} reach into the core of {core_radius * 1e3:g} mm; move them out, or make "

@@ -74,7 +74,9 @@ class PlacedCoilsSection(Section):
             values = getattr(self, key)
             if len(values) not in ((count,) if key == "position" else (1, count)):
                 one = "" if key == "position" else "one value for all, or "
-                raise ValueError(f"windings.{key} has {len(values)} values, but coils.names has {count}; give {one}{count}")
+                raise ValueError(
+                    f"windings.{key} has {len(values)} values, but coils.names has {count}; give {one}{count}"
+                )
             columns[key] = values * (count // len(values))
         for inner, outer in zip(columns["inner_radius"], columns["outer_radius"], strict=True):
             check_wall(inner, outer)

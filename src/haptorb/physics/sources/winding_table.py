@@ -29,9 +29,7 @@ _NEAR_TERMS, _MIDDLE_TERMS, _FAR_TERMS = 7, 4, 2  #: of the series beyond the ta
 
 
 @kernel
-def table_field(
-    table: Array, scale: float, far2: float, series: Array, rho: float, z: float
-) -> tuple[float, float]:
+def table_field(table: Array, scale: float, far2: float, series: Array, rho: float, z: float) -> tuple[float, float]:
     """B_ρ/ρ [T/m] and B_z [T] per ampere and turn at `rho` and `z` [m], of one `WindingTable`.
 
     table (n, n, 2): splines over z and ρ, with one coefficient before zero; scale: steps per metre [1/m]; far2: square
@@ -80,12 +78,8 @@ def table_field(
             share = w2
         elif k == 3:
             share = w3
-        over += share * (
-            u0 * cells[at] + u1 * cells[at + _2] + u2 * cells[at + _4] + u3 * cells[at + _6]
-        )
-        axial += share * (
-            u0 * cells[at + _1] + u1 * cells[at + _3] + u2 * cells[at + _5] + u3 * cells[at + _7]
-        )
+        over += share * (u0 * cells[at] + u1 * cells[at + _2] + u2 * cells[at + _4] + u3 * cells[at + _6])
+        axial += share * (u0 * cells[at + _1] + u1 * cells[at + _3] + u2 * cells[at + _5] + u3 * cells[at + _7])
         at += np.uint64(width)
     return (over if z >= 0.0 else -over), axial
 
@@ -146,7 +140,9 @@ def tabulate_winding(inner_radius: float, outer_radius: float, length: float) ->
     table[:, 1:, 1:] = splines
     table[:, 1:, 0] = table[:, 1:, 2]
     table[0, 0], table[1, 0] = -table[0, 2], table[1, 2]
-    return WindingTable(np.ascontiguousarray(np.moveaxis(table, 0, 2)), 1.0 / step, reach * reach, _expand(coil.far_series, reach))
+    return WindingTable(
+        np.ascontiguousarray(np.moveaxis(table, 0, 2)), 1.0 / step, reach * reach, _expand(coil.far_series, reach)
+    )
 
 
 def _expand(series: Array, reach: float) -> Array:

@@ -148,7 +148,9 @@ class SimulatedCoilArray(Simulation):
                 "compare tool, hand and contact with the file of 'tetrahedron'"
             )
         noise = self._noise.standard_normal((2, device.channels))
-        current = quantise_reading(coils["current"] + device.supply.current_noise * noise[0], device.supply.current_step)
+        current = quantise_reading(
+            coils["current"] + device.supply.current_noise * noise[0], device.supply.current_step
+        )
         warmth = quantise_reading(coils["body"] + device.thermometer_noise * noise[1], device.thermometer_step)
         pose = Pose(pose_stamp, state.R_SR, state.p, state.w, state.v, pose_valid)
         return Sample(t, current, warmth, np.empty((0, 3)), pose)

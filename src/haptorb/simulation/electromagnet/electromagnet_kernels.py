@@ -6,7 +6,7 @@ import numpy as np
 
 from haptorb.devices.electromagnet.passive_pull import pull
 from haptorb.devices.electromagnet.ring_tool import per_ampere
-from haptorb.numerics.arrays import Array, Record, Records, fields
+from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.charged_ring import dipole_on_charges
 from haptorb.simulation.electromagnet.core import CORE, core_step

@@ -16,8 +16,8 @@ from haptorb.control.allocation.allocator import (
     check_power,
     check_problem,
 )
-from haptorb.control.allocation.bounded_power import NOT_FINITE, solve_bounded_power
 from haptorb.control.allocation.array.least_heat import solve_least_heat
+from haptorb.control.allocation.bounded_power import NOT_FINITE, solve_bounded_power
 from haptorb.control.allocation.supply_power import hold_power
 from haptorb.control.allocation.whole_wrench import TORQUE_ARM, check_arm, share_within
 from haptorb.devices.wrench_map import WrenchMap
