@@ -69,7 +69,8 @@ class CoilArrayCard(Card):
         device, surface = self._device, self._device.surface
         low, high = device.contact_height * 1e3, (device.contact_height + surface.thickness) * 1e3
         if surface.is_dome:
-            where = f"±{math.degrees(surface.half_angle):.0f}° about the summit, tool {low:g} to {high:g} mm from the centre"
+            angle = f"±{math.degrees(surface.half_angle):.0f}° about the summit"
+            where = f"{angle}, tool {low:g} to {high:g} mm from the centre"
         else:
             x, y = (1e3 * side for side in surface.half_width)
             where = f"±{x:g} mm along x, ±{y:g} mm along y, tool {low:g} to {high:g} mm above the coils' frame"
@@ -104,19 +105,20 @@ class CoilArrayCard(Card):
     def quantities(self) -> list[Quantity]:
         """The figures of the card that stand beside those of other devices, in order."""
         contact = self._layers[0]
+        forces = zip(_AXES, (1e3 * contact.peak).tolist(), strict=True)
         return [
             *common_quantities(self._device),
-            *(Quantity(f"peak force along {axis} at contact", "mN", 1e3 * f) for axis, f in zip(_AXES, contact.peak, strict=True)),
+            *(Quantity(f"peak force along {axis} at contact", "mN", force) for axis, force in forces),
             Quantity("weakest peak force at contact", "mN", 1e3 * contact.weakest),
-        ]  # fmt: skip
+        ]
 
     def curves(self) -> list[Curve]:
         """The lines that are drawn over those of other devices."""
         heights = [1e3 * layer.height for layer in self._layers]
         peaks = 1e3 * np.array([layer.peak for layer in self._layers])
         forces = [
-            Curve("Force over the middle", f"peak along {axis}", "above contact [mm]", "force [mN]", heights, peaks[:, k],
-                  ("-", "--", ":")[k])
+            Curve("Force over the middle", f"peak along {axis}", "above contact [mm]", "force [mN]", heights,
+                  peaks[:, k], ("-", "--", ":")[k])
             for k, axis in enumerate(_AXES)
         ]  # fmt: skip
         return [*forces, *common_curves(self._device)]

@@ -86,7 +86,7 @@ def _choose_rule(coil: Array, shape: Array, magnet: Array, p: Array, R: Array) -
 
 @kernel
 def array_wrench(a: ArrayMap, pose: Array, out: Array, passive: Array) -> int:
-    """Fill out (6, m) [N/A, N·m/A] and passive (6,) [N, N·m] for the mover at `pose` (4, 3), R above p, torques about p.
+    """Fill out (6, m) [N/A, N·m/A] and passive (6,) [N, N·m] for the mover at `pose` (4, 3), R above p; torque about p.
 
     FREE, or IN_WINDING or IN_CORE for a magnet where none can be.
     """

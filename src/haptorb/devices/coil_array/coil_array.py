@@ -28,7 +28,7 @@ from haptorb.physics.sources.sphere_answer import answer_to_source, weigh_charge
 __all__ = ["BuildTolerance", "CoilArray", "Surface"]
 
 _ORDERS = (4, 30)  #: fewest and most degrees of the core's harmonics
-_LEFT_OUT = 1e-6  #: relative, of the core's series where charges are nearest
+_LEFT_OUT = 1e-5  #: relative, of the core's series where charges are nearest
 _ABOVE = 10e-3  #: a mover rests this far above contact [m]
 
 
@@ -62,8 +62,8 @@ class BuildTolerance:
 class CoilArray(Device):
     """Round coils with places, axes and windings of their own, and a mover whose magnets they act on.
 
-    Model "exact": the field of every thick winding on the charges of every magnet's faces, with the answer of a soft core
-    to both. The magnets and the coils' copper are rigid, their permeability is 1; eddy currents are left out.
+    Model "exact": the field of every thick winding on the charges of every magnet's faces, with the answer of a soft
+    core to both. The magnets and the coils' copper are rigid, their permeability is 1; eddy currents are left out.
     """
 
     kind: ClassVar[DeviceKind] = COIL_ARRAY
@@ -117,7 +117,7 @@ class CoilArray(Device):
         return float((3 * torque / away).sum()), float(torque.sum())
 
     def wrench_map(self, state: State, model: str) -> WrenchMap:
-        """(6, m) per ampere and (6,) passive, torque about the mover's origin; GeometryError in a coil or in the core."""
+        """(6, m) per ampere and (6,) passive, torque about the mover's origin; GeometryError in a coil or the core."""
         self.check_model(model)
         matrix, passive, pose = np.empty((6, self.channels)), np.empty(6), np.empty((4, 3))
         pose[:3], pose[3] = state.R_SR, state.p
@@ -126,8 +126,8 @@ class CoilArray(Device):
             where = "the core" if status == IN_CORE else "a coil"
             x, y, z = (1e3 * state.p).tolist()
             raise GeometryError(
-                f"device '{self.name}': with the mover at ({x:.1f}, {y:.1f}, {z:.1f}) mm a magnet would be inside {where}; "
-                f"an upright tool touches at z = {self.contact_height * 1e3:.1f} mm"
+                f"device '{self.name}': with the mover at ({x:.1f}, {y:.1f}, {z:.1f}) mm a magnet would be inside "
+                f"{where}; an upright tool touches at z = {self.contact_height * 1e3:.1f} mm"
             )
         return WrenchMap(matrix, passive)
 
@@ -149,7 +149,7 @@ class CoilArray(Device):
     def _order(self, core: SoftSphere) -> int:
         """Degrees of the core's harmonics, so that little is left out for magnets at the surface."""
         nearest = max(self.surface.dome_radius or self.surface.height, 1.05 * core.radius)
-        share = (core.radius / nearest) ** 2
+        share = core.radius**2 / (nearest * max(float(self.windings.nearest.min()), core.radius))
         return int(np.clip(np.ceil(np.log(_LEFT_OUT) / np.log(share)), *_ORDERS))
 
     def _list_facts(self) -> list[tuple[str, str]]:

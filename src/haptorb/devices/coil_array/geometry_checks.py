@@ -25,9 +25,7 @@ def list_array_mistakes(
     The mover is upright in the middle, 10 mm above contact.
     """
     found = []
-    inside = [
-        name for name, reach in zip(names, _nearest_to_origin(coils), strict=True) if reach < core_radius - _TOUCH
-    ]
+    inside = [name for name, reach in zip(names, coils.nearest, strict=True) if reach < core_radius - _TOUCH]
     if inside:
         found.append(
             f"windings of coil {_join(inside)} reach into the core of {core_radius * 1e3:g} mm; move them out, or make "
@@ -39,24 +37,25 @@ def list_array_mistakes(
         found.append(f"windings of coils {_join(told)} overlap; move them apart, or make them smaller")
     points = [_surface(coils, number) for number in range(len(names))]
     if dome_radius:
-        out = [name for name, at in zip(names, points, strict=True) if np.linalg.norm(at, axis=1).max() > dome_radius]
+        far = [float(np.linalg.norm(at, axis=1).max()) for at in points]
+        out = [name for name, reach in zip(names, far, strict=True) if reach > dome_radius]
         if out:
             found.append(
-                f"windings of coil {_join(out)} reach out of the dome of {dome_radius * 1e3:g} mm, where the tool goes; "
-                "move them in, or make the dome larger"
+                f"windings of coil {_join(out)} reach out of the dome of {dome_radius * 1e3:g} mm, where the tool "
+                "goes; move them in, or make the dome larger"
             )
     else:
         out = [name for name, at in zip(names, points, strict=True) if at[:, 2].max() > height + _TOUCH]
         if out:
             found.append(
-                f"windings of coil {_join(out)} reach through the plate at {height * 1e3:g} mm, where the tool goes; move "
-                "them down, or the plate up"
+                f"windings of coil {_join(out)} reach through the plate at {height * 1e3:g} mm, where the tool goes; "
+                "move them down, or the plate up"
             )
     lowest = max(-float(magnet.charges(2, 32)[2].min()) for magnet in tool.magnets)
     if lowest > tool.tip_distance + _TOUCH:
         found.append(
-            f"tool.tip_distance is {tool.tip_distance * 1e3:g} mm, but a magnet reaches {lowest * 1e3:.3g} mm below the "
-            "tool's origin: it would go into the surface before the tip; give at least that"
+            f"tool.tip_distance is {tool.tip_distance * 1e3:g} mm, but a magnet reaches {lowest * 1e3:.3g} mm below "
+            "the tool's origin: it would go into the surface before the tip; give at least that"
         )
     rest = np.array([0.0, 0.0, (dome_radius or height) + tool.tip_distance + 10e-3])
     for number, magnet in enumerate(tool.magnets, 1):
@@ -73,15 +72,6 @@ def list_array_mistakes(
 def _join(names: Sequence[str]) -> str:
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return ", ".join(names[:_NAMED]) + more
-
-
-def _nearest_to_origin(coils: PlacedCoils) -> Array:
-    """(m,) distance of each winding's body from the origin [m]."""
-    along = (coils.position * coils.axis).sum(axis=1)
-    across = np.sqrt(np.maximum((coils.position**2).sum(axis=1) - along**2, 0.0))
-    out = np.maximum(np.maximum(coils.inner_radius - across, across - coils.outer_radius), 0.0)
-    reach: Array = np.hypot(out, np.maximum(np.abs(along) - coils.length / 2, 0.0))
-    return reach
 
 
 def _surface(coils: PlacedCoils, number: int) -> Array:

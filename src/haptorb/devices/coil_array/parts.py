@@ -37,6 +37,15 @@ class PlacedCoils:
         return Coil(*(float(size[number]) for size in sizes))
 
     @property
+    def nearest(self) -> Array:
+        """(m,) distance of each winding's body from the origin [m]."""
+        along = (self.position * self.axis).sum(axis=1)
+        across = np.sqrt(np.maximum((self.position**2).sum(axis=1) - along**2, 0.0))
+        out = np.maximum(np.maximum(self.inner_radius - across, across - self.outer_radius), 0.0)
+        reach: Array = np.hypot(out, np.maximum(np.abs(along) - self.length / 2, 0.0))
+        return reach
+
+    @property
     def rows(self) -> Array:
         """(m, 8): centre [m], axis, turns, number of the winding's sort."""
         sizes = self._sizes

@@ -63,8 +63,8 @@ class PlacedCoilsSection(Section):
         tuple[Annotated[q.Length, Positive], ...], Len(1, _MOST_COILS), m.Meaning("outer radius of each winding"), _EACH
     ]
     length: Annotated[
-        tuple[Annotated[q.Length, Positive], ...], Len(1, _MOST_COILS), m.Meaning("length of each winding along its axis"),
-        _EACH,
+        tuple[Annotated[q.Length, Positive], ...], Len(1, _MOST_COILS),
+        m.Meaning("length of each winding along its axis"), _EACH,
     ]  # fmt: skip
 
     def build(self, count: int) -> PlacedCoils:

@@ -28,6 +28,7 @@ from haptorb.physics.sources.source import Source
 __all__ = ["add_answers", "answer_to_charges", "answer_to_source", "harmonic_sums", "weigh_charges"]
 
 _K = MU0 / (4 * np.pi)
+_WITHIN = 0.6  #: radius at which a source is read, as a share of the sphere's: the field is smoother there
 
 
 @kernel
@@ -133,9 +134,10 @@ def weigh_charges(sphere: SoftSphere, order: int) -> Array:
 
 
 def answer_to_source(sphere: SoftSphere, source: Source, order: int) -> Array:
-    """(k, 2) coefficients C [T·m] of the sphere's answer to `source`, which stands about it anywhere (coils: per ampere).
+    """(k, 2) coefficients C [T·m] of the sphere's answer to `source` anywhere about it (coils: per ampere).
 
-    From the source's radial field on the sphere: C_lm = β_l (2 − δ_m0)(2l + 1) a/(4π l) ∫ B_r R_lm dΩ. The source's
+    From the source's radial field on a sphere of radius b < a, so that sources close to the sphere do no harm:
+    C_lm = β_l (2 − δ_m0)(2l + 1) a (a/b)^(l−1)/(4π l) ∫ B_r R_lm dΩ. The source's
     matter must not reach into the sphere: GeometryError.
 
     >>> from haptorb.physics.sources.dipole import Dipole
@@ -154,13 +156,13 @@ def answer_to_source(sphere: SoftSphere, source: Source, order: int) -> Array:
     unit = np.stack([sine * np.cos(angle), sine * np.sin(angle), level], axis=-1)
     if source.contains(sphere.radius * unit).any():
         raise GeometryError("a source reaches into the soft sphere: no field is defined there; move it out")
-    radial = (source.field(sphere.radius * unit) * unit).sum(axis=-1)
+    radial = (source.field(_WITHIN * sphere.radius * unit) * unit).sum(axis=-1)
     flux = radial * weight[:, None] * (2 * np.pi / steps)
     response = sphere.response(order)
     out = np.zeros(((order + 1) * (order + 2) // 2, 2))
     for (l, m), harmonic in _regular(unit, order).items():
         if l:
-            both = 1.0 if m == 0 else 2.0
+            both = (1.0 if m == 0 else 2.0) * _WITHIN ** (1 - l)
             c = response[l - 1] * both * (2 * l + 1) * sphere.radius / (4 * np.pi * l) * (flux * harmonic).sum()
             out[l * (l + 1) // 2 + m] = c.real, c.imag
     return out

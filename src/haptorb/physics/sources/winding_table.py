@@ -169,6 +169,5 @@ def _spline_matrix(count: int, parity: float) -> Array:
 
 
 def _solve_both(values: Array, along: Array, across: Array) -> Array:
-    half: Array = np.linalg.solve(along, values)
-    both: Array = np.linalg.solve(across, half.T).T
-    return both
+    half = np.linalg.solve(along, values)
+    return np.asarray(np.linalg.solve(across, half.T).T, dtype=np.float64)

@@ -108,8 +108,8 @@ class ArrayAllocator(Allocator):
     greatest        force [N] and torque [N·m] on the mover: what comes along with what was asked is limited, too
     arm             1 N weighs as much as `arm` [m] × 1 N of torque, where both cannot be given
 
-    A force beyond the limits keeps its direction; of a torque or a whole wrench the nearest is given. Raises InputError for
-    values that cannot be.
+    A force beyond the limits keeps its direction; of a torque or a whole wrench the nearest is given. Raises InputError
+    for values that cannot be.
 
     >>> push = WrenchMap(np.vstack([np.tile(np.eye(3), 2), np.zeros((3, 6))]), np.zeros(6))
     >>> ArrayAllocator([1.0] * 6, [1.0] * 6).allocate(push, (0.5, 0, 0, 0, 0, 0)).currents.round(9).tolist()

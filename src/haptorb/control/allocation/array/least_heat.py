@@ -2,8 +2,8 @@
 
     minimise ½ Σ R_j i_j² + (ρ/2) ‖W (A i − w)‖²   such that   |i_j| ≤ L_j
 
-With y = √R i, Q = W A/√R and slack ν/ρ this has one multiplier per component of the wrench and y_j = clip(Q_jᵀν):
-the dual function is convex, piecewise quadratic and strictly so by ν²/2ρ, for any rank of A. Newton steps with the exact
+With y = √R i, Q = W A/√R and slack ν/ρ this has one multiplier per component of the wrench and y_j = clip(Q_jᵀν): the
+dual function is convex, piecewise quadratic and strictly so by ν²/2ρ, for any rank of A. Newton steps with the exact
 line search of `dual_newton` find its minimum. ρ is so large that a wrench that can be had is given to about 1e-6; in a
 direction that takes more than a thousand times the current of the best one, such as the torque about a single magnet's
 own axis, nothing is spent.
