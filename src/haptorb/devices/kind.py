@@ -96,6 +96,7 @@ class DeviceKind:
 KINDS: Final[dict[str, DeviceKind | str]] = {
     "spherical-electromagnet": "haptorb.devices.electromagnet.kind:ELECTROMAGNET",
     "spherical-motor": "haptorb.devices.motor.kind:MOTOR",
+    "coil-array": "haptorb.devices.coil_array.kind:COIL_ARRAY",
 }
 
 

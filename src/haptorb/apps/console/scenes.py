@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from haptorb.devices.coil_array.coil_array import CoilArray
+from haptorb.devices.coil_array.geometry import array_geometry
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet.geometry import electromagnet_geometry
@@ -20,7 +22,7 @@ from haptorb.worlds import World, find_world
 from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.memory import find_number
 
-__all__ = ["axes_scene", "describe_parts", "dome_scene", "list_shapes", "motor_scene"]
+__all__ = ["array_scene", "axes_scene", "describe_parts", "dome_scene", "list_shapes", "motor_scene"]
 
 
 def axes_scene(device: Device) -> dict[str, Any]:
@@ -49,6 +51,28 @@ def dome_scene(device: SphericalElectromagnet) -> dict[str, Any]:
             "tip_distance": device.tool.tip_distance,
         },
         **describe_parts(electromagnet_geometry(device)),
+    }
+
+
+def array_scene(device: CoilArray) -> dict[str, Any]:
+    """Coils where they are: under a dome with a stylus over it, or beside axes with a marker for the tool."""
+    surface, magnet = device.surface, device.tool.magnets[0]
+    if not surface.is_dome:
+        return axes_scene(device)
+    return {
+        "kind": "dome",
+        "dome_radius": surface.dome_radius,
+        "contact_distance": device.contact_height,
+        "shell_thickness": surface.thickness,
+        "workspace": surface.half_angle,
+        "core_radius": 0.0 if device.core is None else device.core.radius,
+        "magnet": {
+            "worn": False,
+            "outer_radius": magnet.outer_radius,
+            "length": magnet.length,
+            "tip_distance": device.tool.tip_distance,
+        },
+        **describe_parts(array_geometry(device)),
     }
 
 

@@ -13,7 +13,16 @@ import numpy as np
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["GIVEN", "NEAREST", "NOT_CONVERGED", "NOT_FINITE", "SCALED", "dual_newton", "orthonormal_rows"]
+__all__ = [
+    "GIVEN",
+    "NEAREST",
+    "NOT_CONVERGED",
+    "NOT_FINITE",
+    "SCALED",
+    "dual_newton",
+    "line_search",
+    "orthonormal_rows",
+]
 
 GIVEN = 0  #: the torque is given in full
 SCALED = 1  #: beyond the limits: cut, direction kept
@@ -113,7 +122,7 @@ def _next_kink(s: Array, along: Array, limit: Array, step: float) -> float:
 
 
 @kernel
-def _line_search(s: Array, along: Array, limit: Array, linear: float) -> float:
+def line_search(s: Array, along: Array, limit: Array, linear: float) -> float:
     """The step at which the dual function is least along a line: the zero of an increasing, piecewise linear slope.
 
     The slope is Σ φ_j' + linear. Returns infinity if it never becomes positive.
@@ -211,7 +220,7 @@ def dual_newton(Q: Array, t: Array, limit: Array, y: Array) -> int:
         d0 = (z0 - l10 * d1 - l20 * d2) / l00
         for j in range(m):
             along[j] = Q[0, j] * d0 + Q[1, j] * d1 + Q[2, j] * d2
-        step = _line_search(s, along, limit, -(t[0] * d0 + t[1] * d1 + t[2] * d2))
+        step = line_search(s, along, limit, -(t[0] * d0 + t[1] * d1 + t[2] * d2))
         if step == np.inf:
             return SCALED
         n0 += step * d0

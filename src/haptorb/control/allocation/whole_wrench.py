@@ -31,7 +31,7 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["TORQUE_ARM", "WholeWrenchAllocator", "check_arm"]
+__all__ = ["TORQUE_ARM", "WholeWrenchAllocator", "check_arm", "share_within"]
 
 TORQUE_ARM = 0.127 * 60e-3 / (0.07 * 2.5)  #: 43.5 mm [m]
 
@@ -63,7 +63,7 @@ def check_arm(arm: float) -> float:
 
 
 @kernel
-def _share_within(passive: Array, active: Array, first: int, greatest: float) -> float:
+def share_within(passive: Array, active: Array, first: int, greatest: float) -> float:
     """The greatest share of `active` (6,), at most 1, that keeps three of its components with `passive` within
     `greatest`; 0 where the passive wrench alone is beyond it."""
     a, b, c = 0.0, 0.0, -greatest * greatest
@@ -117,7 +117,7 @@ def _allocate(
     for i in range(6):
         for j in range(m):
             active[i] += matrix[i, j] * currents[j]
-    share = min(_share_within(passive, active, 0, s.force), _share_within(passive, active, 3, s.torque))
+    share = min(share_within(passive, active, 0, s.force), share_within(passive, active, 3, s.torque))
     if share < 1.0:  # safety: what-comes-along-is-limited
         scale *= share
         reason = _ALONG

@@ -9,13 +9,14 @@ import numpy as np
 
 from haptorb.control.clutch.linkage import MOTOR_GAINS
 from haptorb.control.stability.hand_grip import HandGrip
+from haptorb.devices.coil_array.coil_array import CoilArray
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 
-__all__ = ["HeldMover", "hold_mover", "hold_rotor", "hold_tool"]
+__all__ = ["HeldMover", "hold_array", "hold_mover", "hold_rotor", "hold_tool"]
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,20 @@ def hold_tool(device: SphericalElectromagnet, hand: HandGrip) -> HeldMover:
         np.concatenate([device.rest_position, np.zeros(3)]),
         (device.contact_distance, device.contact_distance + 6e-3),
         np.zeros(6),
+    )  # fmt: skip
+
+
+def hold_array(device: CoilArray, hand: HandGrip) -> HeldMover:
+    """`hand` on the tool of a coil array: it feels forces, and wanders over the dome or over the plate."""
+    grip, surface, contact = hand.with_mass(device.tool.mass), device.surface, device.contact_height
+    return HeldMover(
+        grip, 1.0, 0.0, device.limits.force,
+        np.array([grip.mass] * 3 + [1e-4] * 3),
+        np.array([hand.damping] * 3 + [device.hand.turn_damping] * 3),
+        np.array([hand.stiffness] * 3 + [device.hand.turn_stiffness] * 3),
+        np.concatenate([device.rest_position, np.zeros(3)]),
+        (contact, contact + 6e-3) if surface.is_dome else (0.0, 0.0),
+        np.array([*surface.half_width, 6e-3, 0.0, 0.0, 0.0]),
     )  # fmt: skip
 
 

@@ -69,6 +69,11 @@ class Coil(RoundBody):
         )
 
     @property
+    def far_series(self) -> Array:
+        """(16,) coefficients of the field's zonal series per ampere, n = 1, 3 … 31 [T·mⁿ⁺²] (see `zonal`)."""
+        return self._series.copy()
+
+    @property
     def moment(self) -> Array:
         """(3,) [A·m² per A]: N π (rₒ² + rₒrᵢ + rᵢ²)/3."""
         ro, ri = self.outer_radius, self.inner_radius

@@ -6,7 +6,7 @@ import numpy as np
 
 from haptorb.devices.electromagnet.passive_pull import pull
 from haptorb.devices.electromagnet.ring_tool import per_ampere
-from haptorb.numerics.arrays import Array, Record, Records, fields
+from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.charged_ring import dipole_on_charges
 from haptorb.simulation.electromagnet.core import CORE, core_step
@@ -14,7 +14,7 @@ from haptorb.simulation.electromagnet.sensors import SENSES
 from haptorb.simulation.electromagnet.true_heat import COILS, NODES
 from haptorb.simulation.parts.coils import network_coil_step
 from haptorb.simulation.parts.hand import rotation_left
-from haptorb.simulation.parts.tool import TOOL, contact, matrix, move
+from haptorb.simulation.parts.tool import TOOL, contact, matrix, move, set_goal
 
 __all__ = ["ELECTROMAGNET", "advance"]
 
@@ -34,20 +34,6 @@ ELECTROMAGNET = fields(
 
 
 @kernel
-def _set_goal(tool: Record, wish_p: Array, wish_q: Array) -> None:
-    """The hand's goal becomes the wish; what is not finite, or no turn, stays as it was."""
-    square = 0.0
-    for i in range(4):
-        square += wish_q[i] * wish_q[i]
-    if 0.0 < square < 1e12:  # false for NaN as well
-        for i in range(4):
-            tool.goal_q[i] = wish_q[i] / np.sqrt(square)
-    if np.isfinite(wish_p[0] + wish_p[1] + wish_p[2]):
-        for i in range(3):
-            tool.goal[i] = wish_p[i]
-
-
-@kernel
 def advance(
     electromagnet: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, rows: Array, table: Array,
     moment_per_current: Array,
@@ -59,7 +45,7 @@ def advance(
     """
     e = electromagnet[0]
     tool, truth, dt, count = e.tool, e.wrench, e.dt, coils.size
-    _set_goal(tool, wish_p, wish_q)
+    set_goal(tool, wish_p, wish_q)
     R = np.empty((3, 3))
     per_moment, per_current = np.empty((6, 3)), np.empty((6, count))
     given, total, passive = np.empty(6), np.empty(6), np.empty(6)

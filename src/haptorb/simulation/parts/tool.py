@@ -12,11 +12,11 @@ from haptorb.numerics.arrays import Array, Record, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.simulation.parts.hand import GRIP
 
-__all__ = ["DOME", "GRAVITY", "TOOL", "contact", "matrix", "move"]
+__all__ = ["DOME", "GRAVITY", "TOOL", "contact", "matrix", "move", "plate_contact", "set_goal"]
 
 GRAVITY = 9.80665  #: [m/s²], along −z of the stator
 
-#: The sphere under the tip.
+#: The sphere under the tip; or a level plate, whose height stands in place of the radius.
 DOME = fields(
     ("radius", "f8"),  # [m]
     ("stiffness", "f8"),  # [N/m]
@@ -64,6 +64,20 @@ def _inverse_mass(tool: Record, R: Array, rx: float, ry: float, rz: float, ux: f
 
 
 @kernel
+def set_goal(tool: Record, wish_p: Array, wish_q: Array) -> None:
+    """The hand's goal becomes the wish; what is not finite, or no turn, stays as it was."""
+    square = 0.0
+    for i in range(4):
+        square += wish_q[i] * wish_q[i]
+    if 0.0 < square < 1e12:  # false for NaN as well
+        for i in range(4):
+            tool.goal_q[i] = wish_q[i] / np.sqrt(square)
+    if np.isfinite(wish_p[0] + wish_p[1] + wish_p[2]):
+        for i in range(3):
+            tool.goal[i] = wish_p[i]
+
+
+@kernel
 def contact(tool: Record, R: Array, dt: float, out: Array) -> float:
     """Add to out (6,) the dome's push on `tool`, a TOOL at R (3, 3): force [N] and torque about p [N·m]; returns the
     depth [m].
@@ -72,19 +86,40 @@ def contact(tool: Record, R: Array, dt: float, out: Array) -> float:
     the dome rests on its side, and no tilt brings the magnet into the dome. The push is a spring with a damper that
     never pulls; friction opposes sliding and, within one step, can stop it but not turn it round.
     """
-    dome, v, w = tool.dome, tool.v, tool.w
     nx, ny, nz = R[0, 2], R[1, 2], R[2, 2]
     px, py, pz = tool.p[0], tool.p[1], tool.p[2]
     s = min(max(-(px * nx + py * ny + pz * nz), -tool.tip), tool.tail)
-    rx, ry, rz = s * nx, s * ny, s * nz
-    x, y, z = px + rx, py + ry, pz + rz
+    x, y, z = px + s * nx, py + s * ny, pz + s * nz
     distance = np.sqrt(x * x + y * y + z * z)
-    depth: float = dome.radius - distance
+    depth: float = tool.dome.radius - distance
     if depth <= 0.0:
         return 0.0
     ux, uy, uz = 0.0, 0.0, 1.0
     if distance > 1e-9:
         ux, uy, uz = x / distance, y / distance, z / distance
+    _push_back(tool, R, s, (ux, uy, uz), depth, dt, out)
+    return depth
+
+
+@kernel
+def plate_contact(tool: Record, R: Array, dt: float, out: Array) -> float:
+    """As `contact`, of a level plate at z = `dome.radius`: the lower end of the shaft touches."""
+    s = -tool.tip if R[2, 2] >= 0.0 else tool.tail
+    depth: float = tool.dome.radius - (tool.p[2] + s * R[2, 2])
+    if depth <= 0.0:
+        return 0.0
+    _push_back(tool, R, s, (0.0, 0.0, 1.0), depth, dt, out)
+    return depth
+
+
+@kernel
+def _push_back(
+    tool: Record, R: Array, s: float, normal: tuple[float, float, float], depth: float, dt: float, out: Array
+) -> None:
+    """Add to out (6,) what a surface does to the shaft `s` [m] along its axis from p, `depth` [m] inside."""
+    dome, v, w = tool.dome, tool.v, tool.w
+    ux, uy, uz = normal
+    rx, ry, rz = s * R[0, 2], s * R[1, 2], s * R[2, 2]
     vx = v[0] + w[1] * rz - w[2] * ry
     vy = v[1] + w[2] * rx - w[0] * rz
     vz = v[2] + w[0] * ry - w[1] * rx
@@ -108,7 +143,6 @@ def contact(tool: Record, R: Array, dt: float, out: Array) -> float:
     out[3] += ry * fz - rz * fy
     out[4] += rz * fx - rx * fz
     out[5] += rx * fy - ry * fx
-    return depth
 
 
 @kernel

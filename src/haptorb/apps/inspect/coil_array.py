@@ -1,0 +1,139 @@
+"""The card of a coil array: force along each axis by height, the weakest place, and the heat of a newton."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from rich.console import Console
+
+from haptorb.apps.inspect.card import Card, facts, print_card
+from haptorb.apps.inspect.quantities import Curve, Quantity, common_curves, common_quantities
+from haptorb.apps.terminal import Column, TextTable, print_table, print_text
+from haptorb.control.allocation.array.capability import array_capability
+from haptorb.devices.coil_array.coil_array import CoilArray
+from haptorb.devices.endurance import endurance
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["CoilArrayCard"]
+
+_AXES = ("x", "y", "z")
+
+
+@final
+class CoilArrayCard(Card):
+    """Forces are those of the exact model on a tool held upright, over a dome radially; the torque comes along."""
+
+    _device: CoilArray
+
+    def __init__(self, device: CoilArray) -> None:
+        self._device = device
+        self._layers = array_capability(device)
+        self._endurance = endurance(device)
+
+    def numbers(self) -> dict[str, Any]:
+        """Everything on the card as plain JSON types."""
+        device, surface = self._device, self._device.surface
+        return {
+            **facts(device),
+            "sensed_dof": "6 by a tracker",
+            "actuated_dof": min(device.channels, 5 if len(device.tool.magnets) == 1 else 6),
+            "surface": "dome" if surface.is_dome else "plate",
+            "contact_height_m": device.contact_height,
+            "rendered_above_contact_m": surface.thickness,
+            "core_radius_m": None if device.core is None else device.core.radius,
+            "magnets": len(device.tool.magnets),
+            "tool_moment_a_m2": device.tool.moment,
+            "layers": [
+                {
+                    "above_contact_m": layer.height,
+                    "peak_n": layer.peak.tolist(),
+                    "continuous_n": layer.lasting.tolist(),
+                    "weakest_peak_n": layer.weakest,
+                    "passive_n": layer.passive,
+                    "watts_per_newton2_up": layer.watts,
+                }
+                for layer in self._layers
+            ],
+            "endurance": [
+                {"share_of_full_current": share, "seconds": seconds if math.isfinite(seconds) else None}
+                for share, seconds in self._endurance
+            ],
+        }
+
+    def show(self, console: Console) -> None:
+        """Print it for people."""
+        device, surface = self._device, self._device.surface
+        low, high = device.contact_height * 1e3, (device.contact_height + surface.thickness) * 1e3
+        if surface.is_dome:
+            angle = f"±{math.degrees(surface.half_angle):.0f}° about the summit"
+            where = f"{angle}, tool {low:g} to {high:g} mm from the centre"
+        else:
+            x, y = (1e3 * side for side in surface.half_width)
+            where = f"±{x:g} mm along x, ±{y:g} mm along y, tool {low:g} to {high:g} mm above the coils' frame"
+        magnets = len(device.tool.magnets)
+        missing = ", not the torque about the magnet's own axis" if magnets == 1 else ""
+        more = [
+            ("workspace", where),
+            ("actuated", f"force, torque or both by {device.channels} coils{missing}"),
+            ("sensed", "the tool's pose by a tracker"),
+            ("core", "none" if device.core is None else f"soft sphere of {device.core.radius * 1e3:g} mm"),
+        ]
+        print_card(device, console, more)
+        print_text(console)
+        columns = (
+            Column("above contact", "mm", "key"), *(Column(f"peak {axis}", "mN") for axis in _AXES),
+            *(Column(f"continuous {axis}", "mN") for axis in _AXES), Column("weakest peak", "mN"),
+            Column("core's pull", "mN"), Column("heat of 1 N up", "W"),
+        )  # fmt: skip
+        table = TextTable(columns, "Force on the tool over the middle; weakest: worst of six directions and all places")
+        for layer in self._layers:
+            forces = (*layer.peak, *layer.lasting, layer.weakest, layer.passive)
+            table.add_row(f"{1e3 * layer.height:g}", *(f"{1e3 * force:.0f}" for force in forces), f"{layer.watts:.3g}")
+        print_table(console, table)
+        lasting = ", ".join(
+            f"{100 * share:.0f} % " + ("unlimited" if math.isinf(seconds) else f"{seconds:.0f} s")
+            for share, seconds in self._endurance
+        )
+        room = device.coils.heat.ambient - 273.15
+        print_text(console, f"\nendurance of one coil from {room:.0f} °C by share of full current: {lasting}")
+        print_text(console, f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
+
+    def quantities(self) -> list[Quantity]:
+        """The figures of the card that stand beside those of other devices, in order."""
+        contact = self._layers[0]
+        forces = zip(_AXES, (1e3 * contact.peak).tolist(), strict=True)
+        return [
+            *common_quantities(self._device),
+            *(Quantity(f"peak force along {axis} at contact", "mN", force) for axis, force in forces),
+            Quantity("weakest peak force at contact", "mN", 1e3 * contact.weakest),
+        ]
+
+    def curves(self) -> list[Curve]:
+        """The lines that are drawn over those of other devices."""
+        heights = [1e3 * layer.height for layer in self._layers]
+        peaks = 1e3 * np.array([layer.peak for layer in self._layers])
+        forces = [
+            Curve("Force over the middle", f"peak along {axis}", "above contact [mm]", "force [mN]", heights,
+                  peaks[:, k], ("-", "--", ":")[k])
+            for k, axis in enumerate(_AXES)
+        ]  # fmt: skip
+        return [*forces, *common_curves(self._device)]
+
+    def draw(self) -> Figure:
+        """The card as a picture."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(10, 4.5), layout="constrained")
+        places = dict(zip(dict.fromkeys(curve.panel for curve in self.curves()), figure.subplots(1, 2), strict=True))
+        for curve in self.curves():
+            place = places[curve.panel]
+            place.plot(curve.x, curve.y, curve.style, color="C0", label=curve.label)
+            place.set_title(curve.panel, loc="left", fontsize=10)
+            place.set(xlabel=curve.x_label, ylabel=curve.y_label)
+            place.legend(frameon=False, fontsize=8)
+        figure.suptitle(self._device.title, x=0.01, ha="left", fontweight="bold")
+        return figure

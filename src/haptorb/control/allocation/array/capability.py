@@ -1,0 +1,85 @@
+"""What a coil array can do: force along the axes by height, in the middle and at the weakest place of the workspace."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from haptorb.control.allocation.array.array_allocator import ArrayAllocator
+from haptorb.devices.coil_array.coil_array import CoilArray
+from haptorb.devices.state import State
+from haptorb.numerics.arrays import Array
+
+__all__ = ["ArrayLayer", "array_capability"]
+
+_DIRECTIONS = np.vstack([np.eye(3), -np.eye(3)])
+_PLACES = 5  #: along each side of a plate; or around the rim of a dome's workspace
+
+
+@final
+@dataclass(frozen=True)
+class ArrayLayer:
+    """Forces on an upright, or over a dome radial, tool at one height above contact; the torque comes along."""
+
+    height: float  #: above contact [m]
+    peak: Array  #: (3,) along x, y and z in the middle, the weaker sense of each [N]
+    lasting: Array  #: (3,) the same with currents that all coils stand together for ever [N]
+    weakest: float  #: peak force in the worst of the six directions at the worst place [N]
+    passive: float  #: size of the force at zero current in the middle [N]
+    watts: float  #: heat for 1 N upwards in the middle, coils cold [W]
+
+
+def array_capability(device: CoilArray, layers: int = 5) -> tuple[ArrayLayer, ...]:
+    """Layers from contact to the top of the space where forces are rendered.
+
+    >>> from haptorb.devices.loader import load
+    >>> bool(array_capability(load("tetrahedron"), 2)[0].peak[2] > 0.3)
+    True
+    """
+    power, hot = device.supply.power, device.greatest_resistance
+    strong = ArrayAllocator(device.driven_current, hot, power=power)
+    lasting = ArrayAllocator(device.sustained_current_together, hot, power=power)
+    found = []
+    for height in np.linspace(0.0, device.surface.thickness, layers):
+        places = _list_places(device, float(height))
+        peaks = np.array([_reach(device, state, strong) for state in places])
+        middle = device.wrench_map(places[0], "exact")
+        currents = strong.allocate(middle, np.array([0.0, 0.0, 0.01, 0, 0, 0]) + middle.passive).currents
+        watts = 1e4 * float(device.coils.resistance @ currents**2)
+        found.append(
+            ArrayLayer(
+                float(height), np.minimum(peaks[0, :3], peaks[0, 3:]), _weaker(_reach(device, places[0], lasting)),
+                float(peaks.min()), float(np.linalg.norm(middle.passive[:3])), watts,
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _weaker(forces: Array) -> Array:
+    return np.minimum(forces[:3], forces[3:])
+
+
+def _reach(device: CoilArray, state: State, allocator: ArrayAllocator) -> Array:
+    """(6,) greatest force along ±x, ±y, ±z at `state`, the passive one included [N]."""
+    wrench_map = device.wrench_map(state, "exact")
+    much = 1e3
+    forces = []
+    for direction in _DIRECTIONS:
+        allocation = allocator.allocate(wrench_map, np.concatenate([much * direction, np.zeros(3)]))
+        given = wrench_map.wrench(allocation.currents)[:3]
+        forces.append(max(float(given @ direction), 0.0))
+    return np.array(forces)
+
+
+def _list_places(device: CoilArray, height: float) -> list[State]:
+    """The middle first."""
+    surface, far = device.surface, device.contact_height + height
+    middle = State.at((0.0, 0.0, far), axis=(0.0, 0.0, 1.0))
+    if surface.is_dome:
+        angles = 2 * np.pi * np.arange(2 * _PLACES) / (2 * _PLACES)
+        sine, cosine = np.sin(surface.half_angle), np.cos(surface.half_angle)
+        return [middle, *(State.at(far * np.array([sine * np.cos(a), sine * np.sin(a), cosine])) for a in angles)]
+    across = [np.linspace(-side, side, _PLACES) for side in surface.half_width]
+    return [middle, *(State.at((x, y, far), axis=(0.0, 0.0, 1.0)) for x in across[0] for y in across[1])]

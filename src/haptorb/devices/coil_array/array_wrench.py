@@ -1,0 +1,149 @@
+"""What every coil of an array does to a mover with magnets, per ampere: the real winding on magnets of their true size.
+
+A magnet is the magnetic charge on its two faces (see `charged_ring`), a coil is its winding's field from a table (see
+`winding_table`): F = Σ q B and T = Σ (x − p) × q B. A magnet close to a winding needs many charges, one far away few:
+each magnet has `RULES` of them, and each pair of coil and magnet uses the first that is precise enough by the ratio of
+the magnet's face to its distance from the winding. A soft core's part is that of `sphere_answer`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compiled import kernel
+from haptorb.physics.sources.sphere_answer import add_answers, answer_to_charges, harmonic_sums
+from haptorb.physics.sources.winding_table import table_field
+
+__all__ = ["CORE_RULE", "FREE", "IN_CORE", "IN_WINDING", "LIMITS", "RULES", "ArrayMap", "array_wrench", "place_charges"]
+
+FREE, IN_WINDING, IN_CORE = 0, 1, 2  #: where the magnets are
+
+#: Radial Gauss nodes and steps of azimuth on each face, from few charges to many.
+RULES = ((1, 4), (2, 6), (2, 8), (4, 14), (6, 22), (8, 38))
+#: Radius of the face over its distance from the winding up to which each rule but the last is used.
+LIMITS = np.array((0.14, 0.25, 0.36, 0.75, 1.1))
+CORE_RULE = 2  #: the rule whose charges meet the core
+
+
+class ArrayMap(NamedTuple):
+    """Coils, core and magnets as compiled code takes them."""
+
+    coils: Array  #: (m, 8): centre [m], axis, turns, number of the winding's sort
+    shapes: Array  #: (k, 5) of each sort: steps per metre, square of the table's range [m²], radii, half length [m]
+    tables: Array  #: (k, n, n, 2) of each sort, see `WindingTable`
+    series: Array  #: (k, 2, 7, 8) of each sort
+    charges: Array  #: (4, n) of all magnets and rules, mover frame [m, A·m]
+    spans: Array  #: (g, rules + 1) the first charge of each magnet's rules
+    magnets: Array  #: (g, 7): centre, axis times half length, radius [m], mover frame
+    core_charges: Array  #: (4, n') of all magnets: what meets the core
+    core_radius: float  #: [m]; 0: there is no core
+    order: int  #: degree of the core's harmonics
+    answers: Array  #: (m, k, 2) of the core to each coil [T·m/A]
+    shares: Array  #: (k,) of the core's answer to the magnets
+
+
+@kernel
+def place_charges(charges: Array, p: Array, R: Array, out: Array) -> None:
+    """out (7, n): places (3) [m] of charges (4, n) turned by R (3, 3) at p (3,), their arms about p (3) [m], their
+    strength [A·m]."""
+    for n in range(charges.shape[1]):
+        for i in range(3):
+            arm = R[i, 0] * charges[0, n] + R[i, 1] * charges[1, n] + R[i, 2] * charges[2, n]
+            out[i, n] = p[i] + arm
+            out[3 + i, n] = arm
+        out[6, n] = charges[3, n]
+
+
+@kernel
+def _distance(coil: Array, shape: Array, x: float, y: float, z: float) -> float:
+    """From a point to the winding's body [m]; 0 in it."""
+    dx, dy, dz = x - coil[0], y - coil[1], z - coil[2]
+    along = dx * coil[3] + dy * coil[4] + dz * coil[5]
+    across = np.sqrt(max(dx * dx + dy * dy + dz * dz - along * along, 0.0))
+    out = max(max(shape[2] - across, across - shape[3]), 0.0)
+    up = max(abs(along) - shape[4], 0.0)
+    return float(np.sqrt(out * out + up * up))
+
+
+@kernel
+def _choose_rule(coil: Array, shape: Array, magnet: Array, p: Array, R: Array) -> int:
+    """Number of the rule for a magnet (7,): centre (3) [m], axis times half length (3) [m], radius [m], mover frame."""
+    nearest = 1e300
+    for side in (-1.0, 1.0):
+        a, b, c = magnet[0] + side * magnet[3], magnet[1] + side * magnet[4], magnet[2] + side * magnet[5]
+        x = p[0] + R[0, 0] * a + R[0, 1] * b + R[0, 2] * c
+        y = p[1] + R[1, 0] * a + R[1, 1] * b + R[1, 2] * c
+        z = p[2] + R[2, 0] * a + R[2, 1] * b + R[2, 2] * c
+        nearest = min(nearest, _distance(coil, shape, x, y, z))
+    rule = 0
+    while rule < LIMITS.shape[0] and magnet[6] > LIMITS[rule] * nearest:
+        rule += 1
+    return rule
+
+
+@kernel
+def array_wrench(a: ArrayMap, pose: Array, out: Array, passive: Array) -> int:
+    """Fill out (6, m) [N/A, N·m/A] and passive (6,) [N, N·m] for the mover at `pose` (4, 3), R above p; torque about p.
+
+    FREE, or IN_WINDING or IN_CORE for a magnet where none can be.
+    """
+    R, p = pose[:3], pose[3]
+    placed = np.empty((7, a.charges.shape[1]))
+    place_charges(a.charges, p, R, placed)
+    status = FREE
+    for j in range(a.coils.shape[0]):
+        coil = a.coils[j]
+        sort = int(coil[7])
+        shape, table, far = a.shapes[sort], a.tables[sort], a.series[sort]
+        ax, ay, az = coil[3], coil[4], coil[5]
+        fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for g in range(a.magnets.shape[0]):
+            rule = _choose_rule(coil, shape, a.magnets[g], p, R)
+            for n in range(a.spans[g, rule], a.spans[g, rule + 1]):
+                x, y, z = placed[0, n] - coil[0], placed[1, n] - coil[1], placed[2, n] - coil[2]
+                along = x * ax + y * ay + z * az
+                x -= along * ax
+                y -= along * ay
+                z -= along * az
+                rho = np.sqrt(x * x + y * y + z * z)
+                if shape[2] < rho < shape[3] and abs(along) < shape[4]:
+                    status = IN_WINDING
+                over, axial = table_field(table, shape[0], shape[1], far, rho, along)
+                q = placed[6, n]
+                bx, by, bz = q * (over * x + axial * ax), q * (over * y + axial * ay), q * (over * z + axial * az)
+                rx, ry, rz = placed[3, n], placed[4, n], placed[5, n]
+                fx += bx
+                fy += by
+                fz += bz
+                tx += ry * bz - rz * by
+                ty += rz * bx - rx * bz
+                tz += rx * by - ry * bx
+        turns = coil[6]
+        out[0, j], out[1, j], out[2, j] = turns * fx, turns * fy, turns * fz
+        out[3, j], out[4, j], out[5, j] = turns * tx, turns * ty, turns * tz
+    passive[:] = 0.0
+    if a.core_radius > 0.0:
+        return _add_core(a, pose, out, passive, status)
+    return status
+
+
+@kernel
+def _add_core(a: ArrayMap, pose: Array, out: Array, passive: Array, status: int) -> int:
+    """What the core answers to the coils, added to out (6, m), and to the magnets themselves, to passive (6,)."""
+    p = pose[3]
+    placed = np.empty((7, a.core_charges.shape[1]))
+    place_charges(a.core_charges, p, pose[:3], placed)
+    for n in range(placed.shape[1]):
+        if placed[0, n] ** 2 + placed[1, n] ** 2 + placed[2, n] ** 2 < a.core_radius * a.core_radius:
+            return IN_CORE
+    sums = np.empty(((a.order + 2) * (a.order + 3) // 2, 2))
+    harmonic_sums(placed, a.core_radius, a.order, sums)
+    add_answers(sums, a.answers, a.core_radius, a.order, p, out)
+    own, pull = np.empty((1, a.shares.shape[0], 2)), np.zeros((6, 1))
+    answer_to_charges(sums, a.shares, own)
+    add_answers(sums, own, a.core_radius, a.order, p, pull)
+    passive[:] = pull[:, 0]
+    return status

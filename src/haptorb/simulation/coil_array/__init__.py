@@ -1,0 +1,1 @@
+"""A coil array, its tool and a hand, simulated."""

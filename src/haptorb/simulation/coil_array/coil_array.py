@@ -1,0 +1,209 @@
+"""A coil array, its tool and a hand, simulated: what the driver of a real one would meet.
+
+The truth is not what the controller knows: coils are off their places, askew and stronger or weaker than in the device
+file, within its `[tolerance]`; they have inductance and warm up, the moving tool induces a voltage in them, and sensors
+are noisy. Left out: mutual inductance between coils, eddy currents, the core's remanence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import ceil
+from typing import final
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.devices.coil_array.coil_array import CoilArray
+from haptorb.devices.coil_array.parts import PlacedCoils
+from haptorb.devices.state import State
+from haptorb.errors import DriverError, InputError
+from haptorb.numerics.arrays import Array, check_finite, vectors
+from haptorb.sensing.sample import Pose, Sample
+from haptorb.simulation.coil_array.array_kernels import COIL_ARRAY, advance_array
+from haptorb.simulation.parts.coils import chop, cold_coils
+from haptorb.simulation.parts.tool import GRAVITY, matrix
+from haptorb.simulation.simulation import Simulation
+
+__all__ = ["SimulatedCoilArray", "draw_coils"]
+
+_STEP = 2.5e-4  #: of the simulation [s]
+
+
+def draw_coils(device: CoilArray, specimen: int = 0) -> PlacedCoils:
+    """The coils of a `specimen` of `device` as they could be built: of one file and number always the same."""
+    coils, tolerance = device.windings, device.tolerance
+    draw = np.random.Generator(np.random.PCG64([crc32(device.digest.encode()), specimen]))
+    shift, lean = draw.standard_normal((2, *coils.position.shape))
+    stronger = draw.standard_normal(len(coils.turns))
+    axis = coils.axis + tolerance.tilt * np.cross(lean, coils.axis)
+    return replace(
+        coils,
+        position=coils.position + tolerance.position * shift,
+        axis=axis / np.linalg.norm(axis, axis=1, keepdims=True),
+        turns=coils.turns * (1.0 + tolerance.strength * stronger),
+    )
+
+
+@final
+class SimulatedCoilArray(Simulation):
+    """Coils, core, tool, surface and hand of `device`.
+
+    specimen: number of the device among its like, from 0: its coils' places are drawn with it. held=False lets the tool
+    go: no hand, and gravity acts on it. With a hand, the hand carries the tool's weight.
+
+    >>> from haptorb.devices.loader import load
+    >>> simulated = SimulatedCoilArray(load("tetrahedron"), seed=1)
+    >>> for _ in range(20):
+    ...     simulated.advance(1e-3, np.zeros(4), np.array([0, 0, 0.06]), np.array([0, 0, 0, 1.0]))
+    >>> bool(-13e-3 < simulated.truth()[2] < -11.5e-3)      # currents off, and still the core pulls
+    True
+    """
+
+    def __init__(self, device: CoilArray, seed: int = 0, *, held: bool = True, specimen: int = 0) -> None:
+        self.device: CoilArray = device
+        self._magnetics = device.compute_magnetics(draw_coils(device, specimen))
+        self._state = np.zeros(1, dtype=COIL_ARRAY)
+        self._wrench: Array = self._state["wrench"][0]
+        self._tool = self._state["tool"]
+        self._last_dt, self._t = 0.0, 0.0
+        self._equip(held)
+        self.reset(seed)
+
+    def _equip(self, held: bool) -> None:
+        """Tool, surface and hand as the device file has them."""
+        device, it = self.device, self._tool
+        tool, hand, surface = device.tool, device.hand, device.surface
+        it["mass"] = tool.mass + (hand.mass if held else 0.0)
+        it["weight"] = 0.0 if held else tool.mass * GRAVITY
+        it["inertia"], it["tip"], it["tail"] = tool.inertia, tool.tip_distance, tool.reach
+        it["dome"]["radius"] = surface.dome_radius or surface.height
+        self._state["plate"] = not surface.is_dome
+        for name in ("stiffness", "damping", "friction"):
+            it["dome"][name] = getattr(surface.contact, name)
+        if held:
+            for name in ("stiffness", "damping", "turn_stiffness", "turn_damping"):
+                it["grip"][name] = getattr(hand, name)
+
+    def reset(self, seed: int = 0) -> None:
+        """Cold coils without currents, the tool at rest above the surface, noise from `seed`."""
+        self._noise = np.random.default_rng(seed)
+        self._coils = cold_coils(self.device)
+        self._state["wrench"] = self._state["depth"] = 0.0
+        self._held = np.full((11, max(self.device.channels, 6)), np.nan)
+        self._t = 0.0
+        self.place(self.device.rest_position, (0.0, 0.0, 0.0, 1.0))
+
+    def cool(self) -> None:
+        """Coils at the ambient temperature at once; currents go on."""
+        self._coils["winding"] = self._coils["body"] = self._coils["ambient"]
+
+    def place(self, p: ArrayLike, q: ArrayLike) -> None:
+        """Put the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; below the surface it is lifted to contact.
+
+        Raises InputError for what is no place or no quaternion.
+        """
+        at, turned = vectors(p, "p"), check_finite(q, "q")
+        if at.shape != (3,) or turned.shape != (4,) or not turned.any():
+            raise InputError(f"p must be a place, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}")
+        tool, contact = self._tool, self.device.contact_height
+        tool["p"] = lift(at, contact, self.device.surface.is_dome)
+        tool["q"] = turned / np.linalg.norm(turned)
+        tool["v"] = tool["w"] = 0.0
+        tool["goal"], tool["goal_q"] = at, tool["q"]
+
+    def quantise(self, duties: Array) -> Array:
+        """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
+        out = np.empty(self.device.channels)
+        chop(np.ascontiguousarray(duties, dtype=np.float64), float(2**self.device.supply.duty_bits), out)
+        return out
+
+    def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
+        """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one.
+
+        Raises InputError for less than 0 or more than 10 s.
+        """
+        if not (0.0 <= dt < 10.0):
+            raise InputError(f"the simulation can advance by 0 to 10 s at once; got {dt} s")
+        if dt == 0.0:
+            return
+        if dt != self._last_dt:
+            steps = max(ceil(dt / _STEP - 1e-9), 1)
+            self._last_dt = dt
+            self._state["dt"], self._state["steps"] = dt / steps, steps
+            self._state["heat"] = self.device.coils.heat.coil.step(dt / steps)
+        advance_array(self._state, self._coils, duties, goal_p, goal_q, self._magnetics, self._held)
+        self._t += dt
+
+    def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
+        """One reading of every sensor, and the tool's true pose as the tracker's word.
+
+        Raises DriverError where the simulation has left the numbers.
+        """
+        device, coils, state = self.device, self._coils, self.state()
+        if not np.isfinite(state.p @ state.p + state.v @ state.v + state.w @ state.w):
+            raise DriverError(
+                "the simulated tool's state is not finite: a value of the device file is unrealistic; "
+                "compare tool, hand and contact with the file of 'tetrahedron'"
+            )
+        noise = self._noise.standard_normal((2, device.channels))
+        current = quantise_reading(
+            coils["current"] + device.supply.current_noise * noise[0], device.supply.current_step
+        )
+        warmth = quantise_reading(coils["body"] + device.thermometer_noise * noise[1], device.thermometer_step)
+        pose = Pose(pose_stamp, state.R_SR, state.p, state.w, state.v, pose_valid)
+        return Sample(t, current, warmth, np.empty((0, 3)), pose)
+
+    def truth(self) -> Array:
+        """(6,) mean wrench of coils and core on the tool over the last `advance` [N, N·m about the tool's origin]."""
+        return self._wrench.copy()
+
+    def state(self) -> State:
+        """The tool as it really is."""
+        R = np.empty((3, 3))
+        p, q, v, w = (self._tool[name][0].copy() for name in "pqvw")
+        matrix(q, R)
+        return State(self._t, R, p, w, v)
+
+    @property
+    def currents(self) -> Array:
+        """(m,) the true currents [A]."""
+        currents: Array = self._coils["current"].copy()
+        return currents
+
+    @property
+    def winding(self) -> Array:
+        """(m,) the windings' true temperatures [K]."""
+        winding: Array = self._coils["winding"].copy()
+        return winding
+
+    @property
+    def depth(self) -> float:
+        """How far the surface gives way under the tool just now [m]; 0: no contact."""
+        return float(self._state["depth"][0])
+
+
+def lift(p: Array, contact: float, is_dome: bool) -> Array:
+    """(3,) `p` (3,) [m] itself, or the place over it where the tool's origin is in contact, `contact` [m] up or out.
+
+    >>> lift(np.array([0.0, 0.0, 0.01]), 0.05, True).tolist()
+    [0.0, 0.0, 0.05]
+    """
+    if not is_dome:
+        return np.array([p[0], p[1], max(float(p[2]), contact)])
+    distance = float(np.linalg.norm(p))
+    if distance < 1e-9:
+        return np.array([0.0, 0.0, contact])
+    lifted: Array = p * max(1.0, contact / distance)
+    return lifted
+
+
+def quantise_reading(values: Array, step: float) -> Array:
+    """(m,) `values` (m,) in whole steps of a converter, of the same unit; a step of 0 changes nothing.
+
+    >>> quantise_reading(np.array([0.26]), 0.1).round(3).tolist()
+    [0.3]
+    """
+    stepped: Array = np.rint(values / step) * step if step > 0.0 else values
+    return stepped

@@ -1,0 +1,36 @@
+"""The card, the scene and the drawing of coil arrays."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from rich.console import Console
+
+from haptorb.apps.inspect.card import card
+from haptorb.devices.loader import load
+
+
+@pytest.mark.parametrize("name", ["planar", "tetrahedron"])
+def test_the_card_tells_forces_by_height(name):
+    made = card(load(name))
+    numbers = json.loads(json.dumps(made.numbers()))
+    peaks = [min(layer["peak_n"]) for layer in numbers["layers"]]
+    assert all(low > high > 0 for low, high in zip(peaks, peaks[1:], strict=False))
+    for layer in numbers["layers"]:
+        assert 0 < layer["weakest_peak_n"] <= min(layer["peak_n"]) * (1 + 1e-9)
+        assert max(layer["continuous_n"]) < max(layer["peak_n"])
+    console = Console(width=160, record=True, file=open("/dev/null", "w"))
+    made.show(console)
+    assert "weakest" in console.export_text()
+    assert {one.name for one in made.quantities()} >= {"channels", "weakest peak force at contact"}
+
+
+def test_coils_are_drawn_where_they_are():
+    for name, kind in (("planar", "axes"), ("tetrahedron", "dome")):
+        device = load(name)
+        scene = device.kind.part("scene")(device)
+        assert scene["kind"] == kind
+        coils = [part for part in scene["parts"] if part["role"] == "coil"]
+        assert [coil["position"] for coil in coils] == device.windings.position.tolist()
+    assert load("tetrahedron").draw() is not None

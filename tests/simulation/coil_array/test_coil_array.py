@@ -1,0 +1,104 @@
+"""The simulated coil arrays: what is given against what is asked, yielding, contact, and sameness."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from haptorb.control.allocation.array.for_array import array_allocator
+from haptorb.devices.coil_array.coil_array import BuildTolerance
+from haptorb.devices.loader import load
+from haptorb.devices.state import State
+from haptorb.errors import DriverError, InputError
+from haptorb.simulation.coil_array.coil_array import SimulatedCoilArray, draw_coils
+
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
+DEVICES = {name: load(name) for name in ("planar", "tetrahedron")}
+every = pytest.mark.parametrize("name", DEVICES)
+
+
+def settle(simulated, duties, p, seconds=0.1):
+    for _ in range(round(seconds / 1e-3)):
+        simulated.advance(1e-3, simulated.quantise(duties), p, UPRIGHT)
+    return simulated.truth()
+
+
+def force_at_rest(device, asked):
+    """What is given where `asked` is allocated by the device's own map, in a hand that does not yield."""
+    hand = replace(device.hand, stiffness=1e7, damping=1e4, turn_stiffness=1e4, turn_damping=10.0)
+    simulated = SimulatedCoilArray(replace(device, hand=hand), seed=1)
+    p = device.rest_position
+    known = device.wrench_map(State.at(p, axis=(0, 0, 1)), "exact")
+    currents = array_allocator(device).allocate(known, np.array([*asked, 0, 0, 0])).currents
+    duties = currents * device.coils.resistance_at(simulated.winding) / device.supply.voltage
+    return settle(simulated, duties, p)[:3]
+
+
+@every
+def test_the_truth_is_off_by_how_the_coils_are_built(name):
+    device, asked = DEVICES[name], np.array([0.05, -0.03, 0.08])
+    built = np.linalg.norm(force_at_rest(device, asked) - asked) / np.linalg.norm(asked)
+    ideal = replace(device, tolerance=BuildTolerance())
+    exact = np.linalg.norm(force_at_rest(ideal, asked) - asked) / np.linalg.norm(asked)
+    assert exact < 0.01  # steps of the duty, and the windings warm a little
+    assert 1e-3 < built < 0.15
+    assert built > exact
+
+
+@every
+def test_a_tool_pressed_down_touches_the_surface_and_not_the_coils(name):
+    device = DEVICES[name]
+    simulated = SimulatedCoilArray(device, seed=1)
+    settle(simulated, np.zeros(device.channels), np.array([0.005, 0.0, 0.0]), 0.4)
+    assert simulated.depth > 0
+    assert simulated.state().p[2] == pytest.approx(device.contact_height, abs=5e-4)
+
+
+def test_a_tool_that_nobody_holds_falls_onto_the_plate_and_stays_there():
+    device = DEVICES["planar"]
+    simulated = SimulatedCoilArray(device, seed=1, held=False)
+    settle(simulated, np.zeros(16), np.zeros(3), 0.3)
+    assert simulated.state().p[2] == pytest.approx(device.contact_height, abs=1e-3)
+
+
+@every
+def test_a_moving_magnet_brakes_itself_in_shorted_coils(name):
+    """The power that the induced voltage drives into the copper is taken from the motion."""
+    device = DEVICES[name]
+    simulated = SimulatedCoilArray(device, seed=1)
+    start, end = device.rest_position, device.rest_position + np.array([0.02, 0, 0])
+    settle(simulated, np.zeros(device.channels), start)
+    power = 0.0
+    for _ in range(100):
+        simulated.advance(1e-3, np.zeros(device.channels), end, UPRIGHT)
+        state, wrench = simulated.state(), simulated.truth()
+        passive = device.wrench_map(state, "exact").passive
+        power += float((wrench - passive)[:3] @ state.v + (wrench - passive)[3:] @ state.w) * 1e-3
+    assert power < 0
+
+
+@every
+def test_the_same_seed_is_the_same_to_the_bit_and_another_specimen_is_not(name):
+    device = DEVICES[name]
+    runs = []
+    for specimen in (0, 0, 1):
+        simulated = SimulatedCoilArray(device, seed=3, specimen=specimen)
+        settle(simulated, np.full(device.channels, 0.2), device.rest_position, 0.01)
+        sample = simulated.sample(0.0, 0.0, True)
+        runs.append(np.concatenate([sample.currents, simulated.truth()]))
+    assert (runs[0] == runs[1]).all()
+    assert (runs[0] != runs[2]).any()
+    assert (draw_coils(device, 1).position != draw_coils(device).position).all()
+
+
+def test_what_cannot_be_simulated_is_refused():
+    simulated = SimulatedCoilArray(DEVICES["tetrahedron"])
+    with pytest.raises(InputError):
+        simulated.advance(11.0, np.zeros(4), np.zeros(3), UPRIGHT)
+    with pytest.raises(InputError):
+        simulated.place((0, 0, 0.05), (0, 0, 0, 0))
+    simulated._tool["v"] = np.nan
+    with pytest.raises(DriverError):
+        simulated.sample(0.0, 0.0, True)
