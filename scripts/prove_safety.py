@@ -92,6 +92,13 @@ RULES = [
         "always",
         "tests/runtime/realtime/test_host_heartbeat.py",
     ),
+    ("host-starved", "a host that waits for ever is dead", "never", "tests/runtime/realtime/test_host_heartbeat.py"),
+    (
+        "host-starved-real",
+        "real coils do not wait for a busy host",
+        "replace value by True",
+        "tests/runtime/processes/test_loop.py",
+    ),
     ("world-hung", "a world that hears nothing is told", "drop", HOSTILE_TESTS),
     ("servo-hung", "a servo that hangs ends without its host", "replace value.keywords[0].value by 28", HOSTILE_TESTS),
     ("world-forked", "a forked world is no second loop", "drop", HOSTILE_TESTS),

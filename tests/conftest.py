@@ -7,12 +7,14 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from failures import FAILED
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -129,6 +131,15 @@ def pytest_collection_finish() -> None:
 
 
 _TURN = sys.getswitchinterval()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Let a test's fixtures know whether it failed."""
+    report = yield
+    if report.when != "teardown":
+        item.stash[FAILED] = report.outcome not in ("passed", "skipped")
+    return report
 
 
 @pytest.hookimpl(trylast=True)

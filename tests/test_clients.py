@@ -22,6 +22,7 @@ from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
 from apps.serve.served_run import ServedRun
+from failures import FAILED
 from haptorb.apps.serve.lsl.stream_description import NAME
 from oracles.protobuf import Schema
 
@@ -32,9 +33,24 @@ pytestmark = pytest.mark.realtime
 
 
 @pytest.fixture(scope="module")
-def run() -> Iterator[ServedRun]:
-    with ServedRun("haply:0:0", "osc:0", "lsl", "foxglove:0", world="dome") as running:
-        yield running
+def runs() -> Iterator[list[ServedRun]]:
+    """The run of this file, if one is alive."""
+    runs: list[ServedRun] = []
+    yield runs
+    while runs:
+        runs.pop().__exit__(None, None, None)
+
+
+@pytest.fixture
+def run(runs: list[ServedRun], request: pytest.FixtureRequest) -> Iterator[ServedRun]:
+    """One run for all tests; after a failure its end is told, and the next try gets another."""
+    if not runs:
+        runs.append(ServedRun("haply:0:0", "osc:0", "lsl", "foxglove:0", world="dome"))
+    yield runs[0]
+    if request.node.stash.get(FAILED, False):
+        print(runs[0].explain())
+    if not runs[0].alive:
+        runs.pop().__exit__(None, None, None)
 
 
 def run_client(name: str, *options: str) -> str:

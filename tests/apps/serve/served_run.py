@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 from types import TracebackType
 from typing import Any, Self
 
@@ -27,14 +28,21 @@ class ServedRun:
         self.addresses: dict[str, str] = {}
         self.report: dict[str, Any] = {}
         assert self._process.stderr is not None
-        lines = []
+        self._lines: list[str] = []
         kinds = {one.partition(":")[0] for one in servers}
         while kinds - set(self.addresses):
             line = self._process.stderr.readline()
-            assert line, f"the run ended: {''.join(lines)}"
-            lines.append(line)
+            assert line, f"the run ended: {''.join(self._lines)}"
+            self._lines.append(line)
             if (found := re.match(r"(haply|osc|lsl|foxglove): (.*)", line)) is not None:
                 self.addresses[found[1]] = found[2].strip()
+        self._reader = threading.Thread(target=self._lines.extend, args=(self._process.stderr,), daemon=True)
+        self._reader.start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether it runs; `end` and a failure end it."""
+        return self._process.poll() is None
 
     def port(self, kind: str) -> int:
         """The first port of a server."""
@@ -46,15 +54,36 @@ class ServedRun:
 
     def end(self) -> dict[str, Any]:
         """End it as a terminal does; its report."""
+        assert self.alive, f"the run had ended: {self._said()}"
         self._process.send_signal(signal.SIGTERM)
-        out, _ = self._process.communicate(timeout=60)
-        self.report = json.loads(out.splitlines()[-1])
+        assert self._process.stdout is not None
+        out = self._process.stdout.read()
+        self._process.wait(60)
+        lines = out.splitlines()
+        assert lines, f"the run told no report: {self._said()}"
+        self.report = json.loads(lines[-1])
         return self.report
+
+    def explain(self) -> str:
+        """After a failure: how it ended by itself, or its trips and what it said. It is over then."""
+        if self.alive:
+            trips = self.end()["trips"]
+            return f"the run was alive, its trips: {trips}, its servers: {self.report['servers']}; {self._said()}"
+        return f"the run had ended with code {self._process.returncode}: {self._said()}"
+
+    def _said(self) -> str:
+        self._process.wait(60)
+        self._reader.join(5)
+        return "".join(self._lines)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        if self._process.poll() is None:
+        if self.alive:
             self._process.kill()
-            self._process.communicate()
+            self._process.wait()
+        self._reader.join(5)
+        for stream in (self._process.stdout, self._process.stderr):
+            assert stream is not None
+            stream.close()

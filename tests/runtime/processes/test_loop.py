@@ -16,7 +16,8 @@ from haptorb.runtime.exchange.commands import Commands
 from haptorb.runtime.exchange.shared_memory import SharedMemory, Word
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.processes.loop import Loop
-from haptorb.runtime.realtime.host_heartbeat import SILENCE
+from haptorb.runtime.realtime.host_heartbeat import SILENCE, STARVATION
+from haptorb.runtime.realtime.processor_wait import ProcessorWait
 from haptorb.runtime.realtime.schedule import Schedule
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.tick.assembly import assemble
@@ -241,13 +242,22 @@ def test_a_simulated_device_trips_for_slow_ticks_and_not_for_a_busy_computer(sim
     assert states == [state]
 
 
-def run(ticks: Iterable[int], beating: bool) -> tuple[bool, Loop, WoundClock]:
+@pytest.fixture(autouse=True)
+def waits(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Whether the host waits for a processor."""
+    waits = [False]
+    monkeypatch.setattr(ProcessorWait, "look", lambda self, now: waits[0])
+    return waits
+
+
+def run(ticks: Iterable[int], beating: bool, *, simulated: bool = True) -> tuple[bool, Loop, WoundClock]:
     """Whether the loop ended as it was told, the loop, and the clock."""
     omni, world = load("omni"), find_world("nothing")()
     shared = SharedMemory.create(RowLayout.of(omni))
     try:
         shared.words[Word.HEARTBEAT] = BEAT
         chain = assemble(omni, world, "sim", RATE, 0, None, PointerTracker())
+        chain.driver.simulated = simulated
         loop = Loop(chain, world, shared, RATE, os.getppid())
         clock = WoundClock(shared, ticks, beating)
         chain.driver.open()
@@ -283,6 +293,18 @@ def test_a_host_without_a_heartbeat_is_dead_after_the_silence() -> None:
     well, loop, clock = run(range(2 * SILENT), beating=False)
     assert not well
     assert "did not respond" in loop.reason
+    assert clock.waits == pytest.approx(SILENT, abs=2)
+
+
+def test_a_host_that_waits_for_a_processor_has_more_time_where_nothing_real_moves(waits: list[bool]) -> None:
+    waits[0] = True
+    most = int(STARVATION * RATE)
+    well, loop, clock = run(range(2 * most), beating=False)
+    assert not well
+    assert "busy" in loop.reason
+    assert clock.waits == pytest.approx(most, abs=2)
+    well, _, clock = run(range(2 * most), beating=False, simulated=False)
+    assert not well
     assert clock.waits == pytest.approx(SILENT, abs=2)
 
 

@@ -6,20 +6,23 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 
 import pytest
 
-from haptorb.runtime.realtime.host_heartbeat import LATE, SILENCE, STOPPED, HostHeartbeat, state_of
+from haptorb.runtime.realtime.host_heartbeat import LATE, SILENCE, STARVATION, STOPPED, HostHeartbeat, state_of
+from haptorb.runtime.realtime.processor_wait import ProcessorWait
 
 MS = 1_000_000
 
 
-def listen(state: Callable[[int], str]) -> tuple[int, str]:
-    """After how much silence [ms] the host is taken for dead, and why; `state` gives its state at a time [ms]."""
+def listen(state: Callable[[int], str], starved: Callable[[int], bool] = lambda at: False) -> tuple[int, str]:
+    """After how much silence [ms] the host is taken for dead, and why; `state` gives its state at a time [ms], and
+    `starved` whether it has waited for a processor then."""
     now = [0]
-    life = HostHeartbeat(lambda: state(now[0]))
-    for now[0] in range(int(LATE * 1e3), 1000):
+    life = HostHeartbeat(lambda: state(now[0]), lambda at: starved(at // MS))
+    for now[0] in range(int(LATE * 1e3), 5000):
         if why := life.explain_silence(now[0] * MS, now[0] * MS):
             return now[0], why
     raise AssertionError("never")
@@ -42,6 +45,49 @@ def test_a_host_that_is_busy_or_waits_has_more_time(state: str) -> None:
 def test_a_host_that_is_stopped_while_it_is_late_is_dead_at_once() -> None:
     after, _ = listen(lambda at: "T" if at > 300 else "S")
     assert after == pytest.approx(300, abs=7)
+
+
+def test_a_host_that_waits_for_its_turn_has_two_seconds() -> None:
+    after, why = listen(lambda at: "R", lambda at: True)
+    assert after == pytest.approx(1e3 * STARVATION, abs=2)
+    assert "busy" in why
+
+
+def test_what_a_host_has_waited_for_its_turn_is_added_to_its_time() -> None:
+    after, _ = listen(lambda at: "R", lambda at: 200 <= at < 500)
+    assert after == pytest.approx(1e3 * SILENCE + 300, abs=25)
+    assert listen(lambda at: "T", lambda at: True)[0] == pytest.approx(1e3 * STOPPED, abs=5)
+
+
+def test_every_silence_is_counted_anew() -> None:
+    life = HostHeartbeat(lambda: "R", lambda at: at < 800 * MS)
+    beats = [0, 700]
+    dead = [at for at in range(2000) for beat in [max(one for one in beats if one <= at)]
+            if at - beat > 80 and life.explain_silence(at * MS, (at - beat) * MS)]  # fmt: skip
+    assert dead[0] == pytest.approx(700 + 1e3 * SILENCE, abs=45)
+
+
+def test_the_kernel_knows_who_waits_for_a_processor(idler: subprocess.Popen[bytes]) -> None:
+    code = "import os\nos.sched_setaffinity(0, {0})\nprint(flush=True)\nwhile True: pass"
+    busy = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) for _ in range(5)]
+    try:
+        for one in busy:
+            assert one.stdout is not None
+            one.stdout.readline()  # five on one core: each gets a fifth of it
+        waits = {one.pid: ProcessorWait(one.pid) for one in (*busy, idler)}
+        found: dict[int, list[bool]] = {pid: [] for pid in waits}
+        for _ in range(11):
+            time.sleep(0.05)
+            for pid, wait in waits.items():
+                found[pid].append(wait.look(time.monotonic_ns()))
+    finally:
+        for one in busy:
+            one.kill()
+            one.communicate()
+    assert not any(looks[0] for looks in found.values())
+    assert sum(sum(found[one.pid]) for one in busy) > 25, found
+    assert sum(found[idler.pid]) < 5, "it sleeps"
+    assert not ProcessorWait(busy[0].pid).look(1), "it is gone"
 
 
 @pytest.fixture

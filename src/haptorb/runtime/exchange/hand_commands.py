@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
+from functools import partial
 from time import monotonic
 
 from numpy.typing import ArrayLike
@@ -67,11 +68,12 @@ class HandCommands(ABC):
     def hold(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
         """The simulated hand stays at `p` (3,) [m], turned to `q` (4,), until `release` or another word of the hand.
 
-        A thread of this program says it every 5 ms: if the program dies, stops or hangs, the pose expires and the coils
-        go off. Raises as `point` does; InputError too where no simulated hand is moved by this program.
+        A thread of this program says it every 5 ms: if the program dies, stops or hangs, the coils go off. It may be
+        late by a second on a busy computer: a hand that rests is still there. Raises as `point` does; InputError too
+        where no simulated hand is moved by this program.
         """
         pose = check_pose(p, q, self._farthest)
-        self._keep(lambda t: pose, users_code=False)
+        self._keep(lambda t: pose, users_code=False, patience=_MOST_PATIENT)
 
     def follow(self, path: PathFunction | ArrayLike, times: ArrayLike | None = None) -> None:
         """The simulated hand follows `path` from now on, until `release` or another word of the hand.
@@ -116,7 +118,7 @@ class HandCommands(ABC):
         """From the centre [m]; a motor's handle points towards a place, however far that is."""
         return float("inf") if self.modes else FARTHEST
 
-    def _keep(self, motion: PathFunction, *, users_code: bool) -> None:
+    def _keep(self, motion: PathFunction, *, users_code: bool, patience: float = 0.0) -> None:
         if is_real(self.driver):  # safety: hold-real
             raise InputError(
                 f"hold and follow move a simulated hand, and driver '{self.driver}' acts on a real tool, which nobody "
@@ -125,17 +127,18 @@ class HandCommands(ABC):
         if has_feed(self.tracker):
             raise InputError(f"tracker '{self.tracker}' says where the hand is: hold and follow need tracker 'pointer'")
         _ = self._memory  # raises before the start
-        keeper = PoseKeeper(motion, self._say, self.device.limits.expiry, users_code=users_code)
+        say = partial(self._say, patience=patience)
+        keeper = PoseKeeper(motion, say, self.device.limits.expiry, users_code=users_code)
         with self._speaking:
             self._forget_keeper()
             self._keeper = keeper
         keeper.start()
 
-    def _say(self, keeper: PoseKeeper, pose: HandPose) -> None:
+    def _say(self, keeper: PoseKeeper, pose: HandPose, patience: float) -> None:
         """The pose of a keeper that still counts."""
         with self._speaking:
             if keeper is self._keeper:
-                self._memory.pointer.write(True, *pose, monotonic())
+                self._memory.pointer.write(True, *pose, monotonic(), patience)
 
     def _forget_keeper(self) -> None:
         if self._keeper is not None:

@@ -31,6 +31,7 @@ from haptorb.runtime.processes.world_loader import LoadedWorld, WorldLoader
 from haptorb.runtime.realtime.clock import Clock
 from haptorb.runtime.realtime.host_heartbeat import LATE, HostHeartbeat, state_of
 from haptorb.runtime.realtime.parent_death import is_parent_gone
+from haptorb.runtime.realtime.processor_wait import ProcessorWait
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.tick.chain import Chain
 from haptorb.runtime.tick.tick_log import NO_TICK
@@ -72,7 +73,8 @@ class Loop:
         self._states = None if remember is None else StateKeeper(remember, shared.state, shared.regular_state)
         self._shared = shared
         self._parent = parent
-        self._host = HostHeartbeat(state_of(parent))
+        patient = chain.driver.simulated  # safety: host-starved-real
+        self._host = HostHeartbeat(state_of(parent), ProcessorWait(parent).look if patient else None)
         self._put_off, self._every = put_off, max(1, int(rate * _LOOK))
         self._rate = rate
         self._row = shared.layout.empty()

@@ -1,8 +1,8 @@
 """Whether the program that started the servo still lives: by its heartbeat, and by what the kernel says of it.
 
-A heartbeat is late for two reasons. A program that computes holds Python's interpreter lock, or waits for its turn on a
-busy computer: its heart will beat again. A program that was stopped (SIGSTOP, a debugger) can obey nobody. The kernel
-tells them apart.
+A heartbeat is late for three reasons. A program that was stopped (SIGSTOP, a debugger) can obey nobody. One that
+computes or sleeps with Python's interpreter lock is late by its own fault, and its heart may beat again. One that waits
+for its turn on a busy computer is as alive as ever. The kernel tells them apart.
 """
 
 from __future__ import annotations
@@ -11,13 +11,15 @@ import os
 from collections.abc import Callable
 from typing import final
 
-__all__ = ["LATE", "SILENCE", "STOPPED", "HostHeartbeat", "state_of"]
+__all__ = ["LATE", "SILENCE", "STARVATION", "STOPPED", "HostHeartbeat", "state_of"]
 
 SILENCE = 0.5  #: a host that shows no heartbeat for so long is taken for dead [s]
+STARVATION = 2.0  #: with the time in which it waited for a processor, where nothing real can move [s]
 STOPPED = 0.1  #: and so is one that is stopped [s]
 LATE = 0.08  #: four beats have not come: time to look [s]
 
 _LOOK = 5_000_000  #: between two looks [ns]; one takes about 20 µs
+_LOOK_AT_THREADS = 20_000_000  #: this one takes as long for every thread [ns]
 
 
 def state_of(pid: int) -> Callable[[], str]:
@@ -39,18 +41,32 @@ def state_of(pid: int) -> Callable[[], str]:
 
 @final
 class HostHeartbeat:
-    """Judges the host; `state` gives its state, as `state_of` does."""
+    """Judges the host.
 
-    def __init__(self, state: Callable[[], str]) -> None:
-        self._state = state
-        self._last_look = 0
+    state     gives its state, as `state_of` does
+    starved   whether it has waited for a processor since the last call, at a time [ns], as `ProcessorWait.look` does;
+              None: that excuses nothing
+    """
+
+    def __init__(self, state: Callable[[], str], starved: Callable[[int], bool] | None = None) -> None:
+        self._state, self._starved = state, starved
+        self._last_look = self._last_threads = 0
+        self._silence = self._waited = 0  # how long it is silent, and how much of that it has waited [ns]
 
     def explain_silence(self, now: int, silence: int) -> str:
         """Why the host is taken for dead at `now` [ns], after a `silence` [ns] of its heart; empty if it is not.
 
         To be called in every tick in which the heart is `LATE`.
         """
-        if silence > SILENCE * 1e9:
+        if silence < self._silence:  # it has beaten meanwhile
+            self._waited = self._last_threads = 0
+        self._silence = silence
+        if self._starved is not None and now - self._last_threads >= _LOOK_AT_THREADS:
+            since, self._last_threads = self._last_threads or now, now
+            self._waited += (now - since) * self._starved(now)
+        if silence > STARVATION * 1e9:  # safety: host-starved
+            return f"the program that started the servo did not respond for {STARVATION:g} s: the computer is too busy"
+        if silence - self._waited > SILENCE * 1e9:
             return f"the program that started the servo did not respond for {SILENCE:g} s"
         if silence > (STOPPED * 1e9 - _LOOK) and now - self._last_look >= _LOOK:
             self._last_look = now

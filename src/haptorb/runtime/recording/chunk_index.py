@@ -105,6 +105,8 @@ class ChunkIndex:
         return rows
 
     def _rows_of(self, data: bytes) -> Array:
+        if (rows := self._contents.open_rows(data)) is not None:
+            return rows
         found, _ = open_record(Opcode.CHUNK, data, total_room(len(data)), count_records(len(data)))
         parts = [rows for rows in map(self._contents.add, found) if rows is not None]
         return np.concatenate(parts) if parts else np.empty((0, self._contents.width))

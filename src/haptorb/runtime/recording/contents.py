@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from haptorb.errors import RecordingError
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.recording.mcap_rows import Block
+from haptorb.runtime.recording.mcap_rows import Block, open_messages
 from haptorb.runtime.recording.mcap_schema import CDR_HEADER, NAME, TOPIC, fields_of
 from haptorb.runtime.row import Field
 
@@ -23,20 +23,17 @@ class Contents:
 
     fields     as the file's own schema describes them; none before its channel was read
     notes      every metadata record: (name, values), in order
+    width      numbers in a row
     truncated  no end was found: the recorder was killed, or still writes
     """
 
     def __init__(self) -> None:
         self.fields: tuple[Field, ...] = ()
+        self.width = 0
         self.notes: list[tuple[str, dict[str, str]]] = []
         self.truncated = True
         self._schemas: dict[int, Schema] = {}
         self._channel = -1
-
-    @property
-    def width(self) -> int:
-        """Numbers in a row."""
-        return sum(field.width for field in self.fields)
 
     def add(self, found: Any) -> Array | None:
         """Take a record in; (n, width) rows if it holds some, numbers in the units [SI] of their fields.
@@ -55,6 +52,11 @@ class Contents:
             self.truncated = False
         return None
 
+    def open_rows(self, data: bytes) -> Array | None:
+        """(n, width) the rows of the chunk `data`, if there is nothing else in it; None otherwise."""
+        messages = open_messages(data, self._channel, len(CDR_HEADER) + 8 * self.width) if self.fields else None
+        return None if messages is None else self._decode(messages)
+
     def _take_channel(self, channel: Channel) -> None:
         kind = self._schemas.get(channel.schema_id)
         if kind is None or kind.name != NAME:
@@ -63,6 +65,7 @@ class Contents:
         if self.fields and fields != self.fields:
             raise RecordingError(f"topic {TOPIC} is there twice, with different fields")
         self.fields, self._channel = fields, channel.id
+        self.width = sum(field.width for field in fields)
 
     def _decode(self, block: NDArray[np.uint8]) -> Array:
         """Rows (n, width) from messages (n, bytes): four bytes of CDR header, then the row itself."""

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import os
 import struct
+import threading
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from typing import Any, BinaryIO
+from zlib import crc32
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
@@ -18,7 +20,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Metadata, Schema
 from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
-from zstandard import ZstdError, frame_content_size
+from zstandard import ZstdDecompressor, ZstdError, frame_content_size
 
 from haptorb.errors import RecordingError
 
@@ -30,6 +32,7 @@ __all__ = [
     "Block",
     "check_chunk_size",
     "count_records",
+    "open_messages",
     "open_record",
     "records",
     "total_room",
@@ -51,6 +54,9 @@ _READ: dict[int, Callable[[ReadDataStream], Any]] = {
     Opcode.METADATA: Metadata.read,
     Opcode.FOOTER: Footer.read,
 }
+_CHUNK_HEAD = struct.Struct("<QQQII4sQ")  #: two times, size, checksum, compression of four letters, packed size
+_ZSTD_HEAD = 18  #: the longest head of a packed frame
+_OF_THREAD = threading.local()  #: its unpacker: one is a third faster than a new one for each chunk, and of one thread
 READABLE = frozenset(_READ)  #: opcodes of what is not a message and not passed over
 
 
@@ -126,6 +132,35 @@ def open_record(opcode: int, data: bytes, room: int, most: int) -> tuple[list[An
         return [], 0
     stream, length = get_chunk_data_stream(chunk, validate_crc=True)
     return _parse_chunk(stream.read(length) if length else b"", most), length
+
+
+def open_messages(data: bytes, channel: int, length: int) -> NDArray[np.uint8] | None:
+    """(n, length) the messages of the chunk `data`; None if there is anything but messages of `channel`, so long each.
+
+    Twice as fast as `open_record`, which reads whatever this does not, and says what is wrong with it.
+    """
+    head = struct.pack("<BQH", Opcode.MESSAGE, _MESSAGE_HEAD + length, channel)
+    whole = MESSAGE_OVERHEAD + length
+    if len(data) < _CHUNK_HEAD.size:
+        return None
+    _, _, size, checksum, letters, name, packed = _CHUNK_HEAD.unpack_from(data)
+    body = memoryview(data)[_CHUNK_HEAD.size :]
+    if (letters, name) != (4, b"zstd") or packed != len(body) or not 0 < size <= _CHUNK or size % whole:
+        return None
+    if frame_content_size(data[_CHUNK_HEAD.size : _CHUNK_HEAD.size + _ZSTD_HEAD]) != size:
+        return None
+    if not hasattr(_OF_THREAD, "unpacker"):
+        _OF_THREAD.unpacker = ZstdDecompressor()
+    try:
+        unpacked = _OF_THREAD.unpacker.decompress(body, max_output_size=size)
+    except ZstdError:
+        return None
+    if len(unpacked) != size or (checksum and crc32(unpacked) != checksum):
+        return None
+    block = np.frombuffer(unpacked, np.uint8).reshape(-1, whole)
+    if not (block[:, : len(head)] == np.frombuffer(head, np.uint8)).all():
+        return None
+    return block[:, MESSAGE_OVERHEAD:]
 
 
 def _parse_record(opcode: int, data: bytes) -> Iterator[Any]:

@@ -12,6 +12,7 @@ from typing import Any
 from haptorb.runtime.recording.recording import Recording
 from haptorb.runtime.replay.comparison import RunComparison
 from haptorb.runtime.replay.kept_states import choose_beginnings
+from haptorb.runtime.replay.played_rows import PlayedRows
 from haptorb.runtime.replay.replay import Replay
 
 __all__ = ["replay_in_parts"]
@@ -26,13 +27,15 @@ def replay_in_parts(
 
     `report` is told how many ticks are done. Raises RecordingError as `Replay` does.
     """
-    ticks = recording["tick"][:]
+    rows = PlayedRows(recording)
+    ticks = rows.ticks
     most = max(min(len(os.sched_getaffinity(0)), len(ticks) // _WORTH), 1)
     beginnings = choose_beginnings(recording, ticks, most) if most > 1 else [0]
     ends = [*(first + 1 for first in beginnings[1:]), len(ticks)]
     parts = list(zip(beginnings, ends, strict=True))
-    others = [_Worker(recording, part, recorded_world=recorded_world) for part in parts[1:]]
-    main = Replay(recording, recorded_world=recorded_world, part=parts[0] if others else None)
+    main = Replay(recording, recorded_world=recorded_world, part=parts[0] if most > 1 else None, rows=rows)
+    # What the first chain has loaded, and has had compiled, is there for the others, too.
+    others = [_Worker(recording, part, rows, recorded_world=recorded_world) for part in parts[1:]]
     share = len(ticks) / parts[0][1]
     main.run(lambda done: report(min(round(done * share), len(ticks))))
     for worker in others:
@@ -45,8 +48,8 @@ def replay_in_parts(
 class _Worker:
     """A process that replays one part. If it dies, its part is replayed here."""
 
-    def __init__(self, recording: Recording, part: tuple[int, int], *, recorded_world: bool) -> None:
-        self._recording, self._part, self._recorded_world = recording, part, recorded_world
+    def __init__(self, recording: Recording, part: tuple[int, int], rows: PlayedRows, *, recorded_world: bool) -> None:
+        self._recording, self._part, self._rows, self._recorded_world = recording, part, rows, recorded_world
         context = multiprocessing.get_context("fork")
         self._answer, there = context.Pipe(duplex=False)
         self._process = context.Process(target=self._work, args=(there,), daemon=True)
@@ -56,7 +59,7 @@ class _Worker:
         there.close()
 
     def _replay(self) -> tuple[RunComparison, list[str]]:
-        replay = Replay(self._recording, recorded_world=self._recorded_world, part=self._part)
+        replay = Replay(self._recording, recorded_world=self._recorded_world, part=self._part, rows=self._rows)
         return replay.run(), replay.remarks
 
     def _work(self, there: Connection) -> None:

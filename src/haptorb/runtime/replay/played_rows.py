@@ -24,6 +24,7 @@ SAMPLE_FIELDS = (
 )  # fmt: skip
 _NEEDED = ("tick", "t", "guard", "trip", "coil_state", "world", "valid", "age", "p", "q", "v", "w", "currents",
            "boundary", "duties")  # fmt: skip
+_PIECE = 1024  #: rows that are read at once: whole rows are unpacked
 _MODES = {MODES.index("translate") + 1: TickCommand.TRANSLATE, MODES.index("rotate") + 1: TickCommand.ROTATE}
 
 
@@ -53,9 +54,13 @@ class PlayedRows:
             self._at[field.name] = slice(start, start + field.width)
             start += field.width
         self.missing = tuple(name for name in SAMPLE_FIELDS if name not in names)
-        self.t: Array = recording["t"][:]
-        self.ticks: Array = recording["tick"][:]
-        self.commands = self._read_commands() if "commands" not in names else recording["commands"][:]
+        told = [name for name in ("t", "tick", "commands") if name in names]
+        count = len(recording)
+        pieces = [recording.read(first, min(first + _PIECE, count), told) for first in range(0, count, _PIECE)]
+        columns = dict(zip(told, np.concatenate(pieces).T.copy(), strict=True))
+        self.t: Array = columns["t"]
+        self.ticks: Array = columns["tick"]
+        self.commands = columns["commands"] if "commands" in columns else self._read_commands()
 
     @property
     def fields(self) -> tuple[Field, ...]:

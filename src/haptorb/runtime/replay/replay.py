@@ -55,6 +55,7 @@ class Replay:
     world, estimator, model, rate  stand in for the recorded ones; rate in [Hz]
     recorded_world  render the recorded wrench, and run no world
     part  the rows from one up to another only; the first must be one of which the recording keeps the state
+    rows  those of `recording`, if they are at hand
 
     comparison  of what was recorded and what came out
     replaced    part → what stands in for it
@@ -75,9 +76,10 @@ class Replay:
         rate: float | None = None,
         recorded_world: bool = False,
         part: tuple[int, int] | None = None,
+        rows: PlayedRows | None = None,
     ) -> None:
         self._recording = recording
-        self._rows, self.recorded = PlayedRows(recording), RecordedRun(recording)
+        self._rows, self.recorded = rows or PlayedRows(recording), RecordedRun(recording)
         given = {
             "world": world and name_of(world), "estimator": estimator, "model": model, "rate": rate and f"{rate:g} Hz",
         }  # fmt: skip

@@ -15,8 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.linalg.blas import dsyrk
+from numpy.linalg import LinAlgError
 
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, check_finite
@@ -148,6 +147,8 @@ def fit_weights(
 def _step_weights(
     normal: Array, diagonal: Array, downhill: Array, damping: float, hidden: Array, output: Array
 ) -> tuple[Array, Array]:
+    from scipy.linalg import cho_factor, cho_solve  # a fifth of a second that only those who train should wait
+
     damped = normal.copy()
     damped[np.diag_indices(len(damped))] += damping * np.maximum(diagonal, 1e-9 * diagonal.max())
     try:
@@ -159,6 +160,8 @@ def _step_weights(
 
 def _normal_equations(x1: Array, h1: Array, output: Array, residual: Array) -> tuple[Array, Array]:
     """JᵀJ (upper triangle) and Jᵀ r, hidden weights first, node by node."""
+    from scipy.linalg.blas import dsyrk  # as above
+
     samples, width = x1.shape
     outputs, nodes = output.shape[0], output.shape[1] - 1
     g = 1.0 - h1[:, :-1] ** 2

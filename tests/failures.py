@@ -1,0 +1,9 @@
+"""Which tests have failed, for fixtures that tell more then."""
+
+from __future__ import annotations
+
+import pytest
+
+__all__ = ["FAILED"]
+
+FAILED = pytest.StashKey[bool]()  #: in a test's stash, before its fixtures end: whether its last try failed
