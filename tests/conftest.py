@@ -7,7 +7,8 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Generator, Iterator
+import threading
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -123,6 +124,7 @@ def _freeze() -> None:
     a test starts."""
     gc.collect()
     gc.freeze()
+    _UNFROZEN.clear()
 
 
 def pytest_collection_finish() -> None:
@@ -131,6 +133,16 @@ def pytest_collection_finish() -> None:
 
 
 _TURN = sys.getswitchinterval()
+_UNFROZEN = threading.Event()
+
+
+def _note_unfreeze(unfreeze: Callable[[], None] = gc.unfreeze) -> None:
+    unfreeze()
+    _UNFROZEN.set()
+
+
+# `gc.get_freeze_count` walks along all that is frozen: 25 to 60 ms after each of nine thousand tests.
+gc.unfreeze = _note_unfreeze
 
 
 @pytest.hookimpl(wrapper=True)
@@ -151,7 +163,7 @@ def pytest_runtest_teardown() -> None:
     if sys.getswitchinterval() != _TURN:
         sys.setswitchinterval(_TURN)
         gc.unfreeze()
-    if gc.get_freeze_count() == 0:
+    if _UNFROZEN.is_set():
         _freeze()
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK != os.SCHED_OTHER:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

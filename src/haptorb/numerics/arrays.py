@@ -13,12 +13,12 @@ __all__ = ["Array", "Record", "Records", "check_finite", "fields", "rotation", "
 
 Array: TypeAlias = NDArray[np.float64]
 #: a structured array: records with named fields, what compiled code remembers
-Records: TypeAlias = NDArray[Any]
+Records: TypeAlias = NDArray[np.void]
 #: one record of it; compiled code hands it on, Python should not (that is slow)
 Record: TypeAlias = Any
 
 
-def fields(*named: tuple[Any, ...]) -> np.dtype[Any]:
+def fields(*named: tuple[Any, ...]) -> np.dtype[np.void]:
     """The dtype of a record with these fields, (name, type) or (name, type, shape), laid out as compiled code likes it.
 
     >>> fields(("valid", "?"), ("place", "f8", (3,))).names
