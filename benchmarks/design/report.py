@@ -79,7 +79,8 @@ def measure(browser: Any, address: str) -> tuple[float, float, float]:
       const { left, top, width, height } = box.getBoundingClientRect();
       const begin = performance.now();
       for (let k = 0; k < steps; k++) {
-        const clientX = left + width * (0.15 + 0.7 * k / steps), clientY = top + height * (0.3 + 0.4 * Math.sin(k) ** 2);
+        const clientX = left + width * (0.15 + 0.7 * k / steps);
+        const clientY = top + height * (0.3 + 0.4 * Math.sin(k) ** 2);
         box.dispatchEvent(new PointerEvent("pointermove", { clientX, clientY, bubbles: true }));
       }
       return (performance.now() - begin) / steps;
