@@ -1,4 +1,4 @@
-"""The chooser's server and what it starts: its doors, one design after another, coils off; no browser, no real servo."""
+"""The chooser's server and what it starts: one design after another with its coils off; no browser, no servo."""
 
 import json
 import threading
@@ -115,9 +115,10 @@ def test_only_who_knows_the_token_comes_in_and_the_page_frames_this_computer_onl
     assert _Servo.made == []
 
 
-@pytest.mark.parametrize(
-    "body", [b"", b"[1]", b"{", {"row": 1e3}, {"row": "0"}, {"row": -2}, {"row": True}, {}, b"x" * 2000]
-)
+BAD = [b"", b"[1]", b"{", {"row": 1e3}, {"row": "0"}, {"row": -2}, {"row": True}, {}, b"x" * 2000]
+
+
+@pytest.mark.parametrize("body", BAD)
 def test_a_choice_that_is_none_is_refused(served, body):
     status, text, _ = _ask(served, "/api/choose", body)
     assert status == 409
