@@ -26,9 +26,9 @@ def test_a_valid_candidate_has_all_numbers(tmp_path: Path) -> None:
 
 
 def test_a_broken_constraint_refuses_before_objectives_are_computed(tmp_path: Path) -> None:
-    found = evaluate(make_design(tmp_path), 0, {**GOOD, "radius": 33.5})
+    found = evaluate(make_design(tmp_path), 0, {**GOOD, "radius": 31.5})
     assert (found.refused_by, found.objectives) == ("room", {})
-    assert found.constraints == pytest.approx({"room": 0.0335})
+    assert found.constraints == pytest.approx({"room": 0.0315})
     assert "above" in found.reason
 
 
@@ -61,7 +61,7 @@ def test_a_function_without_a_number_refuses_the_candidate(tmp_path: Path, body:
 
 
 def test_the_base_device_keeps_its_own_bounds(tmp_path: Path) -> None:
-    design = make_design(tmp_path, TEXT.replace('at_most = "33 mm"', 'at_most = "base"\nat_least = "base"'))
+    design = make_design(tmp_path, TEXT.replace('at_most = "31 mm"', 'at_most = "base"\nat_least = "base"'))
     assert evaluate(design, 0, GOOD).valid
 
 

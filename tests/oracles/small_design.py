@@ -39,7 +39,7 @@ sense = "maximise"
 [constraints.room]
 function = "own.py:room"
 unit = "m"
-at_most = "33 mm"
+at_most = "31 mm"
 """
 
 CODE = '''
