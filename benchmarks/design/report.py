@@ -43,7 +43,8 @@ def make_results(path: Path, count: int) -> None:
         return DesignQuantity(name, unit, "minimise", "made up", ("spherical-electromagnet",), lambda candidate: np.nan)
 
     parameters = tuple(
-        DesignParameter(key.replace(".", "_"), (ParameterPlace(key),), *bounds) for key, bounds in zip(KEYS, RANGES, strict=True)
+        DesignParameter(key.replace(".", "_"), (ParameterPlace(key),), *bounds)
+        for key, bounds in zip(KEYS, RANGES, strict=True)
     )
     names = [quantity(name, unit) for name, unit in (("pull", "N"), ("heat", "W"), ("weight", "kg"))]
     goals = tuple(DesignGoal(one, "minimise") for one in names)

@@ -24,7 +24,9 @@ def make_design(goals: int = 2) -> Design:
         DesignParameter("core_radius", (ParameterPlace("electromagnet.core_radius"),), "mm", 11.0, 16.0),
         DesignParameter("tool_length", (ParameterPlace("tool.length"),), "mm", 16.0, 30.0),
         DesignParameter("friction", (ParameterPlace("dome.friction"),), "", 0.05, 0.3),
-        DesignParameter("rate", (ParameterPlace("supply.voltage"),), choices=(("<low>", "12 V"), ("high & dear", "24 V"))),
+        DesignParameter(
+            "rate", (ParameterPlace("supply.voltage"),), choices=(("<low>", "12 V"), ("high & dear", "24 V"))
+        ),
     )
     made = (DesignGoal(pull, "minimise", "core_pull"), DesignGoal(force, "maximise", "continuous_force"))
     bounds = (Bound("mass", quantity("mass", "kg", "minimise"), high=0.028),)
