@@ -16,7 +16,7 @@ from haptorb.apps.cli import main
 from haptorb.design.design_file import load_design
 from haptorb.design.search.optimise import optimise
 from haptorb.design.search.optimiser import Optimiser
-from haptorb.design.store import Results, read_results
+from haptorb.design.store import Results, open_results, read_results
 from haptorb.design.workers.workers import LocalWorker
 from haptorb.errors import HaptorbError
 from oracles.postgres_server import explain_absence, start_postgres
@@ -42,9 +42,13 @@ sense = "maximise"
 """
 CODE = """
 import time
+from pathlib import Path
+
+SLOWLY = Path(__file__).with_name("slowly")
 
 def cost(candidate):
-    time.sleep(0.01)
+    if SLOWLY.exists():
+        time.sleep(0.2)
     return (candidate.device.dome_radius - 0.028) ** 2 * 1e4 + candidate.device.workspace_half_angle
 
 def gain(candidate):
@@ -96,7 +100,8 @@ def wait_for(into: str, least: int) -> int:
 
 
 def test_interrupted_and_killed_it_goes_on_and_ends_as_if_nothing_had_been(design: Path, tmp_path: Path) -> None:
-    into = str(tmp_path / "results.sqlite")
+    into, slowly = str(tmp_path / "results.sqlite"), design.with_name("slowly")
+    slowly.touch()  # the whole run would take half a minute
     with start(design, into, processes=2) as first:
         wait_for(into, 10)
         first.send_signal(signal.SIGINT)
@@ -109,6 +114,7 @@ def test_interrupted_and_killed_it_goes_on_and_ends_as_if_nothing_had_been(desig
         wait_for(into, kept + 10)
         second.kill()
     assert kept + 10 <= len(read_results(into).evaluations) < COUNT
+    slowly.unlink()
     with start(design, into) as third:
         told, said = third.communicate(timeout=60)
     assert third.returncode == 0, said
@@ -125,22 +131,25 @@ def database() -> Iterator[str]:
 @pytest.mark.skipif(bool(explain_absence()), reason=explain_absence())
 def test_two_optimisers_on_one_database_do_not_disturb_each_other(design: Path, database: str) -> None:
     both = [start(design, database, seed=seed) for seed in (1, 2)]
-    try:
-        wait_for(database, 20)
-        with start(design, database, seed=1) as third:
-            _, said = third.communicate(timeout=60)
-        assert third.returncode == 2
-        assert "another program is writing run" in said
-        for one in both:
-            _, said = one.communicate(timeout=60)
-            assert one.returncode == 0, said
-    finally:
-        for one in both:
-            one.kill()
-            one.communicate()
+    for one in both:
+        _, said = one.communicate(timeout=100)
+        assert one.returncode == 0, said
     results = read_results(database)
     for seed in (1, 2):
         assert values_of(results, seed) == compute_alone(design, seed)
+
+
+def test_a_run_that_another_program_writes_is_refused(
+    design: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    into = str(tmp_path / "r.sqlite")
+    with open_results(into, load_design(design), "nsga2", 7, settings={"population": POPULATION}):
+        command = ["design", "optimise", str(design), "--into", into, "--processes", "1"]
+        assert main([*command, "--seed", "7", "--population", str(POPULATION)]) == 2
+        assert "another program is writing run" in " ".join(capsys.readouterr().err.split())
+        with pytest.raises(SystemExit) as ended:
+            main([*command, "--seed", "8", "--evaluations", "4", "--population", "4"])
+        assert ended.value.code == 0
 
 
 @pytest.mark.parametrize(
