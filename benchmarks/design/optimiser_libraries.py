@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.design.design import Bound, Design, Goal
+from haptorb.design.design import Bound, Design, DesignGoal
 from haptorb.design.evaluation import Evaluation, Value
-from haptorb.design.parameter import Parameter
-from haptorb.design.quantity import Quantity
+from haptorb.design.parameter import DesignParameter
+from haptorb.design.quantity import DesignQuantity
 from haptorb.design.search.optimiser import Optimiser
 
 CHOICES = ("a", "b", "c")
@@ -137,15 +137,15 @@ def _suggest(trial: Any) -> dict[str, Value]:
 
 
 def _make_design() -> Design:
-    def quantity(name: str) -> Quantity:
-        return Quantity(name, "", "minimise", name, (), lambda candidate: 0.0)
+    def quantity(name: str) -> DesignQuantity:
+        return DesignQuantity(name, "", "minimise", name, (), lambda candidate: 0.0)
 
     parameters = (
-        *(Parameter(name, (), high=1.0) for name in RANGES),
-        *(Parameter(name, (), high=1.0, step=0.05) for name in STEPS),
-        Parameter("c", (), choices=tuple((label, label) for label in CHOICES)),
+        *(DesignParameter(name, (), high=1.0) for name in RANGES),
+        *(DesignParameter(name, (), high=1.0, step=0.05) for name in STEPS),
+        DesignParameter("c", (), choices=tuple((label, label) for label in CHOICES)),
     )
-    goals = tuple(Goal(quantity(name), "minimise") for name in ("first", "second"))
+    goals = tuple(DesignGoal(quantity(name), "minimise") for name in ("first", "second"))
     bounds = tuple(Bound(name, quantity(name), high=0.0) for name in ("gap", "sum"))
     return Design("formula", "Formula", "omni", parameters, goals, bounds, {}, "", "")
 

@@ -77,7 +77,7 @@ def resume(path: str, file: str, count: int) -> tuple[float, float]:
     begin = time.perf_counter()
     design = load_design(file)
     with open_results(path, design, "nsga2", 1) as writer:
-        known = writer.known()
+        known = writer.list_known()
         optimiser = Optimiser(design, seed=1)
         more = list(optimise(optimiser, lambda jobs: compute_formula(design, jobs), known, count))
     assert (len(known), len(more)) == (count, 0)

@@ -84,10 +84,10 @@ class NewOnly(DuplicateElimination):  # type: ignore[misc]
         self.known: set[bytes] = set()
 
     def _do(self, pop: Any, other: Any, is_duplicate: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        seen = set() if other is None else {point.tobytes() for point in other.get("X")}
+        there = set() if other is None else {point.tobytes() for point in other.get("X")}
         for index, point in enumerate(pop.get("X")):
             key = point.tobytes()
-            is_duplicate[index] = key in seen or key in self.known
+            is_duplicate[index] = key in there or key in self.known
             if other is None:
-                seen.add(key)
+                there.add(key)
         return is_duplicate

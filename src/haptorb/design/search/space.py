@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.design.evaluation import Value
-from haptorb.design.parameter import Parameter
+from haptorb.design.parameter import DesignParameter
 from haptorb.design.sampling.values import count_levels, pick_level, round_value
 from haptorb.errors import InputError
 
@@ -29,7 +29,7 @@ class SearchSpace:
     free        of each parameter, (p,) bool: a choice, whose levels have no order
     """
 
-    def __init__(self, parameters: Sequence[Parameter]) -> None:
+    def __init__(self, parameters: Sequence[DesignParameter]) -> None:
         if not parameters:
             raise InputError("the design has no free parameter: add a table [parameters.NAME]")
         self.parameters = tuple(parameters)
@@ -54,7 +54,7 @@ class SearchSpace:
         }
 
 
-def _value_at(parameter: Parameter, levels: int, place: float) -> Value:
+def _value_at(parameter: DesignParameter, levels: int, place: float) -> Value:
     if parameter.choices:
         return pick_level(parameter, min(int(place * levels), levels - 1), levels)
     if levels:
