@@ -50,7 +50,7 @@ class Optimiser:
         if self._generation is None:
             self._generation = self._algorithm.ask()
             if self._generation is not None:
-                self._new.known.update(point.tobytes() for point in self._generation.get("X"))
+                self._new.old.update(point.tobytes() for point in self._generation.get("X"))
         if self._generation is None:
             return []
         return [(self._start + n, self.space.values(point)) for n, point in enumerate(self._generation.get("X"))]
@@ -61,7 +61,7 @@ class Optimiser:
         ordered = sorted(evaluations, key=lambda evaluation: evaluation.number)
         if not count or [evaluation.number for evaluation in ordered] != list(range(self._start, self._start + count)):
             raise InputError(
-                f"the optimiser asked for candidates {self._start} to {self._start + count - 1}: tell it all"
+                f"the optimiser asked for {count} candidates, from number {self._start} on: tell it what all of them came to"
             )
         goals = [(goal.name, -1.0 if goal.sense == "maximise" else 1.0) for goal in self._design.goals]
         costs = [[sign * one.objectives[name] if one.valid else 0.0 for name, sign in goals] for one in ordered]
