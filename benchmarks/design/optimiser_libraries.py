@@ -4,15 +4,17 @@
 
 Needs Optuna, which haptorb does not (pip install optuna). The problem: seven parameters (four ranges, two with steps of
 0.05, one choice of three), two objectives, two constraints that cut the front; all a formula, so that the seconds are
-processor time of the optimiser alone. "front" is the mean hypervolume below (1.1, 1.5) over the seeds, after so many evaluations. Each
-asks for a whole generation and is told all of it.
+processor time of the optimiser alone. "front" is the mean hypervolume below (1.1, 1.5) over the seeds, after so many
+evaluations. Each asks for a whole generation and is told all of it.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+import warnings
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -52,7 +54,9 @@ def measure_front(found: Iterable[Judged]) -> float:
 
 def run_haptorb(seed: int, count: int, population: int) -> tuple[list[Judged], float]:
     """haptorb's optimiser, which is pymoo's NSGA-II."""
-    optimiser, found, own = Optimiser(_make_design(), seed=seed, population=population), [], 0.0
+    optimiser = Optimiser(_make_design(), seed=seed, population=population)
+    found: list[Judged] = []
+    own = 0.0
     while len(found) < count:
         begin = time.process_time()
         jobs = optimiser.ask()
@@ -66,11 +70,12 @@ def run_haptorb(seed: int, count: int, population: int) -> tuple[list[Judged], f
     return found, own
 
 
-def run_optuna(seed: int, count: int, population: int, make: Callable[..., Any]) -> tuple[list[Judged], float]:
+def run_optuna(seed: int, count: int, population: int, make: Callable[[int, int], Any]) -> tuple[list[Judged], float]:
     """One of Optuna's samplers."""
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.ERROR)
+    warnings.simplefilter("ignore", FutureWarning)  # constraints_func goes in Optuna 7
     study = optuna.create_study(directions=["minimize", "minimize"], sampler=make(seed, population))
     found: list[Judged] = []
     own = 0.0
@@ -115,8 +120,8 @@ def main() -> None:
     options = parser.parse_args()
     cases: dict[str, tuple[Callable[[int, int, int], tuple[list[Judged], float]], int]] = {
         "haptorb (pymoo NSGA-II)": (run_haptorb, options.evaluations),
-        "Optuna NSGA-II": (lambda *a: run_optuna(*a, make_nsga2), options.evaluations),
-        "Optuna TPE": (lambda *a: run_optuna(*a, make_tpe), min(options.evaluations, 1000)),
+        "Optuna NSGA-II": (partial(run_optuna, make=make_nsga2), options.evaluations),
+        "Optuna TPE": (partial(run_optuna, make=make_tpe), min(options.evaluations, 1000)),
     }
     for name, (run, count) in cases.items():
         runs = [run(seed, count if seed == 0 else min(count, 2000), 50) for seed in range(options.seeds)]
