@@ -44,7 +44,9 @@ class SearchSpace:
         spans = np.maximum(self.levels - 1, 1)
         stepped = np.where(self.levels == 1, 0.0, np.round(inside * spans) / spans)
         found = np.where(self.free, (bins + 0.5) / widths, np.where(self.levels > 0, stepped, inside))
-        places: Array = np.round(found, _DIGITS) + 0.0  # no negative zero: equal points are equal bytes
+        places: Array = np.asarray(
+            np.round(found, _DIGITS) + 0.0, np.float64
+        )  # no negative zero: equal points are equal bytes
         return places
 
     def values(self, point: Array) -> dict[str, Value]:
