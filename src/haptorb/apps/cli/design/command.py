@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from haptorb.apps.cli.design.optimise import optimise
 from haptorb.apps.cli.design.sweep import sweep
 from haptorb.apps.terminal.help_text import CommandLine
 
@@ -13,6 +14,6 @@ __all__ = ["register"]
 def register(app: typer.Typer) -> None:
     """Add the commands to `app`."""
     design = CommandLine(help="Design: search for devices by a sweep or an optimiser, report and show the results.")
-    for command in (sweep,):
+    for command in (sweep, optimise):
         design.command()(command)
     app.add_typer(design, name="design")
