@@ -14,11 +14,11 @@ from haptorb.design.objectives.orientations import spread_angles
 from haptorb.design.objectives.registry import describe, option
 from haptorb.design.objectives.tool_force import electromagnet_of
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.electromagnet.shell_points import cap_directions
 from haptorb.devices.tables import table_kernels
 from haptorb.devices.tables.table_cache import load_field_table
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.directions import cap_directions
 from haptorb.numerics.rotations import rotation_from_euler
 from haptorb.sensing.tool.position_accuracy import position_accuracy
 
@@ -29,7 +29,7 @@ _LAYERS, _DIRECTIONS = 4, 16
 _ORIENTATIONS = 100
 _PEN = 7e-3  #: radius of the pen around the tool's magnet [m]
 _LEAN = np.radians(20.0)  #: of the pen against the radius, at most
-_CHIP = 4e-3  #: from a sensor's centre to the farthest edge of its chip and board [m]
+_CHIP = 3e-3  #: from a sensor's centre to the farthest edge of its chip, with air [m]
 
 
 def shell_places(device: SphericalElectromagnet) -> Array:
