@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from haptorb.design.candidate import Candidate
-from haptorb.design.design import Bound, Design, Goal
+from haptorb.design.candidate import DesignCandidate
+from haptorb.design.design import Bound, Design, DesignGoal
 from haptorb.design.device_changes import change_tables
 from haptorb.design.device_keys import check_key, split_key
 from haptorb.design.evaluate import compute_quantity, find_base
@@ -16,8 +16,8 @@ from haptorb.design.evaluation import Value
 from haptorb.design.file_schema import BoundSection, DesignFile, GoalSection
 from haptorb.design.file_values import make_parameter, needs_base, read_bound
 from haptorb.design.own_function import load_function
-from haptorb.design.parameter import Parameter
-from haptorb.design.quantity import Quantity
+from haptorb.design.parameter import DesignParameter
+from haptorb.design.quantity import DesignQuantity
 from haptorb.devices.loader import list_mistakes, read_tables
 from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import HaptorbError, InputError, UnknownName
@@ -105,21 +105,21 @@ def _collect(mistakes: list[str], make: Any, *arguments: Any) -> Any:
         return None
 
 
-def _make_goal(name: str, section: GoalSection, kind: str, folder: Path, codes: dict[str, str]) -> Goal:
+def _make_goal(name: str, section: GoalSection, kind: str, folder: Path, codes: dict[str, str]) -> DesignGoal:
     quantity = _find_quantity(f"objectives.{name}", name, section, kind, folder, codes)
-    return Goal(quantity, section.sense or quantity.sense, name)
+    return DesignGoal(quantity, section.sense or quantity.sense, name)
 
 
 def _find_quantity(
     where: str, name: str, section: GoalSection | BoundSection, kind: str, folder: Path, codes: dict[str, str]
-) -> Quantity:
+) -> DesignQuantity:
     """haptorb's own quantity, or one made of the user's function, whose code goes into `codes`."""
     try:
         if section.function is not None:
             function, source = load_function(section.function, folder)
             codes[section.function] = source
             text = (function.__doc__ or f"function {section.function}").strip().splitlines()[0]
-            return Quantity(name, section.unit or "", "minimise", text, (kind,), function)
+            return DesignQuantity(name, section.unit or "", "minimise", text, (kind,), function)
         from haptorb.design.objectives import quantity, quantity_names
 
         found = quantity(section.quantity or name)
@@ -130,11 +130,11 @@ def _find_quantity(
     return found
 
 
-def _make_bound(design: Design, name: str, section: BoundSection, quantity: Quantity) -> Bound:
+def _make_bound(design: Design, name: str, section: BoundSection, quantity: DesignQuantity) -> Bound:
     where, base = f"constraints.{name}", None
     if needs_base(section.at_least) or needs_base(section.at_most):
         device = find_base(design)
-        base, reason = compute_quantity(quantity, Candidate(device, device, design.options))
+        base, reason = compute_quantity(quantity, DesignCandidate(device, device, design.options))
         if reason:
             raise InputError(f"{where}: the base device has no number for it: {reason}")
     low, high = (
@@ -171,7 +171,7 @@ def _list_mistakes(design: Design) -> list[str]:
     return list(dict.fromkeys(mistakes))
 
 
-def _try_value(design: Design, parameter: Parameter, label: str, value: Value) -> list[str]:
+def _try_value(design: Design, parameter: DesignParameter, label: str, value: Value) -> list[str]:
     """What the base device's file has against this one value at its own places; what it says elsewhere is for a run."""
     alone = replace(design, parameters=(parameter,))
     tables = change_tables(alone, {parameter.name: value})

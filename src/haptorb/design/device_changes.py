@@ -9,7 +9,7 @@ from typing import Any
 from haptorb.design.design import Design
 from haptorb.design.device_keys import split_key, write_key
 from haptorb.design.evaluation import Value
-from haptorb.design.parameter import Parameter, Place
+from haptorb.design.parameter import DesignParameter, ParameterPlace
 from haptorb.devices.device import Device
 from haptorb.devices.loader import DeviceTables, build_tables, lay_over
 from haptorb.errors import InputError
@@ -70,7 +70,7 @@ def _list_changes(design: Design, values: Mapping[str, Value], name: str) -> dic
     return changes
 
 
-def _write_value(parameter: Parameter, place: Place, value: Value) -> Any:
+def _write_value(parameter: DesignParameter, place: ParameterPlace, value: Value) -> Any:
     """What stands in the device file for `value`: a text with its unit, a whole number, a number, or a choice."""
     if parameter.choices:
         chosen = copy.deepcopy(parameter.choice(str(value)))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptorb.design.candidate import Candidate
+from haptorb.design.candidate import DesignCandidate
 from haptorb.design.objectives import quantity, quantity_names
 from haptorb.design.objectives.orientations import find_worst, spread_angles
 from haptorb.design.objectives.sensing import pen_distance
@@ -19,12 +19,12 @@ OMNI, PMSM = load("omni"), load("pmsm")
 
 
 def of(name, device, base=None, **options):
-    return quantity(name).compute(Candidate(device, base or device, options))
+    return quantity(name).compute(DesignCandidate(device, base or device, options))
 
 
 @pytest.mark.parametrize("device", [OMNI, PMSM], ids=["omni", "pmsm"])
 def test_a_catalogue_device_has_a_finite_number_for_every_quantity_of_its_kind(device):
-    candidate = Candidate(device, device, {"orientations": 60})
+    candidate = DesignCandidate(device, device, {"orientations": 60})
     for name in quantity_names(device.kind.name):
         assert np.isfinite(quantity(name).compute(candidate)), name
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptorb.design.candidate import Candidate
+from haptorb.design.candidate import DesignCandidate
 from haptorb.design.objectives.motor_torque import motor_of
 from haptorb.design.objectives.orientations import spread_angles
 from haptorb.design.objectives.registry import describe, option
@@ -41,7 +41,7 @@ def shell_places(device: SphericalElectromagnet) -> Array:
     return places
 
 
-def _position(candidate: Candidate) -> float:
+def _position(candidate: DesignCandidate) -> float:
     device = electromagnet_of(candidate)
     if device.sensors < 2:
         raise InputError("a tool's place needs at least two field sensors")
@@ -49,7 +49,7 @@ def _position(candidate: Candidate) -> float:
     return float(np.sqrt((deviations**2).sum(axis=1).mean()))
 
 
-def _orientation(candidate: Candidate) -> float:
+def _orientation(candidate: DesignCandidate) -> float:
     motor = motor_of(candidate)
     table = load_field_table(motor.magnet, motor.magnets.distance, motor.sensor_layout.distance, precision=1e-5)
     angles = spread_angles(motor.workspace_tilt, int(option(candidate, "orientations", _ORIENTATIONS)))
@@ -88,7 +88,7 @@ def pen_distance(device: SphericalElectromagnet, points: Array, lean: float) -> 
     return out
 
 
-def _room(candidate: Candidate) -> float:
+def _room(candidate: DesignCandidate) -> float:
     device = electromagnet_of(candidate)
     at = device.hall.positions
     chip = option(candidate, "chip", _CHIP)

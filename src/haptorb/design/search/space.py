@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.design.evaluation import Value
-from haptorb.design.parameter import Parameter
+from haptorb.design.parameter import DesignParameter
 from haptorb.errors import InputError
 
 __all__ = ["SearchSpace"]
@@ -28,7 +28,7 @@ class SearchSpace:
     free        of each parameter, (p,) bool: a choice, whose levels have no order
     """
 
-    def __init__(self, parameters: Sequence[Parameter]) -> None:
+    def __init__(self, parameters: Sequence[DesignParameter]) -> None:
         if not parameters:
             raise InputError("the design has no free parameter: add a table [parameters.NAME]")
         self.parameters = tuple(parameters)
@@ -59,7 +59,7 @@ class SearchSpace:
         return found
 
 
-def _count_levels(parameter: Parameter) -> int:
+def _count_levels(parameter: DesignParameter) -> int:
     if parameter.choices:
         return len(parameter.choices)
     if not parameter.step:
@@ -67,7 +67,7 @@ def _count_levels(parameter: Parameter) -> int:
     return int(np.floor((parameter.high - parameter.low) / parameter.step + 1e-9)) + 1
 
 
-def _value_at(parameter: Parameter, levels: int, place: float) -> Value:
+def _value_at(parameter: DesignParameter, levels: int, place: float) -> Value:
     if parameter.choices:
         return parameter.labels[min(int(place * levels), levels - 1)]
     if levels:
@@ -75,7 +75,7 @@ def _value_at(parameter: Parameter, levels: int, place: float) -> Value:
     return float(f"{parameter.low + place * (parameter.high - parameter.low):.12g}")
 
 
-def _place_of(parameter: Parameter, value: Any) -> float:
+def _place_of(parameter: DesignParameter, value: Any) -> float:
     if parameter.choices:
         return (parameter.labels.index(value) + 0.5) / len(parameter.choices)
     levels = _count_levels(parameter)

@@ -66,7 +66,7 @@ class ResultsWriter:
         self.run = run
         self._known = {one.number: one for one in _read_evaluations(engine, run.id)}
 
-    def known(self) -> dict[int, Evaluation]:
+    def list_known(self) -> dict[int, Evaluation]:
         """Number → what is stored of this run, also from earlier programs."""
         return dict(self._known)
 
