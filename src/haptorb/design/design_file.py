@@ -13,7 +13,7 @@ from haptorb.design.device_changes import change_tables
 from haptorb.design.device_keys import check_key, split_key
 from haptorb.design.evaluate import compute_quantity, find_base
 from haptorb.design.evaluation import Value
-from haptorb.design.file_schema import BoundSection, DesignFile, GoalSection
+from haptorb.design.file_schema import BoundSection, DeviceDesignFile, GoalSection
 from haptorb.design.file_values import make_parameter, needs_base, read_bound
 from haptorb.design.own_function import load_function
 from haptorb.design.parameter import DesignParameter
@@ -41,9 +41,9 @@ def parse_design(text: str, name: str, folder: Path) -> Design:
     from pydantic import ValidationError
 
     try:
-        file = DesignFile.model_validate(parse_toml(text))
+        file = DeviceDesignFile.model_validate(parse_toml(text))
     except ValidationError as cause:
-        lines = explain_mistakes(cause.errors(), DesignFile)
+        lines = explain_mistakes(cause.errors(), DeviceDesignFile)
         raise InputError("\n".join(f"design file '{name}': {line}" for line in lines)) from cause
     except ValueError as cause:
         raise InputError(f"design file '{name}': not a TOML file: {cause}") from cause
@@ -56,7 +56,7 @@ def parse_design(text: str, name: str, folder: Path) -> Design:
         raise InputError("\n".join(f"design file '{name}': {line}" for line in lines)) from cause
 
 
-def _build(file: DesignFile, text: str, folder: Path) -> Design:
+def _build(file: DeviceDesignFile, text: str, folder: Path) -> Design:
     base = file.base
     if base.endswith(".toml") or "/" in base:
         base = str(folder / Path(base).expanduser())

@@ -42,8 +42,8 @@ def _format(design: Design, values: Mapping[str, Value], changes: Mapping[str, A
     import tomli_w
 
     units = {parameter.name: parameter.unit for parameter in design.parameters}
-    said = ", ".join(f"{key} {value} {units.get(key, '')}".rstrip() for key, value in values.items())
-    head = "".join(f"# {line}\n" for line in (f"Found by design '{design.name}': {said}".splitlines()))
+    pairs = ", ".join(f"{key} {value} {units.get(key, '')}".rstrip() for key, value in values.items())
+    head = "".join(f"# {line}\n" for line in (f"Found by design '{design.name}': {pairs}".splitlines()))
     return f"{head}{tomli_w.dumps(changes)}"
 
 

@@ -11,7 +11,7 @@ from haptorb.devices.schema import key as m
 from haptorb.devices.schema.sections import Name, Section, Text
 from haptorb.errors import quote
 
-__all__ = ["BoundSection", "DesignFile", "GoalSection", "ParameterSection", "PlaceSection"]
+__all__ = ["BoundSection", "DeviceDesignFile", "GoalSection", "ParameterSection", "PlaceSection"]
 
 
 def _check_number(value: Any) -> Any:
@@ -90,7 +90,7 @@ class BoundSection(_QuantitySection):
         return self
 
 
-class DesignFile(Section):
+class DeviceDesignFile(Section):
     """A design file."""
 
     name: Annotated[Name, m.Meaning("short name of the design")]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 from sqlalchemy import (
@@ -108,11 +110,24 @@ def _check_file(path: Path, place: str | Path, make: bool) -> None:
         return
     try:
         with path.open("rb") as file:
-            head = file.read(16)
+            head = file.read(20)
     except OSError as cause:
         raise RecordingError(f"results file {place}: cannot be read ({cause.strerror})") from cause
-    if head and head != b"SQLite format 3\0":
+    if head and not head.startswith(b"SQLite format 3\0"):
         raise RecordingError(f"{place} is not a results file of `haptorb design`: choose another name")
+    if head[18:19] == b"\1":  # no write-ahead log, so none of ours: opening it to write would change it
+        _check_foreign(path, place)
+
+
+def _check_foreign(path: Path, place: str | Path) -> None:
+    """RecordingError if the SQLite file `path` has tables."""
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as connection:
+            found = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    except sqlite3.Error as cause:
+        raise RecordingError(f"results file {place}: cannot be read ({cause})") from cause
+    if found != (0,):
+        raise RecordingError(f"{place} holds other tables than the results of a design; choose another name")
 
 
 def _check_schema(connection: Connection, place: str | Path) -> bool:

@@ -98,8 +98,9 @@ def _gap(motor: SphericalMotor) -> list[str]:
     rim = float(np.hypot(motor.magnets.distance + 0.5 * magnet.length, magnet.radius))
     if motor.magnets.distance - 0.5 * magnet.length <= at <= rim:
         found.append(f"sensors.distance: at {at * 1e3:.2f} mm the magnets sweep through the sensors")
+    frames, places = motor.electromagnets.frames, motor.electromagnets.positions
     for number, position in enumerate(motor.sensor_layout.positions):
-        own = np.einsum("jba,jb->ja", motor.electromagnets.frames, position - motor.electromagnets.positions)
+        own = np.einsum("jba,jb->ja", frames, position - places)
         inside_coil = np.flatnonzero(coil.contains(own))
         found += [f"sensors: sensor {number + 1} sits inside EM{coil_number + 1}" for coil_number in inside_coil]
     return found

@@ -1,0 +1,39 @@
+"""What a run came to: the best of each objective, who refuses how many, and what to do where nothing is valid."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from haptorb.apps.design.tally import Tally
+from haptorb.design.evaluation import Evaluation
+from oracles.small_design import make_design
+
+
+def make_row(number: int, cost: float = 0.0, by: str = "", reason: str = "") -> Evaluation:
+    objectives = {} if by else {"cost": cost, "reach": cost}
+    return Evaluation(number, {"radius": 30.0, "angle": 50.0, "shell": "thin"}, objectives, {}, by, reason)
+
+
+def test_the_best_of_each_objective_does_not_depend_on_the_order(tmp_path: Path) -> None:
+    design = make_design(tmp_path)
+    rows = [make_row(0, 0.04), make_row(1, 0.03), make_row(2, 0.05), make_row(3, 0.03), make_row(4, by="room")]
+    for found in (rows, rows[::-1]):
+        tally = Tally(design, found)
+        assert (tally.best["cost"].number, tally.best["reach"].number) == (1, 2)
+        assert (tally.count, tally.valid, dict(tally.refused)) == (5, 4, {"room": 1})
+        assert "cost 30 mm" in tally.short
+        assert "20 % refused" in tally.short
+        assert tally.advice == ""
+    assert "1 by room" in tally.sentence
+    assert "design 1: radius 30 mm, angle 50 deg, shell thin" in dict(tally.list_best())["best cost"]
+
+
+def test_a_range_without_a_valid_design_says_who_refuses_how_many(tmp_path: Path) -> None:
+    rows = [make_row(n, by="room", reason=f"{n} m is above 2 m") for n in range(6)]
+    rows += [make_row(n, by="device", reason=f"magnets: parts overlap: {n}") for n in range(6, 16)]
+    tally = Tally(make_design(tmp_path), rows)
+    assert tally.valid == 0
+    assert "10 by device, 6 by room" in tally.sentence
+    assert "10 of 16" in tally.advice
+    assert "magnets" in tally.advice
+    assert tally.list_best() == []

@@ -1,0 +1,95 @@
+"""The device of a candidate is the device of the file that is written for it, in every way a key can be written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptorb.design.design import Design
+from haptorb.design.design_file import parse_design
+from haptorb.design.device_changes import build_device, write_device_text
+from haptorb.devices.loader import load
+from haptorb.errors import DeviceError, InputError
+from oracles.small_design import CODE
+
+HEAD = 'name = "d"\nbase = "{base}"\n[objectives.cost]\nfunction = "own.py:cost"\n'
+OMNI = """
+[parameters.a]
+low = "50 mm"
+high = "6 cm"
+places = ["hall.positions.1.1", "-hall.positions.2.1", { key = "windings.length.2", factor = 0.25, offset = "4 mm" }]
+[parameters.turns]
+low = 70
+high = 90
+step = 2
+places = ["windings.turns.1"]
+[parameters.friction]
+low = 0.1
+high = 0.2
+places = ["dome.friction"]
+[parameters.noise]
+choices = { good = { noise = "0.01 mT", step = "0.005 mT" } }
+places = ["hall"]
+"""
+PMSM = """
+[parameters.latitude]
+low = "26 deg"
+high = "30 deg"
+places = ["electromagnets.rings.2.latitude", "-electromagnets.rings.1.latitude"]
+[parameters.count]
+low = 11
+high = 12
+step = 1
+places = ["magnets.rings.1.count"]
+"""
+
+
+def make(folder: Path, base: str, text: str) -> Design:
+    (folder / "own.py").write_text(CODE)
+    return parse_design(HEAD.format(base=base) + text, "d.toml", folder)
+
+
+def test_the_file_that_is_written_is_the_device_that_was_computed(tmp_path: Path) -> None:
+    design = make(tmp_path, "omni", OMNI)
+    values = {"a": 57.25, "turns": 84.0, "friction": 0.125, "noise": "good"}
+    device = build_device(design, values, "found-1")
+    path = tmp_path / "found.toml"
+    path.write_text(write_device_text(design, values, "found-1"), encoding="utf-8")
+    again = load(path)
+    assert (again.digest, again.name, again.title) == (device.digest, "found-1", device.title)
+    assert again.assumed == device.assumed
+    assert device.hall.positions[0].tolist() == [0.05725, 0.0, 0.0]
+    assert device.hall.positions[1, 0] == -0.05725
+    assert device.hall.positions[2:].tolist() == load("omni").hall.positions[2:].tolist()
+    assert device.hall.noise == pytest.approx(1e-5)
+    assert device.windings.length[1] == pytest.approx(0.018312, abs=1e-6)
+    assert device.windings.turns[0] == 84
+    assert "d" in device.assumed["dome.friction"]
+    assert device.assumed["hall.positions"] == device.assumed["dome.friction"]  # no longer why the base had them
+    assert "hall.offset" in device.assumed
+
+
+def test_lists_of_tables_and_whole_numbers(tmp_path: Path) -> None:
+    design = make(tmp_path, "pmsm", PMSM)
+    values = {"latitude": 27.5, "count": 12.0}
+    device = build_device(design, values)
+    path = tmp_path / "found.toml"
+    path.write_text(write_device_text(design, values, "candidate"), encoding="utf-8")
+    assert load(path).digest == device.digest
+    latitudes = np.degrees(np.arcsin(device.electromagnets.directions[:, 2]))
+    assert np.allclose(latitudes[:16], np.repeat([-27.5, 27.5], 8))
+    assert np.allclose(latitudes[16:], 0.0)
+    with pytest.raises(DeviceError, match="magnets"):  # eleven of one ring are no checkerboard, or are in their way
+        build_device(design, {"latitude": 27.5, "count": 40.0})
+
+
+def test_values_must_be_those_of_the_design(tmp_path: Path) -> None:
+    design = make(tmp_path, "omni", OMNI)
+    with pytest.raises(InputError, match="check 'a'"):
+        build_device(design, {"turns": 84.0, "friction": 0.125, "noise": "good"})
+    with pytest.raises(InputError, match="none of its choices: good"):
+        build_device(design, {"a": 57.0, "turns": 84.0, "friction": 0.125, "noise": "bad"})
+    with pytest.raises(InputError, match="is a number"):
+        build_device(design, {"a": "good", "turns": 84.0, "friction": 0.125, "noise": "good"})

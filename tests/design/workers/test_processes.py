@@ -1,0 +1,84 @@
+"""Processes compute what this process computes; one that is killed is told of, and none outlives its program."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from haptorb.design.sampling import sample
+from haptorb.design.workers.processes import evaluate_all, open_processes
+from haptorb.errors import InputError
+from oracles.small_design import CODE, make_design
+
+SLOW = CODE.replace("def reach(candidate):", "def reach(candidate):\n    import time\n    time.sleep(0.01)")
+DEADLY = CODE.replace(
+    "def reach(candidate):",
+    "def reach(candidate):\n    import os\n    if candidate.device.workspace_half_angle > 1.2:\n        os._exit(9)",
+)
+
+
+def test_one_process_or_two_give_the_same_set(tmp_path: Path) -> None:
+    design = make_design(tmp_path)
+    jobs = list(enumerate(sample(design, "sobol", 40, 1)))
+    alone = [replace(one, seconds=0.0) for one in evaluate_all(design, jobs, 1)]
+    with open_processes(design, 2) as workers:
+        first = list(workers.evaluate(jobs[:11]))
+        second = list(workers.evaluate(jobs[11:]))  # the same processes, as an optimiser's generations have them
+        assert list(workers.evaluate([])) == []
+    both = sorted((replace(one, seconds=0.0) for one in first + second), key=lambda one: one.number)
+    assert both == alone
+    assert sum(one.valid for one in both) > 10
+
+
+def test_a_process_that_is_killed_ends_the_run_with_a_sentence(tmp_path: Path) -> None:
+    design = make_design(tmp_path, code=DEADLY)
+    jobs = [(number, {"radius": 30.0, "angle": 70.0, "shell": "thin"}) for number in range(4)]
+    with pytest.raises(InputError, match="was killed"):
+        list(evaluate_all(design, jobs, 2))
+    with pytest.raises(InputError, match="between 1 and 1000"):
+        list(evaluate_all(design, jobs, 0))
+
+
+PROGRAM = """
+import sys
+sys.path[:0] = {paths}
+from multiprocessing import active_children
+from pathlib import Path
+from oracles.small_design import make_design
+from haptorb.design.workers.processes import evaluate_all
+if __name__ == "__main__":
+    values = {{"radius": 30.0, "angle": 60.0, "shell": "thin"}}
+    design = make_design(Path({folder!r}), code={code!r})
+    for number, one in enumerate(evaluate_all(design, ((n, values) for n in range(100_000)), 2)):
+        if number == 20:
+            print(*(child.pid for child in active_children()), flush=True)
+"""
+
+
+def test_no_process_outlives_its_program(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    paths = [str(Path(__file__).parents[2]), *filter(None, sys.path)]
+    program.write_text(PROGRAM.format(paths=paths, folder=str(tmp_path), code=SLOW))
+    with subprocess.Popen([sys.executable, str(program)], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        children = [int(word) for word in process.stdout.readline().split()]
+        os.kill(process.pid, signal.SIGKILL)
+    assert len(children) == 2
+    end = time.monotonic() + 60.0
+    while any(is_running(child) for child in children):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def is_running(number: int) -> bool:
+    try:
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
