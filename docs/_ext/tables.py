@@ -21,9 +21,9 @@ from haptorb.apps.serve.osc.addresses import INCOMING, OUTGOING, REPLIES
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.templates.study_template import TEMPLATES, make_study_text
 from haptorb.control.protection.trip import GuardState, Trip
-from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.design.file_schema import DeviceDesignFile
 from haptorb.design.objectives import quantity, quantity_names
+from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.devices.schema.key_text import list_keys
 from haptorb.physics.materials import MATERIALS
 from haptorb.runtime.row import RowLayout
@@ -115,7 +115,10 @@ def design_keys() -> str:
 
 def device_design_keys() -> str:
     """Every key of a design file."""
-    return _key_table(DeviceDesignFile)
+    tables = _key_table(DeviceDesignFile)
+    for name in ("parameters", "objectives", "constraints"):
+        tables = tables.replace(f"`{name}.", f"`{name}.NAME.")
+    return tables
 
 
 def design_quantities() -> str:

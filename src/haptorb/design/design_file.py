@@ -18,7 +18,7 @@ from haptorb.design.file_values import make_parameter, needs_base, read_bound
 from haptorb.design.own_function import load_function
 from haptorb.design.parameter import DesignParameter
 from haptorb.design.quantity import DesignQuantity
-from haptorb.devices.loader import list_mistakes, read_tables
+from haptorb.devices.loader import DeviceTables, list_mistakes, read_tables
 from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import HaptorbError, InputError, UnknownName
 from haptorb.files.text_file import parse_toml, read_text
@@ -151,9 +151,10 @@ def _list_mistakes(design: Design) -> list[str]:
     mistakes: list[str] = []
     writers: dict[str, str] = {}
     for parameter in design.parameters:
+        tables = _make_tables(design, parameter) if not mistakes else design.base_tables
         for place in parameter.places:
             try:
-                check_key(design.base_tables, place.key)
+                check_key(tables, place.key)
             except InputError as cause:
                 mistakes.append(f"parameters.{parameter.name}.places: {cause}")
                 continue
@@ -171,10 +172,27 @@ def _list_mistakes(design: Design) -> list[str]:
     return list(dict.fromkeys(mistakes))
 
 
+def _list_earlier(design: Design, parameter: DesignParameter) -> tuple[DesignParameter, ...]:
+    """Those before `parameter` that write whole lists or tables, into which it may write."""
+    before = design.parameters[: design.parameters.index(parameter)]
+    return tuple(one for one in before if one.choices and isinstance(one.choices[0][1], list | dict))
+
+
+def _make_tables(design: Design, parameter: DesignParameter) -> DeviceTables:
+    """What `parameter` writes into: the base device's tables, with the first choice of those before it."""
+    earlier = _list_earlier(design, parameter)
+    if not earlier:
+        return design.base_tables
+    values = {one.name: one.labels[0] for one in earlier}
+    tables = change_tables(replace(design, parameters=earlier), values)
+    return replace(tables, name=design.base_tables.name)
+
+
 def _try_value(design: Design, parameter: DesignParameter, label: str, value: Value) -> list[str]:
     """What the base device's file has against this one value at its own places; what it says elsewhere is for a run."""
-    alone = replace(design, parameters=(parameter,))
-    tables = change_tables(alone, {parameter.name: value})
+    earlier = _list_earlier(design, parameter)
+    values = {**{one.name: one.labels[0] for one in earlier}, parameter.name: value}
+    tables = change_tables(replace(design, parameters=(*earlier, parameter)), values)
     places = [split_key(place.key) for place in parameter.places]
     found = []
     for path, sentence in list_mistakes(tables):

@@ -59,7 +59,10 @@ def _list_changes(design: Design, values: Mapping[str, Value], name: str) -> dic
     for parameter in design.parameters:
         for place in parameter.places:
             written = _write_value(parameter, place, values[parameter.name])
-            cut.append(write_key(whole, split_key(place.key), written, reason))
+            try:
+                cut.append(write_key(whole, split_key(place.key), written, reason))
+            except (LookupError, TypeError, ValueError, AttributeError) as cause:  # a choice made another list
+                raise InputError(f"there is no '{place.key}' with these values") from cause
     title = f"{base.values.get('title', design.base)}, {design.name}: {name}"
     changes: dict[str, Any] = {"based_on": design.base, "name": name, "title": title[:400]}
     for path in cut:

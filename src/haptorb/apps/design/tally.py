@@ -50,7 +50,7 @@ class Tally:
     @property
     def short(self) -> str:
         """For a bar: the best so far, and the share of refused candidates."""
-        parts = [f"{goal.name} {self._format_best(goal)}" for goal in self.design.goals[:_MOST] if self.best]
+        parts = [f"best {goal.name} {self._format_best(goal)}" for goal in self.design.goals[:_MOST] if self.best]
         if self.count:
             parts.append(f"{100 * self.refused.total() / self.count:.0f} % refused")
         return ", ".join(parts)

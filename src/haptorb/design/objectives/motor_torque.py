@@ -113,7 +113,7 @@ def _ball(candidate: DesignCandidate, limit: Array) -> float:
 
     def radius(R: Array) -> Array:
         K = torque(R) * limit
-        normals = np.cross(K[:, :, first], K[:, :, second], axis=1)
+        normals: Array = np.cross(K[:, :, first], K[:, :, second], axis=1)
         reach = np.abs(normals.transpose(0, 2, 1) @ K).sum(axis=2)
         size = np.linalg.norm(normals, axis=1)
         ratio = np.divide(reach, size, out=np.full_like(reach, np.inf), where=size > 1e-12 * size.max())

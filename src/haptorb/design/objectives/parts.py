@@ -137,8 +137,8 @@ def _neighbours(layout: Layout, radius: float, length: float) -> float:
     cosine: Array = layout.directions @ layout.directions.T - 2 * np.eye(len(layout))
     inner = layout.distance - 0.5 * length
     half = 0.5 * float(np.arccos(np.clip(cosine.max(), -1.0, 1.0)))
-    # rims meet on the plane that halves the angle: inner·sin(half) is how far the axis is from it, radius·cos(half) the rim
-    return 2.0 * (inner * np.sin(half) - radius * np.cos(half))
+    # two rims meet on the plane that halves the angle; inner·sin(half) is how far the axis is from it
+    return 2.0 * float(inner * np.sin(half) - radius * np.cos(half))
 
 
 def _nesting(candidate: DesignCandidate) -> float:

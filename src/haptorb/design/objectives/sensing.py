@@ -14,13 +14,16 @@ from haptorb.design.objectives.orientations import spread_angles
 from haptorb.design.objectives.registry import describe, option
 from haptorb.design.objectives.tool_force import electromagnet_of
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.electromagnet.shell_points import cap_directions
+from haptorb.devices.state import rotation_to_axis
 from haptorb.devices.tables import table_kernels
 from haptorb.devices.tables.table_cache import load_field_table
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.directions import cap_directions
 from haptorb.numerics.rotations import rotation_from_euler
+from haptorb.physics.sources.ring import RingMagnet
 from haptorb.sensing.tool.position_accuracy import position_accuracy
+from haptorb.sensing.tool.tool_field import coil_field
 
 __all__ = ["QUANTITIES", "pen_distance", "shell_places"]
 
@@ -28,8 +31,8 @@ _MOTOR, _ELECTROMAGNET = "spherical-motor", "spherical-electromagnet"
 _LAYERS, _DIRECTIONS = 4, 16
 _ORIENTATIONS = 100
 _PEN = 7e-3  #: radius of the pen around the tool's magnet [m]
-_LEAN = np.radians(20.0)  #: of the pen against the radius, at most
-_CHIP = 4e-3  #: from a sensor's centre to the farthest edge of its chip and board [m]
+_LEAN = np.radians(15.0)  #: of the pen against the radius, at most
+_CHIP = 3e-3  #: from a sensor's centre to the farthest edge of its chip, with air [m]
 
 
 def shell_places(device: SphericalElectromagnet) -> Array:
@@ -98,6 +101,22 @@ def _room(candidate: DesignCandidate) -> float:
     return float(min(dome.min() - chip, pen.min() - chip, apart.min() - 2 * chip))
 
 
+def _field(candidate: DesignCandidate) -> float:
+    device = electromagnet_of(candidate)
+    tool, angle = device.tool, device.workspace_half_angle
+    magnet = RingMagnet(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence)
+    azimuth = np.arctan2(device.hall.positions[:, 1], device.hall.positions[:, 0])
+    edge = np.column_stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth),
+                            np.full(len(azimuth), np.cos(angle))])  # fmt: skip
+    greatest = np.zeros(device.sensors)
+    for axis in np.vstack([edge, cap_directions(angle, _DIRECTIONS)]):
+        R = rotation_to_axis(axis)
+        own = (device.hall.positions - device.contact_distance * axis) @ R
+        greatest = np.maximum(greatest, np.abs(magnet.field(own) @ R.T).max(axis=1))
+    coils = np.abs(coil_field(device)).max(axis=1) @ device.driven_current
+    return float((greatest + coils).max())
+
+
 QUANTITIES = (
     describe("sensing_error", "m", "minimise",
              "Root mean square over the shell of the least position error of one sample, by Cramér and Rao: radial "
@@ -109,4 +128,7 @@ QUANTITIES = (
              "Least air around the field sensors (half a chip: chip of [evaluation]): to the dome, to each other, and "
              "to a pen (radius: pen) that leans against the radius by up to lean [rad] anywhere in the workspace.",
              {_ELECTROMAGNET: _room}),
+    describe("sensor_field", "T", "minimise",
+             "Bound of what one axis of a field sensor reads: a radial tool in contact anywhere, and all coils at full "
+             "current.", {_ELECTROMAGNET: _field}),
 )  # fmt: skip

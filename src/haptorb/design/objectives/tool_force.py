@@ -12,9 +12,9 @@ from haptorb.design.candidate import DesignCandidate
 from haptorb.design.objectives.registry import describe, option
 from haptorb.devices.device import require
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.electromagnet.shell_points import cap_directions
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.directions import cap_directions
 
 __all__ = ["QUANTITIES", "electromagnet_of", "find_heaviest"]
 

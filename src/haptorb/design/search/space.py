@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, final
+from collections.abc import Sequence
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.design.evaluation import Value
 from haptorb.design.parameter import DesignParameter
+from haptorb.design.sampling.values import count_levels, pick_level, round_value
 from haptorb.errors import InputError
 
 __all__ = ["SearchSpace"]
@@ -21,7 +22,7 @@ _DIGITS = 9  #: of a place in the unit cube; what processors compute differently
 
 @final
 class SearchSpace:
-    """Points of the unit cube ↔ values of parameters.
+    """Values of parameters for points of the unit cube.
 
     parameters  in the order of the cube's axes
     levels      of each parameter, (p,) int: 0 continuous, otherwise how many steps or choices it has
@@ -32,7 +33,7 @@ class SearchSpace:
         if not parameters:
             raise InputError("the design has no free parameter: add a table [parameters.NAME]")
         self.parameters = tuple(parameters)
-        self.levels: NDArray[np.int64] = np.array([_count_levels(parameter) for parameter in parameters])
+        self.levels: NDArray[np.int64] = np.array([count_levels(parameter) for parameter in parameters])
         self.free: NDArray[np.bool_] = np.array([bool(parameter.choices) for parameter in parameters])
 
     def snap(self, points: Array) -> Array:
@@ -43,7 +44,10 @@ class SearchSpace:
         spans = np.maximum(self.levels - 1, 1)
         stepped = np.where(self.levels == 1, 0.0, np.round(inside * spans) / spans)
         found = np.where(self.free, (bins + 0.5) / widths, np.where(self.levels > 0, stepped, inside))
-        return np.round(found, _DIGITS) + 0.0  # no negative zero: equal points are equal bytes
+        places: Array = np.asarray(
+            np.round(found, _DIGITS) + 0.0, np.float64
+        )  # no negative zero: equal points are equal bytes
+        return places
 
     def values(self, point: Array) -> dict[str, Value]:
         """Parameter → value at `point` (p,), which was snapped."""
@@ -52,32 +56,10 @@ class SearchSpace:
             for parameter, levels, place in zip(self.parameters, self.levels, point, strict=True)
         }
 
-    def point(self, values: Mapping[str, Value]) -> Array:
-        """The point (p,) of these values, snapped."""
-        places = [_place_of(parameter, values[parameter.name]) for parameter in self.parameters]
-        found: Array = self.snap(np.array([places]))[0]
-        return found
-
-
-def _count_levels(parameter: DesignParameter) -> int:
-    if parameter.choices:
-        return len(parameter.choices)
-    if not parameter.step:
-        return 0
-    return int(np.floor((parameter.high - parameter.low) / parameter.step + 1e-9)) + 1
-
 
 def _value_at(parameter: DesignParameter, levels: int, place: float) -> Value:
     if parameter.choices:
-        return parameter.labels[min(int(place * levels), levels - 1)]
+        return pick_level(parameter, min(int(place * levels), levels - 1), levels)
     if levels:
-        return float(f"{parameter.low + round(place * max(levels - 1, 1)) * parameter.step:.12g}")
-    return float(f"{parameter.low + place * (parameter.high - parameter.low):.12g}")
-
-
-def _place_of(parameter: DesignParameter, value: Any) -> float:
-    if parameter.choices:
-        return (parameter.labels.index(value) + 0.5) / len(parameter.choices)
-    levels = _count_levels(parameter)
-    span = (levels - 1) * parameter.step if levels else parameter.high - parameter.low
-    return (float(value) - parameter.low) / span if span else 0.0
+        return pick_level(parameter, round(place * max(levels - 1, 1)), levels)
+    return round_value(parameter.low + place * (parameter.high - parameter.low))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any, final
@@ -11,6 +11,7 @@ from haptorb.cluster.dask_cluster import count_threads, open_cluster, run_jobs
 from haptorb.design.design import Design
 from haptorb.design.evaluate import evaluate
 from haptorb.design.evaluation import Evaluation, Value
+from haptorb.design.workers.workers import Job
 
 __all__ = ["ClusterWorkers", "evaluate_part", "open_cluster_workers"]
 
@@ -43,7 +44,7 @@ class ClusterWorkers:
         self._client = client
         self._packed: bytes = cloudpickle.dumps(design)  # an objective of the user's own comes with its code
 
-    def evaluate(self, jobs: Iterable[tuple[int, Mapping[str, Value]]]) -> Iterator[Evaluation]:
+    def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
         """What each candidate (number, values) came to, as they come, each once.
 
         Raises InputError when the cluster fails; what came before is good.

@@ -8,7 +8,6 @@ import pytest
 
 from haptorb.apps.study.model.study_file import study_of
 from haptorb.apps.study.simulated.power_workers import simulate_pool
-from haptorb.cluster import dask_cluster
 from haptorb.errors import InputError
 
 STUDY = study_of(
@@ -48,23 +47,6 @@ def test_two_processes_give_what_one_gives(alone: list[float]) -> None:
 @pytest.mark.filterwarnings("ignore")
 def test_a_cluster_gives_what_one_process_gives(alone: list[float], cluster: str) -> None:
     assert simulate(scheduler=cluster) == alone
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_workers_of_another_version_are_refused(cluster: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dask_cluster, "__version__", "99.0")
-    with pytest.raises(InputError, match=r"this computer has 99\.0: install the same version") as told:
-        simulate(scheduler=cluster)
-    assert "\n" not in str(told.value)
-
-
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere at all", "nowhere"])
-def test_a_scheduler_that_is_not_there_is_told_in_one_line(address: str) -> None:
-    pytest.importorskip("distributed")
-    with pytest.raises(InputError, match="Dask scheduler") as told:
-        simulate(scheduler=address)
-    assert f"'{address}'" in str(told.value)
-    assert "\n" not in str(told.value)
 
 
 def test_no_process_at_all_is_refused() -> None:
