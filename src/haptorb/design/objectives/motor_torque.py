@@ -78,10 +78,10 @@ def find_heaviest(candidate: DesignCandidate) -> tuple[float, Array]:
 
     def compute() -> tuple[float, Array]:
         motor, torque = motor_of(candidate), torque_per_ampere(candidate)
-        root = np.sqrt(motor.coils.resistance)
+        root: Array = np.sqrt(motor.coils.resistance)
 
         def ease(R: Array) -> Array:
-            K = torque(R) / root
+            K: Array = torque(R) / root
             least: Array = np.linalg.eigvalsh(K @ K.transpose(0, 2, 1))[:, 0]
             return least
 

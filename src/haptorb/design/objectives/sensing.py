@@ -101,7 +101,7 @@ def _room(candidate: DesignCandidate) -> float:
     return float(min(dome.min() - chip, pen.min() - chip, apart.min() - 2 * chip))
 
 
-def _field(candidate: Candidate) -> float:
+def _field(candidate: DesignCandidate) -> float:
     device = electromagnet_of(candidate)
     tool, angle = device.tool, device.workspace_half_angle
     magnet = RingMagnet(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence)
