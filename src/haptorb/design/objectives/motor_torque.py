@@ -78,11 +78,11 @@ def find_heaviest(candidate: DesignCandidate) -> tuple[float, Array]:
 
     def compute() -> tuple[float, Array]:
         motor, torque = motor_of(candidate), torque_per_ampere(candidate)
-        root: Array = np.sqrt(motor.coils.resistance)
+        root = np.sqrt(motor.coils.resistance)
 
         def ease(R: Array) -> Array:
-            K: Array = torque(R) / root
-            least: Array = np.linalg.eigvalsh(K @ K.transpose(0, 2, 1))[:, 0]
+            K = torque(R) / root
+            least: Array = np.linalg.eigvalsh(K @ K.transpose(0, 2, 1))[:, 0].astype(np.float64)
             return least
 
         least, angles = find_worst(ease, motor.workspace_tilt, _count(candidate))
