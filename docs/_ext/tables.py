@@ -115,7 +115,10 @@ def design_keys() -> str:
 
 def device_design_keys() -> str:
     """Every key of a design file."""
-    return _key_table(DeviceDesignFile)
+    tables = _key_table(DeviceDesignFile)
+    for name in ("parameters", "objectives", "constraints"):
+        tables = tables.replace(f"`{name}.", f"`{name}.NAME.")
+    return tables
 
 
 def design_quantities() -> str:
