@@ -1,4 +1,4 @@
-"""The devices that searches found, against those that they began with: every figure of docs/explanation/found-devices.md.
+"""The devices that searches found, against those that they began with: figures of docs/explanation/found-devices.md.
 
     python benchmarks/design/found_devices.py [--orientations 6000] [--trial] [--json]
 

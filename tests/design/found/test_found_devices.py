@@ -100,9 +100,9 @@ def test_nine_sensors_on_a_ring_halve_the_error_and_are_in_nobodys_way():
             "motor-three-rings",
             {
                 "arrangement": "three-rings", "polarity": "alternating", "winding": "series-aiding",
-                "magnet_latitude": 36.4, "coil_latitude": 31.1, "magnet_radius": 13.78, "magnet_length": 6.74,
-                "magnet_distance": 67.5, "coil_radius": 17.57, "coil_hole": 6.7, "coil_length": 6.62,
-                "coil_distance": 55.54,
+                "magnet_latitude": 36.0, "coil_latitude": 30.5, "magnet_radius": 14.13, "magnet_length": 6.41,
+                "magnet_distance": 67.6, "coil_radius": 17.39, "coil_hole": 6.75, "coil_length": 6.8,
+                "coil_distance": 55.78,
             },
         ),
     ],

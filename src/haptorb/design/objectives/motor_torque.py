@@ -82,7 +82,7 @@ def find_heaviest(candidate: DesignCandidate) -> tuple[float, Array]:
 
         def ease(R: Array) -> Array:
             K = torque(R) / root
-            least: Array = np.linalg.eigvalsh(K @ K.transpose(0, 2, 1))[:, 0]
+            least: Array = np.linalg.eigvalsh(K @ K.transpose(0, 2, 1))[:, 0].astype(np.float64)
             return least
 
         least, angles = find_worst(ease, motor.workspace_tilt, _count(candidate))
