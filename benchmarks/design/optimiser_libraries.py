@@ -63,9 +63,9 @@ def run_haptorb(seed: int, count: int, population: int) -> tuple[list[Judged], f
         own += time.process_time() - begin
         judged = [judge(values) for _, values in jobs]
         found += judged
-        told = [_evaluation(number, values, one) for (number, values), one in zip(jobs, judged, strict=True)]
+        answers = [_evaluation(number, values, one) for (number, values), one in zip(jobs, judged, strict=True)]
         begin = time.process_time()
-        optimiser.tell(told)
+        optimiser.tell(answers)
         own += time.process_time() - begin
     return found, own
 
