@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 
 from haptorb.apps.design.report import write_report
-from haptorb.design.design import Bound, Design, Goal
+from haptorb.design.design import Bound, Design, DesignGoal
 from haptorb.design.evaluation import Evaluation
-from haptorb.design.parameter import Parameter, Place
-from haptorb.design.quantity import Quantity
+from haptorb.design.parameter import DesignParameter, ParameterPlace
+from haptorb.design.quantity import DesignQuantity
 from haptorb.design.store import open_results
 
 OPENS, FOLLOWS = 3.0, 50.0  #: limits [s], [ms]
@@ -39,14 +39,15 @@ RANGES = (("mm", 14.0, 16.0), ("mm", 22.0, 26.0), ("mm", 5.5, 6.5), ("mm", 2.0, 
 def make_results(path: Path, count: int) -> None:
     """A results file of so many valid designs, drawn evenly; their numbers are smooth functions of the parameters."""
 
-    def quantity(name: str, unit: str) -> Quantity:
-        return Quantity(name, unit, "minimise", "made up", ("spherical-electromagnet",), lambda candidate: np.nan)
+    def quantity(name: str, unit: str) -> DesignQuantity:
+        return DesignQuantity(name, unit, "minimise", "made up", ("spherical-electromagnet",), lambda candidate: np.nan)
 
     parameters = tuple(
-        Parameter(key.replace(".", "_"), (Place(key),), *bounds) for key, bounds in zip(KEYS, RANGES, strict=True)
+        DesignParameter(key.replace(".", "_"), (ParameterPlace(key),), *bounds)
+        for key, bounds in zip(KEYS, RANGES, strict=True)
     )
     names = [quantity(name, unit) for name, unit in (("pull", "N"), ("heat", "W"), ("weight", "kg"))]
-    goals = tuple(Goal(one, "minimise") for one in names)
+    goals = tuple(DesignGoal(one, "minimise") for one in names)
     bounds = tuple(Bound(f"limit_{n}", quantity(f"limit_{n}", "m"), high=1.0) for n in range(3))
     design = Design("made-up", "Made up", "omni", parameters, goals, bounds, {}, "", "0" * 64)
     generator = np.random.default_rng(1)
@@ -79,7 +80,8 @@ def measure(browser: Any, address: str) -> tuple[float, float, float]:
       const { left, top, width, height } = box.getBoundingClientRect();
       const begin = performance.now();
       for (let k = 0; k < steps; k++) {
-        const clientX = left + width * (0.15 + 0.7 * k / steps), clientY = top + height * (0.3 + 0.4 * Math.sin(k) ** 2);
+        const clientX = left + width * (0.15 + 0.7 * k / steps);
+        const clientY = top + height * (0.3 + 0.4 * Math.sin(k) ** 2);
         box.dispatchEvent(new PointerEvent("pointermove", { clientX, clientY, bubbles: true }));
       }
       return (performance.now() - begin) / steps;

@@ -21,6 +21,8 @@ from haptorb.apps.serve.osc.addresses import INCOMING, OUTGOING, REPLIES
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.templates.study_template import TEMPLATES, make_study_text
 from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.design.file_schema import DeviceDesignFile
+from haptorb.design.objectives import quantity, quantity_names
 from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.devices.schema.key_text import list_keys
 from haptorb.physics.materials import MATERIALS
@@ -111,6 +113,23 @@ def design_keys() -> str:
     )
 
 
+def device_design_keys() -> str:
+    """Every key of a design file."""
+    tables = _key_table(DeviceDesignFile)
+    for name in ("parameters", "objectives", "constraints"):
+        tables = tables.replace(f"`{name}.", f"`{name}.NAME.")
+    return tables
+
+
+def design_quantities() -> str:
+    """What can be an objective or a constraint of a design."""
+    rows = [
+        (f"`{one.name}`", one.unit or "1", one.sense, ", ".join(one.kinds), one.text)
+        for one in map(quantity, quantity_names())
+    ]
+    return table(("quantity", "unit", "sense", "kinds of device", "meaning"), rows)
+
+
 def command_line() -> str:
     """What the commands say of themselves, in a terminal of 86 columns; a process for each would take a second."""
     from typer.main import get_command
@@ -174,6 +193,8 @@ PAGES = {
     "study-keys": study_keys,
     "study-templates": study_templates,
     "design-keys": design_keys,
+    "device-design-keys": device_design_keys,
+    "design-quantities": design_quantities,
     "command-line": command_line,
 }
 

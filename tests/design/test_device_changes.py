@@ -85,6 +85,24 @@ def test_lists_of_tables_and_whole_numbers(tmp_path: Path) -> None:
         build_device(design, {"latitude": 27.5, "count": 40.0})
 
 
+def test_a_parameter_may_write_into_the_choice_of_an_earlier_one(tmp_path: Path) -> None:
+    ring = '{{ latitude = "{} deg", count = 8, first = "0 deg", step = "45 deg" }}'
+    two, three = (f"[{', '.join(ring.format(angle) for angle in angles)}]" for angles in ((-20, 20), (-35, 0, 35)))
+    design = make(tmp_path, "pmsm", f"""
+[parameters.rings]
+choices = {{ three = {three}, two = {two} }}
+places = ["magnets.rings"]
+[parameters.third]
+low = "30 deg"
+high = "40 deg"
+places = ["magnets.rings.3.latitude"]
+""")  # fmt: skip
+    text = write_device_text(design, {"rings": "three", "third": 37.5}, "x")
+    assert '"37.5 deg"' in text
+    with pytest.raises(InputError, match=r"there is no 'magnets\.rings\.3\.latitude' with these values"):
+        build_device(design, {"rings": "two", "third": 37.5})
+
+
 def test_values_must_be_those_of_the_design(tmp_path: Path) -> None:
     design = make(tmp_path, "omni", OMNI)
     with pytest.raises(InputError, match="check 'a'"):

@@ -6,27 +6,29 @@ from pathlib import Path
 
 import numpy as np
 
-from haptorb.design.design import Bound, Design, Goal
+from haptorb.design.design import Bound, Design, DesignGoal
 from haptorb.design.evaluation import Evaluation
-from haptorb.design.parameter import Parameter, Place
-from haptorb.design.quantity import Quantity
+from haptorb.design.parameter import DesignParameter, ParameterPlace
+from haptorb.design.quantity import DesignQuantity
 from haptorb.design.store import open_results
 
 
 def make_design(goals: int = 2) -> Design:
     """With so many objectives, at most two: the pull is to be small, the force great."""
 
-    def quantity(name: str, unit: str, sense: str) -> Quantity:
-        return Quantity(name, unit, sense, "made up", ("spherical-electromagnet",), lambda candidate: np.nan)
+    def quantity(name: str, unit: str, sense: str) -> DesignQuantity:
+        return DesignQuantity(name, unit, sense, "made up", ("spherical-electromagnet",), lambda candidate: np.nan)
 
     pull, force = quantity("core_pull", "N", "minimise"), quantity("continuous_force", "N", "maximise")
     parameters = (
-        Parameter("core_radius", (Place("electromagnet.core_radius"),), "mm", 11.0, 16.0),
-        Parameter("tool_length", (Place("tool.length"),), "mm", 16.0, 30.0),
-        Parameter("friction", (Place("dome.friction"),), "", 0.05, 0.3),
-        Parameter("rate", (Place("supply.voltage"),), choices=(("<low>", "12 V"), ("high & dear", "24 V"))),
+        DesignParameter("core_radius", (ParameterPlace("electromagnet.core_radius"),), "mm", 11.0, 16.0),
+        DesignParameter("tool_length", (ParameterPlace("tool.length"),), "mm", 16.0, 30.0),
+        DesignParameter("friction", (ParameterPlace("dome.friction"),), "", 0.05, 0.3),
+        DesignParameter(
+            "rate", (ParameterPlace("supply.voltage"),), choices=(("<low>", "12 V"), ("high & dear", "24 V"))
+        ),
     )
-    made = (Goal(pull, "minimise", "core_pull"), Goal(force, "maximise", "continuous_force"))
+    made = (DesignGoal(pull, "minimise", "core_pull"), DesignGoal(force, "maximise", "continuous_force"))
     bounds = (Bound("mass", quantity("mass", "kg", "minimise"), high=0.028),)
     return Design(
         "omni-core", "Omni: <core> & tool", "omni", parameters, made[:goals], bounds, {}, "name = 'omni'\n", "0" * 64

@@ -7,13 +7,13 @@ from typing import Any, TypeVar, final
 
 from haptorb.devices.device import Device
 
-__all__ = ["Candidate"]
+__all__ = ["DesignCandidate"]
 
 T = TypeVar("T")
 
 
 @final
-class Candidate:
+class DesignCandidate:
     """A device, and what was computed of it so far.
 
     device   what is judged

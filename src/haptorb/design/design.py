@@ -6,19 +6,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from haptorb.design.parameter import Parameter
-from haptorb.design.quantity import Quantity, Sense
+from haptorb.design.parameter import DesignParameter
+from haptorb.design.quantity import DesignQuantity, Sense
 from haptorb.devices.loader import DeviceTables, read_tables
 from haptorb.errors import UnknownName
 
-__all__ = ["Bound", "Design", "Goal"]
+__all__ = ["Bound", "Design", "DesignGoal"]
 
 
 @dataclass(frozen=True)
-class Goal:
+class DesignGoal:
     """An objective of a design, and what is wanted of it; `name` is that of the design file."""
 
-    quantity: Quantity
+    quantity: DesignQuantity
     sense: Sense
     name: str = ""
 
@@ -32,7 +32,7 @@ class Bound:
     """A constraint of a design: `low` ≤ quantity ≤ `high`, SI; None where there is no bound."""
 
     name: str
-    quantity: Quantity
+    quantity: DesignQuantity
     low: float | None = None
     high: float | None = None
 
@@ -51,8 +51,8 @@ class Design:
     name: str
     title: str
     base: str
-    parameters: tuple[Parameter, ...]
-    goals: tuple[Goal, ...]
+    parameters: tuple[DesignParameter, ...]
+    goals: tuple[DesignGoal, ...]
     bounds: tuple[Bound, ...]
     options: Mapping[str, Any]
     text: str
@@ -64,7 +64,7 @@ class Design:
         """What the base device's file says."""
         return read_tables(self.base) if self.tables is None else self.tables
 
-    def parameter(self, name: str) -> Parameter:
+    def parameter(self, name: str) -> DesignParameter:
         """The parameter of that name; UnknownName for another."""
         for one in self.parameters:
             if one.name == name:

@@ -7,18 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from haptorb.design.candidate import Candidate
-from haptorb.design.design import Bound, Design, Goal
+from haptorb.design.candidate import DesignCandidate
+from haptorb.design.design import Bound, Design, DesignGoal
 from haptorb.design.device_changes import change_tables
 from haptorb.design.device_keys import check_key, split_key
 from haptorb.design.evaluate import compute_quantity, find_base
 from haptorb.design.evaluation import Value
-from haptorb.design.file_schema import BoundSection, DesignFile, GoalSection
+from haptorb.design.file_schema import BoundSection, DeviceDesignFile, GoalSection
 from haptorb.design.file_values import make_parameter, needs_base, read_bound
 from haptorb.design.own_function import load_function
-from haptorb.design.parameter import Parameter
-from haptorb.design.quantity import Quantity
-from haptorb.devices.loader import list_mistakes, read_tables
+from haptorb.design.parameter import DesignParameter
+from haptorb.design.quantity import DesignQuantity
+from haptorb.devices.loader import DeviceTables, list_mistakes, read_tables
 from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import HaptorbError, InputError, UnknownName
 from haptorb.files.text_file import parse_toml, read_text
@@ -41,9 +41,9 @@ def parse_design(text: str, name: str, folder: Path) -> Design:
     from pydantic import ValidationError
 
     try:
-        file = DesignFile.model_validate(parse_toml(text))
+        file = DeviceDesignFile.model_validate(parse_toml(text))
     except ValidationError as cause:
-        lines = explain_mistakes(cause.errors(), DesignFile)
+        lines = explain_mistakes(cause.errors(), DeviceDesignFile)
         raise InputError("\n".join(f"design file '{name}': {line}" for line in lines)) from cause
     except ValueError as cause:
         raise InputError(f"design file '{name}': not a TOML file: {cause}") from cause
@@ -56,7 +56,7 @@ def parse_design(text: str, name: str, folder: Path) -> Design:
         raise InputError("\n".join(f"design file '{name}': {line}" for line in lines)) from cause
 
 
-def _build(file: DesignFile, text: str, folder: Path) -> Design:
+def _build(file: DeviceDesignFile, text: str, folder: Path) -> Design:
     base = file.base
     if base.endswith(".toml") or "/" in base:
         base = str(folder / Path(base).expanduser())
@@ -105,21 +105,21 @@ def _collect(mistakes: list[str], make: Any, *arguments: Any) -> Any:
         return None
 
 
-def _make_goal(name: str, section: GoalSection, kind: str, folder: Path, codes: dict[str, str]) -> Goal:
+def _make_goal(name: str, section: GoalSection, kind: str, folder: Path, codes: dict[str, str]) -> DesignGoal:
     quantity = _find_quantity(f"objectives.{name}", name, section, kind, folder, codes)
-    return Goal(quantity, section.sense or quantity.sense, name)
+    return DesignGoal(quantity, section.sense or quantity.sense, name)
 
 
 def _find_quantity(
     where: str, name: str, section: GoalSection | BoundSection, kind: str, folder: Path, codes: dict[str, str]
-) -> Quantity:
+) -> DesignQuantity:
     """haptorb's own quantity, or one made of the user's function, whose code goes into `codes`."""
     try:
         if section.function is not None:
             function, source = load_function(section.function, folder)
             codes[section.function] = source
             text = (function.__doc__ or f"function {section.function}").strip().splitlines()[0]
-            return Quantity(name, section.unit or "", "minimise", text, (kind,), function)
+            return DesignQuantity(name, section.unit or "", "minimise", text, (kind,), function)
         from haptorb.design.objectives import quantity, quantity_names
 
         found = quantity(section.quantity or name)
@@ -130,11 +130,11 @@ def _find_quantity(
     return found
 
 
-def _make_bound(design: Design, name: str, section: BoundSection, quantity: Quantity) -> Bound:
+def _make_bound(design: Design, name: str, section: BoundSection, quantity: DesignQuantity) -> Bound:
     where, base = f"constraints.{name}", None
     if needs_base(section.at_least) or needs_base(section.at_most):
         device = find_base(design)
-        base, reason = compute_quantity(quantity, Candidate(device, device, design.options))
+        base, reason = compute_quantity(quantity, DesignCandidate(device, device, design.options))
         if reason:
             raise InputError(f"{where}: the base device has no number for it: {reason}")
     low, high = (
@@ -151,9 +151,10 @@ def _list_mistakes(design: Design) -> list[str]:
     mistakes: list[str] = []
     writers: dict[str, str] = {}
     for parameter in design.parameters:
+        tables = _make_tables(design, parameter) if not mistakes else design.base_tables
         for place in parameter.places:
             try:
-                check_key(design.base_tables, place.key)
+                check_key(tables, place.key)
             except InputError as cause:
                 mistakes.append(f"parameters.{parameter.name}.places: {cause}")
                 continue
@@ -171,10 +172,27 @@ def _list_mistakes(design: Design) -> list[str]:
     return list(dict.fromkeys(mistakes))
 
 
-def _try_value(design: Design, parameter: Parameter, label: str, value: Value) -> list[str]:
+def _list_earlier(design: Design, parameter: DesignParameter) -> tuple[DesignParameter, ...]:
+    """Those before `parameter` that write whole lists or tables, into which it may write."""
+    before = design.parameters[: design.parameters.index(parameter)]
+    return tuple(one for one in before if one.choices and isinstance(one.choices[0][1], list | dict))
+
+
+def _make_tables(design: Design, parameter: DesignParameter) -> DeviceTables:
+    """What `parameter` writes into: the base device's tables, with the first choice of those before it."""
+    earlier = _list_earlier(design, parameter)
+    if not earlier:
+        return design.base_tables
+    values = {one.name: one.labels[0] for one in earlier}
+    tables = change_tables(replace(design, parameters=earlier), values)
+    return replace(tables, name=design.base_tables.name)
+
+
+def _try_value(design: Design, parameter: DesignParameter, label: str, value: Value) -> list[str]:
     """What the base device's file has against this one value at its own places; what it says elsewhere is for a run."""
-    alone = replace(design, parameters=(parameter,))
-    tables = change_tables(alone, {parameter.name: value})
+    earlier = _list_earlier(design, parameter)
+    values = {**{one.name: one.labels[0] for one in earlier}, parameter.name: value}
+    tables = change_tables(replace(design, parameters=(*earlier, parameter)), values)
     places = [split_key(place.key) for place in parameter.places]
     found = []
     for path, sentence in list_mistakes(tables):

@@ -9,7 +9,7 @@ from typing import Any
 from haptorb.design.design import Design
 from haptorb.design.device_keys import split_key, write_key
 from haptorb.design.evaluation import Value
-from haptorb.design.parameter import Parameter, Place
+from haptorb.design.parameter import DesignParameter, ParameterPlace
 from haptorb.devices.device import Device
 from haptorb.devices.loader import DeviceTables, build_tables, lay_over
 from haptorb.errors import InputError
@@ -42,8 +42,8 @@ def _format(design: Design, values: Mapping[str, Value], changes: Mapping[str, A
     import tomli_w
 
     units = {parameter.name: parameter.unit for parameter in design.parameters}
-    said = ", ".join(f"{key} {value} {units.get(key, '')}".rstrip() for key, value in values.items())
-    head = "".join(f"# {line}\n" for line in (f"Found by design '{design.name}': {said}".splitlines()))
+    pairs = ", ".join(f"{key} {value} {units.get(key, '')}".rstrip() for key, value in values.items())
+    head = "".join(f"# {line}\n" for line in (f"Found by design '{design.name}': {pairs}".splitlines()))
     return f"{head}{tomli_w.dumps(changes)}"
 
 
@@ -59,7 +59,10 @@ def _list_changes(design: Design, values: Mapping[str, Value], name: str) -> dic
     for parameter in design.parameters:
         for place in parameter.places:
             written = _write_value(parameter, place, values[parameter.name])
-            cut.append(write_key(whole, split_key(place.key), written, reason))
+            try:
+                cut.append(write_key(whole, split_key(place.key), written, reason))
+            except (LookupError, TypeError, ValueError, AttributeError) as cause:  # a choice made another list
+                raise InputError(f"there is no '{place.key}' with these values") from cause
     title = f"{base.values.get('title', design.base)}, {design.name}: {name}"
     changes: dict[str, Any] = {"based_on": design.base, "name": name, "title": title[:400]}
     for path in cut:
@@ -70,7 +73,7 @@ def _list_changes(design: Design, values: Mapping[str, Value], name: str) -> dic
     return changes
 
 
-def _write_value(parameter: Parameter, place: Place, value: Value) -> Any:
+def _write_value(parameter: DesignParameter, place: ParameterPlace, value: Value) -> Any:
     """What stands in the device file for `value`: a text with its unit, a whole number, a number, or a choice."""
     if parameter.choices:
         chosen = copy.deepcopy(parameter.choice(str(value)))

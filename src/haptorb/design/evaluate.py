@@ -9,11 +9,11 @@ from collections.abc import Mapping
 
 from threadpoolctl import threadpool_limits
 
-from haptorb.design.candidate import Candidate
+from haptorb.design.candidate import DesignCandidate
 from haptorb.design.design import Bound, Design
 from haptorb.design.device_changes import build_device
 from haptorb.design.evaluation import Evaluation, Value
-from haptorb.design.quantity import Quantity
+from haptorb.design.quantity import DesignQuantity
 from haptorb.devices.device import Device
 from haptorb.devices.loader import build_tables
 from haptorb.errors import HaptorbError
@@ -52,7 +52,7 @@ def _evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evalu
     objectives: dict[str, float] = {}
     by, reason = "", ""
     try:
-        candidate = Candidate(build_device(design, values), find_base(design), design.options)
+        candidate = DesignCandidate(build_device(design, values), find_base(design), design.options)
     except (HaptorbError, ArithmeticError, ValueError) as cause:
         by, reason = DEVICE, _shorten(str(cause).replace("device 'candidate': ", ""))
     else:
@@ -77,7 +77,7 @@ def _evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evalu
     )  # fmt: skip
 
 
-def compute_quantity(quantity: Quantity, candidate: Candidate) -> tuple[float, str]:
+def compute_quantity(quantity: DesignQuantity, candidate: DesignCandidate) -> tuple[float, str]:
     """The number, and why there is none: one line, empty if it is finite."""
     try:
         found = float(quantity.compute(candidate))

@@ -11,7 +11,7 @@ from haptorb.devices.schema import key as m
 from haptorb.devices.schema.sections import Name, Section, Text
 from haptorb.errors import quote
 
-__all__ = ["BoundSection", "DesignFile", "GoalSection", "ParameterSection", "PlaceSection"]
+__all__ = ["BoundSection", "DeviceDesignFile", "GoalSection", "ParameterSection", "PlaceSection"]
 
 
 def _check_number(value: Any) -> Any:
@@ -21,6 +21,8 @@ def _check_number(value: Any) -> Any:
 
 
 Number = Annotated[str | float, BeforeValidator(_check_number)]  #: "18 deg", or a plain number
+_NUMBER = m.Form("a number with its unit in quotes, or a plain number")
+_BOUND = m.Form("a number with its unit, 'base', or a share of it: '0.9 base'")
 Word = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=64)]
 
 
@@ -35,13 +37,21 @@ class PlaceSection(Section):
 class ParameterSection(Section):
     """[parameters.NAME]: a range, or choices."""
 
-    low: Annotated[Number | None, m.Meaning("least value, with its unit")] = None
-    high: Annotated[Number | None, m.Meaning("greatest value, with its unit")] = None
-    step: Annotated[Number | None, m.Meaning("step from `low` on"), m.Without("continuous")] = None
+    low: Annotated[Number | None, m.Meaning("least value"), _NUMBER, m.Without("none: `choices`")] = None
+    high: Annotated[Number | None, m.Meaning("greatest value"), _NUMBER, m.Without("none: `choices`")] = None
+    step: Annotated[Number | None, m.Meaning("step from `low` on"), _NUMBER, m.Without("continuous")] = None
     choices: Annotated[
-        list[Any] | dict[str, Any] | None, m.Meaning("what may be written, by label if it is a table")
+        list[Any] | dict[str, Any] | None,
+        m.Meaning("what may be written"),
+        m.Form("a list, or a table by label"),
+        m.Without("none: `low` and `high`"),
     ] = None
-    places: Annotated[list[str | PlaceSection], Len(1, 100), m.Meaning("keys of the device file that it is written to")]
+    places: Annotated[
+        list[str | PlaceSection],
+        Len(1, 100),
+        m.Meaning("where the value is written"),
+        m.Form("1 to 100 keys of the device file"),
+    ]
 
     @model_validator(mode="after")
     def _check_kind(self) -> ParameterSection:
@@ -56,9 +66,20 @@ class ParameterSection(Section):
 
 
 class _QuantitySection(Section):
-    quantity: Annotated[str | None, m.Meaning("name of what is computed"), m.Without("the name of the table")] = None
-    function: Annotated[str | None, m.Meaning("a function of yours instead: 'file.py:name'")] = None
-    unit: Annotated[Text | None, m.Meaning("unit of what your function returns, SI without prefix")] = None
+    quantity: Annotated[
+        str | None,
+        m.Meaning("name of what is computed"),
+        m.Form("a quantity of the list below"),
+        m.Without("the name of the table"),
+    ] = None
+    function: Annotated[
+        str | None, m.Meaning("a function of your own instead"), m.Form("'file.py:name'"), m.Without("none")
+    ] = None
+    unit: Annotated[
+        Text | None,
+        m.Meaning("unit of what it returns, SI without prefix"),
+        m.Without("none: a plain number"),
+    ] = None
 
     @model_validator(mode="after")
     def _check_source(self) -> _QuantitySection:
@@ -80,8 +101,8 @@ class GoalSection(_QuantitySection):
 class BoundSection(_QuantitySection):
     """[constraints.NAME]"""
 
-    at_least: Annotated[Number | None, m.Meaning("least value, with its unit, 'base' or '0.9 base'")] = None
-    at_most: Annotated[Number | None, m.Meaning("greatest value, with its unit, 'base' or '0.9 base'")] = None
+    at_least: Annotated[Number | None, m.Meaning("least value"), _BOUND, m.Without("none")] = None
+    at_most: Annotated[Number | None, m.Meaning("greatest value"), _BOUND, m.Without("none")] = None
 
     @model_validator(mode="after")
     def _check_bound(self) -> BoundSection:
@@ -90,17 +111,24 @@ class BoundSection(_QuantitySection):
         return self
 
 
-class DesignFile(Section):
+class DeviceDesignFile(Section):
     """A design file."""
 
     name: Annotated[Name, m.Meaning("short name of the design")]
     title: Annotated[Text, m.Meaning("headline of the design")] = ""
-    base: Annotated[str, m.Meaning("device that is changed: a name in the catalogue, or a path")]
-    parameters: Annotated[dict[Word, ParameterSection], Len(1, 100), m.Meaning("what is free")]
-    objectives: Annotated[dict[Word, GoalSection], Len(1, 20), m.Meaning("what is wanted")]
-    constraints: Annotated[dict[Word, BoundSection], Len(0, 100), m.Meaning("what must hold")] = Field(
-        default_factory=dict
-    )
-    evaluation: Annotated[dict[Word, Any], m.Meaning("how finely candidates are computed")] = Field(
-        default_factory=dict
-    )
+    base: Annotated[str, m.Meaning("device that is changed"), m.Form("name in the catalogue, or a path")]
+    parameters: Annotated[
+        dict[Word, ParameterSection], Len(1, 100), m.Meaning("what is free"), m.Form("1 to 100 tables by name")
+    ]
+    objectives: Annotated[
+        dict[Word, GoalSection], Len(1, 20), m.Meaning("what is wanted"), m.Form("1 to 20 tables by name")
+    ]
+    constraints: Annotated[
+        dict[Word, BoundSection], Len(0, 100), m.Meaning("what must hold"), m.Form("tables by name"), m.Without("none")
+    ] = Field(default_factory=dict)
+    evaluation: Annotated[
+        dict[Word, Any],
+        m.Meaning("how finely candidates are computed"),
+        m.Form("the keys that the quantities below name"),
+        m.Without("their defaults"),
+    ] = Field(default_factory=dict)

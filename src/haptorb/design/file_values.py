@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from haptorb.design.file_schema import ParameterSection, PlaceSection
-from haptorb.design.parameter import Parameter, Place
+from haptorb.design.parameter import DesignParameter, ParameterPlace
 from haptorb.devices.schema.units import convert
 from haptorb.errors import InputError, quote
 
@@ -44,7 +44,7 @@ def read_number(value: str | float, unit: str | None = None) -> tuple[float, str
     return float(f"{found:.12g}"), unit
 
 
-def make_parameter(name: str, section: ParameterSection) -> Parameter:
+def make_parameter(name: str, section: ParameterSection) -> DesignParameter:
     """The parameter that [parameters.NAME] describes; InputError that names the key."""
     where = f"parameters.{name}"
     unit, low, high, step = "", 0.0, 0.0, 0.0
@@ -57,7 +57,7 @@ def make_parameter(name: str, section: ParameterSection) -> Parameter:
         if step < 0 or step > high - low or (section.step is not None and step == 0):
             raise InputError(f"{where}.step must be greater than 0 and at most high - low; got {section.step}")
     places = tuple(_make_place(place, unit, f"{where}.places") for place in section.places)
-    return Parameter(name, places, unit, low, high, step, _label(section.choices, where))
+    return DesignParameter(name, places, unit, low, high, step, _label(section.choices, where))
 
 
 def read_bound(value: str | float, unit: str, where: str, base: float | None) -> float:
@@ -92,14 +92,14 @@ def _read(value: str | float | None, unit: str | None, where: str) -> tuple[floa
         raise InputError(f"{where} {cause}") from cause
 
 
-def _make_place(place: str | PlaceSection, unit: str, where: str) -> Place:
+def _make_place(place: str | PlaceSection, unit: str, where: str) -> ParameterPlace:
     if isinstance(place, PlaceSection):
-        return Place(place.key, place.factor, _read(place.offset, unit, f"{where}.offset")[0])
+        return ParameterPlace(place.key, place.factor, _read(place.offset, unit, f"{where}.offset")[0])
     match = _PLACE.fullmatch(place)
     if match is None:
         raise InputError(f"{where} must be a key, '-key' or '0.5*key'; got {quote(place)}")
     factor = float(match[2] or 1.0)
-    return Place(match[3], -factor if match[1] else factor)
+    return ParameterPlace(match[3], -factor if match[1] else factor)
 
 
 def _label(choices: list[Any] | Mapping[str, Any] | None, where: str) -> tuple[tuple[str, Any], ...]:

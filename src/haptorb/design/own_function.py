@@ -1,4 +1,4 @@
-"""A user's own objective: `mine.py:cost`, a function of a Candidate that returns a number. Its code travels with it."""
+"""A user's own objective: `mine.py:cost`, a function of a candidate that returns a number. Its code travels along."""
 
 from __future__ import annotations
 

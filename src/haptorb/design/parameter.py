@@ -7,11 +7,11 @@ from typing import Any
 
 from haptorb.errors import InputError
 
-__all__ = ["Parameter", "Place"]
+__all__ = ["DesignParameter", "ParameterPlace"]
 
 
 @dataclass(frozen=True)
-class Place:
+class ParameterPlace:
     """A key of a device file, and how the parameter's value is written there: factor × value + offset.
 
     key  dotted; lists are counted from 1, as messages about device files do: "electromagnets.rings.2.latitude"
@@ -23,14 +23,14 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Parameter:
+class DesignParameter:
     """One free parameter: a range (`low` to `high`, in `unit`, perhaps in steps), or `choices` by label.
 
     A choice may be anything that the key takes: a number, a text, or a whole list of tables.
     """
 
     name: str
-    places: tuple[Place, ...]
+    places: tuple[ParameterPlace, ...]
     unit: str = ""
     low: float = 0.0
     high: float = 0.0

@@ -6,15 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from haptorb.design.candidate import Candidate
+from haptorb.design.candidate import DesignCandidate
 
-__all__ = ["Quantity", "Sense"]
+__all__ = ["DesignQuantity", "Sense"]
 
 Sense = Literal["minimise", "maximise"]
 
 
 @dataclass(frozen=True)
-class Quantity:
+class DesignQuantity:
     """A number of a candidate, in SI.
 
     name      as design files call it
@@ -22,7 +22,7 @@ class Quantity:
     sense     what an optimiser does with it unless the design file says otherwise
     text      one sentence: what it is, over what it is the worst or the mean
     kinds     names of the kinds of device that have it
-    compute   (Candidate) → number; InputError where this device has no such number
+    compute   (DesignCandidate) → number; InputError where this device has no such number
     """
 
     name: str
@@ -30,4 +30,4 @@ class Quantity:
     sense: Sense
     text: str
     kinds: tuple[str, ...]
-    compute: Callable[[Candidate], float]
+    compute: Callable[[DesignCandidate], float]

@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptorb.design.design import Bound, Design, Goal
+from haptorb.design.design import Bound, Design, DesignGoal
 from haptorb.design.evaluation import Evaluation, Value
-from haptorb.design.parameter import Parameter
-from haptorb.design.quantity import Quantity
+from haptorb.design.parameter import DesignParameter
+from haptorb.design.quantity import DesignQuantity
 from haptorb.design.search.optimise import optimise
 from haptorb.design.search.optimiser import Optimiser
 from haptorb.design.search.space import SearchSpace
@@ -21,21 +21,21 @@ from haptorb.design.search.violation import measure_violation
 from haptorb.errors import InputError, RecordingError
 
 
-def a_quantity(name: str) -> Quantity:
-    return Quantity(name, "", "minimise", "", (), lambda candidate: 0.0)
+def a_quantity(name: str) -> DesignQuantity:
+    return DesignQuantity(name, "", "minimise", "", (), lambda candidate: 0.0)
 
 
 PARAMETERS = (
-    Parameter("angle", (), "deg", -20.0, 60.0),
-    Parameter("radius", (), "mm", 1.0, 4.0, step=0.25),
-    Parameter("pattern", (), choices=(("even", 0), ("odd", 1), ("mixed", 2), ("none", 3))),
+    DesignParameter("angle", (), "deg", -20.0, 60.0),
+    DesignParameter("radius", (), "mm", 1.0, 4.0, step=0.25),
+    DesignParameter("pattern", (), choices=(("even", 0), ("odd", 1), ("mixed", 2), ("none", 3))),
 )
 MIXED = Design(
-    "mixed", "Mixed", "pmsm", PARAMETERS, (Goal(a_quantity("cost"), "minimise"),),
+    "mixed", "Mixed", "pmsm", PARAMETERS, (DesignGoal(a_quantity("cost"), "minimise"),),
     (Bound("room", a_quantity("room"), 0.5),),
     {}, "", "",
 )  # fmt: skip
-TWO = replace(MIXED, goals=(Goal(a_quantity("cost"), "minimise"), Goal(a_quantity("gain"), "maximise")))
+TWO = replace(MIXED, goals=(DesignGoal(a_quantity("cost"), "minimise"), DesignGoal(a_quantity("gain"), "maximise")))
 
 
 def judge(number: int, values: Mapping[str, Value]) -> Evaluation:

@@ -47,9 +47,9 @@ def test_what_is_stored_is_read_to_the_last_bit(design: Design, tmp_path: Path) 
         writer.add(rows[10:])  # some of them again
         assert read_results(where).evaluations == tuple(rows)  # while it is being written
     with open_results(where, design, "sobol", 1) as writer:
-        assert writer.known() == {row.number: row for row in rows}
+        assert writer.list_known() == {row.number: row for row in rows}
     with open_results(where, design, "sobol", 2, settings={"count": 3}) as writer:
-        assert writer.known() == {}
+        assert writer.list_known() == {}
         writer.add(rows[:3])
     found = read_results(where)
     assert [(run.method, run.seed, dict(run.settings), len(run.evaluations)) for run in found.runs] == [
@@ -84,7 +84,7 @@ def test_ten_thousand_designs_open_in_no_time(design: Design, tmp_path: Path) ->
         writer.add(rows)
     begin = time.process_time()
     with open_results(where, design, "sobol", 1) as writer:
-        assert len(writer.known()) == 10_000
+        assert len(writer.list_known()) == 10_000
     assert len(read_results(where).evaluations) == 10_000
     assert time.process_time() - begin < 5.0  # processor time: 0.4 s
 
@@ -101,7 +101,7 @@ def test_one_program_for_a_run(design: Design, tmp_path: Path) -> None:
             other.add(make_rows(0, 3))
         writer.add(make_rows(0, 3))
     with open_results(where, design, "sobol", 1) as writer:
-        assert len(writer.known()) == 3
+        assert len(writer.list_known()) == 3
 
 
 def test_another_design_version_or_wish(design: Design, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -167,11 +167,11 @@ def test_a_full_disk_loses_nothing(design: Design, tmp_path: Path) -> None:
             connection.exec_driver_sql(f"PRAGMA max_page_count = {pages + 2}")
         with pytest.raises(RecordingError, match=r"full.*10 designs of this run are stored"):
             writer.add(make_rows(10, 1000))
-        assert len(writer.known()) == 10
+        assert len(writer.list_known()) == 10
     assert read_results(where).evaluations == tuple(make_rows(0, 10))
     with open_results(where, design, "sobol", 1) as writer:
         writer.add(make_rows(10, 1000))
-        assert len(writer.known()) == 1000
+        assert len(writer.list_known()) == 1000
 
 
 KILLED = """
@@ -203,4 +203,4 @@ def test_a_program_that_is_killed_leaves_whole_batches_and_no_lock(tmp_path: Pat
     assert [one.number for one in found] == list(range(len(found)))
     assert len(found) % 7 == 0
     with open_results(where, make_design(tmp_path), "sobol", 1) as writer:
-        assert len(writer.known()) == len(found)
+        assert len(writer.list_known()) == len(found)

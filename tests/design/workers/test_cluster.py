@@ -6,7 +6,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from haptorb.design.evaluation import Evaluation
 from haptorb.design.search.optimise import optimise
 from haptorb.design.search.optimiser import Optimiser
 from haptorb.design.workers.cluster import open_cluster_workers
-from haptorb.design.workers.workers import LocalWorker
+from haptorb.design.workers.workers import Job, LocalWorker
 from haptorb.errors import InputError
 
 distributed = pytest.importorskip("distributed")
@@ -119,11 +119,23 @@ def test_workers_of_another_version_are_refused_with_both(
         list(workers.evaluate([(0, {"radius": 30.0, "angle": 60.0})]))
 
 
+def compute_until(
+    design: Design, address: str, jobs: list[Job], found: list[Evaluation], end: Callable[[], None]
+) -> None:
+    """Compute into `found`; after the tenth, call `end`."""
+    with open_cluster_workers(design, address) as workers:
+        for evaluation in workers.evaluate(jobs):
+            found.append(evaluation)
+            if len(found) == 10:
+                end()
+
+
 def test_a_scheduler_that_goes_away_leaves_what_was_computed(design: Design) -> None:
     program = (
         "import distributed, sys\n"
         "if __name__ == '__main__':\n"
-        "    with distributed.LocalCluster(n_workers=1, processes=False, protocol='tcp://', dashboard_address=':0') as made:\n"
+        "    options = {'protocol': 'tcp://', 'dashboard_address': ':0'}\n"
+        "    with distributed.LocalCluster(n_workers=1, processes=False, **options) as made:\n"
         "        print(made.scheduler_address, flush=True)\n"
         "        sys.stdin.read()\n"
     )
@@ -133,15 +145,9 @@ def test_a_scheduler_that_goes_away_leaves_what_was_computed(design: Design) -> 
     ) as scheduler:  # fmt: skip
         assert scheduler.stdout is not None
         address = scheduler.stdout.readline().strip()
-        jobs = [(number, {"radius": 30.0 + 0.001 * number, "angle": 60.0}) for number in range(200)]
-        found = []
-        with (
-            pytest.raises(InputError, match="the same command goes on") as told,
-            open_cluster_workers(design, address) as workers,
-        ):
-            for evaluation in workers.evaluate(jobs):
-                found.append(evaluation)
-                if len(found) == 10:
-                    scheduler.kill()
+        jobs: list[Job] = [(number, {"radius": 30.0 + 0.001 * number, "angle": 60.0}) for number in range(200)]
+        found: list[Evaluation] = []
+        with pytest.raises(InputError, match="the same command goes on") as told:
+            compute_until(design, address, jobs, found, scheduler.kill)
     assert "\n" not in str(told.value)
     assert values_of(found).items() <= values_of([evaluate(design, *job) for job in jobs]).items()

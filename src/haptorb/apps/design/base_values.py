@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from haptorb.design.candidate import Candidate
+from haptorb.design.candidate import DesignCandidate
 from haptorb.design.design import Design
 from haptorb.design.device_keys import split_key
 from haptorb.design.evaluate import compute_quantity, find_base
 from haptorb.design.file_values import read_number
-from haptorb.design.parameter import Parameter
+from haptorb.design.parameter import DesignParameter
 
 __all__ = ["compute_base", "find_base_value"]
 
@@ -19,13 +19,13 @@ __all__ = ["compute_base", "find_base_value"]
 def compute_base(design: Design) -> tuple[dict[str, float], dict[str, float]]:
     """Objectives and constraints of the base device, by name [SI]; NaN where it has no such number."""
     base = find_base(design)
-    candidate = Candidate(base, base, design.options)
+    candidate = DesignCandidate(base, base, design.options)
     goals = {goal.name: compute_quantity(goal.quantity, candidate)[0] for goal in design.goals}
     bounds = {bound.name: compute_quantity(bound.quantity, candidate)[0] for bound in design.bounds}
     return goals, bounds
 
 
-def find_base_value(design: Design, parameter: Parameter) -> float:
+def find_base_value(design: Design, parameter: DesignParameter) -> float:
     """The value of `parameter`, in its unit, that makes the base device; the place of a choice; NaN where none does."""
     place = parameter.places[0]
     try:

@@ -22,7 +22,7 @@ def keep_candidates(writer: ResultsWriter, found: Iterable[Evaluation], design: 
 
     Whatever ends it early, ^C too, what was computed until then is stored.
     """
-    known = [one for number, one in writer.known().items() if number < total]
+    known = [one for number, one in writer.list_known().items() if number < total]
     tally = Tally(design, known)
     waiting: list[Evaluation] = []
     last = time.monotonic()

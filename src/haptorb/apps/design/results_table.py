@@ -15,7 +15,7 @@ from haptorb.design.analysis.best import Pick, choose_best
 from haptorb.design.analysis.front import find_front
 from haptorb.design.design import Design
 from haptorb.design.evaluation import Evaluation
-from haptorb.design.parameter import Parameter
+from haptorb.design.parameter import DesignParameter
 from haptorb.design.store import Results, Run
 from haptorb.display.quantity_text import scale_unit
 from haptorb.numerics.arrays import Array
@@ -133,7 +133,7 @@ class ResultsTable:
         }
 
 
-def _make_parameter(design: Design, parameter: Parameter, valid: list[Evaluation]) -> ResultsColumn:
+def _make_parameter(design: Design, parameter: DesignParameter, valid: list[Evaluation]) -> ResultsColumn:
     found = [one.values[parameter.name] for one in valid]
     labels = parameter.labels
     values = np.array([labels.index(str(one)) if labels else float(one) for one in found], dtype=float)

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import final
 
-from haptorb.design.design import Design, Goal
+from haptorb.design.design import Design, DesignGoal
 from haptorb.design.evaluation import Evaluation, Value
 from haptorb.display.quantity_text import format_number, format_quantity
 
@@ -50,7 +50,7 @@ class Tally:
     @property
     def short(self) -> str:
         """For a bar: the best so far, and the share of refused candidates."""
-        parts = [f"{goal.name} {self._format_best(goal)}" for goal in self.design.goals[:_MOST] if self.best]
+        parts = [f"best {goal.name} {self._format_best(goal)}" for goal in self.design.goals[:_MOST] if self.best]
         if self.count:
             parts.append(f"{100 * self.refused.total() / self.count:.0f} % refused")
         return ", ".join(parts)
@@ -85,7 +85,7 @@ class Tally:
             if (one := self.best.get(goal.name)) is not None
         ]
 
-    def _format_best(self, goal: Goal) -> str:
+    def _format_best(self, goal: DesignGoal) -> str:
         return format_quantity(self.best[goal.name].objectives[goal.name], goal.quantity.unit)
 
     def _format_values(self, one: Evaluation) -> str:

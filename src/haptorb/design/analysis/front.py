@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptorb.numerics.arrays import Array
 
 __all__ = ["find_front"]
 
 
-def find_front(costs: Array) -> Array:
+def find_front(costs: Array) -> NDArray[np.int_]:
     """Rows (k,), ascending, of `costs` (n, m) that are on the front; every cost is to be made small [any unit].
 
     A row is on the front if no other row is at most as large in every column and smaller in one. Equal rows are both.
@@ -17,7 +18,7 @@ def find_front(costs: Array) -> Array:
     >>> find_front(np.array([[1.0, 3.0], [2.0, 2.0], [2.0, 3.0], [3.0, 1.0]])).tolist()
     [0, 1, 3]
     """
-    rows = np.arange(len(costs))
+    rows: NDArray[np.int_] = np.arange(len(costs))
     if not len(rows):
         return rows
     # What comes early in the order of the sum of ranks beats many others: they leave at once.
@@ -29,5 +30,4 @@ def find_front(costs: Array) -> Array:
         stays = (left < one).any(axis=1) | (left == one).all(axis=1)
         rows, left = rows[stays], left[stays]
         place = int(stays[:place].sum()) + 1
-    found: Array = np.sort(rows)
-    return found
+    return np.sort(rows)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from haptorb.numerics.arrays import Array
@@ -70,7 +71,7 @@ def estimate_sensitivity(parameter: Array, objective: Array, *, ordered: bool = 
     return Sensitivity(max(share, 0.0), _interval(share, shares, 0.0), direction, spread)
 
 
-def _cut(values: Array) -> Array:
+def _cut(values: Array) -> NDArray[np.int_]:
     """Number of the part that each of `values` falls into: equally many designs in each, equal values together."""
     count = min(round(1.5 * len(values) ** 0.5), _PARTS)
     if len(np.unique(values)) <= count:
@@ -79,7 +80,7 @@ def _cut(values: Array) -> Array:
     return np.searchsorted(edges, values, side="right")
 
 
-def _explain(parts: Array, ranks: Array) -> float:
+def _explain(parts: NDArray[np.int_], ranks: Array) -> float:
     """ε²: 1 less the mean square within parts over the mean square of all."""
     count = np.bincount(parts)
     total = np.bincount(parts, ranks)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from haptorb.design.objectives import motor_torque, parts, sensing, tool_force, warmth
-from haptorb.design.quantity import Quantity
+from haptorb.design.quantity import DesignQuantity
 from haptorb.errors import UnknownName
 
 __all__ = ["quantity", "quantity_names"]
@@ -20,7 +20,7 @@ _KNOWN = {
 }
 
 
-def quantity(name: str) -> Quantity:
+def quantity(name: str) -> DesignQuantity:
     """The quantity of that name; UnknownName with the nearest ones for another.
 
     >>> quantity("core_pull").unit

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from haptorb.design.candidate import Candidate
+from haptorb.design.candidate import DesignCandidate
 from haptorb.design.objectives.orientations import find_worst, spread_angles
 from haptorb.design.objectives.registry import describe, option
 from haptorb.devices.device import require
@@ -33,12 +33,12 @@ _ORIENTATIONS = 400
 _MOTOR = "spherical-motor"
 
 
-def motor_of(candidate: Candidate) -> SphericalMotor:
+def motor_of(candidate: DesignCandidate) -> SphericalMotor:
     """The candidate's device; InputError if it is no spherical motor."""
     return require(candidate.device, SphericalMotor, "this quantity")
 
 
-def torque_per_ampere(candidate: Candidate) -> Callable[[Array], Array]:
+def torque_per_ampere(candidate: DesignCandidate) -> Callable[[Array], Array]:
     """(n, 3, 3) orientations → (n, 3, m) [N·m/A] torque on the rotor per ampere in every channel."""
     motor = motor_of(candidate)
     table = _pair_table(
@@ -72,7 +72,7 @@ def _pair_table(
         return load_torque_table(magnet, magnet_distance, coil, coil_distance)
 
 
-def find_heaviest(candidate: Candidate) -> tuple[float, Array]:
+def find_heaviest(candidate: DesignCandidate) -> tuple[float, Array]:
     """Greatest heat for a torque [W/(N·m)²] at the reference temperature, and the squares (m,) of the currents
     [A²/(N·m)²] that make it: in the worst direction and orientation, by Bai 2012 eq. (4)."""
 
@@ -82,7 +82,7 @@ def find_heaviest(candidate: Candidate) -> tuple[float, Array]:
 
         def ease(R: Array) -> Array:
             K = torque(R) / root
-            least: Array = np.linalg.eigvalsh(K @ K.transpose(0, 2, 1))[:, 0]
+            least: Array = np.linalg.eigvalsh(K @ K.transpose(0, 2, 1))[:, 0].astype(np.float64)
             return least
 
         least, angles = find_worst(ease, motor.workspace_tilt, _count(candidate))
@@ -94,26 +94,26 @@ def find_heaviest(candidate: Candidate) -> tuple[float, Array]:
     return candidate.share("motor: worst heat", compute)
 
 
-def _heat(candidate: Candidate) -> float:
+def _heat(candidate: DesignCandidate) -> float:
     return find_heaviest(candidate)[0]
 
 
-def _peak(candidate: Candidate) -> float:
+def _peak(candidate: DesignCandidate) -> float:
     return _ball(candidate, motor_of(candidate).driven_current)
 
 
-def _continuous(candidate: Candidate) -> float:
+def _continuous(candidate: DesignCandidate) -> float:
     motor = motor_of(candidate)
     return _ball(candidate, np.minimum(motor.sustained_current_together, motor.driven_current))
 
 
-def _ball(candidate: Candidate, limit: Array) -> float:
+def _ball(candidate: DesignCandidate, limit: Array) -> float:
     torque = torque_per_ampere(candidate)
     first, second = np.triu_indices(len(limit), 1)
 
     def radius(R: Array) -> Array:
         K = torque(R) * limit
-        normals = np.cross(K[:, :, first], K[:, :, second], axis=1)
+        normals: Array = np.cross(K[:, :, first], K[:, :, second], axis=1)
         reach = np.abs(normals.transpose(0, 2, 1) @ K).sum(axis=2)
         size = np.linalg.norm(normals, axis=1)
         ratio = np.divide(reach, size, out=np.full_like(reach, np.inf), where=size > 1e-12 * size.max())
@@ -123,7 +123,7 @@ def _ball(candidate: Candidate, limit: Array) -> float:
     return find_worst(radius, motor_of(candidate).workspace_tilt, _count(candidate))[0]
 
 
-def _isotropy(candidate: Candidate) -> float:
+def _isotropy(candidate: DesignCandidate) -> float:
     torque = torque_per_ampere(candidate)
 
     def ratio(R: Array) -> Array:
@@ -134,14 +134,14 @@ def _isotropy(candidate: Candidate) -> float:
     return find_worst(ratio, motor_of(candidate).workspace_tilt, _count(candidate))[0]
 
 
-def _cogging(candidate: Candidate) -> float:
+def _cogging(candidate: DesignCandidate) -> float:
     motor = motor_of(candidate)
     tilts = np.arccos(np.cos(np.linspace(0, motor.workspace_tilt, 24)) ** 2)  # tilts of ψ and λ add up
     turns = rotation_from_euler(tilts, np.zeros_like(tilts), np.zeros_like(tilts))
     return max(float(np.linalg.norm(motor.passive(R)[3:])) for R in turns)
 
 
-def _model_error(candidate: Candidate) -> float:
+def _model_error(candidate: DesignCandidate) -> float:
     motor, torque = motor_of(candidate), torque_per_ampere(candidate)
     angles = spread_angles(motor.workspace_tilt, _count(candidate))
     R = np.ascontiguousarray(rotation_from_euler(angles[:, 0], angles[:, 1], angles[:, 2]))
@@ -150,7 +150,7 @@ def _model_error(candidate: Candidate) -> float:
     return float(np.linalg.norm(other - exact, axis=1).max() / np.linalg.norm(exact, axis=1).max())
 
 
-def _count(candidate: Candidate) -> int:
+def _count(candidate: DesignCandidate) -> int:
     return int(option(candidate, "orientations", _ORIENTATIONS))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptorb.design.candidate import Candidate
+from haptorb.design.candidate import DesignCandidate
 from haptorb.design.objectives.motor_torque import motor_of
 from haptorb.design.objectives.registry import describe, option
 from haptorb.design.objectives.tool_force import electromagnet_of
@@ -26,7 +26,7 @@ _COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
 _PRICES = {"magnet_price": 120.0, "copper_price": 30.0, "channel_price": 40.0, "sensor_price": 3.0}
 
 
-def windings_of(candidate: Candidate) -> Windings:
+def windings_of(candidate: DesignCandidate) -> Windings:
     """The windings of a spherical electromagnet; InputError where its file does not give their sizes."""
     device = electromagnet_of(candidate)
     if device.windings is None:
@@ -44,7 +44,7 @@ def _magnet_volume(device: Device) -> float:
     raise InputError(f"device '{device.name}' has no magnets that can be counted")
 
 
-def _moving_mass(candidate: Candidate) -> float:
+def _moving_mass(candidate: DesignCandidate) -> float:
     """What the file says; magnets that differ from the base's while the mass does not are counted by their volume."""
     device, base = candidate.device, candidate.base
     stated, before = (
@@ -57,7 +57,7 @@ def _moving_mass(candidate: Candidate) -> float:
     return stated + _MAGNET_DENSITY * (_magnet_volume(device) - _magnet_volume(base))
 
 
-def _motor_copper(candidate: Candidate) -> float:
+def _motor_copper(candidate: DesignCandidate) -> float:
     motor = motor_of(candidate)
     coil, coils = motor.electromagnet, motor.coils
     warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
@@ -67,7 +67,7 @@ def _motor_copper(candidate: Candidate) -> float:
     return float(COPPER_DENSITY * fill * volume * len(motor.electromagnets))
 
 
-def _winding_copper(candidate: Candidate) -> float:
+def _winding_copper(candidate: DesignCandidate) -> float:
     device, windings = electromagnet_of(candidate), windings_of(candidate)
     coils = device.coils
     warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
@@ -76,7 +76,7 @@ def _winding_copper(candidate: Candidate) -> float:
     return float(COPPER_DENSITY * (fill * volume).sum())
 
 
-def _cost(candidate: Candidate) -> float:
+def _cost(candidate: DesignCandidate) -> float:
     device = candidate.device
     price = {key: option(candidate, key, default) for key, default in _PRICES.items()}
     copper = _motor_copper(candidate) if isinstance(device, SphericalMotor) else _winding_copper(candidate)
@@ -93,7 +93,7 @@ def _corner(distance: float, length: float, radius: float) -> float:
     return float(np.hypot(distance + 0.5 * length, radius))
 
 
-def _motor_envelope(candidate: Candidate) -> float:
+def _motor_envelope(candidate: DesignCandidate) -> float:
     motor = motor_of(candidate)
     coil, magnet = motor.electromagnet, motor.magnet
     return max(
@@ -102,11 +102,11 @@ def _motor_envelope(candidate: Candidate) -> float:
     )
 
 
-def _electromagnet_envelope(candidate: Candidate) -> float:
+def _electromagnet_envelope(candidate: DesignCandidate) -> float:
     return electromagnet_of(candidate).dome_radius
 
 
-def _gap(candidate: Candidate) -> float:
+def _gap(candidate: DesignCandidate) -> float:
     """Between the outermost of the inner parts and the innermost of the outer ones."""
     motor = motor_of(candidate)
     coil, magnet = motor.electromagnet, motor.magnet
@@ -118,13 +118,13 @@ def _gap(candidate: Candidate) -> float:
     return outer[0] - 0.5 * outer[1] - _corner(*inner)
 
 
-def _air(candidate: Candidate) -> float:
+def _air(candidate: DesignCandidate) -> float:
     device, windings = electromagnet_of(candidate), windings_of(candidate)
     corners = np.hypot(windings.outer_radius, windings.length / 2)
     return float(min(device.dome_radius - corners.max(), windings.inner_radius.min() - device.core_radius))
 
 
-def _spacing(candidate: Candidate) -> float:
+def _spacing(candidate: DesignCandidate) -> float:
     motor = motor_of(candidate)
     return min(
         _neighbours(motor.electromagnets, motor.electromagnet.outer_radius, motor.electromagnet.length),
@@ -137,11 +137,11 @@ def _neighbours(layout: Layout, radius: float, length: float) -> float:
     cosine: Array = layout.directions @ layout.directions.T - 2 * np.eye(len(layout))
     inner = layout.distance - 0.5 * length
     half = 0.5 * float(np.arccos(np.clip(cosine.max(), -1.0, 1.0)))
-    # rims meet on the plane that halves the angle: inner·sin(half) is how far the axis is from it, radius·cos(half) the rim
-    return 2.0 * (inner * np.sin(half) - radius * np.cos(half))
+    # two rims meet on the plane that halves the angle; inner·sin(half) is how far the axis is from it
+    return 2.0 * float(inner * np.sin(half) - radius * np.cos(half))
 
 
-def _nesting(candidate: Candidate) -> float:
+def _nesting(candidate: DesignCandidate) -> float:
     """How far each winding stays inside the next: as far as its corner, where the two cross, leaves room; negative
     where a wire of the outer one must go over the edge of the inner one."""
     windings = windings_of(candidate)

@@ -8,19 +8,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptorb.design.candidate import Candidate
+from haptorb.design.candidate import DesignCandidate
 from haptorb.design.objectives.motor_torque import motor_of
 from haptorb.design.objectives.orientations import spread_angles
 from haptorb.design.objectives.registry import describe, option
 from haptorb.design.objectives.tool_force import electromagnet_of
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.electromagnet.shell_points import cap_directions
+from haptorb.devices.state import rotation_to_axis
 from haptorb.devices.tables import table_kernels
 from haptorb.devices.tables.table_cache import load_field_table
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.directions import cap_directions
 from haptorb.numerics.rotations import rotation_from_euler
+from haptorb.physics.sources.ring import RingMagnet
 from haptorb.sensing.tool.position_accuracy import position_accuracy
+from haptorb.sensing.tool.tool_field import coil_field
 
 __all__ = ["QUANTITIES", "pen_distance", "shell_places"]
 
@@ -28,8 +31,8 @@ _MOTOR, _ELECTROMAGNET = "spherical-motor", "spherical-electromagnet"
 _LAYERS, _DIRECTIONS = 4, 16
 _ORIENTATIONS = 100
 _PEN = 7e-3  #: radius of the pen around the tool's magnet [m]
-_LEAN = np.radians(20.0)  #: of the pen against the radius, at most
-_CHIP = 4e-3  #: from a sensor's centre to the farthest edge of its chip and board [m]
+_LEAN = np.radians(15.0)  #: of the pen against the radius, at most
+_CHIP = 3e-3  #: from a sensor's centre to the farthest edge of its chip, with air [m]
 
 
 def shell_places(device: SphericalElectromagnet) -> Array:
@@ -41,7 +44,7 @@ def shell_places(device: SphericalElectromagnet) -> Array:
     return places
 
 
-def _position(candidate: Candidate) -> float:
+def _position(candidate: DesignCandidate) -> float:
     device = electromagnet_of(candidate)
     if device.sensors < 2:
         raise InputError("a tool's place needs at least two field sensors")
@@ -49,7 +52,7 @@ def _position(candidate: Candidate) -> float:
     return float(np.sqrt((deviations**2).sum(axis=1).mean()))
 
 
-def _orientation(candidate: Candidate) -> float:
+def _orientation(candidate: DesignCandidate) -> float:
     motor = motor_of(candidate)
     table = load_field_table(motor.magnet, motor.magnets.distance, motor.sensor_layout.distance, precision=1e-5)
     angles = spread_angles(motor.workspace_tilt, int(option(candidate, "orientations", _ORIENTATIONS)))
@@ -88,7 +91,7 @@ def pen_distance(device: SphericalElectromagnet, points: Array, lean: float) -> 
     return out
 
 
-def _room(candidate: Candidate) -> float:
+def _room(candidate: DesignCandidate) -> float:
     device = electromagnet_of(candidate)
     at = device.hall.positions
     chip = option(candidate, "chip", _CHIP)
@@ -96,6 +99,22 @@ def _room(candidate: Candidate) -> float:
     pen = pen_distance(device, at, option(candidate, "lean", _LEAN)) - option(candidate, "pen", _PEN)
     apart = np.linalg.norm(at[:, None] - at[None], axis=2) + np.diag(np.full(len(at), np.inf))
     return float(min(dome.min() - chip, pen.min() - chip, apart.min() - 2 * chip))
+
+
+def _field(candidate: DesignCandidate) -> float:
+    device = electromagnet_of(candidate)
+    tool, angle = device.tool, device.workspace_half_angle
+    magnet = RingMagnet(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence)
+    azimuth = np.arctan2(device.hall.positions[:, 1], device.hall.positions[:, 0])
+    edge = np.column_stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth),
+                            np.full(len(azimuth), np.cos(angle))])  # fmt: skip
+    greatest = np.zeros(device.sensors)
+    for axis in np.vstack([edge, cap_directions(angle, _DIRECTIONS)]):
+        R = rotation_to_axis(axis)
+        own = (device.hall.positions - device.contact_distance * axis) @ R
+        greatest = np.maximum(greatest, np.abs(magnet.field(own) @ R.T).max(axis=1))
+    coils = np.abs(coil_field(device)).max(axis=1) @ device.driven_current
+    return float((greatest + coils).max())
 
 
 QUANTITIES = (
@@ -109,4 +128,7 @@ QUANTITIES = (
              "Least air around the field sensors (half a chip: chip of [evaluation]): to the dome, to each other, and "
              "to a pen (radius: pen) that leans against the radius by up to lean [rad] anywhere in the workspace.",
              {_ELECTROMAGNET: _room}),
+    describe("sensor_field", "T", "minimise",
+             "Bound of what one axis of a field sensor reads: a radial tool in contact anywhere, and all coils at full "
+             "current.", {_ELECTROMAGNET: _field}),
 )  # fmt: skip

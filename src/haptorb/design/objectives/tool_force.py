@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptorb.design.candidate import Candidate
+from haptorb.design.candidate import DesignCandidate
 from haptorb.design.objectives.registry import describe, option
 from haptorb.devices.device import require
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.electromagnet.shell_points import cap_directions
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.directions import cap_directions
 
 __all__ = ["QUANTITIES", "electromagnet_of", "find_heaviest"]
 
@@ -22,12 +22,12 @@ _PLACES = 40
 _ELECTROMAGNET = "spherical-electromagnet"
 
 
-def electromagnet_of(candidate: Candidate) -> SphericalElectromagnet:
+def electromagnet_of(candidate: DesignCandidate) -> SphericalElectromagnet:
     """The candidate's device; InputError if it is no spherical electromagnet."""
     return require(candidate.device, SphericalElectromagnet, "this quantity")
 
 
-def _maps(candidate: Candidate) -> tuple[Array, Array, Array]:
+def _maps(candidate: DesignCandidate) -> tuple[Array, Array, Array]:
     """(n, 3, 3) force per ampere [N/A], (n, 3) force without current [N], (n, 3, 3) by the published model."""
 
     def compute() -> tuple[Array, Array, Array]:
@@ -44,7 +44,7 @@ def _maps(candidate: Candidate) -> tuple[Array, Array, Array]:
     return candidate.share("electromagnet: maps", compute)
 
 
-def find_heaviest(candidate: Candidate) -> tuple[float, Array]:
+def find_heaviest(candidate: DesignCandidate) -> tuple[float, Array]:
     """Greatest heat for a force [W/N²] at the reference temperature, and the squares (m,) of the currents [A²/N²] that
     make it: in the worst direction and place."""
     resistance = electromagnet_of(candidate).coils.resistance
@@ -55,11 +55,11 @@ def find_heaviest(candidate: Candidate) -> tuple[float, Array]:
     return float(values[worst, 2]), currents**2
 
 
-def _heat(candidate: Candidate) -> float:
+def _heat(candidate: DesignCandidate) -> float:
     return find_heaviest(candidate)[0]
 
 
-def _ball(candidate: Candidate, limit: Array) -> float:
+def _ball(candidate: DesignCandidate, limit: Array) -> float:
     device = electromagnet_of(candidate)
     per_newton = np.linalg.inv(_maps(candidate)[0])
     within = (limit / np.linalg.norm(per_newton, axis=2)).min()
@@ -68,25 +68,25 @@ def _ball(candidate: Candidate, limit: Array) -> float:
     return float(min(within, supplied))
 
 
-def _peak(candidate: Candidate) -> float:
+def _peak(candidate: DesignCandidate) -> float:
     return _ball(candidate, electromagnet_of(candidate).driven_current)
 
 
-def _continuous(candidate: Candidate) -> float:
+def _continuous(candidate: DesignCandidate) -> float:
     device = electromagnet_of(candidate)
     return _ball(candidate, np.minimum(device.sustained_current_together, device.driven_current))
 
 
-def _isotropy(candidate: Candidate) -> float:
+def _isotropy(candidate: DesignCandidate) -> float:
     values = np.linalg.svd(_maps(candidate)[0], compute_uv=False)
     return float((values[:, 2] / values[:, 0]).min())
 
 
-def _pull(candidate: Candidate) -> float:
+def _pull(candidate: DesignCandidate) -> float:
     return float(np.linalg.norm(_maps(candidate)[1], axis=1).max())
 
 
-def _model_error(candidate: Candidate) -> float:
+def _model_error(candidate: DesignCandidate) -> float:
     exact, _, published = _maps(candidate)
     return float(np.linalg.norm(exact @ np.linalg.inv(published) - np.eye(3), 2, axis=(1, 2)).max())
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptorb.design.candidate import Candidate
+from haptorb.design.candidate import DesignCandidate
 from haptorb.design.objectives import motor_torque, tool_force
 from haptorb.design.objectives.motor_torque import motor_of
 from haptorb.design.objectives.parts import windings_of
@@ -24,7 +24,7 @@ _MOTOR, _ELECTROMAGNET = "spherical-motor", "spherical-electromagnet"
 _LOADS = {_MOTOR: 0.1, _ELECTROMAGNET: 0.05}  #: N·m and N
 
 
-def _channel_powers(candidate: Candidate) -> Array:
+def _channel_powers(candidate: DesignCandidate) -> Array:
     """(m,) heat [W] of the channels that hold the load."""
     device = candidate.device
     module = tool_force if isinstance(device, SphericalElectromagnet) else motor_torque
@@ -34,13 +34,13 @@ def _channel_powers(candidate: Candidate) -> Array:
     return powers
 
 
-def _temperature(candidate: Candidate) -> float:
+def _temperature(candidate: DesignCandidate) -> float:
     device = candidate.device
     rise = device.coils.heat.network(device.channels).rise_per_watt @ _channel_powers(candidate)
     return float(device.coils.heat.ambient + rise.max())
 
 
-def _power(candidate: Candidate) -> float:
+def _power(candidate: DesignCandidate) -> float:
     return float(_channel_powers(candidate).sum())
 
 
@@ -51,13 +51,13 @@ def _hoop(coil: Coil, current: float, extra: float = 0.0) -> float:
     return abs(density * (abs(own) + extra) * coil.inner_radius)
 
 
-def _motor_stress(candidate: Candidate) -> float:
+def _motor_stress(candidate: DesignCandidate) -> float:
     motor = motor_of(candidate)
     # a magnet that stands before the coil adds its own field; half its polarization is more than it has outside
     return _hoop(motor.electromagnet, float(motor.driven_current.max()), 0.5 * motor.magnet.polarization)
 
 
-def _winding_stress(candidate: Candidate) -> float:
+def _winding_stress(candidate: DesignCandidate) -> float:
     device, windings = electromagnet_of(candidate), windings_of(candidate)
     fields = 2e-7 * windings.parts(device.core)[:, 1] / windings.inner_radius**3  # of the core, on the coil's axis
     both = zip(windings.coils, device.driven_current.tolist(), fields.tolist(), strict=True)

@@ -16,7 +16,7 @@ Evaluate = Callable[[Iterable[tuple[int, Mapping[str, Value]]]], Iterable[Evalua
 def sweep(
     values: Sequence[Mapping[str, Value]], evaluate: Evaluate, known: Mapping[int, Evaluation]
 ) -> Iterator[Evaluation]:
-    """Candidate n has `values[n]`: each of them, those in `known` excepted, as soon as it is computed.
+    """DesignCandidate n has `values[n]`: each of them, those in `known` excepted, as soon as it is computed.
 
     evaluate  computes (number, values), in any order: `Workers.evaluate`
     known     number → what an earlier run of the same sample stored

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from haptorb.design.design import Design
 from haptorb.design.evaluation import Value
-from haptorb.design.parameter import Parameter
+from haptorb.design.parameter import DesignParameter
 
 __all__ = ["count_levels", "make_values", "pick_level", "round_value"]
 
@@ -18,10 +18,10 @@ def make_values(design: Design, point: Sequence[float]) -> dict[str, Value]:
     return {one.name: _find_value(one, float(share)) for one, share in zip(design.parameters, point, strict=True)}
 
 
-def count_levels(parameter: Parameter) -> int:
+def count_levels(parameter: DesignParameter) -> int:
     """How many values the parameter can have; 0 for a continuous range.
 
-    >>> count_levels(Parameter("turns", (), low=10.0, high=20.0, step=5.0))
+    >>> count_levels(DesignParameter("turns", (), low=10.0, high=20.0, step=5.0))
     3
     """
     if parameter.choices:
@@ -31,7 +31,7 @@ def count_levels(parameter: Parameter) -> int:
     return 1 + int((parameter.high - parameter.low) / parameter.step + 1e-9)
 
 
-def pick_level(parameter: Parameter, level: int, levels: int) -> Value:
+def pick_level(parameter: DesignParameter, level: int, levels: int) -> Value:
     """Value number `level` of so many: of its own, or evenly from `low` to `high` of a continuous range."""
     if parameter.choices:
         return parameter.labels[level]
@@ -46,7 +46,7 @@ def round_value(number: float) -> float:
     return float(f"{number:.{_DIGITS}g}")
 
 
-def _find_value(parameter: Parameter, share: float) -> Value:
+def _find_value(parameter: DesignParameter, share: float) -> Value:
     levels = count_levels(parameter)
     if levels:
         return pick_level(parameter, min(int(share * levels), levels - 1), levels)

@@ -76,18 +76,18 @@ class Snap(Repair):  # type: ignore[misc]
 class NewOnly(DuplicateElimination):  # type: ignore[misc]
     """Lets no candidate through that the run had before.
 
-    known  bytes of the points of the run so far; who asks for candidates adds to it
+    old  bytes of the points of the run so far; who asks for candidates adds to it
     """
 
     def __init__(self) -> None:
         super().__init__()
-        self.known: set[bytes] = set()
+        self.old: set[bytes] = set()
 
     def _do(self, pop: Any, other: Any, is_duplicate: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        seen = set() if other is None else {point.tobytes() for point in other.get("X")}
+        there = set() if other is None else {point.tobytes() for point in other.get("X")}
         for index, point in enumerate(pop.get("X")):
             key = point.tobytes()
-            is_duplicate[index] = key in seen or key in self.known
+            is_duplicate[index] = key in there or key in self.old
             if other is None:
-                seen.add(key)
+                there.add(key)
         return is_duplicate

@@ -38,8 +38,8 @@ class Optimiser:
         self.space = SearchSpace(design.parameters)
         self._design = design
         self._population = population
-        self._told = 0
-        self._asked: Any = None
+        self._start = 0
+        self._generation: Any = None
         self._make_algorithm(seed)
 
     def ask(self) -> list[tuple[int, dict[str, Value]]]:
@@ -47,31 +47,31 @@ class Optimiser:
 
         Asked again before `tell`, it gives the same.
         """
-        if self._asked is None:
-            self._asked = self._algorithm.ask()
-            if self._asked is not None:
-                self._new.known.update(point.tobytes() for point in self._asked.get("X"))
-        if self._asked is None:
+        if self._generation is None:
+            self._generation = self._algorithm.ask()
+            if self._generation is not None:
+                self._new.old.update(point.tobytes() for point in self._generation.get("X"))
+        if self._generation is None:
             return []
-        return [(self._told + n, self.space.values(point)) for n, point in enumerate(self._asked.get("X"))]
+        return [(self._start + n, self.space.values(point)) for n, point in enumerate(self._generation.get("X"))]
 
     def tell(self, evaluations: Sequence[Evaluation]) -> None:
         """What the candidates of the last `ask` came to, in any order; InputError unless it is all of them."""
-        count = 0 if self._asked is None else len(self._asked)
+        count = 0 if self._generation is None else len(self._generation)
         ordered = sorted(evaluations, key=lambda evaluation: evaluation.number)
-        if not count or [evaluation.number for evaluation in ordered] != list(range(self._told, self._told + count)):
+        if not count or [evaluation.number for evaluation in ordered] != list(range(self._start, self._start + count)):
             raise InputError(
-                f"the optimiser asked for candidates {self._told} to {self._told + count - 1}: tell it all"
+                f"the optimiser asked for {count} candidates, from number {self._start} on: tell it of all of them"
             )
         goals = [(goal.name, -1.0 if goal.sense == "maximise" else 1.0) for goal in self._design.goals]
         costs = [[sign * one.objectives[name] if one.valid else 0.0 for name, sign in goals] for one in ordered]
-        self._asked.set("F", np.array(costs))
-        self._asked.set("G", np.array([[measure_violation(one, self._design.bounds)] for one in ordered]))
-        for individual in self._asked:
+        self._generation.set("F", np.array(costs))
+        self._generation.set("G", np.array([[measure_violation(one, self._design.bounds)] for one in ordered]))
+        for individual in self._generation:
             individual.evaluated.update({"F", "G"})
-        self._algorithm.tell(infills=self._asked)
-        self._told += count
-        self._asked = None
+        self._algorithm.tell(infills=self._generation)
+        self._start += count
+        self._generation = None
 
     def _make_algorithm(self, seed: int) -> None:
         from pymoo.algorithms.moo.nsga2 import NSGA2  # a second and a half, which only an optimiser needs

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.design.evaluation import Value
-from haptorb.design.parameter import Parameter
+from haptorb.design.parameter import DesignParameter
 from haptorb.design.sampling.values import count_levels, pick_level, round_value
 from haptorb.errors import InputError
 
@@ -29,7 +29,7 @@ class SearchSpace:
     free        of each parameter, (p,) bool: a choice, whose levels have no order
     """
 
-    def __init__(self, parameters: Sequence[Parameter]) -> None:
+    def __init__(self, parameters: Sequence[DesignParameter]) -> None:
         if not parameters:
             raise InputError("the design has no free parameter: add a table [parameters.NAME]")
         self.parameters = tuple(parameters)
@@ -44,7 +44,10 @@ class SearchSpace:
         spans = np.maximum(self.levels - 1, 1)
         stepped = np.where(self.levels == 1, 0.0, np.round(inside * spans) / spans)
         found = np.where(self.free, (bins + 0.5) / widths, np.where(self.levels > 0, stepped, inside))
-        return np.round(found, _DIGITS) + 0.0  # no negative zero: equal points are equal bytes
+        places: Array = np.asarray(
+            np.round(found, _DIGITS) + 0.0, np.float64
+        )  # no negative zero: equal points are equal bytes
+        return places
 
     def values(self, point: Array) -> dict[str, Value]:
         """Parameter → value at `point` (p,), which was snapped."""
@@ -54,7 +57,7 @@ class SearchSpace:
         }
 
 
-def _value_at(parameter: Parameter, levels: int, place: float) -> Value:
+def _value_at(parameter: DesignParameter, levels: int, place: float) -> Value:
     if parameter.choices:
         return pick_level(parameter, min(int(place * levels), levels - 1), levels)
     if levels:

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from haptorb.design.candidate import Candidate
-from haptorb.design.design import Bound, Design, Goal
-from haptorb.design.parameter import Parameter, Place
-from haptorb.design.quantity import Quantity
+from haptorb.design.candidate import DesignCandidate
+from haptorb.design.design import Bound, Design, DesignGoal
+from haptorb.design.parameter import DesignParameter, ParameterPlace
+from haptorb.design.quantity import DesignQuantity
 from haptorb.devices.loader import DeviceTables
 from haptorb.errors import InputError
 
@@ -45,7 +45,7 @@ def read_record(name: str, text: str, digest: str, record: str) -> Design:
         title=raw["title"],
         base=raw["base"],
         parameters=tuple(_read_parameter(one) for one in raw["parameters"]),
-        goals=tuple(Goal(_read_quantity(one), one["sense"], one["name"]) for one in raw["goals"]),
+        goals=tuple(DesignGoal(_read_quantity(one), one["sense"], one["name"]) for one in raw["goals"]),
         bounds=tuple(Bound(one["name"], _read_quantity(one), one["low"], one["high"]) for one in raw["bounds"]),
         options=raw["options"],
         text=text,
@@ -54,17 +54,17 @@ def read_record(name: str, text: str, digest: str, record: str) -> Design:
     )
 
 
-def _write_quantity(quantity: Quantity) -> dict[str, Any]:
+def _write_quantity(quantity: DesignQuantity) -> dict[str, Any]:
     return {"quantity": quantity.name, "unit": quantity.unit, "wanted": quantity.sense, "text": quantity.text,
             "kinds": list(quantity.kinds)}  # fmt: skip
 
 
-def _read_quantity(raw: Mapping[str, Any]) -> Quantity:
+def _read_quantity(raw: Mapping[str, Any]) -> DesignQuantity:
     name = raw["quantity"]
-    return Quantity(name, raw["unit"], raw["wanted"], raw["text"], tuple(raw["kinds"]), partial(_compute, name))
+    return DesignQuantity(name, raw["unit"], raw["wanted"], raw["text"], tuple(raw["kinds"]), partial(_compute, name))
 
 
-def _compute(name: str, candidate: Candidate) -> float:
+def _compute(name: str, candidate: DesignCandidate) -> float:
     """haptorb's own quantity of that name, now; what a user's function computed is known by its results only."""
     from haptorb.design.objectives import quantity
 
@@ -74,7 +74,7 @@ def _compute(name: str, candidate: Candidate) -> float:
         raise InputError(f"'{name}' cannot be computed from a results file: {cause}") from cause
 
 
-def _read_parameter(raw: Mapping[str, Any]) -> Parameter:
-    places = tuple(Place(*place) for place in raw["places"])
+def _read_parameter(raw: Mapping[str, Any]) -> DesignParameter:
+    places = tuple(ParameterPlace(*place) for place in raw["places"])
     choices = tuple((label, value) for label, value in raw["choices"])
-    return Parameter(raw["name"], places, raw["unit"], raw["low"], raw["high"], raw["step"], choices)
+    return DesignParameter(raw["name"], places, raw["unit"], raw["low"], raw["high"], raw["step"], choices)

@@ -66,7 +66,7 @@ class ResultsWriter:
         self.run = run
         self._known = {one.number: one for one in _read_evaluations(engine, run.id)}
 
-    def known(self) -> dict[int, Evaluation]:
+    def list_known(self) -> dict[int, Evaluation]:
         """Number → what is stored of this run, also from earlier programs."""
         return dict(self._known)
 
@@ -104,13 +104,15 @@ def open_results(
     place = mask_password(where)
     engine = open_database(where, make=True)
     try:
-        run, begun = _find_run(engine, place, design, (method, seed, json.dumps(dict(settings or {}), sort_keys=True)))
+        run, resumed = _find_run(
+            engine, place, design, (method, seed, json.dumps(dict(settings or {}), sort_keys=True))
+        )
         conflict = RecordingError(
             f"results {place}: another program is writing run {run.id} ({method}, seed {seed}): end that one first, or "
             "choose another file or seed"
         )
         with ProgramLock(engine, FAMILY, run.id, f".run-{run.id}.lock", conflict):
-            if begun and not resume:
+            if resumed and not resume:
                 raise RecordingError(
                     f"results {place} hold {method} with seed {seed} already: resume it, or choose another seed"
                 )

@@ -106,12 +106,12 @@ def _start_all(pool: ProcessPoolExecutor) -> None:
     """Start the processes, which inherit that they do not hear ^C and have one thread each."""
     main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
-    kept = {name: os.environ.get(name) for name in _THREADS}
+    old = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:
         pool.submit(int)
     finally:
-        for name, value in kept.items():
+        for name, value in old.items():
             if value is None:
                 del os.environ[name]
             else:

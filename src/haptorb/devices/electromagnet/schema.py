@@ -13,7 +13,7 @@ from haptorb.devices.electromagnet.core_dynamics import CoreDynamics
 from haptorb.devices.electromagnet.electromagnet import DomeContact, Hand, SphericalElectromagnet, Tool
 from haptorb.devices.electromagnet.geometry_checks import list_geometry_mistakes
 from haptorb.devices.electromagnet.touch_points import MarksSection
-from haptorb.devices.electromagnet.windings import Windings
+from haptorb.devices.electromagnet.windings_schema import WindingsSection
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
@@ -34,7 +34,6 @@ from haptorb.physics.sources.soft_sphere import SoftSphere
 
 __all__ = ["ElectromagnetFile"]
 
-_MOST_FILL = 0.9  #: round wires side by side fill 0.907
 Row3 = Annotated[tuple[q.MomentPerCurrent, ...], Len(3, 3)]
 
 
@@ -131,42 +130,6 @@ class HandSection(Section):
     stiffness: Annotated[q.Stiffness, Positive, m.Meaning("stiffness of the grip along each axis")]
     turn_damping: Annotated[q.TurnDamping, Positive, m.Meaning("damping of the grip against rotation")]
     turn_stiffness: Annotated[q.TurnStiffness, Positive, m.Meaning("stiffness of the grip against rotation")]
-
-
-class WindingsSection(Section):
-    """[windings]"""
-
-    turns: Annotated[
-        tuple[Annotated[q.Number, Positive], ...], Len(3, 3), m.Meaning("turns of the coils about x, y and z")
-    ]
-    inner_radius: Annotated[
-        tuple[Annotated[q.Length, Positive], ...],
-        Len(3, 3),
-        m.Meaning("inner radius of each winding"),
-        m.Form("above core_radius"),
-    ]
-    outer_radius: Annotated[
-        tuple[Annotated[q.Length, Positive], ...],
-        Len(3, 3),
-        m.Meaning("outer radius of each winding"),
-        m.Form("between inner_radius and dome.radius"),
-    ]
-    length: Annotated[
-        tuple[Annotated[q.Length, Positive], ...], Len(3, 3), m.Meaning("length of each winding along its own axis")
-    ]
-    fill: Annotated[
-        q.Number | None,
-        Field(gt=0, le=_MOST_FILL),
-        m.Meaning(
-            "share of the windings' section that copper fills; with it the windings, and not the file, decide moments, "
-            "resistances, inductances and the windings' heat capacity"
-        ),
-        m.Without("these are the file's own"),
-    ] = None
-
-    def build(self) -> Windings:
-        """As the device has it."""
-        return Windings(*(np.array(part) for part in (self.turns, self.inner_radius, self.outer_radius, self.length)))
 
 
 class ElectromagnetFile(CommonFile):

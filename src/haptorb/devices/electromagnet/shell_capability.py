@@ -12,10 +12,10 @@ import numpy as np
 
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet.remarks import FORCE_JND
-from haptorb.devices.electromagnet.shell_points import cap_directions
 from haptorb.devices.endurance import endurance
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.directions import cap_directions
 
 __all__ = ["Layer", "ShellCapability", "shell_capability"]
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from haptorb.devices.motor.layouts import Layout
+from haptorb.errors import GeometryError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.rotations import rotation_from_euler
 
@@ -97,8 +98,9 @@ def _gap(motor: SphericalMotor) -> list[str]:
     rim = float(np.hypot(motor.magnets.distance + 0.5 * magnet.length, magnet.radius))
     if motor.magnets.distance - 0.5 * magnet.length <= at <= rim:
         found.append(f"sensors.distance: at {at * 1e3:.2f} mm the magnets sweep through the sensors")
+    frames, places = motor.electromagnets.frames, motor.electromagnets.positions
     for number, position in enumerate(motor.sensor_layout.positions):
-        own = np.einsum("jba,jb->ja", motor.electromagnets.frames, position - motor.electromagnets.positions)
+        own = np.einsum("jba,jb->ja", frames, position - places)
         inside_coil = np.flatnonzero(coil.contains(own))
         found += [f"sensors: sensor {number + 1} sits inside EM{coil_number + 1}" for coil_number in inside_coil]
     return found
@@ -158,9 +160,32 @@ def _list_weaknesses(motor: SphericalMotor, groups: Sequence[Sequence[int]]) -> 
         found.append(
             f"groups: the channels turn the rotor about {rank} of three axes (rank {rank}) somewhere in the workspace"
         )
-    elif strongest[worst] > WORST_CONDITION * weakest[worst]:
+    elif strongest[worst] > WORST_CONDITION * weakest[worst] and (times := _condition(motor, R)) > WORST_CONDITION:
         found.append(
-            f"groups: {strongest[worst] / weakest[worst]:.0f} times weaker about one axis than about another within "
+            f"groups: {times:.0f} times weaker about one axis than about another within "
             f"the workspace; at most {WORST_CONDITION:.0f} times is allowed"
         )
     return found
+
+
+def _condition(motor: SphericalMotor, R: Array) -> float:
+    """Greatest over smallest torque per ampere by direction, in the worst of R (n, 3, 3), at the exact level.
+
+    Dipoles tell which axes a motor has, but not how weak one is where wide parts pass each other closely. Slower, so
+    it is asked only where dipoles object. Infinite where parts overlap, which is a finding of its own.
+    """
+    from haptorb.devices.tables.series_table import series_torque_table
+    from haptorb.devices.tables.table_kernels import torque_characteristic
+
+    coils = motor.electromagnets
+    try:
+        table = series_torque_table(motor.magnet, motor.magnets.distance, motor.electromagnet, coils.distance)
+    except GeometryError:
+        return float("inf")
+    single = np.empty((len(R), 3, len(coils)))
+    torque_characteristic(
+        table.cells, table.scale, motor.magnets.directions, motor.polarity, coils.directions,
+        np.ascontiguousarray(R), single,
+    )  # fmt: skip
+    values = np.linalg.svd(single @ motor.groups, compute_uv=False)
+    return float((values[:, 0] / np.maximum(values[:, 2], 1e-300)).max())

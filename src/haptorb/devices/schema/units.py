@@ -137,6 +137,7 @@ def _scale(text: str) -> tuple[Fraction, Dimension] | None:
     return factor, powers
 
 
+@lru_cache(maxsize=4096)  # the fractions take longer than all else that is done with a value
 def convert(number: float, text: str, unit: str) -> float | None:
     """`number` of unit `text` in `unit`; None where that is for pint to say: another unit, or a mistake.
 

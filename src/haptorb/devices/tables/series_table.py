@@ -39,7 +39,7 @@ def series_torque_table(magnet: CylinderMagnet, magnet_distance: float, coil: Co
     reach = float(np.hypot(coil_distance + 0.5 * coil.length, coil.outer_radius))
     if reach >= discs[0]:
         raise GeometryError(
-            f"no gap between coils and magnets: the coils reach {reach * 1e3:.2f} mm from the centre, the magnets begin "
+            f"no gap between coils and magnets: coils reach {reach * 1e3:.2f} mm from the centre, magnets begin "
             f"at {discs[0] * 1e3:.2f} mm"
         )
     rim = float(np.hypot(discs[0], magnet.radius))

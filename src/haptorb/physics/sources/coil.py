@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import final
 
 import numpy as np
@@ -140,16 +141,7 @@ class Coil(RoundBody):
         >>> round(Coil(1, c, 2 * c, c).inductance / (1.5 * c) * 1e6, 4)
         1.6994
         """
-        ro, ri, l = self.outer_radius, self.inner_radius, self.length
-        edges = np.concatenate([np.linspace(0, 1500 / ro, 1501)])
-        x, w = np.polynomial.legendre.leggauss(6)
-        half = 0.5 * np.diff(edges)[:, None]
-        k = (0.5 * (edges[1:] + edges[:-1])[:, None] + half * x).ravel()
-        weight = (half * w).ravel()
-        p = (integrate_bessel(k * ro) - integrate_bessel(k * ri)) / (k * k * (ro - ri))
-        kl = k * l
-        mean = np.where(kl < 1e-3, 0.5 - kl / 6 + kl**2 / 24, (kl + np.expm1(-kl)) / kl**2)
-        return float(2 * np.pi * MU0 * self.turns**2 * np.sum(weight * p**2 * mean))
+        return self.turns**2 * _inductance_of_one_turn(self.inner_radius, self.outer_radius, self.length)
 
     @property
     def _section(self) -> float:
@@ -178,3 +170,17 @@ def _check_precision(bound: Array, gross: Array, precision: float, points: Array
             f"the coil's field at {points[worst].tolist()} m converged to {bound[worst] / gross[worst]:.1e} "
             f"relative, not to {precision:.1e}; request less, or move the point off the winding's edge"
         )
+
+
+@lru_cache(maxsize=64)  # a search for a motor builds thousands with the same coils
+def _inductance_of_one_turn(ri: float, ro: float, l: float) -> float:
+    """L/N² [H] of a winding of inner and outer radius and length [m]; see `Coil.inductance`."""
+    edges = np.concatenate([np.linspace(0, 1500 / ro, 1501)])
+    x, w = np.polynomial.legendre.leggauss(6)
+    half = 0.5 * np.diff(edges)[:, None]
+    k = (0.5 * (edges[1:] + edges[:-1])[:, None] + half * x).ravel()
+    weight = (half * w).ravel()
+    p = (integrate_bessel(k * ro) - integrate_bessel(k * ri)) / (k * k * (ro - ri))
+    kl = k * l
+    mean = np.where(kl < 1e-3, 0.5 - kl / 6 + kl**2 / 24, (kl + np.expm1(-kl)) / kl**2)
+    return float(2 * np.pi * MU0 * np.sum(weight * p**2 * mean))

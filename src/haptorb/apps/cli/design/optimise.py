@@ -53,7 +53,7 @@ def optimise(
         open_results(into, design, _METHOD, seed, settings={"population": population}) as writer,
         open_workers(design, processes, scheduler) as workers,
     ):
-        found = evaluate_generations(optimiser, workers.evaluate, writer.known(), total)
+        found = evaluate_generations(optimiser, workers.evaluate, writer.list_known(), total)
         tally = keep_run(writer, found, design, total, into)
     end_run(tally, into, json)
 

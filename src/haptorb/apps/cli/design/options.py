@@ -78,6 +78,6 @@ def _explain_interrupt(writer: ResultsWriter, total: int, into: str) -> Iterator
     try:
         yield
     except KeyboardInterrupt:
-        stored = sum(number < total for number in writer.known())
+        stored = sum(number < total for number in writer.list_known())
         say(f"interrupted: {stored} of {total} designs are in {mask_password(into)}; the same command goes on")
         raise

@@ -43,6 +43,6 @@ def sweep(
         open_results(into, design, method, seed, settings=list_settings(method, values)) as writer,
         open_workers(design, processes, scheduler) as workers,
     ):
-        found = evaluate_sample(values, workers.evaluate, writer.known())
+        found = evaluate_sample(values, workers.evaluate, writer.list_known())
         tally = keep_run(writer, found, design, len(values), into)
     end_run(tally, into, json)

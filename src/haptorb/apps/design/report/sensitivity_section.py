@@ -5,11 +5,11 @@ from __future__ import annotations
 from html import escape
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptorb.apps.design.results_table import ResultsColumn, ResultsTable
 from haptorb.design.analysis.sensitivity import FEWEST, Sensitivity, estimate_sensitivity
 from haptorb.design.sampling import METHODS
-from haptorb.numerics.arrays import Array
 
 __all__ = ["make_sensitivity_section"]
 
@@ -37,7 +37,7 @@ def make_sensitivity_section(table: ResultsTable) -> str:
     return head + "".join(tables)
 
 
-def _choose_rows(table: ResultsTable) -> tuple[Array, str]:
+def _choose_rows(table: ResultsTable) -> tuple[NDArray[np.int_], str]:
     """Rows that are looked at, and a sentence on them: the sweeps', where there are enough."""
     every = np.arange(len(table.found))
     swept = np.array([run.method in METHODS for run, _ in table.found], dtype=bool)
@@ -52,7 +52,7 @@ def _choose_rows(table: ResultsTable) -> tuple[Array, str]:
     return every, f"{every.size} valid designs are too few: at least {FEWEST} are needed. Compute more."
 
 
-def _estimate(parameter: ResultsColumn, objective: ResultsColumn, rows: Array) -> Sensitivity:
+def _estimate(parameter: ResultsColumn, objective: ResultsColumn, rows: NDArray[np.int_]) -> Sensitivity:
     return estimate_sensitivity(parameter.values[rows], objective.values[rows], ordered=not parameter.labels)
 
 

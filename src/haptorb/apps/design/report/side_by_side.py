@@ -28,7 +28,9 @@ def draw_beside(device: Device, base: Device) -> bytes:
     places = figure.add_gridspec(
         2, 2, left=0.06, right=0.98, top=0.95, bottom=_BELOW / _HEIGHT, wspace=0.14, hspace=0.16
     )
-    sections, spaces, entries = [], [], {}
+    sections: list[Any] = []
+    spaces: list[Any] = []
+    entries: dict[str, Any] = {}
     for column, (name, one) in enumerate((("this design", device), (f"base device: {base.name}", base))):
         geometry: Geometry = one.kind.require_part("geometry", one.name, "`haptorb design report`")(one)
         section = figure.add_subplot(places[0, column])
@@ -43,7 +45,7 @@ def draw_beside(device: Device, base: Device) -> bytes:
     _unite(spaces, ("xlim", "ylim", "zlim"))
     for space in spaces:
         space.set_box_aspect([high - low for low, high in (space.get_xlim(), space.get_ylim(), space.get_zlim())])
-    figure.legend(entries.values(), entries.keys(), loc="lower center", ncols=5, fontsize=8, frameon=False)
+    figure.legend(list(entries.values()), list(entries), loc="lower center", ncols=5, fontsize=8, frameon=False)
     file = BytesIO()
     figure.savefig(file, format="png", dpi=_DOTS)
     return file.getvalue()

@@ -120,7 +120,7 @@ class Chooser:
                 self.selection.report(f"Computing its exact torque and field: {100 * done // max(total, 1)} %.")
 
             vars(device)["tables"] = compute(device, report)
-        self.selection.report("Starting its servo.")
+        self.selection.report("The first start after an installation compiles code for about half a minute.")
         return device
 
     def _answer(self) -> None:

@@ -1,4 +1,4 @@
-"""Places spread evenly over the shell above a dome, where capabilities and errors are taken at."""
+"""Directions spread evenly over a part of the sphere."""
 
 from __future__ import annotations
 

@@ -1,0 +1,91 @@
+"""The devices that searches found, against those that they began with: figures of docs/explanation/found-devices.md.
+
+    python benchmarks/design/found_devices.py [--orientations 6000] [--trial] [--json]
+
+All at the exact level. Motors: the worst of `--orientations` orientations, and of the search downhill from the worst
+of them. --trial also lets the Hall tracker find the tool in the simulated devices, with the lasting errors of their
+sensors as a device file states them, uncalibrated: minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+import numpy as np
+
+from haptorb.apps.reproduce.zarate2020.hall_trial import try_hall_tracker
+from haptorb.control.allocation.motor_capability import motor_capability
+from haptorb.design.candidate import DesignCandidate
+from haptorb.design.objectives import quantity
+from haptorb.design.objectives.motor_torque import motor_of
+from haptorb.design.objectives.sensing import shell_places
+from haptorb.design.objectives.tool_force import electromagnet_of
+from haptorb.devices.electromagnet.shell_capability import shell_capability
+from haptorb.devices.loader import load
+
+MOTOR = (
+    *("heat_per_torque_squared", "continuous_torque", "peak_torque", "torque_isotropy", "envelope_radius", "clearance"),
+    *("spacing", "magnet_volume", "copper", "coil_stress", "orientation_error"),
+)
+CORE = ("core_pull", "continuous_force", "peak_force", "heat_per_force_squared", "copper", "clearance", "spacing")
+SENSORS = ("sensing_error", "sensor_clearance", "sensor_field")
+PAIRS = (("pmsm", "pmsm-three-rings", MOTOR), ("omni", "omni-small-core", CORE), ("omni", "omni-sensor-ring", SENSORS))
+
+
+def compare(orientations: int) -> dict[str, dict[str, tuple[float, float]]]:
+    """Found device → quantity → (base's, its own)."""
+    out: dict[str, dict[str, tuple[float, float]]] = {}
+    for base_name, name, quantities in PAIRS:
+        base, found = load(base_name), load(name)
+        both = [DesignCandidate(device, base, {"orientations": orientations}) for device in (base, found)]
+        rows = {one: tuple(quantity(one).compute(candidate) for candidate in both) for one in quantities}
+        if quantities is MOTOR:  # as `haptorb inspect` has it: about X, Y and Z alone
+            cards = [motor_capability(motor_of(candidate), 9, 48) for candidate in both]
+            rows["card: continuous torque"] = tuple(float(card.continuous.min()) for card in cards)
+            rows["card: peak torque"] = tuple(float(card.peak.min()) for card in cards)
+            rows["card: heat"] = tuple(float(card.power.max()) for card in cards)
+        if quantities is CORE:
+            layers = [
+                shell_capability(electromagnet_of(one), np.array([electromagnet_of(one).contact_distance])).layers[0]
+                for one in both
+            ]
+            for key in ("lasting_radial", "lasting_tangential", "lasting_radial_all_warm", "peak_radial"):
+                rows[f"card: {key}"] = tuple(float(getattr(layer, key)) for layer in layers)
+        out[name] = rows  # type: ignore[assignment]
+    return out
+
+
+def try_trackers() -> dict[str, float]:
+    """Root mean square of the tracker's position error [m] at every third of the places of `sensing_error`."""
+    places = shell_places(electromagnet_of(DesignCandidate(load("omni"), load("omni"), {})))[::3]
+    found = {}
+    for name in ("omni", "omni-sensor-ring"):
+        device = electromagnet_of(DesignCandidate(load(name), load(name), {}))
+        errors = try_hall_tracker(device, places, 0.0)
+        found[name] = float(np.sqrt(np.nanmean(errors[:, 0] ** 2)))
+    return found
+
+
+def main() -> None:
+    """Print the table."""
+    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    asked.add_argument("--orientations", type=int, default=6000)
+    asked.add_argument("--trial", action="store_true")
+    asked.add_argument("--json", action="store_true")
+    options = asked.parse_args()
+    rows = compare(options.orientations)
+    trial = try_trackers() if options.trial else {}
+    if options.json:
+        print(json.dumps({"devices": rows, "trial": trial}))
+        return
+    for name, found in rows.items():
+        print(name)
+        for key, (before, after) in found.items():
+            print(f"  {key:30} {before:12.5g} {after:12.5g}   {after / before if before else float('nan'):.3f}")
+    for name, error in trial.items():
+        print(f"{name}: tracker's position error {1e3 * error:.2f} mm rms")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,113 @@
+"""The devices of the catalogue that searches found: what their pages say of them, at the exact level."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptorb.design.candidate import DesignCandidate
+from haptorb.design.design_file import load_design
+from haptorb.design.evaluate import evaluate
+from haptorb.design.objectives import quantity
+from haptorb.design.objectives.motor_torque import torque_per_ampere
+from haptorb.design.objectives.orientations import find_worst
+from haptorb.devices.electromagnet.shell_capability import shell_capability
+from haptorb.devices.loader import load
+from haptorb.devices.motor.validation import workspace_sample
+
+EXAMPLES = Path(__file__).parents[3] / "examples" / "design"
+
+
+@cache
+def both(base, found):
+    return tuple(DesignCandidate(load(name), load(base), {}) for name in (base, found))
+
+
+def ratio(name, base, found):
+    before, after = (quantity(name).compute(candidate) for candidate in both(base, found))
+    return after / before
+
+
+def test_the_motor_takes_1_6_times_less_heat_with_no_more_magnet_copper_and_room():
+    pair = ("pmsm", "pmsm-three-rings")
+    assert ratio("heat_per_torque_squared", *pair) < 1 / 1.6
+    assert 0.01 * quantity("heat_per_torque_squared").compute(both(*pair)[1]) < 5.50 / 1.6  # the page's 5.50 W
+    for name in ("envelope_radius", "magnet_volume", "copper"):
+        assert ratio(name, *pair) <= 1
+    for name in ("clearance", "spacing", "peak_torque", "continuous_torque"):
+        assert ratio(name, *pair) >= 1
+
+
+def test_the_motors_heat_is_that_of_the_exact_integral_in_its_worst_orientation():
+    """Independent of every table: the magnets' closed-form field over filaments of the windings, to 1e-5."""
+    from haptorb.devices.motor.models import exact_torque
+    from haptorb.numerics.rotations import rotation_from_euler
+
+    candidate = both("pmsm", "pmsm-three-rings")[1]
+    motor, torque = candidate.device, torque_per_ampere(candidate)
+    _, angles = find_worst(lambda R: np.linalg.eigvalsh(torque(R) @ torque(R).transpose(0, 2, 1))[:, 0],
+                           motor.workspace_tilt, 400)  # fmt: skip
+    R = np.ascontiguousarray(rotation_from_euler(*angles)[None])
+    exact = exact_torque(motor, R, 3e-4)[0] @ motor.groups
+    heat = 0.01 * motor.coils.resistance[0] / np.linalg.eigvalsh(exact @ exact.T)[0]
+    assert heat == pytest.approx(0.01 * quantity("heat_per_torque_squared").compute(candidate), rel=3e-3)
+
+
+@pytest.mark.slow
+def test_no_orientation_of_a_dense_grid_takes_more_heat():
+    candidate = both("pmsm", "pmsm-three-rings")[1]
+    R, torque = workspace_sample(candidate.device.workspace_tilt, 13, 180), torque_per_ampere(candidate)
+    K = torque(R)
+    worst = candidate.device.coils.resistance[0] / np.linalg.eigvalsh(K @ K.transpose(0, 2, 1))[:, 0].min()
+    assert worst <= quantity("heat_per_torque_squared").compute(candidate) * 1.02
+
+
+def test_the_core_pulls_half_and_no_continuous_force_is_less():
+    pair = ("omni", "omni-small-core")
+    assert ratio("core_pull", *pair) <= 0.5
+    for name in ("continuous_force", "peak_force", "clearance"):
+        assert ratio(name, *pair) >= 1
+    assert both(*pair)[1].device.dome_radius == load("omni").dome_radius
+    before, after = (
+        shell_capability(one.device, np.array([one.device.contact_distance]), 20).layers[0] for one in both(*pair)
+    )
+    for key in ("lasting_radial", "lasting_tangential", "lasting_radial_all_warm", "lasting_tangential_all_warm"):
+        assert getattr(after, key) >= getattr(before, key)
+
+
+def test_nine_sensors_on_a_ring_halve_the_error_and_are_in_nobodys_way():
+    pair = ("omni", "omni-sensor-ring")
+    assert ratio("sensing_error", *pair) <= 0.5
+    found = both(*pair)[1]
+    assert found.device.sensors == 9
+    assert quantity("sensor_clearance").compute(found) > 0
+    assert quantity("sensor_field").compute(found) < 40e-3
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("omni-sensors", {"radius": 51.0, "first": "on-axis", "height": 11.0}),
+        (
+            "omni-core",
+            {
+                "core": 12.2, "inner": 14.47, "first_edge": 19.43, "second_edge": 23.34, "outer": 26.32,
+                "length": 17.7, "turns_x": 146, "turns_y": 114, "turns_z": 93, "fill": "0.74",
+            },
+        ),
+        (
+            "motor-three-rings",
+            {
+                "arrangement": "three-rings", "polarity": "alternating", "winding": "series-aiding",
+                "magnet_latitude": 36.0, "coil_latitude": 30.5, "magnet_radius": 14.13, "magnet_length": 6.41,
+                "magnet_distance": 67.6, "coil_radius": 17.39, "coil_hole": 6.75, "coil_length": 6.8,
+                "coil_distance": 55.78,
+            },
+        ),
+    ],
+)  # fmt: skip
+def test_the_committed_designs_contain_what_was_found(name, values):
+    found = evaluate(load_design(EXAMPLES / f"{name}.toml"), 0, values)
+    assert found.valid, found.reason
+    assert all(np.isfinite(value) for value in found.objectives.values())

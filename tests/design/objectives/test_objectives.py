@@ -1,0 +1,113 @@
+"""Every quantity of a candidate: units, agreement with independent computation, and plain refusal."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from haptorb.design.candidate import DesignCandidate
+from haptorb.design.objectives import quantity, quantity_names
+from haptorb.design.objectives.orientations import find_worst, spread_angles
+from haptorb.design.objectives.sensing import pen_distance
+from haptorb.devices.electromagnet.shell_capability import shell_capability
+from haptorb.devices.loader import load
+from haptorb.devices.motor.validation import workspace_sample
+from haptorb.errors import InputError, UnknownName
+from haptorb.physics.sources.coil import COPPER_DENSITY
+
+OMNI, PMSM = load("omni"), load("pmsm")
+
+
+def of(name, device, base=None, **options):
+    return quantity(name).compute(DesignCandidate(device, base or device, options))
+
+
+@pytest.mark.parametrize("device", [OMNI, PMSM], ids=["omni", "pmsm"])
+def test_a_catalogue_device_has_a_finite_number_for_every_quantity_of_its_kind(device):
+    candidate = DesignCandidate(device, device, {"orientations": 60})
+    for name in quantity_names(device.kind.name):
+        assert np.isfinite(quantity(name).compute(candidate)), name
+
+
+def test_unknown_names_and_other_kinds_are_refused_with_what_there_is():
+    with pytest.raises(UnknownName, match="core_pull"):
+        quantity("core_pul")
+    with pytest.raises(InputError, match=r"'core_pull'.*spherical-electromagnet"):
+        of("core_pull", PMSM)
+    with pytest.raises(InputError, match=r"evaluation\.orientations"):
+        of("heat_per_torque_squared", PMSM, orientations=-1)
+
+
+def test_the_worst_heat_of_the_motor_is_no_less_than_on_any_grid_and_is_reached():
+    R = workspace_sample(PMSM.workspace_tilt, 7, 40)
+    K = PMSM.torque_characteristic(R, "table") @ PMSM.groups
+    on_grid = PMSM.coils.resistance[0] / np.linalg.eigvalsh(K @ K.transpose(0, 2, 1))[:, 0].min()
+    found = of("heat_per_torque_squared", PMSM)
+    assert on_grid <= found * (1 + 1e-6)
+    assert found < 1.15 * on_grid
+    assert found == pytest.approx(of("heat_per_torque_squared", PMSM, orientations=1500), rel=1e-3)
+
+
+def test_a_narrow_valley_is_found_between_the_points_of_the_sample():
+    bottom = np.array([0.1, -0.2, 1.0])
+
+    def value(R):
+        psi, lam = np.arctan2(-R[:, 1, 2], R[:, 2, 2]), np.arcsin(R[:, 0, 2])
+        phi = np.mod(np.arctan2(-R[:, 0, 1], R[:, 0, 0]), np.pi / 3)
+        away = np.column_stack([psi, lam, 3 * (phi - bottom[2])]) - [*bottom[:2], 0.0]
+        return 1.0 - np.exp(-((away / 0.1) ** 2).sum(axis=1))
+
+    assert find_worst(value, 0.39, 400)[0] < 1e-3
+    angles = spread_angles(0.39, 400)
+    assert np.abs(angles[:, :2]).max() == 0.39
+    assert 0 <= angles[:, 2].min() <= angles[:, 2].max() < 2 * np.pi
+
+
+def test_the_ball_of_torques_lies_within_what_the_axes_alone_reach():
+    from haptorb.control.allocation.motor_capability import motor_capability
+
+    card = motor_capability(PMSM, 5, 24)
+    assert 0.6 * card.continuous.min() < of("continuous_torque", PMSM) <= card.continuous.min()
+    assert 0.6 * card.peak.min() < of("peak_torque", PMSM) <= card.peak.min()
+
+
+def test_forces_of_the_omni_agree_with_its_card():
+    card = shell_capability(OMNI, np.array([OMNI.contact_distance]), 40).layers[0]
+    assert of("continuous_force", OMNI) == pytest.approx(card.lasting_tangential_all_warm, rel=0.02)
+    assert of("continuous_force", OMNI) <= card.lasting_tangential_all_warm * (1 + 1e-9)
+    assert of("core_pull", OMNI) == pytest.approx(card.passive_pull, rel=1e-6)
+    assert of("force_model_error", OMNI) == pytest.approx(card.dipole_error, rel=0.02)
+
+
+def test_sizes_gaps_and_masses_are_those_of_the_files():
+    assert of("envelope_radius", PMSM) == pytest.approx(np.hypot(67.9e-3 + 2.54e-3, 15.875e-3))
+    assert of("magnet_volume", PMSM) == pytest.approx(24 * np.pi * 15.875e-3**2 * 5.08e-3)
+    assert of("copper", PMSM) == pytest.approx(0.704, rel=5e-3)  # 24 times the 29.3 g of its file
+    coil = PMSM.electromagnet
+    volume = np.pi * (coil.outer_radius**2 - coil.inner_radius**2) * coil.length
+    assert of("copper", PMSM) == pytest.approx(24 * 0.6 * COPPER_DENSITY * volume)
+    assert of("clearance", PMSM) == pytest.approx(65.36e-3 - np.hypot(60.61e-3, 15.88e-3))
+    # on their sphere two coils 0 and 45° apart on the equator touch where their inner rims meet
+    assert of("spacing", PMSM) > 0
+    assert of("spacing", load("pmsm-thick-coils", override=True)) < 0
+    heavier = replace(OMNI, tool=replace(OMNI.tool, length=2 * OMNI.tool.length, tip_distance=24e-3))
+    more = 7.5e3 * (of("magnet_volume", heavier) - of("magnet_volume", OMNI))
+    assert of("moving_mass", heavier, OMNI) == pytest.approx(OMNI.tool.mass + more)
+
+
+def test_a_load_heats_with_its_square_and_temperature_follows_from_the_power():
+    cold, warm = (of("supply_power", OMNI, load=load_) for load_ in (0.04, 0.08))
+    assert warm == pytest.approx(4 * cold)
+    ambient = OMNI.coils.heat.ambient
+    rises = [of("temperature", OMNI, load=load_) - ambient for load_ in (0.04, 0.08)]
+    assert rises[1] == pytest.approx(4 * rises[0])
+    # the continuous force with all coils warm is a bound: one load takes less heat than all coils at once
+    assert of("temperature", OMNI, load=of("continuous_force", OMNI)) < OMNI.coils.heat.derate
+
+
+def test_a_pen_sweeps_what_is_over_the_dome_and_not_what_is_far_below():
+    points = np.array([[0.05, 0.0, 0.03], [0.05, 0.0, -0.03]])
+    upright, leaning = (pen_distance(OMNI, points, np.radians(lean)) for lean in (1.0, 30.0))
+    assert upright[0] < 3e-3 < 40e-3 < upright[1]
+    assert leaning[1] < upright[1] - 4e-3  # it reaches further down, and as far up to what its steps are apart
+    assert leaning[0] < upright[0] + 1e-3
