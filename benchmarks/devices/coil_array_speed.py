@@ -5,8 +5,8 @@
 The array is the catalogue's `planar` with 10 × 10 coils at the same pitch. Poses are random over the plate, upright to
 20° askew, from contact to 30 mm above; times are the median over the poses, each the best of five calls. Allocated are
 force, torque and both, of random direction and up to what the coils nearly give, so that limits are met. The error is
-the greatest difference of a column from the same map with 2 × 20 × 80 charges, relative to the greatest column. Then the
-servo runs the array simulated at 1 kHz in a wall. Exit code 1 beyond 150 µs, 60 µs, or below 0.999 of ticks in time.
+the greatest difference of a column from the same map with 3200 charges, relative to the greatest column. Then the servo
+runs the array simulated at 1 kHz in a wall. Exit code 1 beyond 150 µs, 60 µs, or below 0.999 of ticks in time.
 """
 
 from __future__ import annotations

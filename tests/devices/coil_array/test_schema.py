@@ -48,7 +48,7 @@ def test_the_pull_of_the_core_is_the_omnis() -> None:
         (PLANAR, UP, "axis = [[0, 0, 1], [0, 0, 1]]\nturns", ("windings.axis", "2 values", "16")),
         (PLANAR, 'value = "16.25 mm"', 'value = "5 mm"', ("tip_distance", "6.25 mm")),
         (PLANAR, "outer_radius = { value = [16]", "outer_radius = { value = [4]", ("inner_radius", "smaller")),
-        (PLANAR, "position = { value = [0, 0, 0]", "position = { value = [9, 15, -33]", ("magnets.1 is inside coil C3",)),
+        (PLANAR, "position = { value = [0, 0, 0]", "position = { value = [9, 15, -33]", ("magnets.1 is inside", "C3")),
     ],
     ids=["core", "dome", "overlap", "plate", "nan", "no axis", "axes", "tip", "wall", "magnet in coil"],
 )  # fmt: skip

