@@ -84,7 +84,9 @@ def arrays(function: Any) -> tuple[bool, bool]:
     except (TypeError, ValueError):
         return False, False
     kinds = [str(parameter.annotation) for name, parameter in signature.parameters.items() if name != "self"]
-    return any(re.search(r"\bArray(Like)?\b", kind) for kind in kinds), "Array" in str(signature.return_annotation)
+    return any(re.search(r"\bArray(Like)?\b", kind) for kind in kinds), bool(
+        re.search(r"\bArray\b", str(signature.return_annotation))
+    )
 
 
 def errors_raised_by(function: Any) -> set[str]:

@@ -18,7 +18,7 @@ STUDY = re.compile(r"```toml\n(.*?)```", re.DOTALL)
 SAMPLES = {
     "devices": ("", "omni"),
     "worlds": ("", "dome"),
-    "inspect": ("omni", "pmsm", "omni --errors --samples 100", "pmsm --errors --samples 100"),
+    "inspect": ("omni", "pmsm", "tetrahedron", "omni --errors --samples 100", "pmsm --errors --samples 100"),
     "show": ("omni", "pmsm"),
     "check": ("--world dome", "--world nothing"),
     "study check": ("study.toml",),

@@ -53,7 +53,9 @@ def test_a_tool_pressed_down_touches_the_surface_and_not_the_coils(name):
     simulated = SimulatedCoilArray(device, seed=1)
     settle(simulated, np.zeros(device.channels), np.array([0.005, 0.0, 0.0]), 0.4)
     assert simulated.depth > 0
-    assert simulated.state().p[2] == pytest.approx(device.contact_height, abs=5e-4)
+    p = simulated.state().p
+    distance = np.linalg.norm(p) if device.surface.is_dome else p[2]
+    assert distance == pytest.approx(device.contact_height, abs=2e-3)  # over a dome it leans a little
 
 
 def test_a_tool_that_nobody_holds_falls_onto_the_plate_and_stays_there():

@@ -1,6 +1,7 @@
 """The torques that currents within their limits can give: a zonotope, its surface along a direction, its nearest point.
 
-A torque's direction meets the surface on a facet that two channels span: all pairs are looked at, no iteration. The
+A torque's direction meets the surface on a facet that two channels span: all pairs are looked at, no iteration; of
+many channels a search finds it, see `portal`. The
 nearest torque on the surface is found by Wolfe's method: the nearest point of a polytope, from the vertices that lie
 furthest its way.
 """
@@ -9,10 +10,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from haptorb.control.allocation.portal import find_reach
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 
 __all__ = ["nearest", "reach"]
+
+_MANY = 24  #: channels beyond which all pairs take longer than the search
 
 
 @kernel
@@ -37,6 +41,10 @@ def reach(Q: Array, t: Array, limit: Array, rank: int) -> float:
                     total += abs(Q[0, p] * Q[1, j] - Q[1, p] * Q[0, j]) * limit[j]
                 least = min(least, total / against)
         return least
+    if m > _MANY:
+        found = find_reach(Q, t, limit)
+        if np.isfinite(found):
+            return found
     for p in range(m - 1):
         for q in range(p + 1, m):
             x = Q[1, p] * Q[2, q] - Q[2, p] * Q[1, q]

@@ -14,8 +14,8 @@ import numpy as np
 
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
-from haptorb.physics.sources.sphere_answer import add_answers, answer_to_charges, harmonic_sums
-from haptorb.physics.sources.winding_table import table_field
+from haptorb.physics.fast_fields.sphere_answer import add_answers, answer_to_charges, harmonic_sums
+from haptorb.physics.fast_fields.winding_table import table_field
 
 __all__ = ["CORE_RULE", "FREE", "IN_CORE", "IN_WINDING", "LIMITS", "RULES", "ArrayMap", "array_wrench", "place_charges"]
 

@@ -20,10 +20,10 @@ from haptorb.devices.wrench_map import WrenchMap
 from haptorb.display.quantity_text import format_quantity
 from haptorb.errors import GeometryError
 from haptorb.numerics.arrays import Array
+from haptorb.physics.fast_fields.sphere_answer import answer_to_source, weigh_charges
 from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.sources.placement import PlacedSource
 from haptorb.physics.sources.soft_sphere import SoftSphere
-from haptorb.physics.sources.sphere_answer import answer_to_source, weigh_charges
 
 __all__ = ["BuildTolerance", "CoilArray", "Surface"]
 

@@ -33,8 +33,8 @@ def list_array_mistakes(
         )
     pairs = _list_overlaps(coils)
     if pairs:
-        told = [f"{names[i]} and {names[j]}" for i, j in pairs]
-        found.append(f"windings of coils {_join(told)} overlap; move them apart, or make them smaller")
+        joined = [f"{names[i]} and {names[j]}" for i, j in pairs]
+        found.append(f"windings of coils {_join(joined)} overlap; move them apart, or make them smaller")
     points = [_surface(coils, number) for number in range(len(names))]
     if dome_radius:
         far = [float(np.linalg.norm(at, axis=1).max()) for at in points]

@@ -11,10 +11,10 @@ import numpy as np
 from haptorb.devices.coil_array.array_wrench import CORE_RULE, RULES
 from haptorb.devices.state import rotation_to_axis
 from haptorb.numerics.arrays import Array
+from haptorb.physics.fast_fields.winding_table import tabulate_winding
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.dipole import MU0
-from haptorb.physics.sources.winding_table import tabulate_winding
 
 __all__ = ["ArrayMover", "MoverMagnet", "PlacedCoils"]
 

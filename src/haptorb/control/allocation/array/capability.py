@@ -35,7 +35,7 @@ def array_capability(device: CoilArray, layers: int = 5) -> tuple[ArrayLayer, ..
     """Layers from contact to the top of the space where forces are rendered.
 
     >>> from haptorb.devices.loader import load
-    >>> bool(array_capability(load("tetrahedron"), 2)[0].peak[2] > 0.3)
+    >>> bool(array_capability(load("tetrahedron"), 2)[0].peak[2] > 0.2)
     True
     """
     power, hot = device.supply.power, device.greatest_resistance

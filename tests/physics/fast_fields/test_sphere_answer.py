@@ -7,17 +7,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from haptorb.errors import GeometryError
-from haptorb.physics.sources.charged_ring import ChargedRing
-from haptorb.physics.sources.coil import Coil
-from haptorb.physics.sources.placement import PlacedSource
-from haptorb.physics.sources.soft_sphere import SoftSphere
-from haptorb.physics.sources.sphere_answer import (
+from haptorb.physics.fast_fields.sphere_answer import (
     add_answers,
     answer_to_charges,
     answer_to_source,
     harmonic_sums,
     weigh_charges,
 )
+from haptorb.physics.sources.charged_ring import ChargedRing
+from haptorb.physics.sources.coil import Coil
+from haptorb.physics.sources.placement import PlacedSource
+from haptorb.physics.sources.soft_sphere import SoftSphere
 
 ORDER, P = 14, np.array([0.02, -0.01, 0.042])
 POINTS, CHARGES = ChargedRing(6e-3, 0.0, 20e-3, 1.3).place(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from haptorb.physics.fast_fields.winding_table import tabulate_winding
 from haptorb.physics.sources.coil import Coil
-from haptorb.physics.sources.winding_table import tabulate_winding
 
 SIZES = {"long": (5e-3, 16e-3, 30e-3), "flat": (4e-3, 14e-3, 9e-3), "thin": (20e-3, 21e-3, 10e-3)}
 

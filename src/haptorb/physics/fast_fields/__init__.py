@@ -1,0 +1,1 @@
+"""Fields and answers in a form that a servo can evaluate in each tick: tables and series."""
