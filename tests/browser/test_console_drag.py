@@ -104,3 +104,10 @@ def test_programs_that_are_connected_are_on_the_page_and_see_its_buttons(staged:
     screen.page.keyboard.up("3")
     screen.page.wait_for_timeout(200)
     assert [call[1] for call in fake.calls if call[0] == "press"] == [("a",), ("a", "c"), ("c",), ()]
+    fake.calls.clear()
+    pen = "(type, kind, buttons) => dispatchEvent(new PointerEvent(type, { pointerType: kind, buttons }))"
+    for event in (("pointermove", "mouse", 2), ("pointerdown", "pen", 1), ("pointermove", "pen", 3),
+                  ("pointermove", "pen", 35), ("pointermove", "pen", 33), ("pointercancel", "pen", 33)):  # fmt: skip
+        screen.page.evaluate(f"(event) => ({pen})(...event)", event)
+    screen.page.wait_for_timeout(200)
+    assert [call[1] for call in fake.calls if call[0] == "press"] == [("a",), ("a", "b"), ("b",), ()]

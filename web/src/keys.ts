@@ -23,7 +23,10 @@ const ARROWS: Record<string, [number, number]> = {
 
 const BUTTONS: Record<string, string> = { Digit1: "a", Digit2: "b", Digit3: "c" };
 
-/** The tool's buttons, for programs that are connected: held down as long as the key is. */
+/** A pen's switches, by their bits in a pointer event: the one on its barrel, and the eraser. */
+const SWITCHES: [number, string][] = [[2, "a"], [32, "b"]];
+
+/** The tool's buttons, for programs that are connected: held down as long as the key, or the pen's switch, is. */
 function listenForButtons(actions: KeyActions): void {
   const down = new Set<string>();
   const tell = (): void => actions.press([...down].sort());
@@ -41,6 +44,27 @@ function listenForButtons(actions: KeyActions): void {
   };
   addEventListener("keyup", (event) => up([BUTTONS[event.code] ?? ""]));
   addEventListener("blur", () => up(["a", "b", "c"]));
+  const held = new Set<string>(); // by the pen
+  const look = (event: PointerEvent): void => {
+    if (event.pointerType !== "pen") return;
+    const gone = event.type === "pointercancel" || event.type === "pointerleave";
+    for (const [bit, button] of SWITCHES) {
+      const pressed = !gone && (event.buttons & bit) !== 0 && actions.control;
+      if (pressed === held.has(button)) continue;
+      if (pressed) {
+        held.add(button);
+        down.add(button);
+        tell();
+      } else {
+        held.delete(button);
+        up([button]);
+      }
+    }
+  };
+  for (const type of ["pointerdown", "pointermove", "pointerup", "pointercancel"] as const) addEventListener(type, look, { capture: true });
+  document.addEventListener("pointerleave", look);
+  // The barrel's switch would open a menu over the picture.
+  addEventListener("contextmenu", (event) => (event as PointerEvent).pointerType === "pen" && event.preventDefault());
 }
 
 export function listen(actions: KeyActions): void {

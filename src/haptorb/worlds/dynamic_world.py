@@ -127,10 +127,11 @@ class DynamicSum(Sum, DynamicWorld):
         named: dict[str, DynamicWorld] = {}
         for part in self.parts:
             if isinstance(part, DynamicWorld):
-                name, count = part.name, 1
+                own, count = _identify(part.name), 1
+                name = own
                 while name in named:
                     count += 1
-                    name = f"{part.name}_{count}"
+                    name = f"{own}_{count}"
                 named[name] = part
         return tuple(named.items())
 
@@ -177,7 +178,9 @@ class DynamicSum(Sum, DynamicWorld):
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
         """Each part by its own rule, with the memory of the part that had its name; in the fields' units."""
-        before = dict(previous._remembering) if isinstance(previous, DynamicSum) else {previous.name: previous}
+        before = (
+            dict(previous._remembering) if isinstance(previous, DynamicSum) else {_identify(previous.name): previous}
+        )
         for name, part in self._remembering:
             if name in before:
                 part.keep(memory[name], before[name], old[name] if isinstance(previous, DynamicSum) else old)
@@ -214,3 +217,8 @@ class DynamicSum(Sum, DynamicWorld):
     def stores_energy(self) -> bool:
         """Whether all parts say what they hold."""
         return all(isinstance(part, DynamicWorld) and part.stores_energy for part in self.parts)
+
+
+def _identify(name: str) -> str:
+    """The `name` of a world as the beginning of a field's: a scene's has a hyphen, and a user's may have anything."""
+    return "".join(letter if letter.isalnum() else "_" for letter in name)

@@ -54,13 +54,13 @@ class ServedRun:
 
     def end(self) -> dict[str, Any]:
         """End it as a terminal does; its report."""
-        assert self.alive, f"the run had ended: {self._said()}"
+        assert self.alive, f"the run had ended: {self._read_lines()}"
         self._process.send_signal(signal.SIGTERM)
         assert self._process.stdout is not None
         out = self._process.stdout.read()
         self._process.wait(60)
         lines = out.splitlines()
-        assert lines, f"the run told no report: {self._said()}"
+        assert lines, f"the run told no report: {self._read_lines()}"
         self.report = json.loads(lines[-1])
         return self.report
 
@@ -68,10 +68,10 @@ class ServedRun:
         """After a failure: how it ended by itself, or its trips and what it said. It is over then."""
         if self.alive:
             trips = self.end()["trips"]
-            return f"the run was alive, its trips: {trips}, its servers: {self.report['servers']}; {self._said()}"
-        return f"the run had ended with code {self._process.returncode}: {self._said()}"
+            return f"the run was alive, its trips: {trips}, its servers: {self.report['servers']}; {self._read_lines()}"
+        return f"the run had ended with code {self._process.returncode}: {self._read_lines()}"
 
-    def _said(self) -> str:
+    def _read_lines(self) -> str:
         self._process.wait(60)
         self._reader.join(5)
         return "".join(self._lines)

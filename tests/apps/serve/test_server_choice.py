@@ -34,9 +34,11 @@ def test_the_clients_force_is_felt_alone_or_added_to_what_was_chosen(tmp_path):
     assert add_client_force(Remote(limit=2.0), haply) == Remote(limit=2.0)
     assert isinstance(add_client_force(Terrain(), haply).parts[1], Remote)
     assert add_client_force(Dome(), ()) == Dome()
-    (tmp_path / "mine.py").write_text("import haptorb\n")
-    with pytest.raises(InputError, match="cannot have it"):
-        add_client_force(parse_world_file(f"{tmp_path}/mine.py:mine"), haply)
+    (tmp_path / "mine.py").write_text("import numpy as np\ndef mine(state):\n    return np.ones(6)\n")
+    mine = parse_world_file(f"{tmp_path}/mine.py:mine")
+    loaded = add_client_force(mine, haply).load()
+    assert (loaded.parts[0].name, loaded.parts[1]) == ("mine", Remote())
+    assert add_client_force(mine, ()) == mine
 
 
 @pytest.mark.parametrize("where", ["x", "70000", "-1", "10001:y", "1:2:3:4:nine"])

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from haptorb import Servo
-from haptorb.apps.serve.server_choice import check_servers
+from haptorb import Recording, Servo
+from haptorb.apps.serve.server_choice import add_client_force, check_servers
 from haptorb.apps.serve.serving import Serving
+from haptorb.runtime.replay.replay import Replay
 from haptorb.worlds import Remote, Terrain
+from haptorb.worlds.own.world_file import parse_world_file
 
 pytestmark = pytest.mark.realtime
 
@@ -84,6 +86,39 @@ def test_a_server_that_is_stopped_or_killed_leaves_no_force(running):
         os.kill(server, signal.SIGKILL)
         wait_for(lambda: memory(servo, "remote_fade") == 0.0)
         assert servo.alive
+
+
+OWN = """import numpy as np
+from haptorb.worlds import World
+
+class Floor(World):
+    def wrench(self, state):
+        return np.array([0.0, 0.0, {force}, 0.0, 0.0, 0.0])
+"""
+
+
+def test_the_users_own_world_is_felt_beside_the_clients_and_keeps_them_when_it_is_saved(tmp_path):
+    haply, file, path = check_servers(["haply:0:0"]), tmp_path / "floor.py", tmp_path / "run.mcap"
+    file.write_text(OWN.format(force=0.05))
+    world = add_client_force(parse_world_file(f"{file}:Floor"), haply)
+    servo = Servo("omni", world, record=path)
+    with Serving(haply, servo) as serving, servo:
+        serving.start()
+        serving.hold_tool()
+        port = int(serving.lines[0].split(",")[0].rpartition(":")[2])
+        with connect(f"ws://localhost:{port}", compression=None) as client:
+            client.recv(timeout=20)
+            wait_for(lambda: push(client, 0.2) and servo.latest().asked[2] == pytest.approx(0.25))
+            file.write_text(OWN.format(force=0.07))
+            wait_for(lambda: push(client, 0.2) and servo.latest().asked[2] == pytest.approx(0.27))
+            wait_for(lambda: servo.latest().asked[2] == pytest.approx(0.07))  # it ends with its client's silence
+        assert servo.world[0] == "floor"
+        assert list(servo.own_worlds) == ["floor"]
+    recording = Recording(path)
+    replay = Replay(recording)
+    found = replay.run()
+    assert "has changed since" in " ".join(replay.remarks), "the first version is gone"
+    assert found.identical, found.first
 
 
 def _children(parent, module):

@@ -16,8 +16,8 @@ from haptorb.runtime.exchange.commands import Commands
 from haptorb.runtime.exchange.shared_memory import SharedMemory, Word
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.processes.loop import Loop
+from haptorb.runtime.processes.processor_wait import ProcessorWait
 from haptorb.runtime.realtime.host_heartbeat import SILENCE, STARVATION
-from haptorb.runtime.realtime.processor_wait import ProcessorWait
 from haptorb.runtime.realtime.schedule import Schedule
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.tick.assembly import assemble

@@ -11,6 +11,8 @@ import pytest
 from haptorb import Recording, State
 from haptorb.control.clutch.modes import Gains
 from haptorb.control.protection.trip import Trip
+from haptorb.control.stability.coupling_choice import CouplingSetting
+from haptorb.control.stability.hand_grip import GRIPS
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Array
@@ -21,8 +23,10 @@ from haptorb.runtime.tick.assembly import assemble, estimators_of
 from haptorb.runtime.tick.tick import Tick
 from haptorb.runtime.tick.tick_log import MODEL, TickCommand
 from haptorb.worlds import Dome, Fluid, Friction, Nothing, RollingBall, Sum, World, find_world
+from haptorb.worlds.bound_world import BoundWorld
 from haptorb.worlds.dynamic.remote import Remote
 from haptorb.worlds.own.function_world import FunctionWorld
+from haptorb.worlds.scene.scene_file import parse_scene_file
 from oracles.recorded_chain import Deed, record_chain
 
 OMNI = RowLayout.of(load("omni"))
@@ -263,3 +267,35 @@ def test_what_a_client_commanded_is_commanded_again(local: World | None, tmp_pat
         field.size for field in memory[: [one.name for one in memory].index("remote_force")]
     )
     assert np.concatenate(rows)[100, start : start + 3] == pytest.approx([-0.4, 0.1, -0.2])
+
+
+class SlowSteps:
+    """Tells a tick's budget that the world's steps take `took` [s] of each tick."""
+
+    def __init__(self, tick: Tick, took: float) -> None:
+        self._budget = tick.budget._budget if isinstance(tick.budget, SlowSteps) else tick.budget
+        self._took = took
+        tick.budget = self
+
+    def watch(self, bound: BoundWorld, took: float) -> None:
+        self._budget.watch(bound, self._took)
+
+
+def test_a_scene_and_the_detail_that_it_sheds_replay_bit_for_bit(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    scene = parse_scene_file("boxes").load()
+    coupled = CouplingSetting(load("omni"), 1000.0, GRIPS["light"]).couple(scene)
+
+    def mark(rows: Array) -> None:  # the computer was slow from tick 40 on
+        rows[:40, OMNI["stages"].start + 2] = 0.0
+        rows[40:, OMNI["stages"].start + 2] = 0.9e-3
+
+    deeds: dict[int, Deed] = {0: lambda tick: SlowSteps(tick, 0.0), 40: lambda tick: SlowSteps(tick, 0.9e-3)}
+    recording = record_chain(tmp_path / "run.mcap", "omni", coupled, ticks=120, deeds=deeds, change=mark)
+    (detail,) = (values for name, values in recording.memory.items() if name.endswith(".detail"))
+    assert detail[:40].max() == 0.0
+    assert detail[-1] >= 2.0
+    replay = Replay(recording)
+    found = replay.run()
+    assert replay.remarks == []
+    assert found.identical, found.first

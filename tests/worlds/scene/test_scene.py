@@ -11,8 +11,9 @@ import pytest
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
-from haptorb.worlds import Outlet, Scene
+from haptorb.worlds import Outlet, Remote, Scene
 from haptorb.worlds.bound_world import BoundWorld, MemoryNotFinite, bind_world
+from haptorb.worlds.dynamic_world import DynamicSum
 from haptorb.worlds.own.failure import try_world
 from haptorb.worlds.scene.scene_model import SHIPPED
 
@@ -217,3 +218,15 @@ def test_steps_allocate_nothing_that_grows() -> None:
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     assert grown < 10_000
+
+
+def test_beside_the_clients_force_a_scene_goes_on_when_the_sum_is_made_anew() -> None:
+    both = Scene("boxes") + Remote()
+    assert isinstance(both, DynamicSum)
+    names = [field.name for field in both.memory_fields]
+    assert names[0].startswith("scene_boxes_")
+    assert names[-1].startswith("remote_")
+    old, new = both.begin(), both.begin()
+    old["scene_boxes"]["detail"] = 3.0
+    both.keep(new, both, old)
+    assert new["scene_boxes"]["detail"] == 3.0

@@ -132,11 +132,10 @@ def run(
             felt = choose_world_option(world or first, settings or [], found)
         else:
             felt = choose_scene_option(scene, body, world, settings or [], found)
-        felt = add_client_force(felt, choices)
         build_tables(found)
         servo = Servo(
-            device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction, frame=frame,
-            rate=rate, seed=seed, model=model, record=record or False,
+            device, add_client_force(felt, choices), driver=driver, tracker=tracker, prediction=1e-3 * prediction,
+            frame=frame, rate=rate, seed=seed, model=model, record=record or False,
             overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
             watchdog=not no_watchdog, render=render, torque_arm=None if torque_arm is None else 1e-3 * torque_arm,
             grip=grip, latency=None if latency is None else 1e-3 * latency,

@@ -8,6 +8,7 @@ from haptorb.apps.serve.server_kinds import KINDS
 from haptorb.errors import InputError, UnknownName
 from haptorb.numerics.record import record
 from haptorb.worlds import Remote
+from haptorb.worlds.own.file_with_remote import FileWithRemote
 from haptorb.worlds.own.world_file import WorldFile
 from haptorb.worlds.scene.scene_file import SceneFile
 from haptorb.worlds.world import World
@@ -51,17 +52,9 @@ def feels_alone(choices: Sequence[ServerChoice]) -> bool:
 
 def add_client_force(
     world: World | WorldFile | SceneFile, choices: Sequence[ServerChoice]
-) -> World | WorldFile | SceneFile:
-    """`world` with the force of the clients of these servers, if one of them has clients that command forces.
-
-    Raises InputError for a world in a file: it is loaded again whenever it is saved, and would come back without.
-    """
-    commanding = [choice.kind for choice in choices if KINDS[choice.kind].world != "unchanged"]
-    if not commanding or isinstance(world, Remote):
+) -> World | FileWithRemote | WorldFile | SceneFile:
+    """`world` with the force of the clients of these servers, if one of them has clients that command forces; a file
+    keeps it whenever it is loaded again."""
+    if isinstance(world, Remote) or all(KINDS[choice.kind].world == "unchanged" for choice in choices):
         return world
-    if isinstance(world, WorldFile | SceneFile):
-        raise InputError(
-            f"--serve {commanding[0]} adds its clients' force to a world of the catalogue (--world); a file or scene "
-            "of your own is loaded anew whenever it is saved, and cannot have it. Leave out one of the two"
-        )
-    return world + Remote()
+    return FileWithRemote(world) if isinstance(world, WorldFile | SceneFile) else world + Remote()

@@ -25,13 +25,13 @@ from haptorb.runtime.exchange.world_change import (
     parse_request,
     postponement,
 )
+from haptorb.runtime.processes.processor_wait import ProcessorWait
 from haptorb.runtime.processes.state_keeper import StateKeeper
 from haptorb.runtime.processes.stats import count_tick, publish_row
 from haptorb.runtime.processes.world_loader import LoadedWorld, WorldLoader
 from haptorb.runtime.realtime.clock import Clock
 from haptorb.runtime.realtime.host_heartbeat import LATE, HostHeartbeat, state_of
 from haptorb.runtime.realtime.parent_death import is_parent_gone
-from haptorb.runtime.realtime.processor_wait import ProcessorWait
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.tick.chain import Chain
 from haptorb.runtime.tick.tick_log import NO_TICK

@@ -53,7 +53,7 @@ class Contents:
         return None
 
     def open_rows(self, data: bytes) -> Array | None:
-        """(n, width) the rows of the chunk `data`, if there is nothing else in it; None otherwise."""
+        """(n, width) the rows of the chunk `data` [SI], if there is nothing else in it; None otherwise."""
         messages = open_messages(data, self._channel, len(CDR_HEADER) + 8 * self.width) if self.fields else None
         return None if messages is None else self._decode(messages)
 

@@ -54,10 +54,10 @@ class PlayedRows:
             self._at[field.name] = slice(start, start + field.width)
             start += field.width
         self.missing = tuple(name for name in SAMPLE_FIELDS if name not in names)
-        told = [name for name in ("t", "tick", "commands") if name in names]
+        single = [name for name in ("t", "tick", "commands") if name in names]
         count = len(recording)
-        pieces = [recording.read(first, min(first + _PIECE, count), told) for first in range(0, count, _PIECE)]
-        columns = dict(zip(told, np.concatenate(pieces).T.copy(), strict=True))
+        pieces = [recording.read(first, min(first + _PIECE, count), single) for first in range(0, count, _PIECE)]
+        columns = dict(zip(single, np.concatenate(pieces).T.copy(), strict=True))
         self.t: Array = columns["t"]
         self.ticks: Array = columns["tick"]
         self.commands = columns["commands"] if "commands" in columns else self._read_commands()

@@ -54,8 +54,7 @@ class Replay:
 
     world, estimator, model, rate  stand in for the recorded ones; rate in [Hz]
     recorded_world  render the recorded wrench, and run no world
-    part  the rows from one up to another only; the first must be one of which the recording keeps the state
-    rows  those of `recording`, if they are at hand
+    part, rows  the rows from one up to another only, the first of which the recording keeps the state; rows, if at hand
 
     comparison  of what was recorded and what came out
     replaced    part → what stands in for it
@@ -90,8 +89,7 @@ class Replay:
         self._first, last = part or (0, len(table))
         self._timetable = table if part is None else table.cut(self._first, last)
         device = self.recorded.device
-        self._driver = PlayedDriver(device.sensors)
-        self._other_world, self._only_recorded = world, recorded_world
+        self._driver, self._other_world, self._only_recorded = PlayedDriver(device.sensors), world, recorded_world
         self.remarks = self.recorded.remarks
         self._stand_ins: set[str] = set()
         self._recorded_tick = RecordedTick()
@@ -188,8 +186,8 @@ class Replay:
     def _go_on(self, at: int, block: Mapping[str, Array], n: int) -> None:
         """After lost ticks: remember what the recorded chain did after row `at`, tick `n` of the block."""
         self._change_world(float(block["world"][n, 0]), 0)
-        state = unpack_state(self._states[float(self._rows.ticks[at])])
-        load_state(self.tick, state, block.get("memory", np.empty((n + 1, 0)))[n])
+        memory = block.get("memory", np.empty((n + 1, 0)))[n]
+        load_state(self.tick, unpack_state(self._states[float(self._rows.ticks[at])]), memory)
 
     def _take_state(self) -> None:
         """Remember what the recorded chain did after the first row, which is not run again."""

@@ -59,6 +59,7 @@ from haptorb.worlds.bound_world import check_world_period
 from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.memory import count_numbers
 from haptorb.worlds.own.failure import fit_world
+from haptorb.worlds.own.file_with_remote import FileWithRemote
 from haptorb.worlds.own.world_file import WorldFile
 from haptorb.worlds.scene.scene_file import SceneFile
 from haptorb.worlds.world import World
@@ -72,7 +73,8 @@ class Servo(ServoContext):
 
     device     name in the catalogue, path of a device file, or a Device
     world      name in the catalogue, a World, a function of a State that returns a wrench (6,), or "FILE.py:NAME"
-               (WorldFile), or a SceneFile, loaded again whenever it is saved; None: the one that shows the device best
+               (WorldFile), or a SceneFile, loaded again whenever it is saved, with clients' force or without
+               (FileWithRemote); None: the one that shows the device best
     driver     "sim": the simulated device
     tracker    "pointer": the tool is where the hand wants it that `point` moves; "hall": the hand follows that as
                well, but where the tool is, the estimator learns from the field sensors only; "osc:PORT", "lsl:NAME",
@@ -106,7 +108,7 @@ class Servo(ServoContext):
     def __init__(
         self,
         device: str | Path | Device,
-        world: str | World | WorldFile | SceneFile | Callable[[State], Array] | None = None,
+        world: str | World | WorldFile | SceneFile | FileWithRemote | Callable[[State], Array] | None = None,
         *,
         driver: str = "sim",
         tracker: str = "pointer",

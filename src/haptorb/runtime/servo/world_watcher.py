@@ -13,7 +13,9 @@ from haptorb.devices.state import State
 from haptorb.errors import HaptorbError, UnknownName
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.servo.output_reader import show
+from haptorb.worlds.dynamic.remote_sum import split_remote
 from haptorb.worlds.own.failure import try_world
+from haptorb.worlds.own.file_with_remote import FileWithRemote
 from haptorb.worlds.own.function_world import make_world
 from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
 from haptorb.worlds.parameter import parameters
@@ -29,7 +31,7 @@ _SETTLED = 0.03  #: for which a file that is being written must stay as it is [s
 
 
 def choose_world(
-    given: str | World | WorldFile | SceneFile | Callable[[State], Array],
+    given: str | World | WorldFile | SceneFile | FileWithRemote | Callable[[State], Array],
 ) -> tuple[World, WorldFile | SceneFile | None]:
     """The world that `given` names or is, and the file to watch if it comes from one; a function returns (6,) [N, N·m].
 
@@ -37,8 +39,8 @@ def choose_world(
     """
     if isinstance(given, str) and is_world_file(given):
         given = parse_world_file(given)
-    if isinstance(given, WorldFile | SceneFile):
-        return given.load(), given
+    if isinstance(given, WorldFile | SceneFile | FileWithRemote):
+        return given.load(), given.file if isinstance(given, FileWithRemote) else given
     return (worlds.find_world(given)() if isinstance(given, str) else make_world(given)), None
 
 
@@ -62,6 +64,7 @@ def keep_changes(old: World, values: dict[str, Any], new: World) -> dict[str, An
 class WorldWatcher:
     """Looks at the file of `world` five times a second and hands every new version to `replace`, in a thread.
 
+    world     as the file was loaded; clients' force beside it is not the file's
     replace   (world, values that a person has changed) → in effect; raises HaptorbError if the servo refuses
     """
 
@@ -74,7 +77,7 @@ class WorldWatcher:
         felt: Callable[[], tuple[str, dict[str, Any]]],
     ) -> None:
         self.trouble = ""  #: why the newest version of the file is not used; empty while it is
-        self._file, self._world, self._device = file, world, device
+        self._file, (self._world, _), self._device = file, split_remote(world), device
         self._replace, self._felt = replace, felt
         self._stamp = file.stamp
         self._ending = threading.Event()

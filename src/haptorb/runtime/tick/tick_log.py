@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from enum import IntFlag
 from typing import Any, final
 
@@ -83,10 +82,11 @@ class TickLog:
         """`failure` happened."""
         self.failures |= int(failure)
 
-    def fill(self, cells: Any, start: Mapping[str, int]) -> None:
-        """The tick is over: into the row `cells`, a memoryview, whose fields begin at `start`; all sums begin anew."""
-        cells[start["commands"]], cells[start["failures"]] = self.commands, self.failures
-        cells[start["torque_scale"]] = self.scale
+    def fill(self, cells: Any, places: tuple[int, int, int]) -> None:
+        """The tick is over: into the row `cells`, a memoryview, at the `places` of commands, failures and torque scale;
+        all sums begin anew."""
+        commands, failures, scale = places
+        cells[commands], cells[failures], cells[scale] = self.commands, self.failures, self.scale
         self.commands = self.failures = 0
 
 

@@ -255,3 +255,24 @@ def test_hostile_clients_are_let_go_and_nobody_else_notices(bench, port):
                 endless.send(b"" for _ in range(100_000))
         assert ask(honest, push(None, 0.25))["inverse3"][0]["status"]["in_use"]
         assert bench.read_client()["force"].tolist() == [0.0, 0.0, 0.25]
+
+
+def test_who_talks_nonsense_is_answered_and_takes_no_time_from_others(port):
+    def take(message, count=80):
+        with dial(port) as client:
+            client.recv(timeout=20)
+            begin = time.monotonic()
+            for _ in range(count):
+                client.send(message)
+            for _ in range(count):
+                check_state(json.loads(client.recv(timeout=20)))
+            return time.monotonic() - begin
+
+    rest = 79 * 0.005
+    assert take('{"inverse3":[{') > rest
+    fastest = [min(take(message) for _ in range(3)) for message in ("", " ", "7", "{}", '{"inverse4":{}}')]
+    assert max(fastest) < rest, "whatever can be read, if only as nothing, is answered at once"
+    begin = time.monotonic()
+    with pytest.raises(InvalidStatus), dial(port, origin="https://evil.example"):
+        pass
+    assert time.monotonic() - begin > 0.05

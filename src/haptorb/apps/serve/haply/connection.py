@@ -1,7 +1,9 @@
 """One connection on one of the two ports: a WebSocket that is answered at once, or a request over HTTP.
 
-Messages are answered where they arrive, without a task or a queue between. A few are answered in a row, then another
-connection has its turn; who does not read its answers is read no more, and let go after ten seconds.
+Messages are answered where they arrive, without a task or a queue between. Two are answered in a row, then another
+connection has its turn; who does not read its answers is read no more, and let go after ten seconds. Who sends what
+nobody can read is read again a little later, who may not enter learns that a little later, and what follows a message
+that is too long is thrown away: none of them takes the processor from the others.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from collections import deque
 from typing import cast, final
 
 from websockets.frames import Frame, Opcode
-from websockets.http11 import Request
+from websockets.http11 import Request, Response
 from websockets.protocol import OPEN
 from websockets.server import ServerProtocol
 
@@ -25,9 +27,13 @@ _ROOM = 4096  #: bytes that are read at once: a flood of small messages does not
 _MESSAGE = 65536  #: longest message [bytes]
 _PARTS = 256  #: of one message: a client that never ends it must not fill the memory with empty ones
 _HEAD = 16384  #: of a request [bytes]
-_IN_A_ROW = 8  #: messages of one client that are answered before others have their turn
+_IN_A_ROW = 2  #: messages of one client that are answered before others have their turn
 _UNREAD = 65536  #: bytes of answers that may wait for a client that does not read
 _PATIENCE = 10.0  #: for a request, or for a client to read [s]
+_REST = 0.005  #: after a message that cannot be read [s]
+_REFUSAL = 0.05  #: before a refusal: whoever asks at once again does so twenty times a second [s]
+_WASTE = 262144  #: bytes that are thrown away at once
+_FAREWELL = 1.0  #: for a client whose message was too long to read why [s]
 
 
 class Door(ABC):
@@ -43,7 +49,7 @@ class Door(ABC):
 
     @abstractmethod
     def answer(self, connection: Connection, message: bytes) -> str | None:
-        """The answer to a message; None: there is none."""
+        """The answer to a message; None: there is none. A message that cannot be read lets the connection `rest`."""
 
     @abstractmethod
     def close(self, connection: Connection) -> None:
@@ -64,7 +70,7 @@ class Connection(asyncio.BufferedProtocol):
         self._head = b""
         self._websocket: ServerProtocol | None = None
         self._exchange: HttpExchange | None = None
-        self._open = self._paused = False
+        self._open = self._paused = self._failed = self._rests = False
         self._parts: list[bytes] = []  # of a message that comes in several frames
         self._waiting: deque[bytes] = deque()  # whole messages
         self._timer: asyncio.TimerHandle | None = None
@@ -86,6 +92,8 @@ class Connection(asyncio.BufferedProtocol):
 
     def buffer_updated(self, nbytes: int) -> None:
         """Bytes have come."""
+        if self._failed:
+            return
         data = bytes(self._buffer[:nbytes])
         if self._websocket is not None:
             self._receive(data)
@@ -126,17 +134,31 @@ class Connection(asyncio.BufferedProtocol):
             elif isinstance(event, Frame):
                 self._collect(event)
         self._flush()
+        if websocket.parser_exc is not None:
+            self._failed, self._buffer = True, bytearray(_WASTE)
+            self._wait(_FAREWELL)
+            return
         self._work()
 
     def _shake_hands(self, websocket: ServerProtocol, request: Request) -> None:
         headers = {name.lower(): value for name, value in request.headers.raw_items()}
         refusal = self.door.access.refuse(self.peer, headers, request.path)
-        websocket.send_response(websocket.reject(403, f"{refusal}\n") if refusal else websocket.accept(request))
+        if refusal:
+            self._transport.pause_reading()
+            asyncio.get_running_loop().call_later(_REFUSAL, self._refuse, websocket.reject(403, f"{refusal}\n"))
+            return
+        websocket.send_response(websocket.accept(request))
         self._flush()
         if websocket.state is OPEN:
             self._open = True
             self._stop_waiting()
             self.door.open(self)
+
+    def _refuse(self, response: Response) -> None:
+        assert self._websocket is not None
+        if not self._transport.is_closing():
+            self._websocket.send_response(response)
+            self._flush()
 
     def _collect(self, frame: Frame) -> None:
         """Text or binary, in one frame or in several."""
@@ -155,17 +177,30 @@ class Connection(asyncio.BufferedProtocol):
 
     def _work(self) -> None:
         """Answer what waits: a few messages, then others have their turn."""
+        if self._rests:
+            return
         for _ in range(_IN_A_ROW):
-            if not self._waiting or self._paused or not self._open:
+            if not self._waiting or self._paused or self._rests or not self._open:
                 break
             answer = self.door.answer(self, self._waiting.popleft())
             if answer is not None:
                 self.send(answer)
-        if self._waiting and self._open and not self._paused:
+        if self._rests:
+            self._transport.pause_reading()
+            asyncio.get_running_loop().call_later(_REST, self._wake)
+        elif self._waiting and self._open and not self._paused:
             self._transport.pause_reading()
             asyncio.get_running_loop().call_soon(self._go_on)
         elif not self._paused and self._open:
             self._transport.resume_reading()
+
+    def rest(self) -> None:
+        """Read nothing for a while: the message was nonsense."""
+        self._rests = True
+
+    def _wake(self) -> None:
+        self._rests = False
+        self._go_on()
 
     def _go_on(self) -> None:
         if self._open and not self._paused:
@@ -208,6 +243,8 @@ class Connection(asyncio.BufferedProtocol):
     def resume_writing(self) -> None:
         """It reads again."""
         self._paused = False
+        if self._failed:
+            return
         self._stop_waiting()
         self._go_on()
 
@@ -223,9 +260,9 @@ class Connection(asyncio.BufferedProtocol):
             self._open = False
             self.door.close(self)
 
-    def _wait(self) -> None:
+    def _wait(self, patience: float = _PATIENCE) -> None:
         self._stop_waiting()
-        self._timer = asyncio.get_running_loop().call_later(_PATIENCE, self._transport.abort)
+        self._timer = asyncio.get_running_loop().call_later(patience, self._transport.abort)
 
     def _stop_waiting(self) -> None:
         if self._timer is not None:

@@ -127,7 +127,12 @@ class _ClientDoor(Door):
         connection.send(self._service.greet(session))
 
     def answer(self, connection: Connection, message: bytes) -> str | None:
-        return self._service.answer(self._sessions[connection], message)
+        session = self._sessions[connection]
+        unreadable = session.unreadable
+        answer = self._service.answer(session, message)
+        if session.unreadable > unreadable:
+            connection.rest()
+        return answer
 
     def close(self, connection: Connection) -> None:
         if (session := self._sessions.pop(connection, None)) is not None:

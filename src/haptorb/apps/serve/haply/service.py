@@ -58,7 +58,7 @@ class Service:
         try:
             message = json.loads(text)
         except (ValueError, RecursionError):
-            message = None
+            message, session.unreadable = None, session.unreadable + bool(text.strip())
         full = self._obey(session, message) if isinstance(message, dict) else False
         return self._write(session, config=full)
 

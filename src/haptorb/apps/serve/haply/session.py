@@ -17,13 +17,14 @@ _SMOOTH = 0.5  #: weight of the newest rate
 class Session:
     """The client `number` at the address `peer`, seeing the device as `space` says.
 
-    refused  whether it was told that another client holds the device, since it last could command
+    unreadable  how many of its messages nobody could read; one without text can be read
+    refused     whether it was told that another client holds the device, since it last could command
     """
 
     def __init__(self, number: int, peer: str, space: Space) -> None:
         self.number, self.peer, self.space = number, peer, space
         self.name = ""
-        self.messages = 0
+        self.messages = self.unreadable = 0
         self.rate = 0.0  #: messages per second
         self.refused = False
         self._since, self._counted = monotonic(), 0

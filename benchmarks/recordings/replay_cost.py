@@ -1,0 +1,97 @@
+"""What a tick pays so that its recording can run again: readings and commands in the row, and a state now and then.
+
+    python benchmarks/recordings/replay_cost.py [--ticks 6000] [--json]
+
+Both devices with their defaults, in this process and without a clock. Blocks of ticks with everything, and without what
+only a replay needs, take turns; each figure is the 10th percentile over all ticks of its kind, with the simulation left
+out (`prepare`). `state` is what one saved state takes, spread over the ticks between two.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from haptorb.devices.loader import load
+from haptorb.runtime.pointer.pointer import PointerTracker
+from haptorb.runtime.processes.state_keeper import EVERY
+from haptorb.runtime.tick import tick as module
+from haptorb.runtime.tick.assembly import assemble, default_world
+from haptorb.runtime.tick.tick import Tick
+from haptorb.runtime.tick.tick_log import TickLog
+from haptorb.runtime.tick.tick_state import save_state
+from haptorb.worlds import find_world
+
+_BLOCK = 100  #: ticks of one kind in a row
+
+
+def time_ticks(tick: Tick, first: int, count: int) -> list[float]:
+    """What `count` ticks from number `first` on take [s]."""
+    row, took = tick.layout.empty(), []
+    for number in range(first, first + count):
+        now = 1e-3 * number
+        tick.prepare(now)
+        begin = perf_counter()
+        tick.step(row, now)
+        took.append(perf_counter() - begin)
+    return took
+
+
+def do_nothing(*given: Any) -> None:
+    """In place of what is left out."""
+
+
+def measure_device(name: str, ticks: int) -> dict[str, float]:
+    """Times of a tick [µs], and what the replay's part of it is [1]."""
+    device = load(name)
+    tick = assemble(device, find_world(default_world(device))(), "sim", 1000.0, 0, None, PointerTracker())
+    parts: list[tuple[Any, str, Callable[..., None]]] = [
+        (module, "fill_pose", module.fill_pose), (TickLog, "fill", TickLog.fill),
+    ]  # fmt: skip
+    times: dict[bool, list[float]] = {True: [], False: []}
+    with tick.driver:
+        time_ticks(tick, 0, 500)
+        for number, first in enumerate(range(500, 500 + 2 * ticks, _BLOCK)):
+            whole = number % 2 == 0
+            for owner, attribute, works in parts:
+                setattr(owner, attribute, works if whole else do_nothing)
+            times[whole] += time_ticks(tick, first, _BLOCK)
+        for owner, attribute, works in parts:
+            setattr(owner, attribute, works)
+        saved = []
+        for _ in range(500):
+            begin = perf_counter()
+            save_state(tick)
+            saved.append(perf_counter() - begin)
+    whole, less, state = (1e6 * float(np.percentile(one, 10)) for one in (times[True], times[False], saved))
+    cost = whole - less + state / EVERY
+    return {"tick_us": whole, "fields_us": whole - less, "state_us": state / EVERY, "share": cost / (whole - cost)}
+
+
+def main() -> None:
+    """Measure, and print for people or machines."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--ticks", type=int, default=6000)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    load_before = os.getloadavg()[0]
+    found = {name: measure_device(name, options.ticks) for name in ("omni", "pmsm")}
+    if options.json:
+        print(json.dumps({"load_before": load_before, **found}, indent=1))
+        return
+    print(f"load before: {load_before:.2f}")
+    for name, one in found.items():
+        print(
+            f"{name:6} tick {one['tick_us']:5.1f} µs, of it fields {one['fields_us']:.2f} and states "
+            f"{one['state_us']:.2f} µs: {100 * one['share']:.1f} % on top"
+        )
+
+
+if __name__ == "__main__":
+    main()
