@@ -1,5 +1,5 @@
 """Run the tests in three calls of pytest: what only computes shares the processors, what runs beside a clock comes in
-threes, and what needs a browser as well, which draws on every processor, has the machine for itself.
+threes, and what needs a browser as well, which draws on every processor, in twos.
 
     run_tests.py [--markers EXPRESSION] [pytest's arguments]
 
@@ -21,11 +21,12 @@ BY_GROUP = ["--dist", "loadscope", "--no-loadscope-reorder"]
 SHARED = ["-n", "logical", "--maxprocesses", "4", *BY_GROUP]
 #: loops at 1 kHz, and one emulated board at a time: each needs a fraction of a processor and mostly waits
 IN_THREES = ["-n", "3", *BY_GROUP]
-ALONE = ["-n", "0"]
+#: a page draws with a third of two processors; the rest of a test waits for it
+IN_TWOS = ["-n", "2", *BY_GROUP]
 CALLS = (
     ("not realtime", SHARED),
     ("realtime and not browser", IN_THREES),
-    ("realtime and browser", ALONE),
+    ("realtime and browser", IN_TWOS),
 )
 NO_TESTS = 5  #: pytest's exit code where nothing was chosen: another call may have had something
 ORDER = ("failed", "passed", "skipped", "xfailed", "xpassed", "warning", "error", "rerun")
@@ -81,7 +82,7 @@ def main(words: list[str]) -> int:
     start = time.monotonic()
     codes, counts = [], Counter[str]()
     for which, how in CALLS:
-        code, counted = run_pytest(["-m", which + markers, *words, *how])
+        code, counted = run_pytest(["-m", which + markers, *how, *words])
         codes.append(code)
         counts += counted
     print("\n" + format_summary(counts, time.monotonic() - start), flush=True)

@@ -14,6 +14,11 @@ from typing import Any
 import pytest
 
 CONFIGURATION = "[pytest]\nmarkers =\n  realtime\n  slow\n  browser\n"
+ENDS = """import os
+def pytest_sessionfinish(session):
+    if session.config.option.markexpr.startswith('realtime and browser') and not hasattr(session.config, 'workerinput'):
+        os._exit(0)
+"""
 FILES = (
     "import os\ndef test_shared():\n    assert 'PYTEST_XDIST_WORKER' in os.environ\n",
     "def test_fails():\n    assert False\n",
@@ -23,9 +28,8 @@ def test_in_threes():
     assert os.environ['PYTEST_XDIST_WORKER_COUNT'] == '3'
 @pytest.mark.realtime
 @pytest.mark.browser
-def test_alone_and_ends():
-    assert 'PYTEST_XDIST_WORKER' not in os.environ
-    os._exit(0)
+def test_in_twos():
+    assert os.environ['PYTEST_XDIST_WORKER_COUNT'] == '2'
 @pytest.mark.realtime
 @pytest.mark.slow
 def test_slow_one():
@@ -42,6 +46,7 @@ def program(load_script: Callable[[str], ModuleType]) -> Any:
 def test_all_calls_run_and_one_line_adds_them_up(root: Path, tmp_path: Path) -> None:
     """The next call follows though the first fails, and a process that ends early is an error though it says 0."""
     (tmp_path / "pytest.ini").write_text(CONFIGURATION)
+    (tmp_path / "conftest.py").write_text(ENDS)
     for number, text in enumerate(FILES):
         (tmp_path / f"test_{number}.py").write_text(text)
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}

@@ -75,9 +75,14 @@ print(double.double(1.0))
         assert done.stdout.strip() == expected
 
 
-@pytest.mark.parametrize("package", ["tick", "drivers", "processes"])
-def test_what_runs_beside_a_clock_has_the_compiler_loaded(package: str) -> None:
-    assert output_of(f"import sys, haptorb.runtime.{package}; print('numba' in sys.modules)") == "True"
+@pytest.mark.parametrize("room", ["tick", "drivers", "processes.loop", "processes.tracker_process"])
+def test_what_runs_beside_a_clock_has_the_compiler_loaded(room: str) -> None:
+    assert output_of(f"import sys, haptorb.runtime.{room}; print('numba' in sys.modules)") == "True"
+
+
+def test_the_recorder_which_compiles_nothing_is_there_without_the_compiler() -> None:
+    program = "import sys, haptorb.runtime.processes.recorder_process; print('numba' in sys.modules)"
+    assert output_of(program) == "False"
 
 
 def test_a_postponed_kernel_can_be_called_by_others_and_sent_elsewhere() -> None:

@@ -15,6 +15,7 @@ from time import monotonic, process_time, sleep
 from typing import Any
 
 from haptorb.errors import HaptorbError
+from haptorb.numerics.compiled import load_compiler
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.realtime.kernel_requests import lower_priority, raise_priority
 from haptorb.runtime.realtime.parent_death import die_with_parent, is_parent_gone
@@ -22,6 +23,8 @@ from haptorb.runtime.trackers.pose_filter import PoseFilter
 from haptorb.runtime.trackers.tracker_registry import feed_of
 
 __all__ = ["main"]
+
+load_compiler()  # now: no pose waits for the compiler to be loaded
 
 _PATIENCE = 0.05  #: longest wait for a pose before looking whether to end [s]
 _TELL = 0.25  #: between two reports [s]
