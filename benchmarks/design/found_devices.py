@@ -23,6 +23,7 @@ from haptorb.design.objectives.sensing import shell_places
 from haptorb.design.objectives.tool_force import electromagnet_of
 from haptorb.devices.electromagnet.shell_capability import shell_capability
 from haptorb.devices.loader import load
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 
 MOTOR = (
     *("heat_per_torque_squared", "continuous_torque", "peak_torque", "torque_isotropy", "envelope_radius", "clearance"),
@@ -62,8 +63,9 @@ def try_trackers() -> dict[str, float]:
     found = {}
     for name in ("omni", "omni-sensor-ring"):
         device = electromagnet_of(DesignCandidate(load(name), load(name), {}))
-        errors = try_hall_tracker(device, places, 0.0)
-        found[name] = float(np.sqrt(np.nanmean(errors[:, 0] ** 2)))
+        for what, one in (("lasting errors", device), ("noise only", without_errors(device))):
+            errors = try_hall_tracker(one, places, 0.0)
+            found[f"{name}, {what}"] = float(np.sqrt(np.nanmean(errors[:, 0] ** 2)))
     return found
 
 

@@ -10,12 +10,12 @@ from haptorb.physics.sources.dipole import MU0
 OMNI = load("omni")
 
 
-def make_wound(*lines, fill=0.6):
+def wind(*lines, fill=0.6):
     return parse(f'based_on = "omni"\nname = "wound"\n[windings]\nfill = {fill}\n' + "\n".join(lines), "wound")
 
 
 def test_the_windings_decide_where_their_fill_is_given():
-    device = make_wound()
+    device = wind()
     assert device.moments_from == "windings"
     assert device.moment_per_current == pytest.approx(OMNI.predict_moments())
     expected = [coil.resistance(0.6) for coil in OMNI.windings.coils]
@@ -26,16 +26,16 @@ def test_the_windings_decide_where_their_fill_is_given():
 
 
 def test_more_turns_more_moment_resistance_and_inductance_for_the_same_heat():
-    single, double = make_wound(), make_wound("turns = [160, 160, 160]")
+    single, double = wind(), wind("turns = [160, 160, 160]")
     assert double.moment_per_current == pytest.approx(2 * single.moment_per_current)
     assert double.coils.resistance == pytest.approx(4 * single.coils.resistance)
     assert double.coils.inductance == pytest.approx(4 * single.coils.inductance)
 
 
 def test_a_smaller_core_gives_less_moment_and_less_inductance():
-    small = make_wound("[electromagnet]", 'core_radius = "12 mm"')
-    assert (np.diag(small.moment_per_current) < 0.9 * np.diag(make_wound().moment_per_current)).all()
-    assert (small.coils.inductance < make_wound().coils.inductance).all()
+    small = wind("[electromagnet]", 'core_radius = "12 mm"')
+    assert (np.diag(small.moment_per_current) < 0.9 * np.diag(wind().moment_per_current)).all()
+    assert (small.coils.inductance < wind().coils.inductance).all()
 
 
 def test_the_core_adds_the_inductance_that_its_flux_through_the_turns_is():
@@ -52,4 +52,4 @@ def test_the_core_adds_the_inductance_that_its_flux_through_the_turns_is():
 @pytest.mark.parametrize("fill", [0, 0.95, -1])
 def test_a_fill_that_no_wire_has_is_named(fill):
     with pytest.raises(DeviceError, match=r"windings\.fill"):
-        make_wound(fill=fill)
+        wind(fill=fill)

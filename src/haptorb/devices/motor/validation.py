@@ -174,18 +174,22 @@ def _condition(motor: SphericalMotor, R: Array) -> float:
     Dipoles tell which axes a motor has, but not how weak one is where wide parts pass each other closely. Slower, so
     it is asked only where dipoles object. Infinite where parts overlap, which is a finding of its own.
     """
-    from haptorb.devices.tables.series_table import series_torque_table
-    from haptorb.devices.tables.table_kernels import torque_characteristic
+    from haptorb.devices.tables.series_table import series_torque
 
-    coils = motor.electromagnets
+    coils, chords = motor.electromagnets, np.linspace(0.0, 2.0, 2049)
     try:
-        table = series_torque_table(motor.magnet, motor.magnets.distance, motor.electromagnet, coils.distance)
+        k = series_torque(
+            motor.magnet, motor.magnets.distance, motor.electromagnet, coils.distance, 1 - 0.5 * chords**2
+        )
     except GeometryError:
         return float("inf")
-    single = np.empty((len(R), 3, len(coils)))
-    torque_characteristic(
-        table.cells, table.scale, motor.magnets.directions, motor.polarity, coils.directions,
-        np.ascontiguousarray(R), single,
-    )  # fmt: skip
-    values = np.linalg.svd(single @ motor.groups, compute_uv=False)
-    return float((values[:, 0] / np.maximum(values[:, 2], 1e-300)).max())
+    greatest = 0.0
+    for part in np.array_split(R, max(len(R) // 200, 1)):
+        u = np.einsum("nab,ib->nia", part, motor.magnets.directions)
+        chord = np.sqrt(np.maximum(2 - 2 * u @ coils.directions.T, 0.0))
+        strength = np.interp(chord, chords, k) * motor.polarity[:, None]
+        pull = np.swapaxes(strength, 1, 2) @ u  # (n, coils, 3): Σ k û
+        single = np.swapaxes(np.cross(pull, coils.directions), 1, 2)
+        values = np.linalg.svd(single @ motor.groups, compute_uv=False)
+        greatest = max(greatest, float((values[:, 0] / np.maximum(values[:, 2], 1e-300)).max()))
+    return greatest

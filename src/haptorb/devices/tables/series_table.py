@@ -10,17 +10,18 @@ d₁ = 2πM (1 − cosθ). Source: Jackson, Classical Electrodynamics, sections 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from haptorb.devices.tables.pair_table import PairTable, chord_pieces
 from haptorb.errors import GeometryError
 from haptorb.numerics.arrays import Array
-from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.cylinder import CylinderMagnet
 from haptorb.physics.sources.dipole import MU0
 
-__all__ = ["series_torque_table"]
+__all__ = ["series_torque", "series_torque_table"]
 
 _CELLS = 512  #: quintic pieces of the table
 _ACROSS, _ALONG = 24, 12  #: filaments of a winding
@@ -35,6 +36,23 @@ def series_torque_table(magnet: CylinderMagnet, magnet_distance: float, coil: Co
     per cent of the radius. Valid where every part of the coil is nearer to the centre than every part of the magnet, as
     in a motor that can turn; GeometryError otherwise.
     """
+    series, left = _energy_series(magnet, magnet_distance, coil, coil_distance)
+    cosines = np.cos(np.pi * (np.arange(len(series)) + 0.5) / len(series))
+    cells, gap = chord_pieces(_chebyshev_series(_sum_slopes(series, cosines))[None], _CELLS)
+    return PairTable(cells, 0.5 * _CELLS, gap + left)
+
+
+def series_torque(
+    magnet: CylinderMagnet, magnet_distance: float, coil: Coil, coil_distance: float, cosines: Array
+) -> Array:
+    """(n,) k [N·m/A] itself at `cosines` (n,) of the angle between the axes; all else as in `series_torque_table`."""
+    return _sum_slopes(_energy_series(magnet, magnet_distance, coil, coil_distance)[0], cosines)
+
+
+def _energy_series(
+    magnet: CylinderMagnet, magnet_distance: float, coil: Coil, coil_distance: float
+) -> tuple[Array, float]:
+    """(terms + 1,) −μ0 cₙ dₙ [J/A], and the share of the first term that the first one left out may have."""
     discs = magnet_distance + 0.5 * magnet.length * np.array([-1.0, 1.0])
     reach = float(np.hypot(coil_distance + 0.5 * coil.length, coil.outer_radius))
     if reach >= discs[0]:
@@ -47,13 +65,17 @@ def series_torque_table(magnet: CylinderMagnet, magnet_distance: float, coil: Co
     unit = np.sqrt(reach * rim)  # powers of lengths stay within the range of numbers
     radii, heights, turns = coil.filaments(_ACROSS, _ALONG)
     charge = magnet.polarization / MU0 * np.array([-1.0, 1.0])
-    loops, faces, values = np.zeros(terms + 1), np.zeros(terms + 1), np.empty(terms + 1)
-    _expand_loops(radii / unit, (coil_distance + heights) / unit, turns, loops)
-    _expand_discs(discs / unit, magnet.radius / unit, charge, faces)
-    cosines = np.cos(np.pi * (np.arange(terms + 1) + 0.5) / (terms + 1))
-    _sum_slopes(-MU0 * unit * unit * loops * faces, cosines, values)
-    cells, gap = chord_pieces(_chebyshev_series(values)[None], _CELLS)
-    return PairTable(cells, 0.5 * _CELLS, gap + (reach / rim) ** terms)
+    loops = _expand_loops(radii / unit, (coil_distance + heights) / unit, turns, terms)
+    faces = _expand_discs(discs / unit, magnet.radius / unit, charge, terms)
+    return -MU0 * unit * unit * loops * faces, (reach / rim) ** terms
+
+
+def _sum_slopes(series: Array, cosines: Array) -> Array:
+    """(k,) Σ series[n] Pₙ′(cosines)."""
+    total = np.zeros_like(cosines)
+    for n, slope in _slopes(cosines, len(series) - 1):
+        total += series[n] * slope
+    return total
 
 
 def _chebyshev_series(values: Array) -> Array:
@@ -64,47 +86,33 @@ def _chebyshev_series(values: Array) -> Array:
     return series
 
 
-@kernel
-def _expand_loops(radii: Array, heights: Array, turns: Array, out: Array) -> None:
-    """Add cₙ of all loops per ampere to out (n,)."""
-    for i in range(radii.shape[0]):
-        square = radii[i] * radii[i] + heights[i] * heights[i]
-        r = np.sqrt(square)
-        x = heights[i] / r
-        scale = 0.5 * turns[i] * radii[i] * radii[i]  # rⁿ⁺¹ sin²α at n = 1
-        p0, p1, d0, d1 = 1.0, x, 0.0, 1.0  # Pₙ₋₁, Pₙ and their derivatives
-        for n in range(1, out.shape[0]):
-            out[n] += scale * d1 / (n + 1)
-            scale *= r
-            p2 = ((2 * n + 1) * x * p1 - n * p0) / (n + 1)
-            p0, p1, d0, d1 = p1, p2, d1, d0 + (2 * n + 1) * p1
+def _expand_loops(radii: Array, heights: Array, turns: Array, terms: int) -> Array:
+    """(terms + 1,) cₙ of all loops per ampere."""
+    r = np.hypot(radii, heights)
+    scale = 0.5 * turns * radii * radii  # rⁿ⁺¹ sin²α at n = 1
+    out = np.zeros(terms + 1)
+    for n, slope in _slopes(heights / r, terms):
+        out[n] = float(scale @ slope) / (n + 1)
+        scale = scale * r
+    return out
 
 
-@kernel
-def _expand_discs(heights: Array, radius: float, charge: Array, out: Array) -> None:
-    """Add dₙ of the discs to out (n,)."""
-    for i in range(heights.shape[0]):
-        r = np.sqrt(heights[i] * heights[i] + radius * radius)
-        x = heights[i] / r
-        scale = 2.0 * np.pi * charge[i] * radius * radius / (r * r * r)
-        out[1] += 2.0 * np.pi * charge[i] * (1.0 - x)
-        p0, p1, d0, d1 = x, 1.5 * x * x - 0.5, 1.0, 3.0 * x
-        for n in range(2, out.shape[0]):
-            out[n] += scale * d0 / (n * (n - 1))
-            scale /= r
-            p2 = ((2 * n + 1) * x * p1 - n * p0) / (n + 1)
-            p0, p1, d0, d1 = p1, p2, d1, d0 + (2 * n + 1) * p1
+def _expand_discs(heights: Array, radius: float, charge: Array, terms: int) -> Array:
+    """(terms + 1,) dₙ of the discs."""
+    r = np.hypot(heights, radius)
+    scale = 2.0 * np.pi * charge * radius * radius / r**3
+    out = np.zeros(terms + 1)
+    out[1] = float(2.0 * np.pi * charge @ (1.0 - heights / r))
+    for n, slope in _slopes(heights / r, terms - 1):
+        out[n + 1] = float(scale @ slope) / (n * (n + 1))
+        scale = scale / r
+    return out
 
 
-@kernel
-def _sum_slopes(series: Array, cosines: Array, out: Array) -> None:
-    """out (k,) = Σ series[n] Pₙ′(cosines)."""
-    for i in range(cosines.shape[0]):
-        x = cosines[i]
-        p0, p1, d0, d1 = 1.0, x, 0.0, 1.0
-        total = 0.0
-        for n in range(1, series.shape[0]):
-            total += series[n] * d1
-            p2 = ((2 * n + 1) * x * p1 - n * p0) / (n + 1)
-            p0, p1, d0, d1 = p1, p2, d1, d0 + (2 * n + 1) * p1
-        out[i] = total
+def _slopes(x: Array, terms: int) -> Iterator[tuple[int, Array]]:
+    """n and Pₙ′(x) from n = 1 to `terms`; without compiled code, as device files are checked by it."""
+    p0, p1, d0, d1 = np.ones_like(x), x, np.zeros_like(x), np.ones_like(x)
+    for n in range(1, terms + 1):
+        yield n, d1
+        p2 = ((2 * n + 1) * x * p1 - n * p0) / (n + 1)
+        p0, p1, d0, d1 = p1, p2, d1, d0 + (2 * n + 1) * p1
