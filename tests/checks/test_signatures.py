@@ -30,9 +30,11 @@ def _is_kernel(function: Function) -> bool:
 
 
 def _is_command(path: str, function: Function) -> bool:
-    """Whether the arguments are the options of a command: each is told how to be read from the command line."""
-    named = [one.annotation for one in function.args.args]
-    return path.startswith(COMMANDS) and sum("Annotated[" in ast.unparse(one) for one in named if one) > len(named) / 2
+    """Whether the arguments are the options of a command: each is told how to be read from the command line, on the
+    spot or by a type that several commands share."""
+    kinds = [ast.unparse(one.annotation) for one in function.args.args if one.annotation]
+    options = [one for one in kinds if "Annotated[" in one or one.endswith(("Option", "Argument"))]
+    return path.startswith(COMMANDS) and len(options) > len(function.args.args) / 2
 
 
 def _positional(function: Function) -> int:

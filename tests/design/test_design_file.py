@@ -10,7 +10,7 @@ import pytest
 from haptorb.design.design_file import load_design
 from haptorb.design.evaluate import evaluate
 from haptorb.errors import InputError
-from oracles.small_design import CODE, TEXT, make_design, write_design
+from oracles.designs.small_design import CODE, TEXT, make_design, write_design
 
 
 def test_a_design_as_its_file_says_it(tmp_path: Path) -> None:

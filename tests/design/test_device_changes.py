@@ -12,7 +12,7 @@ from haptorb.design.design_file import parse_design
 from haptorb.design.device_changes import build_device, write_device_text
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, InputError
-from oracles.small_design import CODE
+from oracles.designs.small_design import CODE
 
 HEAD = 'name = "d"\nbase = "{base}"\n[objectives.cost]\nfunction = "own.py:cost"\n'
 OMNI = """

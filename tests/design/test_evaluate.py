@@ -12,7 +12,7 @@ import pytest
 from haptorb.design.design import Design
 from haptorb.design.evaluate import evaluate
 from haptorb.design.evaluation import Value
-from oracles.small_design import CODE, TEXT, make_design
+from oracles.designs.small_design import CODE, TEXT, make_design
 
 GOOD: dict[str, Value] = {"radius": 30.0, "angle": 60.0, "shell": "thick"}
 

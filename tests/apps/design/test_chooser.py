@@ -15,7 +15,7 @@ from haptorb.apps.design.show.selection import BASE, Selection
 from haptorb.apps.web.server import HOST
 from haptorb.design.store import Results, Run
 from haptorb.errors import InputError, ServoError
-from oracles.made_designs import make_design, make_evaluations
+from oracles.designs.made_designs import make_design, make_evaluations
 
 
 class _Servo:

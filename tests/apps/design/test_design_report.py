@@ -16,7 +16,7 @@ from haptorb.design.store import Results, Run, open_results, read_results
 from haptorb.devices.loader import load, parse
 from haptorb.errors import InputError
 from oracles.command import run_command
-from oracles.made_designs import make_design, make_evaluations, make_results
+from oracles.designs.made_designs import make_design, make_evaluations, make_results
 
 
 def _make_plain(table, row, reason):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from haptorb.apps.design.tally import Tally
 from haptorb.design.evaluation import Evaluation
-from oracles.small_design import make_design
+from oracles.designs.small_design import make_design
 
 
 def make_row(number: int, cost: float = 0.0, by: str = "", reason: str = "") -> Evaluation:

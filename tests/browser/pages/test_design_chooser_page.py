@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from oracles.made_designs import make_results
+from oracles.designs.made_designs import make_results
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 

@@ -12,7 +12,7 @@ from haptorb.apps.design.report.best_design import BestDesign
 from haptorb.apps.design.report.page import make_page
 from haptorb.apps.design.results_table import ResultsTable
 from haptorb.design.store import Results, Run
-from oracles.made_designs import make_design, make_evaluations
+from oracles.designs.made_designs import make_design, make_evaluations
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime(retry=False)]
 

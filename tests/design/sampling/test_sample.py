@@ -10,7 +10,7 @@ import pytest
 from haptorb.design.design import Design
 from haptorb.design.sampling import METHODS, list_settings, sample, sweep
 from haptorb.errors import InputError, RecordingError, UnknownName
-from oracles.small_design import TEXT, make_design
+from oracles.designs.small_design import TEXT, make_design
 
 
 @pytest.fixture(scope="module")

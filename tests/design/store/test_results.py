@@ -21,7 +21,7 @@ from haptorb.design.evaluate import evaluate
 from haptorb.design.evaluation import Evaluation
 from haptorb.design.store import open_results, read_results, results
 from haptorb.errors import RecordingError
-from oracles.small_design import TEXT, make_design, write_design
+from oracles.designs.small_design import TEXT, make_design, write_design
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +178,7 @@ KILLED = """
 import sys
 sys.path[:0] = {paths}
 from pathlib import Path
-from oracles.small_design import make_design
+from oracles.designs.small_design import make_design
 from haptorb.design.evaluation import Evaluation
 from haptorb.design.store import open_results
 with open_results({where!r}, make_design(Path({folder!r})), "sobol", 1) as writer:

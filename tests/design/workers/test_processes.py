@@ -15,7 +15,7 @@ import pytest
 from haptorb.design.sampling import sample
 from haptorb.design.workers.processes import evaluate_all, open_processes
 from haptorb.errors import InputError
-from oracles.small_design import CODE, make_design
+from oracles.designs.small_design import CODE, make_design
 
 SLOW = CODE.replace("def reach(candidate):", "def reach(candidate):\n    import time\n    time.sleep(0.01)")
 DEADLY = CODE.replace(
@@ -51,7 +51,7 @@ import sys
 sys.path[:0] = {paths}
 from multiprocessing import active_children
 from pathlib import Path
-from oracles.small_design import make_design
+from oracles.designs.small_design import make_design
 from haptorb.design.workers.processes import evaluate_all
 if __name__ == "__main__":
     values = {{"radius": 30.0, "angle": 60.0, "shell": "thin"}}

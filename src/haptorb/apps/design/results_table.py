@@ -53,8 +53,8 @@ class ResultsColumn:
         """The column as plain JSON types."""
         return {
             "title": self.title, "unit": self.unit, "kind": self.kind, "sense": self.sense,
-            "labels": list(self.labels) or None, "values": [_plain(one) for one in self.values.tolist()],
-            "base": _plain(self.base),
+            "labels": list(self.labels) or None, "values": [_round_number(one) for one in self.values.tolist()],
+            "base": _round_number(self.base),
         }  # fmt: skip
 
 
@@ -168,6 +168,6 @@ def _count_refusals(evaluations: Iterable[Evaluation]) -> tuple[Refusals, ...]:
     return tuple(Refusals(by, count, reasons[by]) for by, count in counts.most_common())
 
 
-def _plain(value: float) -> float | None:
+def _round_number(value: float) -> float | None:
     """`value` with the digits that a page needs; None where there is no number."""
     return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None

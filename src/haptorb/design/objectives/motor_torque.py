@@ -41,11 +41,7 @@ def motor_of(candidate: DesignCandidate) -> SphericalMotor:
 def torque_per_ampere(candidate: DesignCandidate) -> Callable[[Array], Array]:
     """(n, 3, 3) orientations → (n, 3, m) [N·m/A] torque on the rotor per ampere in every channel."""
     motor = motor_of(candidate)
-    table = _pair_table(
-        *(motor.magnet.radius, motor.magnet.length, motor.magnet.polarization, motor.magnets.distance),
-        *(motor.electromagnet.turns, motor.electromagnet.inner_radius, motor.electromagnet.outer_radius),
-        *(motor.electromagnet.length, motor.electromagnets.distance),
-    )
+    table = _pair_table(motor.magnet, motor.magnets.distance, motor.electromagnet, motor.electromagnets.distance)
     coils = motor.electromagnets.directions
 
     def compute(R: Array) -> Array:
@@ -60,12 +56,7 @@ def torque_per_ampere(candidate: DesignCandidate) -> Callable[[Array], Array]:
 
 
 @lru_cache(maxsize=32)
-def _pair_table(
-    radius: float, length: float, polarization: float, magnet_distance: float,
-    turns: float, inner_radius: float, outer_radius: float, coil_length: float, coil_distance: float,
-) -> PairTable:  # fmt: skip
-    magnet = CylinderMagnet(radius, length, polarization)
-    coil = Coil(turns, inner_radius, outer_radius, coil_length)
+def _pair_table(magnet: CylinderMagnet, magnet_distance: float, coil: Coil, coil_distance: float) -> PairTable:
     try:
         return series_torque_table(magnet, magnet_distance, coil, coil_distance)
     except GeometryError:  # a rotor inside its stator

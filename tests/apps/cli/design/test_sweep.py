@@ -10,7 +10,7 @@ import pytest
 
 from haptorb.apps.cli.program import main
 from haptorb.design.store import open_results, read_results
-from oracles.small_design import CODE, TEXT, make_design, write_design
+from oracles.designs.small_design import CODE, TEXT, make_design, write_design
 
 INTERRUPTED = CODE.replace(
     "def reach(candidate):",

@@ -61,14 +61,14 @@ _NONE = "<p>There is no valid design.</p>"
 def _make_front(table: ResultsTable, several: bool) -> str:
     if not table.found:
         return _NONE
-    told = (
+    caption = (
         "Every point is a valid design. The larger points are the front: none of them can be made better in one "
         "objective without loss in another."
         if several
         else "Every point is a valid design; the larger point is the best."
     )
     return (
-        f"<p class='soft'>{told} The turned square is the base device, the numbers are the best designs below. Point "
+        f"<p class='soft'>{caption} The turned square is the base device, the numbers are the best designs below. Point "
         "at a design, or use the arrow keys; a click, or Enter, leads to a numbered design’s device.</p>"
         "<noscript><p>The picture needs a script; tables and devices are below without it.</p></noscript>"
         "<div id='scatter'></div>"
