@@ -41,7 +41,11 @@ def motor_of(candidate: DesignCandidate) -> SphericalMotor:
 def torque_per_ampere(candidate: DesignCandidate) -> Callable[[Array], Array]:
     """(n, 3, 3) orientations → (n, 3, m) [N·m/A] torque on the rotor per ampere in every channel."""
     motor = motor_of(candidate)
-    table = _pair_table(motor.magnet, motor.magnets.distance, motor.electromagnet, motor.electromagnets.distance)
+    magnet, coil = motor.magnet, motor.electromagnet
+    table = _pair_table(
+        (magnet.radius, magnet.length, magnet.polarization), motor.magnets.distance,
+        (coil.turns, coil.inner_radius, coil.outer_radius, coil.length), motor.electromagnets.distance,
+    )  # fmt: skip
     coils = motor.electromagnets.directions
 
     def compute(R: Array) -> Array:
@@ -56,7 +60,11 @@ def torque_per_ampere(candidate: DesignCandidate) -> Callable[[Array], Array]:
 
 
 @lru_cache(maxsize=32)
-def _pair_table(magnet: CylinderMagnet, magnet_distance: float, coil: Coil, coil_distance: float) -> PairTable:
+def _pair_table(
+    magnet_sizes: tuple[float, float, float], magnet_distance: float,
+    coil_sizes: tuple[float, float, float, float], coil_distance: float,
+) -> PairTable:  # fmt: skip
+    magnet, coil = CylinderMagnet(*magnet_sizes), Coil(*coil_sizes)
     try:
         return series_torque_table(magnet, magnet_distance, coil, coil_distance)
     except GeometryError:  # a rotor inside its stator

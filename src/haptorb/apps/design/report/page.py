@@ -68,8 +68,8 @@ def _make_front(table: ResultsTable, several: bool) -> str:
         else "Every point is a valid design; the larger point is the best."
     )
     return (
-        f"<p class='soft'>{caption} The turned square is the base device, the numbers are the best designs below. Point "
-        "at a design, or use the arrow keys; a click, or Enter, leads to a numbered design’s device.</p>"
+        f"<p class='soft'>{caption} The turned square is the base device, the numbers are the best designs below. "
+        "Point at a design, or use the arrow keys; a click, or Enter, leads to a numbered design’s device.</p>"
         "<noscript><p>The picture needs a script; tables and devices are below without it.</p></noscript>"
         "<div id='scatter'></div>"
     )
