@@ -18,7 +18,7 @@ from haptorb.devices.schema.units import PREFIXED, PREFIXES, WHOLE, convert, spl
 NAMES = sorted({*WHOLE, *PREFIXED, *(prefix + unit for prefix, unit in itertools.product(PREFIXES, PREFIXED))})
 #: units in which values are wanted
 WANTED = ("m", "rad", "kg", "s", "N", "N*m", "N/m", "N*s/m", "N*m/rad", "N*m*s/rad", "kg*m**2", "A", "A/s", "V", "ohm",
-          "H", "F", "T", "m**2", "K", "delta_degC", "J/K", "W/K", "1/K", "Pa", "")  # fmt: skip
+          "H", "F", "T", "m**2", "A*m**2", "K", "delta_degC", "J/K", "W/K", "1/K", "Pa", "")  # fmt: skip
 
 
 def by_pint(number: float, unit: str, wanted: str) -> float:

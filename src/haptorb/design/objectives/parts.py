@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from haptorb.design.candidate import DesignCandidate
 from haptorb.design.objectives.motor_torque import motor_of
 from haptorb.design.objectives.registry import describe, option
 from haptorb.design.objectives.tool_force import electromagnet_of
-from haptorb.devices.device import Device
+from haptorb.devices.device import Device, require
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet.windings import Windings
 from haptorb.devices.motor.layouts import Layout
@@ -34,27 +36,33 @@ def windings_of(candidate: DesignCandidate) -> Windings:
     return device.windings
 
 
-def _magnet_volume(device: Device) -> float:
-    if isinstance(device, SphericalMotor):
-        magnet = device.magnet
-        return float(np.abs(device.polarity).sum() * np.pi * magnet.radius**2 * magnet.length)
-    if isinstance(device, SphericalElectromagnet):
-        tool = device.tool
-        return float(np.pi * (tool.outer_radius**2 - tool.inner_radius**2) * tool.length)
-    raise InputError(f"device '{device.name}' has no magnets that can be counted")
+def _rotor_magnets(device: Device) -> float:
+    """[m³]"""
+    motor = require(device, SphericalMotor, "this quantity")
+    return float(np.abs(motor.polarity).sum() * np.pi * motor.magnet.radius**2 * motor.magnet.length)
 
 
-def _moving_mass(candidate: DesignCandidate) -> float:
+def _tool_magnet(device: Device) -> float:
+    """[m³]"""
+    tool = require(device, SphericalElectromagnet, "this quantity").tool
+    return float(np.pi * (tool.outer_radius**2 - tool.inner_radius**2) * tool.length)
+
+
+def _rotor_mass(candidate: DesignCandidate) -> float:
+    base = require(candidate.base, SphericalMotor, "this quantity")
+    return _mass(candidate, motor_of(candidate).rotor.mass, base.rotor.mass, _rotor_magnets)
+
+
+def _tool_mass(candidate: DesignCandidate) -> float:
+    base = require(candidate.base, SphericalElectromagnet, "this quantity")
+    return _mass(candidate, electromagnet_of(candidate).tool.mass, base.tool.mass, _tool_magnet)
+
+
+def _mass(candidate: DesignCandidate, mass: float, before: float, magnets: Callable[[Device], float]) -> float:
     """What the file says; magnets that differ from the base's while the mass does not are counted by their volume."""
-    device, base = candidate.device, candidate.base
-    stated, before = (
-        one.rotor.mass if isinstance(one, SphericalMotor) else one.tool.mass
-        for one in (device, base)
-        if isinstance(one, SphericalMotor | SphericalElectromagnet)
-    )
-    if stated != before:
-        return stated
-    return stated + _MAGNET_DENSITY * (_magnet_volume(device) - _magnet_volume(base))
+    if mass != before:
+        return mass
+    return mass + _MAGNET_DENSITY * (magnets(candidate.device) - magnets(candidate.base))
 
 
 def _motor_copper(candidate: DesignCandidate) -> float:
@@ -76,16 +84,21 @@ def _winding_copper(candidate: DesignCandidate) -> float:
     return float(COPPER_DENSITY * (fill * volume).sum())
 
 
-def _cost(candidate: DesignCandidate) -> float:
-    device = candidate.device
+def _motor_cost(candidate: DesignCandidate) -> float:
+    return _cost(candidate, _rotor_magnets(candidate.device), _motor_copper(candidate))
+
+
+def _electromagnet_cost(candidate: DesignCandidate) -> float:
+    return _cost(candidate, _tool_magnet(candidate.device), _winding_copper(candidate))
+
+
+def _cost(candidate: DesignCandidate, magnet_volume: float, copper: float) -> float:
     price = {key: option(candidate, key, default) for key, default in _PRICES.items()}
-    copper = _motor_copper(candidate) if isinstance(device, SphericalMotor) else _winding_copper(candidate)
-    magnets = _MAGNET_DENSITY * _magnet_volume(device)
     return (
-        price["magnet_price"] * magnets
+        price["magnet_price"] * _MAGNET_DENSITY * magnet_volume
         + price["copper_price"] * copper
-        + price["channel_price"] * device.channels
-        + price["sensor_price"] * device.sensors
+        + price["channel_price"] * candidate.device.channels
+        + price["sensor_price"] * candidate.device.sensors
     )
 
 
@@ -162,13 +175,13 @@ QUANTITIES = (
              "Gap between neighbouring parts: of magnets or coils on their spheres, at the inner rims; of nested "
              "windings, where two cross. Negative: they overlap.", {_MOTOR: _spacing, _ELECTROMAGNET: _nesting}),
     describe("magnet_volume", "m³", "minimise", "Volume of all magnets of rotor or tool, without the regulator.",
-             {_MOTOR: lambda one: _magnet_volume(one.device), _ELECTROMAGNET: lambda one: _magnet_volume(one.device)}),
+             {_MOTOR: lambda one: _rotor_magnets(one.device), _ELECTROMAGNET: lambda one: _tool_magnet(one.device)}),
     describe("moving_mass", "kg", "minimise",
              "Mass of rotor or tool as the file has it; where only its magnets differ from the base's, more or less by "
-             "their volume.", {_MOTOR: _moving_mass, _ELECTROMAGNET: _moving_mass}),
+             "their volume.", {_MOTOR: _rotor_mass, _ELECTROMAGNET: _tool_mass}),
     describe("copper", "kg", "minimise", f"Mass {_BOTH}", {_MOTOR: _motor_copper, _ELECTROMAGNET: _winding_copper}),
     describe("cost", "EUR", "minimise",
              "Magnets and copper by mass, channels and field sensors by number, at the prices of [evaluation] "
              "(magnet_price, copper_price, channel_price, sensor_price); assumed ones where it gives none.",
-             {_MOTOR: _cost, _ELECTROMAGNET: _cost}),
+             {_MOTOR: _motor_cost, _ELECTROMAGNET: _electromagnet_cost}),
 )  # fmt: skip

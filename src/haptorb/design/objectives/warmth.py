@@ -14,7 +14,6 @@ from haptorb.design.objectives.motor_torque import motor_of
 from haptorb.design.objectives.parts import windings_of
 from haptorb.design.objectives.registry import describe, option
 from haptorb.design.objectives.tool_force import electromagnet_of
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources.coil import Coil
 
@@ -22,15 +21,15 @@ __all__ = ["QUANTITIES"]
 
 _MOTOR, _ELECTROMAGNET = "spherical-motor", "spherical-electromagnet"
 _LOADS = {_MOTOR: 0.1, _ELECTROMAGNET: 0.05}  #: N·m and N
+_FIND_HEAVIEST = {_MOTOR: motor_torque.find_heaviest, _ELECTROMAGNET: tool_force.find_heaviest}
 
 
 def _channel_powers(candidate: DesignCandidate) -> Array:
     """(m,) heat [W] of the channels that hold the load."""
     device = candidate.device
-    module = tool_force if isinstance(device, SphericalElectromagnet) else motor_torque
     load = option(candidate, "load", _LOADS[device.kind.name])
     warm = device.coils.resistance_at(np.full(device.channels, device.coils.heat.derate))
-    powers: Array = module.find_heaviest(candidate)[1] * load**2 * warm
+    powers: Array = _FIND_HEAVIEST[device.kind.name](candidate)[1] * load**2 * warm
     return powers
 
 
