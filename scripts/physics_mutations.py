@@ -10,6 +10,9 @@ SLOW = {"bai2012 figure 4", "bai2012 figure 8"}  #: parts that take minutes
 
 #: Physics files that no reproduced row stands on, and why
 REASONS = {
+    "physics/fast_fields/sphere_answer.py": "serves arrays of coils, which no paper here describes; checked against "
+    "`soft_sphere`",
+    "physics/fast_fields/winding_table.py": "the same; checked against `Coil`",
     "physics/materials.py": "constants of handbooks; of them the papers print E and ν, which are transcribed (E7), and "
     "no strength; a change of a yield strength turns the contradicted row of E29 red",
     "physics/multipole_fit.py": "the papers print the strengths of their models, but neither the points nor the "

@@ -14,7 +14,15 @@ from haptorb.worlds import CATALOGUE
 from haptorb.worlds.parameter import parameters
 
 #: commands that print no table: they run something, write files, or only tell where these are
-WITHOUT_JSON = {"study run", "study figures", "study new", "study simulate", "study export", "hardware emulate"}
+WITHOUT_JSON = {
+    "design show",
+    "study run",
+    "study figures",
+    "study new",
+    "study simulate",
+    "study export",
+    "hardware emulate",
+}
 COMMAND = typer.main.get_command(app)
 
 

@@ -28,9 +28,13 @@ class NotebookReport(Presentable):
         module, _, name = self.printer.partition(":")
         getattr(import_module(module), name)(self, console)
 
-    def _repr_html_(self) -> str:
+    def render_text(self, width: int = _WIDTH) -> str:
+        """What `show` prints, in lines of at most `width` characters without colour."""
         from rich.console import Console
 
         file = StringIO()
-        self.show(Console(file=file, width=_WIDTH, markup=False, emoji=False, highlight=False, color_system=None))
-        return pre_html(file.getvalue().rstrip())
+        self.show(Console(file=file, width=width, markup=False, emoji=False, highlight=False, color_system=None))
+        return "\n".join(line.rstrip() for line in file.getvalue().rstrip().splitlines())
+
+    def _repr_html_(self) -> str:
+        return pre_html(self.render_text())

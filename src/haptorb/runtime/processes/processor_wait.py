@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from time import clock_gettime_ns
+import time
 from typing import final
 
 __all__ = ["ProcessorWait"]
@@ -28,7 +28,7 @@ class ProcessorWait:
     def look(self, now: int) -> bool:
         """Whether it has waited since the last look; `now` on the monotonic clock [ns]. False for the first."""
         try:
-            used = clock_gettime_ns(self._clock)
+            used = time.clock_gettime_ns(self._clock)
         except OSError:
             return False
         passed, computed = now - self._last, used - self._used

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from io import StringIO
 
 from haptorb.apps.design.report.side_by_side import draw_beside
 from haptorb.apps.design.results_table import ResultsTable
@@ -51,13 +50,8 @@ def make_best(table: ResultsTable, row: int, reason: str) -> BestDesign:
 
 
 def _print_card(device: Device) -> str:
-    from rich.console import Console
-
-    file = StringIO()
     try:
         build_tables(device)
-        shown = card(device)
-        shown.show(Console(file=file, width=_WIDTH, markup=False, emoji=False, highlight=False, color_system=None))
+        return card(device).render_text(_WIDTH)
     except InputError as cause:
         return f"no card: {cause}"
-    return "\n".join(line.rstrip() for line in file.getvalue().rstrip().splitlines())
