@@ -1,7 +1,8 @@
 """Force of a spherical electromagnet on a radial tool in contact, in the worst direction and place of the workspace.
 
-All are of the exact model: the tool's magnet at its size. The forces {K i, |i| ≤ I} of three coils fill a
-parallelepiped, whose greatest ball has the radius min over k of I_k/|row k of K⁻¹|.
+Those of a coil array, by the same names, are in `array_force`. All are of the exact model: the tool's magnet at its
+size. The forces {K i, |i| ≤ I} of three coils fill a parallelepiped, whose greatest ball has the radius min over k of
+I_k/|row k of K⁻¹|.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ def _model_error(candidate: DesignCandidate) -> float:
     return float(np.linalg.norm(exact @ np.linalg.inv(published) - np.eye(3), 2, axis=(1, 2)).max())
 
 
-_OVER = "on a radial tool in contact, in the worst direction and place of the workspace"
+_OVER = "on a radial tool (over a plate an upright one) in contact, in the worst direction and place of the workspace"
 QUANTITIES = (
     describe("heat_per_force_squared", "W/N²", "minimise",
              f"Least heat for a force, divided by its square, {_OVER}; coils at their reference temperature.",
