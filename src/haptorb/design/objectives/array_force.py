@@ -112,10 +112,10 @@ def _ball(candidate: DesignCandidate, limit: Array) -> float:
     facets: Array = np.cross(K[:, :, first], K[:, :, second], axis=1).transpose(0, 2, 1)
     axes = np.linalg.eigh((K / resistance) @ K.transpose(0, 2, 1))[1].transpose(0, 2, 1)
     around = np.broadcast_to(cap_directions(np.pi / 2, _AROUND), (len(K), _AROUND, 3))
+    size = np.linalg.norm(facets, axis=2, keepdims=True)
+    parallel = size <= 1e-9 * size.max(axis=1, keepdims=True, initial=0.0)
+    facets = np.where(parallel, around[:, :1], facets / np.where(parallel, 1.0, size))
     normals = np.concatenate([facets, axes, around], axis=1)
-    size = np.linalg.norm(normals, axis=2, keepdims=True)
-    parallel = size <= 1e-9 * size.max(axis=1, keepdims=True)
-    normals = np.where(parallel, around[:, :1], normals / np.where(parallel, 1.0, size))
     found = reach(normals, K)
     place, row = np.unravel_index(np.argmin(found), found.shape)
     least, normal = float(found[place, row]), normals[place, row]
