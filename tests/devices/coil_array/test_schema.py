@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.resources import files
 
 import numpy as np
@@ -83,3 +84,20 @@ def test_a_magnet_in_a_coil_or_in_the_core_has_no_wrench() -> None:
         planar.wrench_map(State.at((8.75e-3, 15e-3, -10e-3), axis=(0, 0, 1)), "exact")
     with pytest.raises(GeometryError, match="inside the core"):
         tetrahedron.wrench_map(State.at((0.0, 0.0, 20e-3), axis=(0, 0, 1)), "exact")
+
+
+def test_with_a_fill_the_windings_decide_resistances_inductances_and_heat_capacity() -> None:
+    given = haptorb.load("tetrahedron")
+    known = TETRAHEDRON.replace("[windings]\n", "[windings]\nfill = 0.6\n", 1).replace("[0.72,", "[99,", 1)
+    found = parse(known, "mine.toml").coils
+    assert found.resistance == pytest.approx(given.coils.resistance, rel=0.004)
+    assert found.heat.winding_capacity == pytest.approx(given.coils.heat.winding_capacity, rel=1e-3)
+    with pytest.raises(DeviceError, match=r"windings\.fill"):
+        parse(TETRAHEDRON.replace("[windings]\n", "[windings]\nfill = 1.2\n", 1), "mine.toml")
+    # a winding about the middle of a core: what a spherical electromagnet's has
+    omni, core = haptorb.load("omni"), given.core
+    middle = replace(
+        given.windings, position=np.zeros((3, 3)), axis=np.eye(3), turns=omni.windings.turns,
+        inner_radius=omni.windings.inner_radius, outer_radius=omni.windings.outer_radius, length=omni.windings.length,
+    )  # fmt: skip
+    assert middle.complete(omni.coils, core, 0.6).inductance == pytest.approx(omni.windings.inductance(core), rel=1e-6)

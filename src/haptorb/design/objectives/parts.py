@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from haptorb.design.candidate import DesignCandidate
+from haptorb.design.objectives import array_parts
 from haptorb.design.objectives.motor_torque import motor_of
 from haptorb.design.objectives.registry import describe, option
 from haptorb.design.objectives.tool_force import electromagnet_of
@@ -21,7 +22,7 @@ from haptorb.physics.sources.coil import COPPER_DENSITY, COPPER_RESISTIVITY
 
 __all__ = ["QUANTITIES", "windings_of"]
 
-_MOTOR, _ELECTROMAGNET = "spherical-motor", "spherical-electromagnet"
+_MOTOR, _ELECTROMAGNET, _ARRAY = "spherical-motor", "spherical-electromagnet", "coil-array"
 _MAGNET_DENSITY = 7.5e3  #: sintered NdFeB [kg/m³]
 _COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
 #: EUR, assumed: retail prices of small numbers in 2024; a design file's [evaluation] may say others
@@ -58,6 +59,11 @@ def _tool_mass(candidate: DesignCandidate) -> float:
     return _mass(candidate, electromagnet_of(candidate).tool.mass, base.tool.mass, _tool_magnet)
 
 
+def _array_mass(candidate: DesignCandidate) -> float:
+    mass, before = array_parts.array_mass(candidate.device), array_parts.array_mass(candidate.base)
+    return _mass(candidate, mass, before, array_parts.array_magnets)
+
+
 def _mass(candidate: DesignCandidate, mass: float, before: float, magnets: Callable[[Device], float]) -> float:
     """What the file says; magnets that differ from the base's while the mass does not are counted by their volume."""
     if mass != before:
@@ -90,6 +96,10 @@ def _motor_cost(candidate: DesignCandidate) -> float:
 
 def _electromagnet_cost(candidate: DesignCandidate) -> float:
     return _cost(candidate, _tool_magnet(candidate.device), _winding_copper(candidate))
+
+
+def _array_cost(candidate: DesignCandidate) -> float:
+    return _cost(candidate, array_parts.array_magnets(candidate.device), array_parts.array_copper(candidate))
 
 
 def _cost(candidate: DesignCandidate, magnet_volume: float, copper: float) -> float:
@@ -167,21 +177,27 @@ _BOTH = "of the copper, from resistance and size of the windings."
 QUANTITIES = (
     describe("envelope_radius", "m", "minimise",
              "Distance of the farthest corner of magnets and coils from the centre; of a spherical electromagnet, its "
-             "dome.", {_MOTOR: _motor_envelope, _ELECTROMAGNET: _electromagnet_envelope}),
+             "dome; of a coil array, its dome or the farthest winding.",
+             {_MOTOR: _motor_envelope, _ELECTROMAGNET: _electromagnet_envelope, _ARRAY: array_parts.array_envelope}),
     describe("clearance", "m", "maximise",
-             "Gap between rotor and stator; of a spherical electromagnet, least air between windings and core or dome.",
-             {_MOTOR: _gap, _ELECTROMAGNET: _air}),
+             "Gap between rotor and stator; of a spherical electromagnet, least air between windings and core or dome; "
+             "of a coil array also plate.",
+             {_MOTOR: _gap, _ELECTROMAGNET: _air, _ARRAY: array_parts.array_air}),
     describe("spacing", "m", "maximise",
              "Gap between neighbouring parts: of magnets or coils on their spheres, at the inner rims; of nested "
-             "windings, where two cross. Negative: they overlap.", {_MOTOR: _spacing, _ELECTROMAGNET: _nesting}),
+             "windings, where two cross. Negative: they overlap. Of a coil array, least air "
+             "between two windings.",
+             {_MOTOR: _spacing, _ELECTROMAGNET: _nesting, _ARRAY: array_parts.array_spacing}),
     describe("magnet_volume", "m³", "minimise", "Volume of all magnets of rotor or tool, without the regulator.",
-             {_MOTOR: lambda one: _rotor_magnets(one.device), _ELECTROMAGNET: lambda one: _tool_magnet(one.device)}),
+             {_MOTOR: lambda one: _rotor_magnets(one.device), _ELECTROMAGNET: lambda one: _tool_magnet(one.device),
+              _ARRAY: lambda one: array_parts.array_magnets(one.device)}),
     describe("moving_mass", "kg", "minimise",
              "Mass of rotor or tool as the file has it; where only its magnets differ from the base's, more or less by "
-             "their volume.", {_MOTOR: _rotor_mass, _ELECTROMAGNET: _tool_mass}),
-    describe("copper", "kg", "minimise", f"Mass {_BOTH}", {_MOTOR: _motor_copper, _ELECTROMAGNET: _winding_copper}),
+             "their volume.", {_MOTOR: _rotor_mass, _ELECTROMAGNET: _tool_mass, _ARRAY: _array_mass}),
+    describe("copper", "kg", "minimise", f"Mass {_BOTH}",
+             {_MOTOR: _motor_copper, _ELECTROMAGNET: _winding_copper, _ARRAY: array_parts.array_copper}),
     describe("cost", "EUR", "minimise",
              "Magnets and copper by mass, channels and field sensors by number, at the prices of [evaluation] "
              "(magnet_price, copper_price, channel_price, sensor_price); assumed ones where it gives none.",
-             {_MOTOR: _motor_cost, _ELECTROMAGNET: _electromagnet_cost}),
+             {_MOTOR: _motor_cost, _ELECTROMAGNET: _electromagnet_cost, _ARRAY: _array_cost}),
 )  # fmt: skip

@@ -1,7 +1,8 @@
 """Force of a spherical electromagnet on a radial tool in contact, in the worst direction and place of the workspace.
 
-All are of the exact model: the tool's magnet at its size. The forces {K i, |i| ≤ I} of three coils fill a
-parallelepiped, whose greatest ball has the radius min over k of I_k/|row k of K⁻¹|.
+Those of a coil array, by the same names, are in `array_force`. All are of the exact model: the tool's magnet at its
+size. The forces {K i, |i| ≤ I} of three coils fill a parallelepiped, whose greatest ball has the radius min over k of
+I_k/|row k of K⁻¹|.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from haptorb.design.candidate import DesignCandidate
+from haptorb.design.objectives import array_force
 from haptorb.design.objectives.registry import describe, option
 from haptorb.devices.device import require
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
@@ -19,7 +21,7 @@ from haptorb.numerics.directions import cap_directions
 __all__ = ["QUANTITIES", "electromagnet_of", "find_heaviest"]
 
 _PLACES = 40
-_ELECTROMAGNET = "spherical-electromagnet"
+_ELECTROMAGNET, _ARRAY = "spherical-electromagnet", "coil-array"
 
 
 def electromagnet_of(candidate: DesignCandidate) -> SphericalElectromagnet:
@@ -91,20 +93,22 @@ def _model_error(candidate: DesignCandidate) -> float:
     return float(np.linalg.norm(exact @ np.linalg.inv(published) - np.eye(3), 2, axis=(1, 2)).max())
 
 
-_OVER = "on a radial tool in contact, in the worst direction and place of the workspace"
+_OVER = "on a radial tool (over a plate an upright one) in contact, in the worst direction and place of the workspace"
 QUANTITIES = (
     describe("heat_per_force_squared", "W/N²", "minimise",
              f"Least heat for a force, divided by its square, {_OVER}; coils at their reference temperature.",
-             {_ELECTROMAGNET: _heat}),
+             {_ELECTROMAGNET: _heat, _ARRAY: array_force.find_heat}),
     describe("peak_force", "N", "maximise", f"Force at full current, as far as the supply gives it, {_OVER}.",
-             {_ELECTROMAGNET: _peak}),
+             {_ELECTROMAGNET: _peak, _ARRAY: array_force.find_peak}),
     describe("continuous_force", "N", "maximise",
-             f"Force with currents that may flow for ever in all coils, {_OVER}.", {_ELECTROMAGNET: _continuous}),
+             f"Force with currents that may flow for ever in all coils, {_OVER}.",
+             {_ELECTROMAGNET: _continuous, _ARRAY: array_force.find_continuous}),
     describe("force_isotropy", "", "maximise",
              "Smallest over greatest force per ampere by direction, in contact, at the worst place of the workspace.",
-             {_ELECTROMAGNET: _isotropy}),
+             {_ELECTROMAGNET: _isotropy, _ARRAY: array_force.find_isotropy}),
     describe("core_pull", "N", "minimise",
-             "Greatest pull of the core on a radial tool in contact, without current.", {_ELECTROMAGNET: _pull}),
+             "Greatest pull of the core on a radial tool in contact, without current.",
+             {_ELECTROMAGNET: _pull, _ARRAY: array_force.find_pull}),
     describe("force_model_error", "", "minimise",
              "Greatest relative error of the published dipole model's force on a radial tool in contact.",
              {_ELECTROMAGNET: _model_error}),

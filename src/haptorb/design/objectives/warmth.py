@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from haptorb.design.candidate import DesignCandidate
-from haptorb.design.objectives import motor_torque, tool_force
+from haptorb.design.objectives import array_force, motor_torque, tool_force
 from haptorb.design.objectives.motor_torque import motor_of
 from haptorb.design.objectives.parts import windings_of
 from haptorb.design.objectives.registry import describe, option
@@ -19,9 +19,13 @@ from haptorb.physics.sources.coil import Coil
 
 __all__ = ["QUANTITIES"]
 
-_MOTOR, _ELECTROMAGNET = "spherical-motor", "spherical-electromagnet"
-_LOADS = {_MOTOR: 0.1, _ELECTROMAGNET: 0.05}  #: N·m and N
-_FIND_HEAVIEST = {_MOTOR: motor_torque.find_heaviest, _ELECTROMAGNET: tool_force.find_heaviest}
+_MOTOR, _ELECTROMAGNET, _ARRAY = "spherical-motor", "spherical-electromagnet", "coil-array"
+_LOADS = {_MOTOR: 0.1, _ELECTROMAGNET: 0.05, _ARRAY: 0.05}  #: N·m and N
+_FIND_HEAVIEST = {
+    _MOTOR: motor_torque.find_heaviest,
+    _ELECTROMAGNET: tool_force.find_heaviest,
+    _ARRAY: array_force.find_heaviest,
+}
 
 
 def _channel_powers(candidate: DesignCandidate) -> Array:
@@ -66,9 +70,9 @@ def _winding_stress(candidate: DesignCandidate) -> float:
 _LOAD = "while the load of [evaluation] is held for ever in the worst direction and place"
 QUANTITIES = (
     describe("temperature", "K", "minimise", f"Temperature of the hottest winding {_LOAD}.",
-             {_MOTOR: _temperature, _ELECTROMAGNET: _temperature}),
+             {_MOTOR: _temperature, _ELECTROMAGNET: _temperature, _ARRAY: _temperature}),
     describe("supply_power", "W", "minimise", f"Heat of all windings {_LOAD}: what the supply gives.",
-             {_MOTOR: _power, _ELECTROMAGNET: _power}),
+             {_MOTOR: _power, _ELECTROMAGNET: _power, _ARRAY: _power}),
     describe("coil_stress", "Pa", "minimise",
              "Hoop stress of a free turn at the inner radius, J B r, at full current, with a bound of the field there.",
              {_MOTOR: _motor_stress, _ELECTROMAGNET: _winding_stress}),

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
 import numpy as np
 
 from haptorb.devices.coil_array.array_wrench import CORE_RULE, RULES
+from haptorb.devices.device import Coils
 from haptorb.devices.state import rotation_to_axis
 from haptorb.numerics.arrays import Array
 from haptorb.physics.fast_fields.winding_table import tabulate_winding
 from haptorb.physics.sources.charged_ring import ChargedRing
-from haptorb.physics.sources.coil import Coil
+from haptorb.physics.sources.coil import COPPER_RESISTIVITY, Coil
 from haptorb.physics.sources.dipole import MU0
+from haptorb.physics.sources.soft_sphere import SoftSphere
 
 __all__ = ["ArrayMover", "MoverMagnet", "PlacedCoils"]
+
+_COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
 
 
 @final
@@ -44,6 +48,32 @@ class PlacedCoils:
         out = np.maximum(np.maximum(self.inner_radius - across, across - self.outer_radius), 0.0)
         reach: Array = np.hypot(out, np.maximum(np.abs(along) - self.length / 2, 0.0))
         return reach
+
+    def complete(self, coils: Coils, core: SoftSphere | None, fill: float) -> Coils:
+        """`coils` with resistance, inductance and heat capacity of these windings, of which copper fills `fill`.
+
+        A core adds what its moment m in the winding's field B at its centre sends back through the winding, m·B per
+        ampere squared; its higher harmonics are left out. The heat capacity is the mean of all windings, as a device
+        has one for all its channels.
+        """
+        made = [self.coil(number) for number in range(len(self.position))]
+        inductance = np.array([one.inductance for one in made])
+        if core is not None:
+            for number, one in enumerate(made):
+                field = one.field(-rotation_to_axis(self.axis[number]).T @ self.position[number])
+                inductance[number] += float(core.moment_in(field) @ field)
+        capacity = float(np.mean([one.heat_capacity(fill) for one in made]))
+        resistance = self.fill(replace(coils, resistance=np.ones(len(made)))) / fill
+        return replace(
+            coils, resistance=resistance, inductance=inductance, heat=replace(coils.heat, winding_capacity=capacity)
+        )
+
+    def fill(self, coils: Coils) -> Array:
+        """(m,) share of each winding's section that copper must fill for the resistances of `coils`."""
+        warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
+        made = [self.coil(number) for number in range(len(self.position))]
+        share: Array = np.array([one.resistance(1.0, COPPER_RESISTIVITY * warm) for one in made]) / coils.resistance
+        return share
 
     @property
     def rows(self) -> Array:

@@ -24,6 +24,7 @@ from haptorb.physics.sources.soft_sphere import SoftSphere
 __all__ = ["CoilArrayFile"]
 
 _MOST_COILS, _MOST_MAGNETS = 100, 16
+_MOST_FILL = 0.9  #: round wires side by side fill 0.907
 _EACH = m.Form("one value for all coils, or one per name in coils.names")
 Direction = Annotated[tuple[Annotated[q.Number, Ge(-1e3), Le(1e3)], ...], Len(3, 3)]
 
@@ -66,6 +67,15 @@ class PlacedCoilsSection(Section):
         tuple[Annotated[q.Length, Positive], ...], Len(1, _MOST_COILS),
         m.Meaning("length of each winding along its axis"), _EACH,
     ]  # fmt: skip
+    fill: Annotated[
+        q.Number | None,
+        Field(gt=0, le=_MOST_FILL),
+        m.Meaning(
+            "share of the windings' section that copper fills; with it the windings, and not the file, decide "
+            "resistances, inductances and the windings' heat capacity"
+        ),
+        m.Without("these are the file's own"),
+    ] = None
 
     def build(self, count: int) -> PlacedCoils:
         """As the device has it, for `count` coils; ValueError where other numbers of values are given."""
@@ -225,12 +235,16 @@ class CoilArrayFile(CommonFile):
         return device
 
     def _build(self, assumed: dict[str, str], digest: str) -> CoilArray:
+        common, windings = self.common(), self.windings.build(len(self.coils.names))
+        core = None if self.core is None else SoftSphere(self.core.radius, self.core.permeability)
+        if self.windings.fill is not None:
+            common["coils"] = windings.complete(common["coils"], core, self.windings.fill)
         return CoilArray(
-            **self.common(),
+            **common,
             assumed=assumed,
             digest=digest,
-            windings=self.windings.build(len(self.coils.names)),
-            core=None if self.core is None else SoftSphere(self.core.radius, self.core.permeability),
+            windings=windings,
+            core=core,
             tool=self.tool.build(),
             hand=Hand(**self.hand.model_dump()),
             surface=self._surface(),

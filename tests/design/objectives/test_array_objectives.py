@@ -1,0 +1,132 @@
+"""Quantities of coil arrays: agreement with the allocator and with geometry, and the design file of one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptorb.control.allocation.array.array_allocator import ArrayAllocator
+from haptorb.design.candidate import DesignCandidate
+from haptorb.design.design_file import load_design
+from haptorb.design.device_changes import build_device, write_device_text
+from haptorb.design.evaluate import evaluate
+from haptorb.design.objectives import quantity, quantity_names
+from haptorb.design.objectives.array_force import greatest_force
+from haptorb.design.sampling import sample
+from haptorb.devices.coil_array.winding_gaps import find_spacing
+from haptorb.devices.loader import load
+from haptorb.devices.state import State
+from haptorb.devices.wrench_map import WrenchMap
+from haptorb.errors import InputError
+from haptorb.numerics.directions import cap_directions
+
+PLANAR, TETRAHEDRON = load("planar"), load("tetrahedron")
+EXAMPLE = Path(__file__).parents[3] / "examples" / "design" / "tetrahedron.toml"
+
+
+def of(name, device, base=None, **options):
+    return quantity(name).compute(DesignCandidate(device, base or device, options))
+
+
+@pytest.mark.parametrize("device", [PLANAR, TETRAHEDRON], ids=["planar", "tetrahedron"])
+def test_every_quantity_of_the_kind_is_a_finite_number(device):
+    candidate = DesignCandidate(device, device, {"places": 9})
+    names = quantity_names("coil-array")
+    assert {"peak_force", "heat_per_force_squared", "force_isotropy", "spacing", "cost", "temperature"} <= set(names)
+    for name in names:
+        assert np.isfinite(quantity(name).compute(candidate)), name
+
+
+@pytest.mark.parametrize("power", [np.inf, 150.0], ids=["by current", "by power"])
+def test_the_allocator_gives_the_peak_force_in_every_direction_and_hardly_more_in_the_worst(power):
+    """At the one place of a plate's workspace whose corners have been drawn together."""
+    point = replace(PLANAR.surface, half_width=(1e-9, 1e-9))
+    device = replace(PLANAR, surface=point, supply=replace(PLANAR.supply, power=power))
+    ball = of("peak_force", device)
+    here = device.wrench_map(State.at((0.0, 0.0, device.contact_height), axis=(0, 0, 1)), "exact")
+    active = WrenchMap(here.matrix, np.zeros(6))
+    allocator = ArrayAllocator(device.driven_current, device.greatest_resistance, power=power)
+    given = [
+        allocator.allocate(active, np.concatenate([share * ball * direction, np.zeros(3)])).scale == 1.0
+        for share in (0.999, 1.02)
+        for direction in cap_directions(np.pi / 2, 400)
+    ]
+    assert all(given[:400])
+    assert not all(given[400:])
+
+
+def test_the_greatest_force_within_limits_and_power_is_that_of_a_fine_search():
+    rng = np.random.default_rng(3)
+    c, limit, resistance = rng.normal(size=(5, 6)), rng.uniform(0.5, 3.0, 6), rng.uniform(0.5, 2.0, 6)
+    for power in (0.5, 5.0, 20.0, 1e3, np.inf):
+        mu = np.geomspace(1e-4, 1e6, 400_000)[:, None, None]
+        currents = np.minimum(mu[::100] * np.abs(c) / resistance, limit)
+        force = np.where((resistance * currents**2).sum(-1) <= power, (np.abs(c) * currents).sum(-1), 0.0).max(axis=0)
+        found = greatest_force(c, limit, resistance, power)
+        assert (force <= found * (1 + 1e-12)).all()
+        assert found == pytest.approx(force, rel=0.01)
+    assert greatest_force(np.eye(2), np.ones(2), np.ones(2), np.inf) == pytest.approx([1.0, 1.0])
+
+
+def test_the_worst_heat_is_that_of_currents_that_make_the_force():
+    heat = of("heat_per_force_squared", TETRAHEDRON)
+    assert of("supply_power", TETRAHEDRON, load=0.02) == pytest.approx(
+        heat * 0.02**2 * (1 + TETRAHEDRON.coils.temperature_coefficient * (85 - 20)), rel=1e-6
+    )
+    assert of("core_pull", TETRAHEDRON) == pytest.approx(of("core_pull", load("omni")), rel=1e-3)
+    # a lasting force rises with the root of the limit of heat, and any force falls with height
+    assert of("continuous_force", TETRAHEDRON) < of("peak_force", TETRAHEDRON)
+    assert of("peak_force", PLANAR, height=0.02) < 0.7 * of("peak_force", PLANAR)
+
+
+def test_parts_and_gaps():
+    # the rims of two neighbours meet on the plane between them: 2 (15.5 sin 54.7° - 14 cos 54.7°) mm
+    half = 0.5 * np.arccos(-1 / 3)
+    assert of("spacing", TETRAHEDRON) == pytest.approx(2e-3 * (15.5 * np.sin(half) - 14 * np.cos(half)), abs=1e-6)
+    assert of("spacing", PLANAR) == pytest.approx(np.hypot(17.5e-3, 30.311e-3) - 32e-3, abs=1e-6)
+    assert of("clearance", TETRAHEDRON) == pytest.approx(np.hypot(4e-3, 15.5e-3) - 15e-3, abs=1e-8)  # holes
+    assert of("clearance", PLANAR) == pytest.approx(2e-3)
+    assert of("copper", TETRAHEDRON) == pytest.approx(4 * 27.2e-3, rel=0.01)
+    assert of("envelope_radius", TETRAHEDRON) == 30e-3
+    assert of("magnet_volume", PLANAR) == pytest.approx(np.pi * 19e-3**2 * 12.5e-3)
+    crossed = replace(PLANAR.windings, position=PLANAR.windings.position * 0.9)
+    assert find_spacing(crossed) == 0.0
+
+
+def test_the_example_is_swept_and_its_designs_are_devices(tmp_path):
+    """Lists of places, a whole list as a choice, and the first entry of a list that holds for all coils."""
+    design = load_design(EXAMPLE)
+    values = {
+        "core": 8.6, "first": "above-20", "ring_radius": 14.2, "ring_height": 1.6, "ring_rise": 0.5, "hole": 4.4,
+        "width": 13.5, "length": 7.8, "fill": "0.6",
+    }  # fmt: skip
+    device = build_device(design, values, "mine")
+    assert device.windings.position == pytest.approx(
+        1e-3 * np.array([[0, 0, 20], [14.2, 0, 1.6], [-7.1, 12.29756, 1.6], [-7.1, -12.29756, 1.6]]), abs=1e-6
+    )
+    assert np.degrees(np.arcsin(device.windings.axis[1:, 2])) == pytest.approx([26.565] * 3, abs=1e-3)
+    assert device.windings.fill(device.coils) == pytest.approx([0.6] * 4)
+    path = tmp_path / "mine.toml"
+    path.write_text(write_device_text(design, values, "mine"), encoding="utf-8")
+    assert load(path).digest == device.digest
+    swept = [evaluate(design, number, found) for number, found in enumerate(sample(design, "sobol", 24, 1))]
+    reasons = {one.refused_by for one in swept}
+    assert "device" in reasons
+    assert reasons <= {"", "device", "clearance", "spacing", "core_pull", "copper"}
+    good = evaluate(design, 0, values)
+    assert good.valid, good.reason
+    assert good.objectives["heat_per_force_squared"] < 0.5 * of("heat_per_force_squared", TETRAHEDRON)
+
+
+def test_paths_that_the_base_has_not_are_told_together(tmp_path):
+    text = EXAMPLE.read_text(encoding="utf-8").replace('"windings.length.1"', '"windings.length.2"')
+    text = text.replace('"windings.position.2.1"', '"windings.position.5.1"').replace("core.radius", "core.radus")
+    path = tmp_path / "bad.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        load_design(path)
+    for part in ("windings.position of device 'tetrahedron' has 4 entries", "has 1 entries", "'core.radius'?"):
+        assert part in str(refused.value)
