@@ -1,5 +1,6 @@
-"""Run the tests in three calls of pytest: what only computes shares the processors, what runs beside a clock comes in
-threes, and what needs a browser as well, which draws on every processor, in twos.
+"""Run the tests in calls of pytest: what only computes shares the processors, what runs beside a clock comes in threes,
+and what needs a browser as well, which draws on every processor, in twos. Beside these two the types are checked, in
+the time that clocks and pages leave: a fourth call, which gives way to everybody.
 
     run_tests.py [--markers EXPRESSION] [pytest's arguments]
 
@@ -10,10 +11,14 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 
 PYTEST = [sys.executable, "-m", "pytest", "--continue-on-collection-errors"]
 BY_GROUP = ["--dist", "loadscope", "--no-loadscope-reorder"]
@@ -23,10 +28,12 @@ SHARED = ["-n", "logical", "--maxprocesses", "4", *BY_GROUP]
 IN_THREES = ["-n", "3", *BY_GROUP]
 #: a page draws with a third of two processors; the rest of a test waits for it
 IN_TWOS = ["-n", "2", *BY_GROUP]
-CALLS = (
-    ("not realtime", SHARED),
+#: in turn, the last one beside all but the first
+CALLS: tuple[tuple[str, list[str]], ...] = (
+    ("not realtime and not background", SHARED),
     ("realtime and not browser", IN_THREES),
     ("realtime and browser", IN_TWOS),
+    ("background", []),
 )
 NO_TESTS = 5  #: pytest's exit code where nothing was chosen: another call may have had something
 ORDER = ("failed", "passed", "skipped", "xfailed", "xpassed", "warning", "error", "rerun")
@@ -56,11 +63,35 @@ def format_summary(counts: Counter[str], seconds: float) -> str:
     return f"= {summary or 'no tests ran'} in {took} =".center(80, "=")
 
 
-def run_pytest(arguments: list[str]) -> tuple[int, Counter[str]]:
-    """One call, shown while it runs. Returns its exit code and what it counted."""
+def start_pytest(arguments: list[str]) -> subprocess.Popen[bytes]:
+    """One call."""
     command = [*PYTEST, *(["--color=yes"] if sys.stdout.isatty() else []), *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE)
+
+
+def give_way() -> None:
+    """Whatever else wants a processor has it. Linux may share them between sessions first, then between processes."""
+    os.nice(19)
+    with suppress(OSError):
+        Path("/proc/self/autogroup").write_text("19")
+
+
+@contextmanager
+def run_in_the_background(arguments: list[str]) -> Iterator[subprocess.Popen[bytes]]:
+    """One call in what time the others leave, in a session of its own; it ends with the block."""
+    command = [*PYTEST, *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, start_new_session=True, preexec_fn=give_way) as process:
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGTERM)
+
+
+def show_pytest(process: subprocess.Popen[bytes]) -> tuple[int, Counter[str]]:
+    """Show a call from its beginning to its end. Returns its exit code and what it counted."""
     output = b""
-    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+    with process:
         assert process.stdout is not None
         while chunk := os.read(process.stdout.fileno(), 65536):
             sys.stdout.buffer.write(chunk)
@@ -80,13 +111,14 @@ def main(words: list[str]) -> int:
     if words[:1] == ["--markers"]:
         markers, words = f" and ({words[1]})", words[2:]
     start = time.monotonic()
-    codes, counts = [], Counter[str]()
-    for which, how in CALLS:
-        code, counted = run_pytest(["-m", which + markers, *how, *words])
-        codes.append(code)
-        counts += counted
+    first, *others, last = (["-m", which + markers, *how, *words] for which, how in CALLS)
+    outcomes = [show_pytest(start_pytest(first))]
+    with run_in_the_background(last) as background:
+        outcomes += [show_pytest(start_pytest(call)) for call in others]
+        outcomes.append(show_pytest(background))
+    counts = sum((counted for _, counted in outcomes), Counter[str]())
     print("\n" + format_summary(counts, time.monotonic() - start), flush=True)
-    return combine_codes(codes)
+    return combine_codes([code for code, _ in outcomes])
 
 
 if __name__ == "__main__":

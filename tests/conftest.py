@@ -16,6 +16,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from failures import FAILED
+from oracles.program_runner import ProgramRunner
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -67,12 +68,17 @@ def _why_missing() -> str:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Read no file whose tests all belong to another call of `scripts/run_tests.py`: all take half a minute."""
-    wanted = config.option.markexpr.split(" and ")
-    if collection_path.suffix != ".py" or collection_path.name == "conftest.py" or "realtime" not in wanted[0]:
+    """Read no file whose tests all belong to another call of `scripts/run_tests.py`, and no module without an example:
+    all take half a minute."""
+    if collection_path.suffix != ".py" or collection_path.name == "conftest.py":
         return None
     text = collection_path.read_text(encoding="utf-8")
-    for marker in ("realtime", "browser"):
+    if collection_path.is_relative_to(ROOT / "src") and ">>>" not in text:
+        return True
+    wanted = config.option.markexpr.split(" and ")
+    if not re.search("realtime|background", wanted[0]):
+        return None
+    for marker in ("realtime", "browser", "background"):
         everywhere = re.search(rf"^pytestmark = .*\bmark\.{marker}\b", text, re.MULTILINE)
         if (marker in wanted and f"mark.{marker}" not in text) or (f"not {marker}" in wanted and everywhere):
             return True
@@ -173,6 +179,14 @@ def pytest_runtest_teardown() -> None:
 def root() -> Path:
     """The folder that the project lies in."""
     return ROOT
+
+
+@pytest.fixture(scope="session")
+def programs() -> Iterator[ProgramRunner]:
+    """What runs the programs of documentation and examples."""
+    runner = ProgramRunner()
+    yield runner
+    runner.close()
 
 
 @pytest.fixture(scope="session")

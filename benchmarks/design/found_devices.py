@@ -1,16 +1,18 @@
 """The devices that searches found, against those that they began with: figures of docs/explanation/found-devices.md.
 
-    python benchmarks/design/found_devices.py [--orientations 6000] [--trial] [--json]
+    python benchmarks/design/found_devices.py [DEVICE ...] [--orientations 6000] [--trial] [--every 3] [--json]
 
-All at the exact level. Motors: the worst of `--orientations` orientations, and of the search downhill from the worst
-of them. --trial also lets the Hall tracker find the tool in the simulated devices, with the lasting errors of their
-sensors as a device file states them, uncalibrated: minutes.
+All at the exact level. DEVICE: only these of the catalogue's found devices. Motors: the worst of `--orientations`
+orientations, and of the search downhill from the worst of them. --trial also lets the Hall tracker find the tool in the
+simulated devices, with the lasting errors of their sensors as a device file states them, uncalibrated, at every third
+of the 64 places of `sensing_error`: minutes.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Collection
 
 import numpy as np
 
@@ -34,10 +36,12 @@ SENSORS = ("sensing_error", "sensor_clearance", "sensor_field")
 PAIRS = (("pmsm", "pmsm-three-rings", MOTOR), ("omni", "omni-small-core", CORE), ("omni", "omni-sensor-ring", SENSORS))
 
 
-def compare(orientations: int) -> dict[str, dict[str, tuple[float, float]]]:
+def compare(names: Collection[str], orientations: int) -> dict[str, dict[str, tuple[float, float]]]:
     """Found device → quantity → (base's, its own)."""
     out: dict[str, dict[str, tuple[float, float]]] = {}
     for base_name, name, quantities in PAIRS:
+        if name not in names:
+            continue
         base, found = load(base_name), load(name)
         both = [DesignCandidate(device, base, {"orientations": orientations}) for device in (base, found)]
         rows = {one: tuple(quantity(one).compute(candidate) for candidate in both) for one in quantities}
@@ -57,9 +61,9 @@ def compare(orientations: int) -> dict[str, dict[str, tuple[float, float]]]:
     return out
 
 
-def try_trackers() -> dict[str, float]:
-    """Root mean square of the tracker's position error [m] at every third of the places of `sensing_error`."""
-    places = shell_places(electromagnet_of(DesignCandidate(load("omni"), load("omni"), {})))[::3]
+def try_trackers(every: int) -> dict[str, float]:
+    """Root mean square of the tracker's position error [m] at one of so many places of `sensing_error`."""
+    places = shell_places(electromagnet_of(DesignCandidate(load("omni"), load("omni"), {})))[::every]
     found = {}
     for name in ("omni", "omni-sensor-ring"):
         device = electromagnet_of(DesignCandidate(load(name), load(name), {}))
@@ -72,12 +76,17 @@ def try_trackers() -> dict[str, float]:
 def main() -> None:
     """Print the table."""
     asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    known = [name for _, name, _ in PAIRS]
+    asked.add_argument("devices", nargs="*", metavar="DEVICE", help=", ".join(known))
     asked.add_argument("--orientations", type=int, default=6000)
     asked.add_argument("--trial", action="store_true")
+    asked.add_argument("--every", type=int, default=3)
     asked.add_argument("--json", action="store_true")
     options = asked.parse_args()
-    rows = compare(options.orientations)
-    trial = try_trackers() if options.trial else {}
+    if unknown := set(options.devices) - set(known):
+        asked.error(f"{min(unknown)} is none of the found devices: {', '.join(known)}")
+    rows = compare(options.devices or known, options.orientations)
+    trial = try_trackers(options.every) if options.trial else {}
     if options.json:
         print(json.dumps({"devices": rows, "trial": trial}))
         return

@@ -1,10 +1,14 @@
-"""How many designs a minute, on one process and on more; memory and time to go on with 10 000 of them.
+"""How many designs a minute a run makes, on one process and on more; memory and time to go on with 10 000 of them.
 
-    python benchmarks/design/scale.py [examples/design/motor-latitudes.toml] [--designs 200] [--processes 2] [--json]
+    python benchmarks/design/scale.py [examples/design/motor-latitudes.toml] [--designs 200] [--processes 2]
+                                      [--at-least 500] [--json]
+    python benchmarks/design/scale.py examples/design/omni-core.toml --designs 2000 --at-least 2000
 
-A sweep of so many designs by one process, then the same by more, each started and warm before its time begins: the
-first designs of a process compile nothing, but import and build the base device. Refused designs count: "valid" says
-how many were not. The efficiency is the ratio of the rates, divided by the number of processes.
+A sweep of so many designs by one process, then the same by more, as `haptorb design sweep` runs it, into a results
+file each; its processes are started and warm before the time begins: the first designs of a process compile nothing,
+but import and build the base device. Refused designs count: "valid" says how many were not. The efficiency is the ratio
+of the rates, divided by the number of processes. With --at-least it ends with code 1 if the valid designs a minute
+of the more processes are fewer.
 
 Then an optimiser's run of 10 000 evaluations of a formula is stored in a file, and another process opens the file and
 takes the optimiser through all of them. "own" is what the optimiser itself took to make the run.
@@ -16,16 +20,18 @@ import argparse
 import json
 import multiprocessing
 import resource
+import sys
 import tempfile
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from haptorb.apps.design.keep import keep_candidates
 from haptorb.design.design import Design
 from haptorb.design.design_file import load_design
 from haptorb.design.evaluation import Evaluation, Value
-from haptorb.design.sampling import sample
+from haptorb.design.sampling import sample, sweep
 from haptorb.design.search.optimise import optimise
 from haptorb.design.search.optimiser import Optimiser
 from haptorb.design.store import open_results
@@ -34,15 +40,17 @@ from haptorb.design.workers.processes import open_processes
 MANY = 10_000
 
 
-def time_sweep(design: Design, count: int, processes: int) -> dict[str, float]:
+def time_sweep(design: Design, count: int, processes: int, folder: str) -> dict[str, float]:
     """Designs per minute, and how many were valid."""
     values = sample(design, "sobol", count + 8 * processes, 1)
-    with open_processes(design, processes) as workers:
+    place = Path(folder) / f"{processes}.sqlite"
+    with open_results(place, design, "sobol", 1) as writer, open_processes(design, processes) as workers:
         for _ in workers.evaluate(enumerate(values[count:])):
             pass
         begin = time.perf_counter()
-        found = list(workers.evaluate(enumerate(values[:count])))
+        keep_candidates(writer, sweep(values[:count], workers.evaluate, {}), design, count)
         seconds = time.perf_counter() - begin
+        found = writer.list_known().values()
     valid = sum(one.valid for one in found)
     return {"designs_per_minute": 60.0 * count / seconds, "valid_per_minute": 60.0 * valid / seconds,
             "processor_seconds_each": sum(one.seconds for one in found) / count}  # fmt: skip
@@ -93,8 +101,8 @@ def run_alone(function: Any, *arguments: Any) -> Any:
 def measure(file: str, count: int, processes: int) -> dict[str, Any]:
     """All figures."""
     design = load_design(file)
-    one, more = time_sweep(design, count, 1), time_sweep(design, count, processes)
     with tempfile.TemporaryDirectory() as folder:
+        one, more = (time_sweep(design, count, many, folder) for many in (1, processes))
         path = str(Path(folder) / "results.sqlite")
         own = run_alone(fill, path, file, MANY)
         seconds, memory = run_alone(resume, path, file, MANY)
@@ -106,21 +114,23 @@ def measure(file: str, count: int, processes: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def main() -> None:
-    """Measure and print."""
+def main() -> int:
+    """Measure, print, and say whether the limit holds."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("file", nargs="?", default="examples/design/motor-latitudes.toml")
     parser.add_argument("--designs", type=int, default=200)
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--at-least", type=float, default=0.0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     found = measure(options.file, options.designs, options.processes)
     if options.json:
         print(json.dumps(found))
-        return
-    for name, value in found.items():
-        print(f"{name:24} {value:.4g}" if isinstance(value, float) else f"{name:24} {value}")
+    else:
+        for name, value in found.items():
+            print(f"{name:24} {value:.4g}" if isinstance(value, float) else f"{name:24} {value}")
+    return int(found[f"{options.processes}_processes"]["valid_per_minute"] < options.at_least)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -109,14 +109,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--people", type=int, default=60)
     parser.add_argument("--trials", type=int, default=500, help="of each person")
+    parser.add_argument("--procedures", default="identification,constant,staircase,bayesian")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     measure("identification", 2, 25)  # warm-up: modules, fonts
-    found = [measure("identification", 6, 50)]
-    found += [measure(one, options.people, options.trials) for one in ("identification", "constant", "staircase",
-                                                                       "bayesian")]  # fmt: skip
+    found = [measure(one, options.people, options.trials) for one in options.procedures.split(",")]
     if options.json:
-        print(json.dumps(found))
+        print(json.dumps({"runs": found}))
         return
     for one in found:
         group = f", group {one['group_s']:.2f} s" if "group_s" in one else ""

@@ -19,9 +19,12 @@ import time
 import traceback
 import warnings
 from contextlib import redirect_stderr, redirect_stdout
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
+
+import threadpoolctl
 
 #: other people's modules are loaded first, with all that they take from the system
 PACKAGES = """
@@ -64,6 +67,9 @@ def hide(system):
         import_module(name)
     for name in MODULES.split():
         sys.modules[name] = None
+    # asyncio and threadpoolctl do on each system what is right there
+    socket.socketpair = partial(socket.socketpair, socket.AF_UNIX)
+    threadpoolctl.ThreadpoolController._find_libraries_with_linux = lambda self: None
     for module, names in ATTRIBUTES.items():
         for name in [name for name in vars(module) if re.match(names, name)]:
             delattr(module, name)
@@ -153,9 +159,20 @@ def record(folder):
     return bool((recording.rows == rows).all())
 
 
+def write_samples(folder):
+    """A recording of some ticks of the simulated Omni, and a design file."""
+    sys.path.insert(0, str(Path(__file__).parents[1]))
+    from oracles.designs.small_design import write_design
+    from oracles.recorded_chain import record_chain
+
+    write_design(folder)
+    return len(record_chain(folder / "ticks.mcap", ticks=50))
+
+
 def use(folder):
     """Parts of the package that need no loop: name → what each came to."""
     study, answers = folder / "study.toml", folder / "study.db"
+    run, sweep = folder / "ticks.mcap", folder / "sweep.sqlite"
     study.write_text('name = "small"\n[set_points]\npoints = [{ number = 1, theta_deg = 0 },'
                      '{ number = 2, theta_deg = 36, phi_deg = 0 }]\n[trials]\nrepetitions = 1\npractice = 0\n',
                      encoding="utf-8")  # fmt: skip
@@ -175,11 +192,20 @@ def use(folder):
         "analyse": lambda: run_command("study", "analyse", answers, "--out", folder / "report"),
         "analyse json": lambda: run_command("study", "analyse", answers, "--json"),
         "export": lambda: run_command("study", "export", answers, folder / "answers.csv"),
+        "samples": lambda: write_samples(folder),
+        "info": lambda: run_command("info", run),
+        "export recording": lambda: run_command("export", run, "--to", "npz"),
+        "replay": lambda: run_command("replay", run),
+        "view": lambda: run_command("view", run, "--port", 0, "--duration", 0.1, "--json"),
+        "design sweep": lambda: run_command(
+            "design", "sweep", folder / "small.toml", "--into", sweep, "--count", 4, "--processes", 1
+        ),
         "servo": lambda: import_module("haptorb").Servo("omni"),
         "run": lambda: run_command("run"),
         "study run": lambda: run_command("study", "run", study),
         "feel": lambda: run_command("feel", "designs.toml"),
         "check": lambda: run_command("check"),
+        "design show": lambda: run_command("design", "show", sweep),
         "probe": lambda: run_command("hardware", "probe"),
         "monitor": lambda: run_command("hardware", "monitor", "--driver", "serial:COM3"),
         "emulate": lambda: run_command("hardware", "emulate"),

@@ -2,12 +2,15 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import typer
 
+from haptorb.apps.cli.program import app
 from haptorb.errors import PlatformError
 from haptorb.runtime.realtime.linux import WORKS_ANYWHERE, require_linux
 
@@ -61,6 +64,11 @@ def test_magnetics_and_recordings(result):
         ("analyse", "report: "),
         ("analyse json", "accuracy"),
         ("export", "answers.csv"),
+        ("info", "complete"),
+        ("export recording", "ticks.npz: 50 ticks"),
+        ("replay", "bit for bit"),
+        ("view", '"ticks": 50'),
+        ("design sweep", "4 designs"),
     ],
 )
 def test_a_command_without_a_loop_works(result, part, expected):
@@ -71,12 +79,24 @@ def test_a_command_without_a_loop_works(result, part, expected):
 
 
 @pytest.mark.parametrize(
-    "part", ["run", "study run", "feel", "check", "probe", "monitor", "emulate", "calibrate", "bench"]
+    "part", ["run", "study run", "feel", "check", "design show", "probe", "monitor", "emulate", "calibrate", "bench"]
 )
 def test_what_needs_linux_says_so_in_one_line(result, part):
     code, out, err = result(part)
     assert (code, out) == (2, "")
     assert "needs Linux, and this is Windows. What works here: " in " ".join(err.split())
+
+
+def test_every_command_is_told_to_work_or_not(root):
+    """What the refusal names, and what the page's table says, is all that there is."""
+    page = (root / "docs" / "reference" / "command-line.md").read_text(encoding="utf-8")
+    table = [line.split("|") for line in page.splitlines() if line.startswith("| `")]
+    works = re.findall(r"[a-z-]+", WORKS_ANYWHERE.partition("; in Python")[0])
+    for name in typer.main.get_command(app).commands:
+        rows = [row for row in table if re.search(rf"`(haptorb )?{name}[` ]", row[1])]
+        assert rows, f"{name} is not in the table"
+        if any(row[3].strip() == "yes" for row in rows) and name != "bench":  # of bench the message is its own
+            assert name in works
 
 
 def test_a_servo_says_so_too(told):

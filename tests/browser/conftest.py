@@ -10,17 +10,21 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from failures import FAILED
 from haptorb.apps.console import Console
 from haptorb.apps.console.force_map_process import ForceMapProcess
+from haptorb.control.protection.trip import CoilState, GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.runtime.row import RowLayout
+from haptorb.worlds import Dome
+from haptorb.worlds.parameter import values
 
 DESK = {"width": 1280, "height": 800}
 
@@ -56,7 +60,8 @@ class Screen:
 
     def __init__(self, page: Any, url: str, runs: Callable[[], bool] = lambda: True) -> None:
         self.page = page
-        self.url, _, self.token = url.partition("#")
+        address, _, self.token = url.partition("#")
+        self.url = address.partition("?")[0]
         self.requests: list[str] = []
         self.troubles: list[str] = []
         page.on("request", lambda request: self.requests.append(request.url))
@@ -85,6 +90,13 @@ class Screen:
             )
             self.page.wait_for_timeout(40)
         return value
+
+    def wait_for(self, condition: Callable[[], bool], what: Callable[[], object] = lambda: "") -> None:
+        """Wait until something outside of the page is true, or what the page says; `what` tells of a failure."""
+        end = time.monotonic() + 20.0
+        while not condition():
+            assert time.monotonic() < end, what()
+            self.page.wait_for_timeout(20)
 
     def value(self, name: str) -> list[float]:
         """What the newest row that the page has says."""
@@ -178,7 +190,7 @@ def live(browser: Any) -> Iterator[tuple[Screen, Host]]:
         # it with that. To wait a minute for such a page, as for any other, tells nothing.
         host, page = Host(), browser.new_page(viewport=DESK)
         try:
-            yield Screen(page, host.url, host.runs), host
+            yield Screen(page, host.url.replace("#", "?detail=least#"), host.runs), host
             return
         except HostGone:
             continue
@@ -218,3 +230,63 @@ def staged(browser: Any, fake: Any, painting: ForceMapProcess) -> Iterator[Any]:
         yield show
         for page in pages:
             page.close()
+
+
+class SharedPage:
+    """A page of an imagined servo for tests that leave it as it was loaded: to load one takes longer than they do."""
+
+    def __init__(self, browser: Any, painting: ForceMapProcess) -> None:
+        self.servo = _fake().FakeServo()
+        with ExitStack() as opened:
+            console = opened.enter_context(Console(self.servo, 0, felt=painting))
+            opened.enter_context(serve(console))
+            page = browser.new_page(viewport=DESK)
+            opened.callback(page.close)
+            self.screen = Screen(page, f"{console.origin}/?detail=least#{console.token}")
+            self._open = opened.pop_all()
+
+    def restore(self) -> None:
+        """A servo that runs, and a page that nobody has touched."""
+        servo, page = self.servo, self.screen.page
+        servo.guard, servo.trip, servo.coils = GuardState.RUNNING, Trip.NONE, CoilState.ON
+        servo.silent, servo.model = False, "exact"
+        servo.recording_trouble = servo.warning = ""
+        # At once: a page that hears of another world has new fields, and what was typed into the old ones is gone.
+        servo.set_world("dome", values(Dome()))
+        servo.winding = np.array([303.0, 309.0, 298.5])
+        page.evaluate("document.querySelectorAll('dialog[open]').forEach((one) => one.close())")
+        page.evaluate("for (const id of ['watching', 'mistake', 'dropped']) document.getElementById(id).hidden = true")
+        page.evaluate("document.activeElement.blur()")
+        page.set_viewport_size(DESK)
+        page.emulate_media(color_scheme="light", forced_colors="none")
+        self.screen.until("haptorb.control && haptorb.status === 'running'")
+        servo.calls.clear()
+
+    def close(self) -> None:
+        self._open.close()
+
+
+@pytest.fixture(scope="module")
+def shared_pages() -> Iterator[list[SharedPage]]:
+    """The page that a file's tests share, if it is open."""
+    pages: list[SharedPage] = []
+    yield pages
+    while pages:
+        pages.pop().close()
+
+
+@pytest.fixture
+def shared(
+    browser: Any, painting: ForceMapProcess, shared_pages: list[SharedPage], request: pytest.FixtureRequest
+) -> Iterator[tuple[Screen, Any]]:
+    """A page and the imagined servo behind it; after a failure the next test has another page."""
+    if not shared_pages:
+        shared_pages.append(SharedPage(browser, painting))
+    page, whole = shared_pages[0], False
+    try:
+        page.restore()
+        yield page.screen, page.servo
+        whole = not request.node.stash.get(FAILED, False)
+    finally:
+        if not whole:
+            shared_pages.pop().close()

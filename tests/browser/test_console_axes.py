@@ -39,7 +39,7 @@ def rail(browser: Any) -> Iterator[tuple[Any, Servo]]:
         servo = Servo(RAIL / "rail.toml", record=False, rate=500.0)
         with Console(servo, 0) as console, servo, home.serve(console):
             page = browser.new_page(viewport=home.DESK)
-            yield home.Screen(page, console.url), servo
+            yield home.Screen(page, f"{console.origin}/?detail=least#{console.token}"), servo
             page.close()
     finally:
         del KINDS[kind.name]

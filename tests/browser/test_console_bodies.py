@@ -36,7 +36,7 @@ def bowl(browser: Any) -> Iterator[tuple[Any, Servo]]:
     servo = Servo(replace(omni, limits=replace(omni.limits, expiry=1.0)), "ball", record=False)
     with Console(servo, 0) as console, servo, home.serve(console):
         page = browser.new_page(viewport=home.DESK)
-        yield home.Screen(page, console.url), servo
+        yield home.Screen(page, f"{console.origin}/?detail=least#{console.token}"), servo
         page.close()
 
 

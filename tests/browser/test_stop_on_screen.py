@@ -20,10 +20,10 @@ SMALL = [(640, 400), (844, 390), (390, 844)]
 
 
 @pytest.mark.timeout(400)
-def test_stop_is_whole_and_no_text_lies_over_another(staged, fake):
+def test_stop_is_whole_and_no_text_lies_over_another(shared):
     """With every badge, at every size: while it runs, derated, tripped, and with coils whose state is unknown."""
+    screen, fake = shared
     fake.recording_trouble, fake.warning = "the disk is full", "the tracker refused 3 poses"
-    screen = staged(query="?detail=layered")
     page = screen.page
     screen.until("haptorb.status === 'running' && haptorb.value('p')[2] > 0 && haptorb.control")
     screen.until("!document.getElementById('legend').hidden && !document.getElementById('hint').hidden")
@@ -45,8 +45,8 @@ def test_stop_is_whole_and_no_text_lies_over_another(staged, fake):
     assert not faults, "\n".join(faults)
 
 
-def test_stop_works_beside_an_open_dialog(staged, fake):
-    screen = staged()
+def test_stop_works_beside_an_open_dialog(shared):
+    screen, _ = shared
     page = screen.page
     screen.until("haptorb.control")
     for button in ("#ask", "#device"):
@@ -73,9 +73,9 @@ COVERED = """["#alert-text", "#engage button"].flatMap((part) => {
 })"""
 
 
-def test_a_trip_is_read_beside_an_open_dialog(staged, fake):
+def test_a_trip_is_read_beside_an_open_dialog(shared):
     """The reason and the way back stay free; the dialog can be scrolled and closed."""
-    screen = staged(query="?detail=least")
+    screen, fake = shared
     page = screen.page
     screen.until("haptorb.status === 'running' && haptorb.control")
     page.locator("#ask").click()

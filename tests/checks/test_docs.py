@@ -12,6 +12,8 @@ from urllib.parse import unquote, urldefrag
 
 import pytest
 
+from oracles.program_runner import ProgramRunner
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
     path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts and "generated" not in path.parts
@@ -110,18 +112,9 @@ def test_every_module_has_its_place_in_the_reference(root: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda path: str(path.relative_to(ROOT)))
-def test_python_in_the_documentation_runs(page: Path, tmp_path: Path) -> None:
+def test_python_in_the_documentation_runs(page: Path, tmp_path: Path, programs: ProgramRunner) -> None:
     """All ```python blocks of a page, one after the other, as one program; ```py blocks are only shown."""
     program = tmp_path / "page.py"
     program.write_text("\n\n".join(CODE.findall(page.read_text(encoding="utf-8"))), encoding="utf-8")
-    environment = os.environ | {"MPLBACKEND": "Agg"}
-    done = subprocess.run(
-        [sys.executable, "-W", "error", str(program)],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=240,
-    )
+    done = programs.run(program, tmp_path)
     assert done.returncode == 0, done.stderr

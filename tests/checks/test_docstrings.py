@@ -6,6 +6,7 @@ import inspect
 import pkgutil
 import runpy
 from collections.abc import Iterator
+from functools import cache
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
@@ -17,6 +18,7 @@ import pytest
 import haptorb
 
 
+@cache
 def modules() -> list[ModuleType]:
     """All modules of the package that do not begin with an underscore."""
     names = [found.name for found in pkgutil.walk_packages(haptorb.__path__, "haptorb.")]
@@ -29,9 +31,6 @@ def public(module: ModuleType) -> Iterator[tuple[str, object]]:
         thing = getattr(module, name)
         if getattr(thing, "__module__", None) == module.__name__:
             yield name, thing
-
-
-MODULES = modules()
 
 
 def list_silent(module: ModuleType) -> list[str]:
@@ -54,8 +53,8 @@ def list_silent(module: ModuleType) -> list[str]:
 
 
 def test_public_names_are_documented() -> None:
-    assert len(MODULES) > 500
-    assert [name for module in MODULES for name in list_silent(module)] == []
+    assert len(modules()) > 500
+    assert [name for module in modules() for name in list_silent(module)] == []
 
 
 def docstrings(module: ModuleType) -> Iterator[tuple[str, str]]:
@@ -85,7 +84,7 @@ def test_every_docstring_is_parsed_without_a_warning(root: Path) -> None:
     convert = runpy.run_path(str(root / "docs" / "_ext" / "plain_docstrings.py"))["converted"]
     assert "Unexpected indentation" in find_faults(["one", "two", "   three"], settings)
     assert "Unexpected indentation" not in find_faults(convert(["one", "two", "   three"]), settings)
-    faults = [f"{name}: {said}" for one in MODULES for name, text in docstrings(one)
+    faults = [f"{name}: {said}" for one in modules() for name, text in docstrings(one)
               if (said := find_faults(convert(text.splitlines()), settings))]  # fmt: skip
     assert faults == []
 
@@ -93,7 +92,7 @@ def test_every_docstring_is_parsed_without_a_warning(root: Path) -> None:
 def test_declared_names_exist() -> None:
     absent = [
         f"{module.__name__}: {name}"
-        for module in MODULES
+        for module in modules()
         for name in getattr(module, "__all__", ())
         if not hasattr(module, name)
     ]
@@ -108,7 +107,7 @@ def test_what_the_package_offers_exists() -> None:
 def test_physics_names_its_units() -> None:
     """A function that returns numbers says in brackets what they are measured in, or that they are plain: [1]."""
     mute = []
-    for module in MODULES:
+    for module in modules():
         if not module.__name__.startswith("haptorb.physics."):
             continue
         for name, thing in public(module):

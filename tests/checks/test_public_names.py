@@ -17,6 +17,7 @@ import pkgutil
 import re
 import textwrap
 from collections.abc import Iterator
+from functools import cache
 from importlib import import_module
 from types import ModuleType
 from typing import Any
@@ -36,6 +37,7 @@ UNIT = re.compile(
 ERRORS = {*errors.__all__, "ValueError"}
 
 
+@cache
 def modules() -> list[ModuleType]:
     """Every module of the rooms whose names are asked."""
     names = [found.name for found in pkgutil.walk_packages(haptorb.__path__, "haptorb.")]
@@ -100,9 +102,6 @@ def errors_raised_by(function: Any) -> set[str]:
     return found & ERRORS
 
 
-MODULES = modules()
-
-
 def list_mute(module: ModuleType) -> Iterator[str]:
     """Functions with arrays whose docstring lacks a shape or a unit."""
     for name, function, told in callables(module):
@@ -116,8 +115,8 @@ def list_mute(module: ModuleType) -> Iterator[str]:
 
 
 def test_arrays_have_shapes_and_units() -> None:
-    assert len(MODULES) > 300
-    assert [fault for module in MODULES for fault in list_mute(module)] == []
+    assert len(modules()) > 300
+    assert [fault for module in modules() for fault in list_mute(module)] == []
 
 
 def list_untold(module: ModuleType) -> Iterator[str]:
@@ -130,7 +129,7 @@ def list_untold(module: ModuleType) -> Iterator[str]:
 
 
 def test_what_is_raised_is_told() -> None:
-    assert [fault for module in MODULES for fault in list_untold(module)] == []
+    assert [fault for module in modules() for fault in list_untold(module)] == []
 
 
 def test_physics_names_its_source() -> None:
@@ -138,7 +137,7 @@ def test_physics_names_its_source() -> None:
         r"\b(19|20)\d\d\b|[Ee]qs?\.|Gauss|Maxwell|Biot|Ampère|Coulomb|Timoshenko|Legendre|Euler|Ohm|erratum|Bulirsch"
     )
     mute = []
-    for module in MODULES:
+    for module in modules():
         if module.__name__.startswith("haptorb.physics."):
             said = (module.__doc__ or "") + "".join(told for _, _, told in callables(module))
             if re.search(r"[∫Σ]", said) and not re.search(named, said):

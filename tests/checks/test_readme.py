@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from oracles.program_runner import ProgramRunner
 
 HAPTORB = "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))"
 
@@ -18,17 +19,16 @@ def readme(root: Path) -> str:
     return (root / "README.md").read_text(encoding="utf-8")
 
 
-def test_four_examples_for_four_users_run_and_say_a_number(readme: str, tmp_path: Path) -> None:
+def test_four_examples_for_four_users_run_and_say_a_number(
+    readme: str, tmp_path: Path, programs: ProgramRunner
+) -> None:
     users = re.findall(r"^\*\*The ([\w ]+)\*\*", readme, re.MULTILINE)
     assert users == ["device engineer", "HCI researcher", "product designer", "application developer"]
     blocks = re.findall(r"^```python\n(.*?)^```$", readme, re.MULTILINE | re.DOTALL)
     assert len(blocks) == len(users)
     program = tmp_path / "readme.py"
     program.write_text("\nprint('---')\n".join(blocks), encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "-W", "error", str(program)], cwd=tmp_path, env=os.environ | {"MPLBACKEND": "Agg"},
-        capture_output=True, text=True, check=False, timeout=240,
-    )  # fmt: skip
+    done = programs.run(program, tmp_path)
     assert done.returncode == 0, done.stderr
     said = done.stdout.split("---\n")
     assert all(re.search(r"\d\.\d+ N", one) for one in said)

@@ -1,4 +1,4 @@
-"""`make test` calls pytest three times: each test runs in one of them, and the last line adds up what they found."""
+"""`make test` calls pytest four times: each test runs in one of them, and the last line adds up what they found."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-CONFIGURATION = "[pytest]\nmarkers =\n  realtime\n  slow\n  browser\n"
+CONFIGURATION = "[pytest]\nmarkers =\n  realtime\n  slow\n  browser\n  background\n"
 ENDS = """import os
 def pytest_sessionfinish(session):
     if session.config.option.markexpr.startswith('realtime and browser') and not hasattr(session.config, 'workerinput'):
@@ -34,6 +34,10 @@ def test_in_twos():
 @pytest.mark.slow
 def test_slow_one():
     assert False
+@pytest.mark.background
+def test_in_the_background():
+    assert os.nice(0) == 19
+    assert 'PYTEST_XDIST_WORKER' not in os.environ
 """,
 )
 
@@ -50,12 +54,13 @@ def test_all_calls_run_and_one_line_adds_them_up(root: Path, tmp_path: Path) -> 
     for number, text in enumerate(FILES):
         (tmp_path / f"test_{number}.py").write_text(text)
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
+    environment |= {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_PLUGINS": "xdist.plugin"}  # ten processes load it
     done = subprocess.run(
         [sys.executable, root / "scripts" / "run_tests.py", "--markers", "not slow"],
         cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=200,
     )  # fmt: skip
     assert re.fullmatch(
-        r"=+ 1 failed, 2 passed, 1 error in [\d.]+s \(0:\d\d:\d\d\) =+", done.stdout.splitlines()[-1]
+        r"=+ 1 failed, 3 passed, 1 error in [\d.]+s \(0:\d\d:\d\d\) =+", done.stdout.splitlines()[-1]
     ), done.stdout
     assert done.returncode == 1
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 SOURCES = Path(__file__).resolve().parents[2] / "src"
 KERNEL = 10  #: arguments of a kernel
+KERNELS = {"kernel", "tick_kernel", "vector_kernel"}
 POSITIONAL = 8  #: positional arguments of any other function
 COMMANDS = "haptorb/apps/cli"  #: where a command's options are its arguments
 
@@ -26,7 +27,7 @@ def _functions() -> list[tuple[str, Function]]:
 
 
 def _is_kernel(function: Function) -> bool:
-    return any(isinstance(one, ast.Name) and one.id == "kernel" for one in function.decorator_list)
+    return any(isinstance(one, ast.Name) and one.id in KERNELS for one in function.decorator_list)
 
 
 def _is_command(path: str, function: Function) -> bool:

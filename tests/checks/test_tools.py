@@ -25,7 +25,8 @@ def test_files_are_formatted(root: Path) -> None:
     passes(root, "ruff", "format", "--check", ".")
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.background
+@pytest.mark.timeout(3600)  # it gives way to everybody else
 def test_types_hold(root: Path) -> None:
     passes(root, "mypy")
 

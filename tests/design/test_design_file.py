@@ -54,6 +54,18 @@ def test_the_digest_is_of_file_functions_and_base_device(tmp_path: Path) -> None
     assert make_design(tmp_path).digest in digests
 
 
+def test_the_digest_is_of_what_a_function_imports_from_beside_it_too(tmp_path: Path) -> None:
+    (tmp_path / "tools_of_own").mkdir()
+    inner = tmp_path / "tools_of_own" / "inner.py"
+    (tmp_path / "first_of_own.py").write_text("def late():\n    from tools_of_own.inner import three\n")
+    code = "import json, first_of_own\n" + CODE
+    digests = set()
+    for text in ("three = 3\n", "three = 4\n"):
+        inner.write_text(text)
+        digests |= {make_design(tmp_path, code=code).digest, make_design(tmp_path, code=code).digest}
+    assert len(digests) == 2
+
+
 def test_a_base_device_beside_the_file(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text('based_on = "omni"\nname = "mine"\n[dome]\nfriction = 0.2\n')
     design = make_design(tmp_path, TEXT.replace('"omni"', '"mine.toml"'))

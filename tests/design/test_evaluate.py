@@ -66,9 +66,14 @@ def test_the_base_device_keeps_its_own_bounds(tmp_path: Path) -> None:
 
 
 def test_a_design_travels_with_its_functions(tmp_path: Path) -> None:
-    design = make_design(tmp_path)
+    (tmp_path / "beside_small.py").write_text("TENTH = 0.1\ndef add(radius, more):\n    return radius + TENTH * more\n")
+    code = "from beside_small import add\nimport beside_small\n" + CODE.replace(
+        "candidate.device.shell.dome_radius + 0.1 * candidate.device.shell.thickness",
+        "add(candidate.device.shell.dome_radius, 10 * beside_small.TENTH * candidate.device.shell.thickness)",
+    )
+    design = make_design(tmp_path, code=code)
     packed = cloudpickle.dumps(design)
-    for file in tmp_path.iterdir():
+    for file in tmp_path.glob("*.*"):
         file.unlink()
     program = (
         "import sys, cloudpickle, json; from haptorb.design.evaluate import evaluate;"

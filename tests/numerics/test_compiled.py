@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from haptorb.devices.electromagnet import ring_tool
-from haptorb.numerics.compiled import PostponedKernel, kernel, load_compiler
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compiled import PostponedKernel, kernel, load_compiler, tick_kernel
 
 PROGRAM = """
 import sys
@@ -119,6 +120,34 @@ def test_a_kernel_is_compiled_once_for_all_constants_that_others_pass() -> None:
 
 def _double(number: int) -> int:
     return 2 * number
+
+
+def _add_up(values: Array) -> float:
+    total = np.zeros(1)
+    for value in values:
+        total[0] += value
+    return float(total[0])
+
+
+_kernel_with_array: Any = kernel(_add_up)
+
+
+def _add_up_twice(values: Array) -> float:
+    return 2.0 * float(_kernel_with_array(values))
+
+
+def _fill_new(value: float) -> float:
+    new = np.full(3, value)
+    return float(new[0])
+
+
+def test_a_tick_kernel_makes_no_array_but_may_call_one_that_does() -> None:
+    from numba.core.errors import TypingError
+
+    load_compiler()
+    assert tick_kernel(_add_up_twice)(np.array([1.0, 2.0])) == 6.0
+    with pytest.raises(TypingError, match="array"):
+        tick_kernel(_fill_new)(2.0)
 
 
 LINEAR_ALGEBRA = """

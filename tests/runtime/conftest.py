@@ -7,7 +7,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -176,10 +176,47 @@ def fake_servo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
 
 
 @pytest.fixture(scope="module")
-def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Servo]:
-    """One such Servo for all tests of a file that ask a running one for what it must refuse; its world is a dome."""
-    with pytest.MonkeyPatch.context() as patch, _making(tmp_path_factory.mktemp("running"), patch) as make:
-        servo = make(world="dome").servo
+def servos(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Servo]]:
+    """A function that starts such a Servo, whose world is a dome."""
+    with ExitStack() as stack:
+
+        def start() -> Servo:
+            with pytest.MonkeyPatch.context() as patch:
+                make = stack.enter_context(_making(tmp_path_factory.mktemp("running"), patch))
+                servo: Servo = make(world="dome", record=False).servo
+            servo.open()
+            return servo
+
+        yield start
+
+
+@pytest.fixture(scope="module")
+def alive() -> list[Servo]:
+    """The servo of `running`, if there is one."""
+    return []
+
+
+@pytest.fixture
+def running(servos: Callable[[], Servo], alive: list[Servo]) -> Servo:
+    """One such Servo for all tests of a file that leave it running; another one where it has ended."""
+    if not alive or not alive[0].alive:
+        alive[:] = [servos()]
+    return alive[0]
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimpleNamespace]:
+    """A servo that ran for half a second at 500 Hz and has ended: the `ticks` that were read meanwhile, a `row` of it,
+    whether it was `alive`, and the `words` of its driver."""
+    with pytest.MonkeyPatch.context() as patch, _making(tmp_path_factory.mktemp("ended"), patch) as make:
+        made = make(rate=500.0)
         patch.undo()
-        with servo:
-            yield servo
+        with made.servo as servo:
+            cursor, made.ticks = 0, []
+            end = time.monotonic() + 0.5
+            while time.monotonic() < end:
+                cursor, rows = servo.rows(cursor)
+                made.ticks.extend(rows[:, 0].tolist())
+                time.sleep(0.01)
+            made.row, made.alive = servo.latest(), servo.alive
+        yield made

@@ -109,7 +109,7 @@ class Console {
     this.subject = this.scene.subject(this.stage, session);
     // In the frame of what the world acts on: a motor's target has a picture of its own.
     this.shapes = this.target?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
-    if (this.scene.colours === "currents") this.legend.coils(this.subject.range);
+    if (this.scene.colours === "currents") this.legend.coils(this.subject.range, this.scene.gives);
     if (this.scene.colours === "none") this.legend.arrows();
     this.legend.device(session.scene);
     this.link = new Link(token(), 1000 * session.patience, {
@@ -469,6 +469,7 @@ class Console {
       value: (name) => Array.from(page.sample.list(name)),
       felt: (direction) => page.subject.felt(direction),
       stylus: () => page.subject.places(),
+      picture: () => page.subject.picture?.() ?? { coils: 0, mover: [] },
       shapes: () => page.shapes.places,
       plug: () => page.target?.shown ?? { place: [], bent: [] },
     });

@@ -24,6 +24,8 @@ export interface Probe {
   felt(direction: [number, number, number]): { force: number; saturated: boolean };
   /** where the stylus is on the screen: tip and far end [CSS px of the page] */
   stylus(): { x: number; y: number }[];
+  /** how many coils are drawn, and where the mover is drawn [m], where the scene tells it */
+  picture(): { coils: number; mover: number[] };
   /** where the bodies of a world with memory are drawn [m]; null: not drawn */
   shapes(): (number[] | null)[];
   /** where the plug is drawn, and how far its hooks' tips are bent [m] */

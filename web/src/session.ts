@@ -70,6 +70,21 @@ export interface DomeScene extends Scene {
   magnet: { worn: boolean; outer_radius: number; length: number; tip_distance: number };
 }
 
+/** Coils anywhere, and a tool with magnets over a level plate; lengths in metres. */
+export interface PlateScene extends Scene {
+  kind: "plate";
+  /** of the plate */
+  height: number;
+  /** greatest distance of the tool along x and y */
+  half_width: [number, number];
+  /** of the tool's origin when its tip touches the plate */
+  contact_height: number;
+  /** how far above contact forces are rendered */
+  thickness: number;
+  /** where the tool's origin is while its magnets are at the places of `parts` */
+  tool: { origin: [number, number, number]; tip_distance: number };
+}
+
 /** A rotor with magnets around a stator with coils, and a handle; lengths in metres, angles in radians. */
 export interface MotorScene extends Scene {
   kind: "motor";
@@ -139,7 +154,7 @@ export interface Session {
   /** after so long without a sign of life a page that holds the mover loses it [s] */
   patience: number;
   device: { name: string; title: string; source: string };
-  /** the picture: "dome", "motor", or another name, which is drawn as axes and a marker */
+  /** the picture: "dome", "motor", "plate", or another name, which is drawn as axes and a marker */
   scene: Scene;
   /** how the mover can move a target; empty where the world acts on it directly */
   modes: string[];

@@ -42,10 +42,12 @@ class Design:
     """What a design file says.
 
     text    of the file
-    digest  of the file, of the user's own objectives, and of the base device: results belong to one digest
+    digest  of the file, of the user's own objectives with what they import from beside them, and of the base device:
+            results belong to one digest
     base    name in the catalogue, or path, of the base device
     options the table [evaluation]
     tables  what the base device's file says; None: it is read when it is needed
+    base_values  the base device's own numbers, as results keep them: see `compute_base_values`; None: not computed yet
     """
 
     name: str
@@ -58,6 +60,7 @@ class Design:
     text: str
     digest: str
     tables: DeviceTables | None = field(default=None, repr=False)
+    base_values: Mapping[str, float] | None = field(default=None, repr=False)
 
     @property
     def base_tables(self) -> DeviceTables:

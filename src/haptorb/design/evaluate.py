@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import sys
 import time
 import traceback
 from collections.abc import Mapping
+from functools import lru_cache
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from haptorb.design.candidate import DesignCandidate
 from haptorb.design.design import Bound, Design
@@ -42,8 +44,15 @@ def evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evalua
     A candidate that makes no device, breaks a constraint, or of which a quantity cannot be computed, is refused with
     the reason. Constraints are computed in the order of the design file, up to the first that is broken.
     """
-    with threadpool_limits(1):  # results must not depend on how many cores a computer has
+    with _find_pools(len(sys.modules)).limit(limits=1):  # results must not depend on how many cores a computer has
         return _evaluate(design, number, values)
+
+
+@lru_cache(maxsize=1)
+def _find_pools(modules: int) -> ThreadpoolController:
+    """The libraries of this process with threads of their own. To look for them takes milliseconds: they are looked for
+    again where another number of `modules` is loaded."""
+    return ThreadpoolController()
 
 
 def _evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evaluation:

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from haptorb.design.own_imports import find_imports, list_modules
 from haptorb.errors import InputError, UnknownName
 from haptorb.files.text_file import read_text
 
@@ -30,7 +31,7 @@ def split_function(text: str, folder: Path) -> tuple[Path, str]:
 
 
 def load_function(text: str, folder: Path) -> tuple[Callable[..., Any], str]:
-    """The function that "file.py:name" names, and the text of its file.
+    """The function that "file.py:name" names, and the text of its file and of what that imports from beside it.
 
     The file is run once. Raises InputError, with file and line, if it cannot be read or fails, UnknownName if it has
     no such function.
@@ -40,16 +41,24 @@ def load_function(text: str, folder: Path) -> tuple[Callable[..., Any], str]:
     known = _modules.get(path)
     module = known[1] if known is not None and known[0] == source else _run(path, source)
     _modules[path] = (source, module)
+    beside = find_imports(path, source)
+    _send_along(module, *list_modules(beside))
     function = vars(module).get(name)
     if not callable(function):
         names = [key for key, value in vars(module).items() if callable(value) and not key.startswith("_")]
         raise UnknownName(f"function in {path}", name, names)
-    return function, source
+    return function, "\0".join((source, *beside.values()))
+
+
+def _send_along(*modules: ModuleType) -> None:
+    """Other processes and machines need not have the files of `modules`."""
+    import cloudpickle
+
+    for module in modules:
+        cloudpickle.register_pickle_by_value(module)
 
 
 def _run(path: Path, source: str) -> ModuleType:
-    import cloudpickle
-
     module = ModuleType(f"haptorb_objective_{path.stem}")
     module.__file__ = str(path)
     if str(path.parent) not in sys.path:
@@ -64,5 +73,4 @@ def _run(path: Path, source: str) -> ModuleType:
         line = frames[-1].lineno if frames else getattr(cause, "lineno", None)
         where = f", line {line}" if line else ""
         raise InputError(f"objective's file {path}{where}: {type(cause).__name__}: {cause}") from cause
-    cloudpickle.register_pickle_by_value(module)  # other processes and machines need not have the file
     return module

@@ -154,6 +154,11 @@ class Device(Presentable, ABC):
         return None
 
     @property
+    def is_upright(self) -> bool:
+        """Whether a tool stands upright where nobody says how it is turned; else its axis is radial."""
+        return False
+
+    @property
     def rest_position(self) -> Array:
         """(3,) where the mover is when nobody moves it: a place where every model of the device holds [m]."""
         return np.zeros(3)

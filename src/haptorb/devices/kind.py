@@ -47,7 +47,7 @@ class DeviceKind:
     tables         (device, report) → what is stored as `device.tables`, where computing it takes long
     geometry       (device) → Geometry: bodies and places, for `haptorb show` and the console's picture
     scene          (device) → JSON for the console's picture, with "kind": one of the page's scenes; None: axes
-    force_map      (device) → process that computes the force painted into the console's picture
+    force_map      (device) → process that computes the force painted on the dome of the console's picture
     card           (device) → Card of `haptorb inspect`
     errors         (device, wrench asked, estimator, calibration) → ErrorModel of `haptorb inspect --errors`
     hold           (device, hand) → HeldMover, for a kind that a scene can be coupled to

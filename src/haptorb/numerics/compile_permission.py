@@ -5,24 +5,24 @@ A servo that runs must not compile; it may load what another process has compile
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import local
 from typing import Any
 
-__all__ = ["UncompiledKernelError", "count_compiled", "forbid_compiling", "watch_compiling"]
+__all__ = ["UncompiledKernelError", "forbid_compiling", "tell_compiling", "watch_compiling"]
 
 _thread = local()  # `missing`: names of kernels, where compiling is forbidden
-_compiled_here = [0]
+_listeners: list[Callable[[], object]] = []
 
 
 class UncompiledKernelError(Exception):
     """A kernel lies in no cache, where `forbid_compiling` holds."""
 
 
-def count_compiled() -> int:
-    """How many kernels this process has compiled, and not found in the cache."""
-    return _compiled_here[0]
+def tell_compiling(tell: Callable[[], object]) -> None:
+    """Have `tell` called whenever this process begins to compile a kernel that lies in no cache."""
+    _listeners.append(tell)
 
 
 @contextmanager
@@ -48,7 +48,8 @@ def watch_compiling(compiled: Any) -> None:
         if missing is not None:
             missing.append(name)
             raise UncompiledKernelError(f"kernel '{name}' is not compiled yet")
-        _compiled_here[0] += 1
+        for tell in _listeners:
+            tell()
         return compile_now(args, return_type)
 
     compiler.compile = compile_if_allowed

@@ -25,9 +25,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast, final
 
+from haptorb.numerics.call_types import remember_call_types
 from haptorb.numerics.compile_permission import watch_compiling
+from haptorb.numerics.own_copies import call_own_copies
 
-__all__ = ["PostponedKernel", "cache_folder", "kernel", "load_compiler", "vector_kernel"]
+__all__ = ["PostponedKernel", "cache_folder", "kernel", "load_compiler", "tick_kernel", "vector_kernel"]
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _MOST = 4  #: compiled versions of a file kept beside each other, for people who switch branches
@@ -104,12 +106,25 @@ def _folder(path: Path) -> str:
 @cache
 def _numba() -> Any:
     """numba, with what is always wanted of it."""
+    _silence_lock()
     import numba
 
     _disable_gathers(numba)
     _limit_optimisation(numba)
     _postpone_linear_algebra()
+    call_own_copies(import_module("numba.core.codegen"))
+    remember_call_types()
     return numba
+
+
+def _silence_lock() -> None:
+    """Have numba not measure each of the ten thousands of calls of LLVM: nobody asks for these times."""
+    ffi: Any = import_module("llvmlite.binding.ffi")
+    register, ffi.register_lock_callback = ffi.register_lock_callback, lambda begin, end: None
+    try:
+        import_module("numba.core.base")  # where it registers
+    finally:
+        ffi.register_lock_callback = register
 
 
 def _postpone_linear_algebra() -> None:
@@ -173,18 +188,20 @@ def _vectorize_loops(numba: Any, compiled: Any) -> None:
     compiled.compile = compile_to_vectors
 
 
-def _dispatcher(function: Callable[..., Any], vectors: bool) -> Any:
+def _dispatcher(function: Callable[..., Any], vectors: bool, brief: bool) -> Any:
     """numba's: it compiles `function` for each new combination of types, not for each constant that a kernel passes.
 
-    No kernel is called through a C pointer, so none has that entry.
+    No kernel is called through a C pointer, so none has that entry. `_nrt` is numba's counting of references to arrays;
+    a kernel must say it, or it has what the first kernel that calls it has.
     """
     numba = _numba()
     usual = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _folder(_find_source(function)) or usual
     try:
         compiled = numba.njit(
-            cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy", no_cfunc_wrapper=True
-        )(function)
+            cache=True, nogil=not brief, _nrt=not brief, fastmath={"reassoc", "contract"}, error_model="numpy",
+            no_cfunc_wrapper=True,
+        )(function)  # fmt: skip
     finally:
         numba.config.CACHE_DIR = usual
     if _find_source(function).is_relative_to(_PACKAGE):
@@ -202,9 +219,9 @@ def _dispatcher(function: Callable[..., Any], vectors: bool) -> Any:
 class PostponedKernel:
     """Stands for a kernel until one is called. Other kernels may call it: numba sees the compiled function."""
 
-    def __init__(self, function: Callable[..., Any], vectors: bool = False) -> None:
+    def __init__(self, function: Callable[..., Any], vectors: bool = False, brief: bool = False) -> None:
         update_wrapper(self, function)
-        self._function, self._vectors = function, vectors
+        self._function, self._vectors, self._brief = function, vectors, brief
         self._compiled: Any = None
         with suppress(OSError):
             _digest_sources(_find_source(function))
@@ -213,7 +230,7 @@ class PostponedKernel:
     def compiled(self) -> Any:
         """numba's dispatcher of the function, made at the first use."""
         if self._compiled is None:
-            self._compiled = _dispatcher(self._function, self._vectors)
+            self._compiled = _dispatcher(self._function, self._vectors, self._brief)
         return self._compiled
 
     @property
@@ -253,10 +270,10 @@ def load_compiler() -> None:
                 setattr(module, key, value.compiled)
 
 
-def _compile(function: Function, vectors: bool) -> Function:
+def _compile(function: Function, *, vectors: bool = False, brief: bool = False) -> Function:
     if "numba" in sys.modules:
-        return cast(Function, _dispatcher(function, vectors))
-    postponed = PostponedKernel(function, vectors)
+        return cast(Function, _dispatcher(function, vectors, brief))
+    postponed = PostponedKernel(function, vectors, brief)
     _POSTPONED.append(postponed)
     return cast(Function, postponed)
 
@@ -266,9 +283,18 @@ def kernel(function: Function) -> Function:
 
     Reordering and fused multiply-add are allowed; assuming away NaN is not: the guard must see every NaN.
     """
-    return _compile(function, vectors=False)
+    return _compile(function)
 
 
 def vector_kernel(function: Function) -> Function:
     """A `kernel` whose loops become vector code: for loops over many numbers, as it takes longer to compile."""
     return _compile(function, vectors=True)
+
+
+def tick_kernel(function: Function) -> Function:
+    """A `kernel` that Python calls in every tick: it makes and returns no array, and is over within microseconds.
+
+    So no references are counted, which halves the time of a call, and the interpreter lock is not released: to get it
+    back may take longer than the kernel.
+    """
+    return _compile(function, brief=True)

@@ -42,11 +42,11 @@ class ControllerModel:
 
     def wrench_map(self, state: State) -> WrenchMap:
         """At `state`; GeometryError where the device's model has none."""
-        if self._share >= 1.0 and self._asked != self._name:
+        if self._share >= 1.0:
+            if self._asked == self._name:
+                return self._device.wrench_map(state, self._name)
             self._before, self._name, self._share, self._t = self._name, self._asked, 0.0, state.t
         new = self._device.wrench_map(state, self._name)
-        if self._share >= 1.0:
-            return new
         self._share = min(self._share + max(state.t - self._t, 0.0) / FADE, 1.0)
         self._t = state.t
         old = self._device.wrench_map(state, self._before)

@@ -14,14 +14,14 @@ from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import GeometryError, InputError
 from haptorb.numerics.arrays import Array
-from haptorb.numerics.compiled import kernel
+from haptorb.numerics.compiled import tick_kernel
 from haptorb.sensing.controller_model import ControllerModel
 from haptorb.sensing.sample import Estimate, Sample
 
 __all__ = ["Estimator", "EstimatorChoice", "EstimatorSettings", "TrackedPose", "tracker_only"]
 
 
-@kernel
+@tick_kernel
 def _is_finite(p: Array, R: Array, v: Array, w: Array) -> bool:
     total = 0.0  # a sum is not finite as soon as one part of it is not
     for i in range(3):

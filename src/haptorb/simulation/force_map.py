@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.control.allocation.allocator import Allocator
-from haptorb.control.allocation.for_device import tool_choice
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.control.allocation.wrench_choice import WrenchChoice
+from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array, vectors
 from haptorb.worlds.world import World
@@ -22,7 +22,7 @@ __all__ = ["force_map"]
 
 
 def force_map(
-    device: SphericalElectromagnet,
+    device: Device,
     world: World,
     points: ArrayLike,
     *,
@@ -32,14 +32,15 @@ def force_map(
 ) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
     """Radial force (n,) [N], outward positive, and where currents saturate (n,); radial tool at `points` (n, 3) [m].
 
-    `model` is what the controller inverts (None: the device's first model), by default with the core's pull compensated
-    as far as the model knows it. `render` is the part of the wrench that is rendered, by default what the world asks:
-    of a torque, the force that comes along is told. What is given follows from the device's exact model. At rest: no
-    inductance, no heat.
+    `device` is one whose tool can be given force, torque or both. `model` is what the controller inverts (None: the
+    device's first model), by default with the core's pull compensated as far as the model knows it. `render` is the
+    part of the wrench that is rendered, by default what the world asks: of a torque, the force that comes along is
+    told. What is given follows from the device's exact model. At rest: no inductance, no heat.
     """
     at = vectors(points, "points").reshape(-1, 3)
     fitted = world.for_device(device)
-    choice = tool_choice(device, render)
+    choose = device.kind.require_part("wrench_choice", device.name, "a force map")
+    choice: WrenchChoice = choose(device, render, None)
     allocate = (allocator or choice.allocators[choice.choose_part(fitted)]).allocate
     inverted = device.check_model(model or device.models[0])
     radial = np.empty(len(at))

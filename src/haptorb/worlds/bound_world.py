@@ -9,7 +9,7 @@ import numpy as np
 from haptorb.devices.state import State
 from haptorb.errors import HaptorbError, InputError
 from haptorb.numerics.arrays import Array, Records
-from haptorb.numerics.compiled import kernel
+from haptorb.numerics.compiled import tick_kernel
 from haptorb.worlds.client_force import make_client_force
 from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.memory import check_memory, numbers_of
@@ -22,7 +22,7 @@ class MemoryNotFinite(HaptorbError):
     """A world has computed a memory with numbers that are not finite."""
 
 
-@kernel
+@tick_kernel
 def _is_finite(numbers: Array) -> bool:
     finite = True
     for i in range(numbers.size):

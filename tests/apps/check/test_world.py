@@ -79,6 +79,22 @@ def test_margins_and_words():
 OMNI_JUMP = abs(worlds.Dome().for_device(OMNI).strength)
 
 
+@pytest.mark.parametrize(("name", "world"), [("planar", worlds.Wall()), ("tetrahedron", worlds.Dome())])
+def test_a_coil_array_is_judged_over_its_plate_or_dome(name, world):
+    device = load(name)
+    verdict = judge_world(device, world, Setting())
+    assert verdict.fit
+    assert verdict.steep.stiffness > 0.0
+    assert verdict.hand.mass == pytest.approx(GRIPS["light"].mass + device.tool.mass)
+    stiff = judge_world(device, worlds.Wall(stiffness=5000.0, greatest=20.0), LATE)
+    assert not stiff.fit
+    above = stiff.place.places[1::4]  # not those in contact, on the very edge
+    assert all(stiff.place.inside(p) for p in above)
+    turning = judge_world(device, worlds.Compass(), Setting())
+    assert (turning.part, turning.place.length) == ("torque", "rad")
+    assert turning.hand.damping == pytest.approx(device.hand.turn_damping)
+
+
 def test_a_motor_is_judged_in_radians():
     verdict = judge_world(load("pmsm"), worlds.SnapFit(), Setting())
     assert verdict.numbers()["unit"] == "N·m/rad"

@@ -55,7 +55,7 @@ class FakeServo:
         self._name = world
         self._changes = 0
         self._start = time.monotonic()
-        self._rows = np.empty((0, self.layout.width))
+        self._rows = np.zeros((KEPT, self.layout.width))  # tick n in row n % KEPT
         self._ticks = 0
 
     @staticmethod
@@ -123,8 +123,8 @@ class FakeServo:
 
     def rows(self, cursor: int = 0) -> tuple[int, np.ndarray]:
         self._publish()
-        first = max(cursor, self._ticks - len(self._rows))
-        return self._ticks, self._rows[len(self._rows) - (self._ticks - first) :]
+        first = max(cursor, self._ticks - KEPT)
+        return self._ticks, self._rows[np.arange(first, self._ticks) % KEPT]
 
     def _publish(self) -> None:
         now = time.monotonic()
@@ -132,13 +132,13 @@ class FakeServo:
         n = min(due - self._ticks, KEPT)
         if n <= 0 or self.silent:
             return
-        rows = np.tile(self._row(), (n, 1))
         ticks = np.arange(due - n, due)
-        rows[:, self.layout["tick"].start] = ticks
-        rows[:, self.layout["t"].start] = ticks * 1e-3
-        rows[:, self.layout["wall"].start] = self._start + ticks * 1e-3
+        places = ticks % KEPT
+        self._rows[places] = self._row()
+        self._rows[places, self.layout["tick"].start] = ticks
+        self._rows[places, self.layout["t"].start] = ticks * 1e-3
+        self._rows[places, self.layout["wall"].start] = self._start + ticks * 1e-3
         self._ticks = due
-        self._rows = np.concatenate([self._rows, rows])[-KEPT:]
 
     def _row(self) -> np.ndarray:
         row, at = self.layout.empty(), self.layout

@@ -35,5 +35,13 @@ def test_a_range_without_a_valid_design_says_who_refuses_how_many(tmp_path: Path
     assert tally.valid == 0
     assert "10 by device, 6 by room" in tally.sentence
     assert "10 of 16" in tally.advice
-    assert "magnets" in tally.advice
+    assert "magnets: parts overlap: 6" in tally.advice
     assert tally.list_best() == []
+
+
+def test_an_objective_that_fails_is_told_with_its_reason(tmp_path: Path) -> None:
+    reason = "cost: ZeroDivisionError: division by zero (own.py, line 2)"
+    tally = Tally(make_design(tmp_path), [make_row(n, by="objective", reason=reason) for n in (5, 3, 4)])
+    assert reason in tally.advice
+    assert "Design 3 " in tally.advice
+    assert "constraint" not in tally.advice

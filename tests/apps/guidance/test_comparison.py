@@ -11,7 +11,7 @@ from haptorb.devices.loader import load
 
 @pytest.fixture(scope="module")
 def found():
-    return compare_guidance(load("omni"), paths=("line",), grips=("light",), seconds=3.0, seed=1)
+    return compare_guidance(load("omni"), paths=("line",), grips=("light",), seconds=2.0, seed=1)
 
 
 def test_the_plan_keeps_a_light_hand_nearer_to_the_path_than_the_valley_does(found):

@@ -22,6 +22,11 @@ def test_the_card_tells_forces_by_height(name):
     for layer in numbers["layers"]:
         assert 0 < layer["weakest_peak_n"] <= min(layer["peak_n"]) * (1 + 1e-9)
         assert max(layer["continuous_n"]) < max(layer["peak_n"])
+    contact = numbers["contact"]
+    told = [force for row in contact["weakest_peak_n"] for force in row if force is not None]
+    assert 0.0 < min(told) <= numbers["layers"][0]["weakest_peak_n"] * 1.01
+    assert min(told) < contact["median_weakest_peak_n"] < max(told)
+    assert numbers["heat_between_coils"] is False
     console = Console(width=160, record=True, file=StringIO())
     made.show(console)
     assert "weakest" in console.export_text()
@@ -29,7 +34,7 @@ def test_the_card_tells_forces_by_height(name):
 
 
 def test_coils_are_drawn_where_they_are():
-    for name, kind in (("planar", "axes"), ("tetrahedron", "dome")):
+    for name, kind in (("planar", "plate"), ("tetrahedron", "dome")):
         device = load(name)
         scene = device.kind.part("scene")(device)
         assert scene["kind"] == kind

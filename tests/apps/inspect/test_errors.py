@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from haptorb.apps.inspect.errors import report_errors
+from haptorb.control.allocation.array.for_array import array_allocator
+from haptorb.control.budget.array_sources import array_errors
 from haptorb.devices.loader import load
-from haptorb.errors import DeviceError
+from haptorb.devices.state import State
+from haptorb.errors import DeviceError, InputError
 from oracles.command import run_command
 
 NARROW = """
@@ -102,3 +107,38 @@ def test_a_mistake_of_the_command_is_one_message(capsys, words, expected) -> Non
     assert code == 2
     assert expected in err
     assert not out
+
+
+@pytest.mark.parametrize("name", ["planar", "tetrahedron"])
+def test_a_coil_array_has_a_budget_and_none_without_errors(name) -> None:
+    """With a core and without; where nothing is uncertain, what is asked is delivered."""
+    device = load(name)
+    budget = report_errors(device, samples=100).budget
+    shares = {share.name: share for share in budget.shares}
+    assert shares["places of the coils"].alone > 0.0
+    assert 0.0 < budget.bands[-1].size < budget.asked
+    model = array_errors(device)
+    point = model.draw_point(0, np.random.default_rng(0))
+    assert np.abs(model.try_error(point, np.zeros(model.dimension))).max() < 1e-6 * model.asked
+    with pytest.raises(InputError, match="calibration"):
+        array_errors(device, calibration=object())
+
+
+def test_coils_that_stand_elsewhere_err_as_the_moved_device_does() -> None:
+    """The core's answer by its slope against the answer to coils that are really there."""
+    device = load("tetrahedron")
+    model = array_errors(device)
+    point, trial = model.draw_point(0, np.random.default_rng(1)), model.make_trial()
+    trial.shift[0], trial.lean[1], trial.turns[2] = (3e-4, -2e-4, 1e-4), (0.004, 0.002, -0.006), 0.02
+    windings = device.windings
+    axis = windings.axis + np.cross(trial.lean, windings.axis)
+    moved = replace(
+        windings, position=windings.position + trial.shift, turns=windings.turns * (1 + trial.turns),
+        axis=axis / np.linalg.norm(axis, axis=1, keepdims=True),
+    )  # fmt: skip
+    state = State(0.0, point.R, point.p, np.zeros(3), np.zeros(3))
+    known = device.wrench_map(state, "exact")
+    currents = array_allocator(device).allocate(known, point.wrench).currents
+    there = replace(device, windings=moved).wrench_map(state, "exact")
+    expected = point.R.T @ (there.wrench(currents)[:3] - point.wrench[:3])
+    assert model.wrench_error(point, trial) == pytest.approx(expected, abs=0.03 * np.linalg.norm(expected))

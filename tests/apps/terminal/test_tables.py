@@ -234,8 +234,60 @@ def ratings():
     return show, ["4.25", "3.50 to 5.01", "1.50", "24", "a over b", "9 of 12", "47.0 to 91.0", "[%]"]
 
 
-TABLES = {made.__name__: made for made in (omni_card, pmsm_card, bench, contest, estimators, fit, train, fitness, world,
-                                           identification, curves, tracks, ratings)}  # fmt: skip
+def tetrahedron_card():
+    from haptorb.apps.inspect.coil_array import CoilArrayCard
+    from haptorb.control.allocation.array.capability import ArrayLayer, ContactForces
+
+    card = object.__new__(CoilArrayCard)
+    card._device = load("tetrahedron")
+    card._layers = (ArrayLayer(0.0125, np.array([1.2345, 0.6789, 0.4321]), 0.1 * np.ones(3), 0.3579, 0.0246, 13.57),)
+    card._endurance = ((1.0, 4.2), (0.2, float("inf")))
+    card._contact = ContactForces(np.array([-0.0137, 0.0137]), np.zeros(1), np.array([[0.0222, 0.0468]]))
+    return card.show, [
+        "12.5",
+        "1234",
+        "679",
+        "432",
+        "100",
+        "358",
+        "25",
+        "13.6",
+        "[mm]",
+        "[mN]",
+        "[W]",
+        "20 % unlimited",
+    ]
+
+
+def guidance():
+    from haptorb.apps.guidance.comparison import GuidanceComparison, GuidanceRow
+    from haptorb.apps.guidance.show import print_guidance
+
+    rows = tuple(GuidanceRow("circle", "light", way, 0.001234, 0.00567, 0.0891, 12.34, 1.0, 0.003, way == "plan")
+                 for way in ("none", "valley", "spring", "plan"))  # fmt: skip
+    drift = {("light", way): 0.00778 for way in ("none", "valley", "plan")}
+    made = GuidanceComparison("omni", 20.0, 1, "exact", rows, drift, {})
+    return lambda console: print_guidance(made, console), [
+        "[mm]", "[N]", "[W]", "1.234", "5.67", "0.089", "12.3", "plan (tripped)", "7.78", "1.00", "20 s each",
+    ]  # fmt: skip
+
+
+def replay():
+    from haptorb.apps.replay.verdict import difference_table
+    from haptorb.apps.terminal import print_table
+    from haptorb.runtime.replay.comparison import FieldBound
+
+    bounds = (FieldBound("currents", "A", 123456, 120, 1.234e-16, 19.87),
+              FieldBound("rendered_part", "1", 2, 99999, float("nan"), 2.0))  # fmt: skip
+    made = SimpleNamespace(comparison=SimpleNamespace(bounds=bounds))
+    return lambda console: print_table(console, difference_table(made)), [
+        "123456", "1.23e-16", "19.9", "nan", "rendered_part", "99999",
+    ]  # fmt: skip
+
+
+TABLES = {made.__name__: made for made in (omni_card, pmsm_card, tetrahedron_card, bench, contest, estimators, fit,
+                                           train, fitness, world, guidance, replay, identification, curves, tracks,
+                                           ratings)}  # fmt: skip
 
 
 @pytest.fixture

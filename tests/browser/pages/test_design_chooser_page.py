@@ -1,68 +1,126 @@
-"""`haptorb design show` as a user has it: a design is chosen by keyboard, its real servo starts with its coils off."""
+"""The page of `haptorb design show`: a design is chosen by keyboard, and the console of its device comes with its coils
+off. The servo behind it is imagined; `tests/apps/cli/design/test_show.py` starts a real one."""
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
+import importlib.util
+import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 
-from oracles.designs.made_designs import make_results
+from haptorb.apps.console import Console
+from haptorb.apps.design.results_table import ResultsTable
+from haptorb.apps.design.show import Chooser
+from haptorb.apps.design.show import chooser as chooser_module
+from haptorb.design.store import Results, Run
+from oracles.designs.made_designs import make_design, make_evaluations
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
-COMMAND = [sys.executable, "-c", "import sys; from haptorb.apps.cli import main; sys.exit(main())", "design", "show"]
+
+def _paint_nothing(name: str, values: Any, model: str, points: Any) -> Any:
+    """The felt map; the process that paints it takes seconds to load."""
+    return np.zeros(len(points)), np.zeros(len(points), dtype=bool)
+
+
+def _imagine() -> Any:
+    path = Path(__file__).parents[2] / "apps" / "console" / "fake_servo.py"
+    spec = importlib.util.spec_from_file_location("fake_servo", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+
+    class ImaginedServo(module.FakeServo):  # type: ignore[misc]
+        """Made, opened and closed as the real servo is."""
+
+        made: ClassVar[list[Any]] = []
+
+        def __init__(self, device: Any, record: bool) -> None:
+            super().__init__()
+            self.device, self.open = device, False
+            ImaginedServo.made.append(self)
+
+        def __enter__(self) -> Any:
+            self.open = True
+            return self
+
+        def __exit__(self, *error: object) -> None:
+            self.open = False
+
+        def check(self) -> None:
+            pass
+
+    return ImaginedServo
 
 
 @pytest.fixture
-def program(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    results = make_results(tmp_path / "r.sqlite", 60)
-    process = subprocess.Popen([*COMMAND, str(results), "--port", "0"], stderr=subprocess.PIPE, text=True)
-    yield process
-    if process.poll() is None:
-        process.kill()
-    process.communicate()
+def servos(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The servos that the chooser makes, as they come."""
+    imagined = _imagine()
+    monkeypatch.setattr(chooser_module, "Servo", imagined)
+    monkeypatch.setattr(
+        chooser_module, "Console", lambda servo, port, framed_by: Console(
+            servo, port, felt=_paint_nothing, framed_by=framed_by
+        ),
+    )  # fmt: skip
+    made: list[Any] = imagined.made
+    return made
 
 
-def _wait(page: Any, expression: str, seconds: float = 60.0) -> Any:
+@pytest.fixture
+def chooser(servos: list[Any]) -> Iterator[Chooser]:
+    table = ResultsTable.of(Results(make_design(), (Run(1, "sobol", 1, {}, "", "", tuple(make_evaluations(60))),)))
+    with Chooser(table, 0) as chooser:
+        serving = threading.Thread(target=chooser.serve)
+        serving.start()
+        yield chooser
+        chooser.close()
+        serving.join(10)
+    assert not any(servo.open for servo in servos)
+
+
+@pytest.fixture
+def page(browser: Any, chooser: Chooser) -> Iterator[Any]:
+    page = browser.new_page(viewport={"width": 1440, "height": 900})
+    troubles: list[str] = []
+    page.on("pageerror", lambda mistake: troubles.append(str(mistake)))
+    page.goto(chooser.url, timeout=60_000)
+    _wait(page, page, "window.chooser && chooser.now && chooser.now.state === 'none'")
+    yield page
+    page.close()
+    assert not troubles
+
+
+def _wait(page: Any, frame: Any, expression: str, seconds: float = 60.0) -> Any:
+    """Wait until it is true in `frame` of `page`. (The page's policy forbids Playwright's own way of waiting.)"""
     for _ in range(int(seconds / 0.05)):
-        if value := page.evaluate(expression):
+        if value := frame.evaluate(expression):
             return value
         page.wait_for_timeout(50)
     raise AssertionError(f"never came true: {expression}; {page.evaluate('window.chooser')}")
 
 
-def test_a_design_is_chosen_seen_and_felt_only_after_it_was_engaged(program: Any, browser: Any) -> None:
-    assert program.stderr is not None
-    line = program.stderr.readline()
-    url = next(word for word in line.split() if word.startswith("http"))
-    page = browser.new_page(viewport={"width": 1440, "height": 900})
-    troubles: list[str] = []
-    page.on("pageerror", lambda mistake: troubles.append(str(mistake)))
-    page.goto(url)
-    _wait(page, "window.chooser && chooser.now && chooser.now.state === 'none'")
+def test_a_design_is_chosen_seen_and_felt_only_after_it_was_engaged(page: Any, servos: list[Any]) -> None:
     page.get_by_role("slider").focus()
     page.keyboard.press("Home")
     page.keyboard.press("Enter")
     row = page.evaluate("chooser.marked")
-    first = _wait(page, "chooser.now.state === 'running' && chooser.now.url")
-    frame = next(one for one in page.frames if one.url.startswith(first.partition("#")[0]))
     name = page.evaluate("document.querySelector('.numbers h3').textContent")
-    for _ in range(600):
-        if frame.evaluate("window.haptorb && haptorb.frames > 3 && haptorb.status") == "stopped":
-            break
-        page.wait_for_timeout(50)
-    assert frame.evaluate("haptorb.status") == "stopped"
+    first = _wait(page, page, "chooser.now.state === 'running' && chooser.now.url")
+    frame = next(one for one in page.frames if one.url.startswith(first.partition("#")[0]))
+    _wait(page, frame, "window.haptorb && haptorb.frames > 0 && haptorb.status === 'stopped'")
     assert name in frame.locator("header").inner_text()
     assert page.evaluate("chooser.now.row") == row
     assert name in page.locator("#state").inner_text()
     assert "SIMULATED" in page.locator("#state").inner_text()
-    page.get_by_role("button", name="STOP").click()  # stays stopped
+    assert [servo.device.name for servo in servos] == [name]
+    assert (servos[0].stops, servos[0].count("engage")) == (1, 0)
+    page.get_by_role("button", name="STOP", exact=True).first.click()
     for width in (820, 390):
         page.set_viewport_size({"width": width, "height": 900})
         page.wait_for_timeout(100)
@@ -70,9 +128,9 @@ def test_a_design_is_chosen_seen_and_felt_only_after_it_was_engaged(program: Any
         stop = page.locator("#stop").bounding_box()
         assert stop["y"] >= 0
         assert stop["y"] + stop["height"] <= 900
-    assert not troubles
-    page.close()
-    os.kill(program.pid, signal.SIGINT)
-    _, err = program.communicate(timeout=30)
-    assert program.returncode == 130
-    assert "Traceback" not in err
+    page.keyboard.press("Escape")
+    for _ in range(200):
+        if servos[0].stops == 3:
+            return
+        page.wait_for_timeout(20)
+    raise AssertionError(servos[0].calls)

@@ -81,7 +81,14 @@ def test_the_pointer_marks_and_a_filter_narrows(page: Any, table: ResultsTable) 
     core = table.columns[0].values
     status = page.locator(".parallel [role=status]")
     assert f"{(core >= 14).sum()} of {len(core)} designs" in status.inner_text()
+    page.get_by_label("Show only").select_option(label="rate")  # a choice, by its name
+    page.get_by_label("which is").select_option(label="high & dear")
+    page.get_by_role("button", name="Filter", exact=True).click()
+    dear = (core >= 14) & (next(one for one in table.columns if one.name == "rate").values == 1)
+    assert f"{dear.sum()} of {len(core)} designs" in status.inner_text()
+    assert "rate high & dear" in status.inner_text()
     page.get_by_role("button", name="Clear all filters").click()
+    assert page.get_by_label("which is").input_value() == "-1"
     lines = page.locator(".lines").bounding_box()
     x = lines["x"] + 0.5 / 6 * lines["width"]  # the first of six axes
     page.mouse.move(x, lines["y"] + 40)

@@ -1,5 +1,8 @@
 """The devices of the catalogue that searches found: what their pages say of them, at the exact level."""
 
+import json
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -16,7 +19,8 @@ from haptorb.devices.electromagnet.shell_capability import shell_capability
 from haptorb.devices.loader import load
 from haptorb.devices.motor.validation import workspace_sample
 
-EXAMPLES = Path(__file__).parents[3] / "examples" / "design"
+ROOT = Path(__file__).parents[3]
+EXAMPLES = ROOT / "examples" / "design"
 
 
 @cache
@@ -83,6 +87,15 @@ def test_nine_sensors_on_a_ring_halve_the_error_and_are_in_nobodys_way():
     assert found.device.sensors == 9
     assert quantity("sensor_clearance").compute(found) > 0
     assert quantity("sensor_field").compute(found) < 40e-3
+
+
+def test_the_tracker_finds_the_tool_better_with_the_ring():
+    """benchmarks/design/found_devices.py --trial in a reduced form: at three places of the shell."""
+    command = [sys.executable, "benchmarks/design/found_devices.py", "omni-sensor-ring", "--trial", "--every", "30"]
+    told = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True, cwd=ROOT)
+    error = json.loads(told.stdout)["trial"]
+    assert 0 < error["omni-sensor-ring, noise only"] < 0.8 * error["omni, noise only"] < 2e-3
+    assert error["omni-sensor-ring, lasting errors"] < 5e-3
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from haptorb.design.base_values import compute_base_values
 from haptorb.design.design import Design
 from haptorb.design.device_changes import build_device, write_device_text
 from haptorb.design.evaluate import evaluate
@@ -76,6 +77,8 @@ def test_the_design_that_is_read_needs_no_file(tmp_path: Path) -> None:
     assert write_device_text(again, values, "a") == write_device_text(design, values, "a")
     assert build_device(again, values).digest == build_device(design, values).digest
     assert "cannot be computed from a results file" in evaluate(again, 0, values).reason
+    assert again.base_values == compute_base_values(design)  # of own functions too, which are not there any more
+    assert sorted(again.base_values or ()) == ["constraints.room", "objectives.cost", "objectives.reach"]
 
 
 def test_ten_thousand_designs_open_in_no_time(design: Design, tmp_path: Path) -> None:

@@ -7,13 +7,18 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from haptorb.design.evaluation import Evaluation
 from haptorb.design.sampling import sample
+from haptorb.design.search.optimise import optimise
+from haptorb.design.search.optimiser import Optimiser
 from haptorb.design.workers.processes import evaluate_all, open_processes
+from haptorb.design.workers.workers import LocalWorker
 from haptorb.errors import InputError
 from oracles.designs.small_design import CODE, make_design
 
@@ -24,7 +29,7 @@ DEADLY = CODE.replace(
 )
 
 
-def test_one_process_or_two_give_the_same_set(tmp_path: Path) -> None:
+def test_one_process_or_two_give_the_same_set_of_a_sweep_and_of_an_optimiser(tmp_path: Path) -> None:
     design = make_design(tmp_path)
     jobs = list(enumerate(sample(design, "sobol", 40, 1)))
     alone = [replace(one, seconds=0.0) for one in evaluate_all(design, jobs, 1)]
@@ -32,9 +37,19 @@ def test_one_process_or_two_give_the_same_set(tmp_path: Path) -> None:
         first = list(workers.evaluate(jobs[:11]))
         second = list(workers.evaluate(jobs[11:]))  # the same processes, as an optimiser's generations have them
         assert list(workers.evaluate([])) == []
-    both = sorted((replace(one, seconds=0.0) for one in first + second), key=lambda one: one.number)
+        searched = list(optimise(Optimiser(design, seed=3, population=12), workers.evaluate, {}, 36))
+    assert _order(searched) == _order(
+        optimise(Optimiser(design, seed=3, population=12), LocalWorker(design).evaluate, {}, 36)
+    )
+    assert len(searched) == 36
+    both = _order(first + second)
     assert both == alone
     assert sum(one.valid for one in both) > 10
+
+
+def _order(found: Iterable[Evaluation]) -> list[Evaluation]:
+    """By number, without the time that each took."""
+    return sorted((replace(one, seconds=0.0) for one in found), key=lambda one: one.number)
 
 
 def test_a_process_that_is_killed_ends_the_run_with_a_sentence(tmp_path: Path) -> None:

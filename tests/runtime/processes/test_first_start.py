@@ -12,7 +12,7 @@ import pytest
 from haptorb import worlds
 from haptorb.runtime.exchange import plan as plans
 from haptorb.runtime.processes.first_start import CATALOGUE, CONTROLLER
-from haptorb.runtime.processes.prestart import PLAN, WANTED, code_note
+from haptorb.runtime.processes.prestart import PLAN, WANTED, code_note, start_module
 from haptorb.runtime.servo.servo import Servo
 
 PROGRAM = """
@@ -63,12 +63,22 @@ def test_it_is_a_program_that_ends(what: str, tmp_path: Path) -> None:
 
 
 def test_a_start_that_takes_long_is_helped_and_the_helper_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[subprocess.Popen[bytes]] = []
+
+    def start(module: str, *words: str, errors: Path) -> subprocess.Popen[bytes]:
+        started.append(start_module(module, *words, errors=errors))
+        return started[-1]
+
     monkeypatch.setattr("haptorb.runtime.servo.compiler_process._USUAL", 0.0)
+    monkeypatch.setattr("haptorb.runtime.servo.compiler_process.start_module", start)
     with Servo("omni", record=False) as servo:
-        compiler = servo._children.compiler  # type: ignore[union-attr]
-        helper = compiler.process
-        assert helper is not None
+        helper, *worlds_code = started
+        assert CONTROLLER in helper.args
         assert helper.poll() is not None
+        assert all(CATALOGUE in other.args for other in worlds_code)  # where worlds are not compiled yet
         assert servo.alive
+        compiler = servo._children.compiler  # type: ignore[union-attr]
+        last, compiler.process = compiler.process, None
         compiler.help_start()  # from here on it would only be a device that takes its time
-        assert compiler.process is helper
+        assert compiler.process is None
+        compiler.process = last

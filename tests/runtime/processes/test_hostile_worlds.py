@@ -57,7 +57,7 @@ def swallow() -> None:
 
 @pytest.mark.parametrize("hang", [deaf, swallow])
 def test_a_world_that_hangs_is_told_and_ended_by_force(fake_servo: Any, hang: Callable[[], None]) -> None:
-    made = fake_servo({"act_at": AT, "act": hang})
+    made = fake_servo({"act_at": AT, "act": hang}, record=False)
     with made.servo as servo:
         with pytest.raises(ServoError, match=r"world 'nothing' hangs: the last tick began .* and did not end"):
             servo.run(30)
@@ -77,7 +77,7 @@ def test_a_world_that_does_not_return_from_its_first_call_is_told(monkeypatch: p
 
 
 def test_a_world_that_only_loops_is_ended_in_order(fake_servo: Any) -> None:
-    made = fake_servo({"hang_at": AT})
+    made = fake_servo({"hang_at": AT}, record=False)
     with made.servo as servo, pytest.raises(ServoError, match="world 'nothing' hangs: one tick took longer"):
         servo.run(30)
     assert made.words() == ["open", "close"]
@@ -85,7 +85,7 @@ def test_a_world_that_only_loops_is_ended_in_order(fake_servo: Any) -> None:
 
 def test_a_process_that_leaves_in_the_middle_is_explained(fake_servo: Any) -> None:
     with (
-        fake_servo({"act_at": AT, "act": lambda: os._exit(0)}).servo as servo,
+        fake_servo({"act_at": AT, "act": lambda: os._exit(0)}, record=False).servo as servo,
         pytest.raises(ServoError, match=r"ended with code 0.*os\._exit"),
     ):
         servo.run(30)
@@ -100,7 +100,7 @@ def test_a_forked_child_never_comes_back_into_the_loop(fake_servo: Any, tmp_path
         else:
             told.write_text("the child goes on")
 
-    with fake_servo({"act_at": AT, "act": fork}).servo as servo:
+    with fake_servo({"act_at": AT, "act": fork}, record=False).servo as servo:
         assert eventually(told.exists)
         assert servo.alive
     assert told.read_text() == str(70 << 8)
@@ -112,7 +112,7 @@ def test_what_a_world_has_started_ends_with_the_servo(fake_servo: Any, tmp_path:
     def start() -> None:
         told.write_text(str(subprocess.Popen(["sleep", "100"]).pid))
 
-    with fake_servo({"act_at": AT, "act": start}).servo as servo:
+    with fake_servo({"act_at": AT, "act": start}, record=False).servo as servo:
         assert eventually(lambda: told.exists() and told.read_text() != "")
         assert servo.alive
     assert eventually(lambda: is_gone(int(told.read_text())))

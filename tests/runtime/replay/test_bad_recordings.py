@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from haptorb.runtime.replay.replay import Replay
 from haptorb.runtime.replay.replay_file import check_replay_file
 from haptorb.runtime.tick.tick_state import pack_state, save_state
 from haptorb.worlds import Fluid, RollingBall
+from haptorb.worlds.dynamic.remote import Remote
 from haptorb.worlds.own.world_file import WorldFile
 from oracles.recorded_chain import Deed, record_chain
 
@@ -178,6 +180,24 @@ def test_after_lost_ticks_it_goes_on_where_the_state_is_known(kept: bool, tmp_pa
     assert any("lost" in remark for remark in replay.remarks)
 
 
+@pytest.mark.parametrize("room", [2, 4])
+def test_rows_too_narrow_for_what_a_client_commanded_leave_the_recorded_wrench(room: int, tmp_path: Path) -> None:
+    whole = record_chain(tmp_path / "run.mcap", world=Remote())
+    narrow = replace(whole.layout, memory=room)
+    path = tmp_path / "narrow.mcap"
+    with path.open("wb") as file:
+        recorder = Recorder(file, narrow, 1000.0, 0)
+        for name, values in whole.notes:
+            if (short := name.removeprefix("haptorb/")) not in ("layout", "clock"):
+                recorder.note(short, values)
+        recorder.append(whole.rows[:, : narrow.width])
+        recorder.finish()
+    with pytest.raises(RecordingError, match=r"narrow\.mcap.*memory.*recorded wrench"):
+        Replay(Recording(path))
+    replay = Replay(Recording(path), recorded_world=True)
+    assert "asked" not in {one.field for one in replay.run().bounds}
+
+
 def late(recording: Recording, path: Path, first: int, state: dict[str, str] | None) -> Recording:
     """The recording from tick `first` on, as a black box."""
     with path.open("wb") as file:
@@ -268,6 +288,7 @@ def test_parts_at_once_find_what_one_after_the_other_does(
         recorder.append(whole.rows)
         recorder.finish()
     monkeypatch.setattr("haptorb.runtime.replay.parallel._WORTH", 100)
+    monkeypatch.setattr("haptorb.runtime.recording.recording._WHOLE", 0)  # rows are unpacked beside
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1, 2})
     at_once, after = replay_in_parts(Recording(path)).comparison, Replay(whole).run()
     assert (at_once.compared, at_once.differing, at_once.numbers) == (300, after.differing, after.numbers)

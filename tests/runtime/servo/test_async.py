@@ -42,7 +42,7 @@ async def _count_then(wanted: threading.Event, may: threading.Event) -> int:
 
 
 def test_the_event_loop_goes_on_while_a_servo_starts_and_ends(fake_servo: Any, monkeypatch: Any) -> None:
-    made = fake_servo()
+    made = fake_servo(record=False)
     start, end = _delay(monkeypatch, "wait_until_running"), _delay(monkeypatch, "end")
 
     async def use() -> tuple[int, int]:
@@ -61,7 +61,7 @@ def test_the_event_loop_goes_on_while_a_servo_starts_and_ends(fake_servo: Any, m
 
 
 def test_a_task_that_is_cancelled_while_the_servo_starts_leaves_nothing_running(fake_servo: Any, monkeypatch: Any):
-    made = fake_servo()
+    made = fake_servo(record=False)
     wants, may = _delay(monkeypatch, "wait_until_running")
 
     async def use() -> None:
@@ -88,7 +88,7 @@ def test_a_task_that_is_cancelled_while_the_servo_starts_leaves_nothing_running(
 
 def test_a_servo_that_ends_by_itself_is_told_while_one_waits(fake_servo: Any) -> None:
     async def use() -> None:
-        async with fake_servo({"raise_at": 100}).servo as servo:
+        async with fake_servo({"raise_at": 100}, record=False).servo as servo:
             await servo.wait(PATIENCE)
 
     with pytest.raises(ServoError, match="a fault that nobody foresaw"):

@@ -34,77 +34,81 @@ def _is_old(servo: Servo) -> bool:
     return bool(servo.latest().age > 4 * servo.device.limits.expiry)
 
 
-def test_a_pose_is_held_until_something_else_is_said(fake_servo: Any) -> None:
-    with fake_servo().servo as servo:
-        servo.hold(HERE)
-        _until(servo, lambda: _is_at(servo, HERE))
-        cursor, _ = servo.rows()
-        _until(servo, lambda: servo.rows()[0] > cursor + 500)
-        _, rows = servo.rows(cursor)
-        assert (rows[:, servo.layout["target"]] == HERE).all()
-        assert np.median(rows[:, servo.layout["age"]]) < servo.device.limits.expiry / 2
-        servo.point(THERE)  # once: the pose that was held is not said again
-        _until(servo, lambda: _is_at(servo, THERE))
-        _until(servo, lambda: _is_old(servo))
-        assert _is_at(servo, THERE)
-        servo.hold(HERE)
-        servo.release()
-        _until(servo, lambda: servo.latest().age == 0.0)  # the guided motion
+@pytest.fixture
+def servo(running: Servo) -> Servo:
+    """A servo that runs, and whose hand nobody holds."""
+    running.release()
+    _until(running, lambda: running.latest().age == 0.0)  # the guided motion
+    return running
 
 
-def test_a_patient_word_keeps_the_pose_fresh(fake_servo: Any) -> None:
-    with fake_servo().servo as servo:
-        expiry, patience = servo.device.limits.expiry, 0.4
-        for wrong in (-0.1, 1.5, float("nan")):
-            with pytest.raises(InputError, match="patience"):
-                servo.point(HERE, patience=wrong)
-        cursor, _ = servo.rows()
-        servo.point(HERE, patience=patience)
-        _until(servo, lambda: _is_old(servo))
-        _, rows = servo.rows(cursor)
-        rows = rows[(rows[:, servo.layout["target"]] == HERE).all(axis=1)]
-        fresh = rows[rows[:, servo.layout["age"].start] <= expiry]
-        held = float(np.ptp(fresh[:, servo.layout["t"].start]))
-        assert patience - 0.05 < held < patience + expiry + 0.05
+def test_a_pose_is_held_until_something_else_is_said(servo: Servo) -> None:
+    servo.hold(HERE)
+    _until(servo, lambda: _is_at(servo, HERE))
+    cursor, _ = servo.rows()
+    _until(servo, lambda: servo.rows()[0] > cursor + 500)
+    _, rows = servo.rows(cursor)
+    assert (rows[:, servo.layout["target"]] == HERE).all()
+    assert np.median(rows[:, servo.layout["age"]]) < servo.device.limits.expiry / 2
+    servo.point(THERE)  # once: the pose that was held is not said again
+    _until(servo, lambda: _is_at(servo, THERE))
+    _until(servo, lambda: _is_old(servo))
+    assert _is_at(servo, THERE)
+    servo.hold(HERE)
+    servo.release()
+    _until(servo, lambda: servo.latest().age == 0.0)  # the guided motion
 
 
-def test_a_path_is_followed_to_its_last_pose(fake_servo: Any) -> None:
-    with fake_servo().servo as servo:
-        cursor, _ = servo.rows()
-        servo.follow([HERE, THERE], [0.0, 0.3])
-        _until(servo, lambda: _is_at(servo, THERE))
-        _, rows = servo.rows(cursor)
-        y = rows[:, servo.layout["target"]][:, 1]
-        assert len(np.unique(y[np.abs(y) < 0.0299])) > 5, "it goes there, it does not jump"
-        cursor, _ = servo.rows()
-        _until(servo, lambda: servo.rows()[0] > cursor + 300)
-        assert not _is_old(servo)
-        servo.follow(lambda t: (0.0, 0.0, 0.05 + 0.001 * min(t, 1e-3)))
-        _until(servo, lambda: _is_at(servo, (0.0, 0.0, 0.050001)))
+def test_a_patient_word_keeps_the_pose_fresh(servo: Servo) -> None:
+    expiry, patience = servo.device.limits.expiry, 0.4
+    for wrong in (-0.1, 1.5, float("nan")):
+        with pytest.raises(InputError, match="patience"):
+            servo.point(HERE, patience=wrong)
+    cursor, _ = servo.rows()
+    servo.point(HERE, patience=patience)
+    _until(servo, lambda: _is_old(servo))
+    _, rows = servo.rows(cursor)
+    rows = rows[(rows[:, servo.layout["target"]] == HERE).all(axis=1)]
+    fresh = rows[rows[:, servo.layout["age"].start] <= expiry]
+    held = float(np.ptp(fresh[:, servo.layout["t"].start]))
+    assert patience - 0.05 < held < patience + expiry + 0.05
 
 
-def test_a_path_that_fails_is_told_with_its_line_and_its_pose_expires(fake_servo: Any) -> None:
+def test_a_path_is_followed_to_its_last_pose(servo: Servo) -> None:
+    cursor, _ = servo.rows()
+    servo.follow([HERE, THERE], [0.0, 0.3])
+    _until(servo, lambda: _is_at(servo, THERE))
+    _, rows = servo.rows(cursor)
+    y = rows[:, servo.layout["target"]][:, 1]
+    assert len(np.unique(y[np.abs(y) < 0.0299])) > 5, "it goes there, it does not jump"
+    cursor, _ = servo.rows()
+    _until(servo, lambda: servo.rows()[0] > cursor + 300)
+    assert not _is_old(servo)
+    servo.follow(lambda t: (0.0, 0.0, 0.05 + 0.001 * min(t, 1e-3)))
+    _until(servo, lambda: _is_at(servo, (0.0, 0.0, 0.050001)))
+
+
+def test_a_path_that_fails_is_told_with_its_line_and_its_pose_expires(servo: Servo) -> None:
     def path(t: float) -> Any:
         return HERE if t < 0.1 else THERE[:2]
 
     def buggy(t: float) -> Any:
         return HERE if t < 0.1 else 1 / 0
 
-    with fake_servo().servo as servo:
-        servo.follow(path)
-        with pytest.raises(InputError, match=r"path at 0\.\d+ s: p must be the place of the tool's magnet, 3 finite"):
-            servo.run(20)
-        servo.follow(buggy)
-        assert servo.hand_trouble == ""
-        with pytest.raises(InputError, match=r"ZeroDivisionError[\s\S]*test_hand\.py\", line \d+, in buggy\n +return"):
-            servo.run(20)
-        assert "ZeroDivisionError" in servo.warning
-        _until(servo, lambda: _is_old(servo))
-        servo.hold(HERE)
-        servo.run(0.05)
+    servo.follow(path)
+    with pytest.raises(InputError, match=r"path at 0\.\d+ s: p must be the place of the tool's magnet, 3 finite"):
+        servo.run(20)
+    servo.follow(buggy)
+    assert servo.hand_trouble == ""
+    with pytest.raises(InputError, match=r"ZeroDivisionError[\s\S]*test_hand\.py\", line \d+, in buggy\n +return"):
+        servo.run(20)
+    assert "ZeroDivisionError" in servo.warning
+    _until(servo, lambda: _is_old(servo))
+    servo.hold(HERE)
+    servo.run(0.05)
 
 
-def test_a_path_that_hangs_keeps_no_pose_alive(fake_servo: Any) -> None:
+def test_a_path_that_hangs_keeps_no_pose_alive(servo: Servo) -> None:
     hangs, go_on = threading.Event(), threading.Event()
 
     def path(t: float) -> Any:
@@ -113,15 +117,14 @@ def test_a_path_that_hangs_keeps_no_pose_alive(fake_servo: Any) -> None:
             go_on.wait(20)
         return HERE
 
-    with fake_servo().servo as servo:
-        servo.follow(path)
-        assert hangs.wait(20)
-        _until(servo, lambda: _is_old(servo))
-        servo.point(THERE)
-        _until(servo, lambda: _is_at(servo, THERE))
-        go_on.set()
-        _until(servo, lambda: _is_old(servo))
-        assert _is_at(servo, THERE), "what comes late from a path that is over is not said"
+    servo.follow(path)
+    assert hangs.wait(20)
+    _until(servo, lambda: _is_old(servo))
+    servo.point(THERE)
+    _until(servo, lambda: _is_at(servo, THERE))
+    go_on.set()
+    _until(servo, lambda: _is_old(servo))
+    assert _is_at(servo, THERE), "what comes late from a path that is over is not said"
 
 
 def _hands() -> set[threading.Thread]:
@@ -147,7 +150,7 @@ def test_what_cannot_be_followed_is_refused_and_the_hand_stays(running: Servo, f
 
 
 def test_nothing_is_held_before_the_start_and_after_the_end(fake_servo: Any) -> None:
-    servo, before = fake_servo().servo, _hands()
+    servo, before = fake_servo(record=False).servo, _hands()
     with pytest.raises(ServoError, match="not started"):
         servo.hold(HERE)
     with servo:

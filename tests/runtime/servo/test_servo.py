@@ -22,23 +22,21 @@ def _until(servo: Servo, condition: Any, patience: float = 20.0) -> None:
         time.sleep(0.005)
 
 
-def test_runs_and_leaves_the_coils_off(fake_servo: Any) -> None:
-    made = fake_servo()
-    with made.servo as servo:
-        servo.run(0.3)
-        assert servo.alive
-        row = servo.latest()
-        assert (row[servo.layout["duties"]] == 0.5).all()
-    assert made.words() == ["open", "close"]
+def test_it_ran_and_left_the_coils_off(ended: Any) -> None:
+    servo = ended.servo
+    assert ended.alive
+    assert (ended.row[servo.layout["duties"]] == 0.5).all()
+    assert ended.words() == ["open", "close"]
     assert not servo.alive
     last = servo.latest()
     assert (last[servo.layout["duties"]] == 0.0).all()
     assert servo.report()["trips"] == []
+    with pytest.raises(ServoError, match="create a new one"):
+        servo.open()
 
 
-def test_report_adds_up(fake_servo: Any) -> None:
-    with fake_servo().servo as servo:
-        servo.run(0.5)
+def test_report_adds_up(ended: Any) -> None:
+    servo = ended.servo
     report = servo.report()
     rows = servo.recording.rows
     assert report["ticks"] == len(rows) - 1  # and the closing row
@@ -50,41 +48,31 @@ def test_report_adds_up(fake_servo: Any) -> None:
     assert report["scheduler"]["policy"] in ("SCHED_FIFO", "SCHED_OTHER")
 
 
-def test_rows_are_all_there_and_in_order(fake_servo: Any) -> None:
-    with fake_servo().servo as servo:
-        cursor, ticks = 0, []
-        end = time.monotonic() + 0.5
-        while time.monotonic() < end:
-            cursor, rows = servo.rows(cursor)
-            ticks.extend(rows[:, 0].tolist())
-            time.sleep(0.01)
-    assert ticks == list(range(len(ticks)))
-    assert len(ticks) > 100
+def test_rows_are_all_there_and_in_order(ended: Any) -> None:
+    assert ended.ticks == list(range(len(ended.ticks)))
+    assert len(ended.ticks) > 100
 
 
-def test_time_is_that_of_the_deadlines(fake_servo: Any) -> None:
-    with fake_servo(rate=500.0).servo as servo:
-        servo.run(0.3)
-    rows, at = servo.recording.rows[:-1], servo.layout
+def test_time_is_that_of_the_deadlines(ended: Any) -> None:
+    rows, at = ended.servo.recording.rows[:-1], ended.servo.layout
     deadlines = np.cumsum(rows[:, at["missed"]][:, 0] + 1) - 1
     assert np.allclose(rows[:, at["t"]][:, 0], deadlines / 500, atol=1e-9)
 
 
-def test_pointer_reaches_the_loop_and_grows_old(fake_servo: Any) -> None:
-    with fake_servo().servo as servo:
-        at = servo.layout
-        servo.point((0.0, 0.03, 0.04))
-        _until(servo, lambda: (servo.latest()[at["target"]] == (0.0, 0.03, 0.04)).all())
-        young = servo.latest()[at["age"]][0]
-        time.sleep(0.2)
-        assert 0 <= young < servo.latest()[at["age"]][0]
-        assert servo.latest()[at["age"]][0] > 0.15
-        servo.release()
-        _until(servo, lambda: servo.latest()[at["age"]][0] == 0.0)
+def test_pointer_reaches_the_loop_and_grows_old(running: Servo) -> None:
+    at = running.layout
+    running.point((0.0, 0.03, 0.04))
+    _until(running, lambda: (running.latest()[at["target"]] == (0.0, 0.03, 0.04)).all())
+    young = running.latest()[at["age"]][0]
+    time.sleep(0.2)
+    assert 0 <= young < running.latest()[at["age"]][0]
+    assert running.latest()[at["age"]][0] > 0.15
+    running.release()
+    _until(running, lambda: running.latest()[at["age"]][0] == 0.0)
 
 
 def test_stop_and_engage(fake_servo: Any) -> None:
-    with fake_servo().servo as servo:
+    with fake_servo(record=False).servo as servo:
         at = servo.layout
         servo.stop()
         _until(servo, lambda: (servo.latest()[at["duties"]] == 0).all())
@@ -96,7 +84,7 @@ def test_stop_and_engage(fake_servo: Any) -> None:
 
 
 def test_a_stop_that_is_given_before_or_while_the_servo_starts_holds(fake_servo: Any) -> None:
-    servo = fake_servo().servo
+    servo = fake_servo(record=False).servo
     servo.stop()
     with servo:
         asked = servo.stops
@@ -207,7 +195,7 @@ def test_run_refuses_what_is_no_time(running: Servo, seconds: Any) -> None:
 
 
 def test_it_says_in_one_line_what_it_is_and_what_it_does(fake_servo: Any) -> None:
-    servo = fake_servo(world="dome").servo
+    servo = fake_servo(world="dome", record=False).servo
     who = "<Servo of omni, world 'dome', driver sim, tracker pointer, 1000 Hz: "
     assert repr(servo) == f"{who}not started>"
     with servo:
@@ -233,16 +221,8 @@ def test_nothing_works_before_the_start(fake_servo: Any) -> None:
             use()
 
 
-def test_starts_once(fake_servo: Any) -> None:
-    servo = fake_servo().servo
-    with servo:
-        pass
-    with pytest.raises(ServoError, match="create a new one"):
-        servo.open()
-
-
 def test_interrupt_in_run_closes(fake_servo: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = fake_servo()
+    made = fake_servo(record=False)
     made.servo.open()
 
     def interrupt(seconds: float) -> None:

@@ -370,3 +370,13 @@ def test_no_sensor_at_its_assumed_place_is_driven_out_of_its_range():
             field = np.abs(field_of(OMNI, OMNI.contact_distance * u, u)) + per_ampere
             greatest = max(greatest, float(field.max()))
     assert 10e-3 < greatest < 14e-3
+
+
+def test_a_belief_that_is_not_a_number_is_given_up_and_the_tool_is_searched_for():
+    p = np.array([0.0, 0.01, 0.055])
+    tracker, field = HallTracker(OMNI, "exact"), field_of(OMNI, p, p)
+    assert tracker.update(sample(OMNI, field, np.zeros(3))).valid
+    tracker._filter["place"] = np.nan
+    found = [tracker.update(sample(OMNI, field, np.zeros(3), 1e-3 * tick)) for tick in range(1, 30)][-1]
+    assert found.valid
+    assert np.abs(found.state.p - p).max() < 1e-4

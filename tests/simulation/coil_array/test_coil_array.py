@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from haptorb import worlds
 from haptorb.control.allocation.array.for_array import array_allocator
 from haptorb.devices.coil_array.coil_array import BuildTolerance
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.errors import DriverError, InputError
 from haptorb.simulation.coil_array.coil_array import SimulatedCoilArray, draw_coils
+from haptorb.simulation.force_map import force_map
 
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 DEVICES = {name: load(name) for name in ("planar", "tetrahedron")}
@@ -82,6 +84,24 @@ def test_a_moving_magnet_brakes_itself_in_shorted_coils(name):
 
 
 @every
+def test_between_two_maps_the_wrench_follows_the_moving_tool(name):
+    """The map is computed once a millisecond; what is used between is the exact one at the tool's place, nearly."""
+    device = replace(DEVICES[name], tolerance=BuildTolerance())
+    simulated = SimulatedCoilArray(device, seed=1)
+    duties, errors, sizes, fastest = simulated.quantise(np.full(device.channels, 0.1)), [], [], 0.0
+    goal = device.rest_position + np.array([0.03, 0.0, 4e-3])
+    for _ in range(400):
+        state = simulated.state()
+        simulated.advance(2.5e-4, duties, goal, UPRIGHT)
+        exact = device.wrench_map(state, "exact").wrench(simulated._coils["mean"])[:3]
+        errors.append(np.linalg.norm(simulated.truth()[:3] - exact))
+        sizes.append(np.linalg.norm(exact))
+        fastest = max(fastest, float(np.linalg.norm(state.v)))
+    assert fastest > 0.2
+    assert max(errors) < 3e-3 * max(sizes)
+
+
+@every
 def test_the_same_seed_is_the_same_to_the_bit_and_another_specimen_is_not(name):
     device = DEVICES[name]
     runs = []
@@ -93,6 +113,17 @@ def test_the_same_seed_is_the_same_to_the_bit_and_another_specimen_is_not(name):
     assert (runs[0] == runs[1]).all()
     assert (runs[0] != runs[2]).any()
     assert (draw_coils(device, 1).position != draw_coils(device).position).all()
+
+
+def test_the_force_on_an_arrays_dome_can_be_painted():
+    device = DEVICES["tetrahedron"]
+    points = device.contact_height * np.array([[0.0, 0.0, 1.0], [0.3, 0.0, 0.954]])
+    nothing, limited = force_map(device, worlds.Nothing(), points)
+    assert abs(nothing).max() < 1e-3  # the core's pull is known and compensated
+    assert not limited.any()
+    pushed, limited = force_map(device, worlds.Wall(normal=(0, 0, 1), offset=0.06, stiffness=500.0), points)
+    assert (pushed > 0.02).all()
+    assert limited.any()
 
 
 def test_what_cannot_be_simulated_is_refused():

@@ -9,6 +9,7 @@ const MARGIN = { top: 14, bottom: 14 };
 const NARROWEST = 108; // px between two axes
 const PIECE = 1500; // lines that are drawn between two pictures
 const NEAR = 24; // px from the pointer within which a line is marked
+const SEVERAL = "several"; // what stands for a part of an axis that holds several choices, or none
 const GRIP = 18; // px from an axis within which the pointer takes hold of it
 
 export class Parallel {
@@ -21,6 +22,9 @@ export class Parallel {
   private readonly which = make("select");
   private readonly from = make("input", { type: "number", step: "any" });
   private readonly to = make("input", { type: "number", step: "any" });
+  private readonly choice = make("select");
+  private readonly numeric = [make("label", {}, "from ", this.from), make("label", {}, "to ", this.to)];
+  private readonly named = make("label", {}, "which is ", this.choice);
   /** whether all lines are there */
   drawn = false;
   private marked = -1;
@@ -53,24 +57,45 @@ export class Parallel {
     set.addEventListener("click", () => {
       const value = (input: HTMLInputElement, other: number): number => (Number.isFinite(input.valueAsNumber) ? input.valueAsNumber : other);
       const column = this.columns[Number(this.which.value)]!;
+      if (column.labels) {
+        const place = Number(this.choice.value);
+        if (this.choice.value !== SEVERAL) this.set(column, place < 0 ? null : [place, place]);
+        return;
+      }
       const [low, high] = [value(this.from, -Infinity), value(this.to, Infinity)];
       this.set(column, low === -Infinity && high === Infinity ? null : [low, high]);
     });
     clear.addEventListener("click", () => {
       this.filters.clear();
-      this.from.value = this.to.value = "";
+      this.fill();
       this.apply();
     });
-    const labels = [make("label", {}, "Show only ", this.which), make("label", {}, "from ", this.from), make("label", {}, "to ", this.to)];
-    return make("div", { className: "pickers" }, ...labels, set, clear);
+    this.which.addEventListener("change", () => this.fill());
+    this.fill();
+    const show = make("label", {}, "Show only ", this.which);
+    return make("div", { className: "pickers" }, show, ...this.numeric, this.named, set, clear);
+  }
+
+  /** The fields say the filter of the column that is chosen: two numbers, or the name of a choice. */
+  private fill(): void {
+    const column = this.columns[Number(this.which.value)]!;
+    const span = this.filters.get(column);
+    for (const field of this.numeric) field.hidden = column.labels !== null;
+    this.named.hidden = column.labels === null;
+    const text = (value: number | undefined): string => (value !== undefined && Number.isFinite(value) ? String(Number(value.toPrecision(4))) : "");
+    [this.from.value, this.to.value] = [text(span?.[0]), text(span?.[1])];
+    if (!column.labels) return;
+    const names = column.labels.map((label, place) => make("option", { value: String(place) }, label));
+    this.choice.replaceChildren(make("option", { value: "-1" }, "any"), ...names, make("option", { value: SEVERAL, hidden: true }, "several of them"));
+    const kept = span ? column.labels.flatMap((_, place) => (place >= span[0] && place <= span[1] ? [place] : [])) : [-1];
+    this.choice.value = kept.length === 1 ? String(kept[0]) : SEVERAL;
   }
 
   private set(column: Column, span: [number, number] | null): void {
     if (span) this.filters.set(column, span);
     else this.filters.delete(column);
     this.which.value = String(this.columns.indexOf(column));
-    const text = (value: number | undefined): string => (value !== undefined && Number.isFinite(value) ? String(Number(value.toPrecision(4))) : "");
-    [this.from.value, this.to.value] = [text(span?.[0]), text(span?.[1])];
+    this.fill();
     this.apply();
   }
 
@@ -92,10 +117,10 @@ export class Parallel {
 
   private tell(kept: Uint8Array | null): void {
     const all = this.designs.names.length;
-    const named = [...this.filters].map(([column, [low, high]]) => `${column.title} ${number(low)} to ${number(high)}`.replaceAll("–", "any"));
+    const named = [...this.filters].map(([column, span]) => `${column.title} ${part(column, span)}`);
     this.count.textContent = kept
       ? `${kept.reduce((sum, one) => sum + one, 0)} of ${all} designs: ${named.join("; ")}.`
-      : "Drag along an axis to show only designs within that part; click the axis to show all again. Choices count from 0, at the bottom.";
+      : "Drag along an axis to show only designs within that part; click the axis to show all again.";
   }
 
   /** The design that is pointed at anywhere on the page. */
@@ -246,4 +271,10 @@ export class Parallel {
     context.lineWidth = 3;
     this.line(context, this.marked);
   }
+}
+
+/** What a filter keeps, in words. */
+function part(column: Column, [low, high]: [number, number]): string {
+  if (column.labels) return column.labels.filter((_, place) => place >= low && place <= high).join(" or ") || "none";
+  return `${number(low)} to ${number(high)}`.replaceAll("–", "any");
 }

@@ -46,15 +46,15 @@ export class Legend {
     if (parts.some(({ stated }) => !stated)) this.loose = ", coils not to scale";
   }
 
-  /** The colours are the coils' currents, full at ±`range` amperes; the arrows are torques. */
-  coils(range: number): void {
+  /** The colours are the coils' currents, full at ±`range` amperes; the arrows are what the device `gives`. */
+  coils(range: number, gives: "force" | "torque"): void {
     const legend = at("legend");
     write(legend.querySelector("figcaption")!, "coil current, A");
     legend.querySelector<HTMLElement>(".key")!.hidden = true;
     at("bar").ariaLabel = "Colour scale of the coils' currents";
     this.scale(range);
-    for (const [kind, word] of [["given", "torque given"], ["asked", "torque asked"]] as const) {
-      at("arrows").querySelector(`.arrow.${kind}`)!.nextSibling!.textContent = word;
+    for (const kind of ["given", "asked"]) {
+      at("arrows").querySelector(`.arrow.${kind}`)!.nextSibling!.textContent = `${gives} ${kind}`;
     }
     this.felt = false;
   }

@@ -45,12 +45,12 @@ export class Goal {
     dress();
   }
 
-  /** Goal and tool in metres. */
-  move(goal: readonly number[], tool: readonly number[]): void {
+  /** Goal and tool in metres; the ring lies across the radius, or is `level`. */
+  move(goal: readonly number[], tool: readonly number[], level = false): void {
     this.group.visible = Number.isFinite(goal[0]! + tool[0]!);
     if (!this.group.visible) return;
     this.ring.position.set(goal[0]! * MM, goal[1]! * MM, goal[2]! * MM);
-    this.ring.quaternion.setFromUnitVectors(this.up, this.ring.position.clone().normalize());
+    this.ring.quaternion.setFromUnitVectors(this.up, level ? this.up : this.ring.position.clone().normalize());
     const ends = this.thread.geometry.getAttribute("position") as BufferAttribute;
     ends.setXYZ(0, goal[0]! * MM, goal[1]! * MM, goal[2]! * MM);
     ends.setXYZ(1, tool[0]! * MM, tool[1]! * MM, tool[2]! * MM);

@@ -36,8 +36,9 @@ export function roundBody({ inner_radius, outer_radius, length }: RoundPart, seg
 }
 
 /** `part` at its place. */
-export function placePart(part: RoundPart, material: Material): Mesh {
-  const mesh = new Mesh(roundBody(part), material);
+export function placePart(part: RoundPart, material: Material, segments?: number): Mesh {
+  const mesh = new Mesh(roundBody(part, segments), material);
+  mesh.name = part.role;
   mesh.position.set(...part.position).multiplyScalar(MM);
   mesh.quaternion.setFromUnitVectors(UP, new Vector3(...part.axis).normalize());
   return mesh;

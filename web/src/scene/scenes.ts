@@ -3,9 +3,10 @@
 import { Readouts } from "../panels/readouts";
 import { MotorReadouts } from "../panels/motor_readouts";
 import { PlaceReadouts } from "../panels/place_readouts";
-import type { DomeScene, MotorScene, Session } from "../session";
+import type { DomeScene, MotorScene, PlateScene, Session } from "../session";
 import { AxesSubject } from "./axes_subject";
 import type { DeviceScene } from "./device_scene";
+import { PlateSubject } from "./plate_subject";
 import { RotorSubject } from "./rotor_subject";
 import { ToolSubject } from "./tool_subject";
 
@@ -44,6 +45,22 @@ const AXES: DeviceScene = {
   readings: (session) => new PlaceReadouts(session),
 };
 
-const SCENES: Record<string, DeviceScene> = { dome: DOME, motor: MOTOR };
+const PLATE: DeviceScene = {
+  held: "tool",
+  gives: "force",
+  radial: false,
+  colours: "currents",
+  home: (session) => {
+    // As far away as the coils and the space over them reach.
+    const { contact_height, thickness, half_width } = session.scene as PlateScene;
+    const reach = Math.hypot(...half_width) * MM + 30;
+    const distance = (innerWidth < 600 ? 4.3 : 3.3) * reach; // a telephone upright is narrower than high
+    return { azimuth: -62, elevation: 34, distance, centre: [0, 0, (contact_height + thickness / 4) * MM] };
+  },
+  subject: (stage, session) => new PlateSubject(stage, session.scene as PlateScene, session.limits),
+  readings: (session) => new PlaceReadouts(session),
+};
+
+const SCENES: Record<string, DeviceScene> = { dome: DOME, motor: MOTOR, plate: PLATE };
 
 export const sceneOf = (session: Session): DeviceScene => SCENES[session.scene.kind] ?? AXES;

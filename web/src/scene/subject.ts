@@ -38,6 +38,8 @@ export interface Subject {
   spin?(degrees: number): Wish;
   /** Places on the canvas that words refer to [px]. */
   anchor(): { x: number; y: number };
+  /** How many coils are drawn, and where the mover is drawn [m]; NaN: it is not. */
+  picture?(): { coils: number; mover: number[] };
   /** Near end, middle and far end of what is held, on the page [px]. */
   places(): { x: number; y: number }[];
 }

@@ -9,14 +9,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from haptorb.apps.check.workspace import Workspace
+from haptorb.apps.check.workspace import Workspace, turn, workspace
 from haptorb.control.stability.gradient import Field, Steepest, Steepness
-from haptorb.control.stability.hand_grip import HandGrip
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.state import State, rotation_to_axis
+from haptorb.devices.device import Device
+from haptorb.devices.state import State
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
-from haptorb.numerics.so3 import turn_by
 from haptorb.worlds.world import World
 from haptorb.worlds.wrench_part import WrenchPart, find_part, join_parts
 
@@ -28,35 +26,34 @@ UNJUDGED = (
     "a torque that changes with the place, and a force that changes with the orientation",
 )
 
-_POSES = 200
 _CLIMBS, _MOST = 4, 4  #: of the steepest poses, from which it climbs on; of candidates of each kind
 _STEP = 2e-4  #: of the differences [rad]
 _RATE = 1e-2  #: of the differences by angular velocity [rad/s]
 _NOTHING = 1e-5  #: a smaller jump is nothing to be felt [N·m]
-_LEAN = np.radians(70.0)  #: of a tool from the radial direction
 _STILL = np.zeros(3)
 
 
-def turning_workspace(device: SphericalElectromagnet) -> Workspace:
+def turning_workspace(device: Device) -> Workspace:
     """Small turns of a tool about its magnet [rad]: units and grip; the poses are those of `steepest_turn`.
 
     A hand is met at the arm at which its fingers hold the tool: damping and stiffness times the arm squared.
+    InputError for a kind of device whose workspace tells no poses of a tool.
     """
-    hand = device.hand
-    square = hand.turn_damping / hand.damping if hand.damping > 0.0 else 0.0
-    inertia = float(device.tool.inertia[0])
+    grip = workspace(device).turning_grip
+    if grip is None:
+        raise _refuse(device)
+    return Workspace(np.zeros((0, 3)), lambda q: True, "N·m", "rad", grip, _no_field)
 
-    def grip_of(grip: HandGrip) -> HandGrip:
-        return HandGrip(inertia + grip.mass * square, grip.damping * square, grip.stiffness * square)
 
-    return Workspace(np.zeros((0, 3)), lambda q: True, "N·m", "rad", grip_of, _no_field)
+def _refuse(device: Device) -> InputError:
+    return InputError(f"device '{device.name}' is a {device.kind.title}; it is not known how a hand turns its mover")
 
 
 def _no_field(world: World) -> Field:
     raise InputError("the torque of a world is looked at pose by pose: `steepest_turn`")
 
 
-def steepest_turn(device: SphericalElectromagnet, world: World) -> Steepest:
+def steepest_turn(device: Device, world: World) -> Steepest:
     """What is steepest of the torque of `world` in all orientations; the places are directions of the tool's axis.
 
     Differences at many poses, and from the steepest on by random steps for as long as it grows.
@@ -70,7 +67,7 @@ def steepest_turn(device: SphericalElectromagnet, world: World) -> Steepest:
         nonlocal away, jump
 
         def torque(q: Array, rate: Array) -> Array:
-            out: Array = fitted.wrench(State(t, _turn(q, R), p, rate, _STILL))[3:]
+            out: Array = fitted.wrench(State(t, turn(q, R), p, rate, _STILL))[3:]
             return out
 
         G, leap = _turn_gradient(torque)
@@ -85,13 +82,13 @@ def steepest_turn(device: SphericalElectromagnet, world: World) -> Steepest:
             found.append(Steepness(float(pull[j]), float(u[:, j] @ D @ u[:, j]), (x, y, z)))
         return float(np.abs(pull).max())
 
-    poses = _poses(device)
+    poses = _list_poses(device)
     times = rng.uniform(0.0, 10.0, len(poses)).tolist()
     sizes = [look(p, R, t, True) for (p, R), t in zip(poses, times, strict=True)]
     for n in np.argsort(sizes)[::-1][:_CLIMBS].tolist():
         (p, R), best, reach = poses[n], sizes[n], 0.3
         while reach > _STEP:
-            tried = [_turn(reach * rng.normal(size=3), R) for _ in range(6)]
+            tried = [turn(reach * rng.normal(size=3), R) for _ in range(6)]
             grown = [look(p, turned, times[n], False) for turned in tried]
             m = int(np.argmax(grown))
             if grown[m] > best * (1 + 1e-3):
@@ -122,36 +119,19 @@ def _turn_gradient(torque: Callable[[Array, Array], Array]) -> tuple[Array, floa
     return G, jump
 
 
-def find_asked_part(device: SphericalElectromagnet, world: World) -> WrenchPart:
+def find_asked_part(device: Device, world: World) -> WrenchPart:
     """What `world` asks: as it says, or what its wrenches show at many poses."""
     if world.asks is not None:
         return world.asks
     fitted = world.for_device(device)
-    parts = [find_part(fitted.wrench(State(0.0, R, p, _STILL, _STILL))) for p, R in _poses(device)]
-    moving = [find_part(fitted.wrench(State(0.0, R, p, np.ones(3), 0.1 * np.ones(3)))) for p, R in _poses(device)]
+    poses = _list_poses(device)
+    parts = [find_part(fitted.wrench(State(0.0, R, p, _STILL, _STILL))) for p, R in poses]
+    moving = [find_part(fitted.wrench(State(0.0, R, p, np.ones(3), 0.1 * np.ones(3)))) for p, R in poses]
     return join_parts(part for part in parts + moving if part is not None) or "force"
 
 
-def _poses(device: SphericalElectromagnet) -> list[tuple[Array, Array]]:
-    """Places (3,) [m] over the shell with rotations (3, 3) of a tool that leans any way."""
-    rng = np.random.default_rng(0)
-    lowest = float(np.cos(device.workspace_half_angle))
-    found = []
-    for n in range(_POSES):
-        u = rng.normal(size=3)
-        u[2] = abs(u[2])
-        u /= np.linalg.norm(u)
-        if u[2] < lowest:
-            u = np.array([0.0, 0.0, 1.0])
-        far = 0.0 if n % 2 == 0 else rng.uniform(0.0, device.shell_thickness)
-        lean = rng.normal(size=3)
-        lean *= rng.uniform(0.0, _LEAN) / np.linalg.norm(lean)
-        found.append(((device.contact_distance + far) * u, _turn(lean, rotation_to_axis(u))))
-    return found
-
-
-def _turn(q: Array, R: Array) -> Array:
-    """(3, 3): R turned by the rotation vector q (3,) [rad]."""
-    out = np.empty((3, 3))
-    turn_by(float(q[0]), float(q[1]), float(q[2]), np.ascontiguousarray(R), out)
-    return out
+def _list_poses(device: Device) -> list[tuple[Array, Array]]:
+    poses = workspace(device).poses
+    if poses is None:
+        raise _refuse(device)
+    return poses()

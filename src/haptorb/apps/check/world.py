@@ -17,7 +17,6 @@ from haptorb.control.stability.gradient import Steepest, Steepness, steepest
 from haptorb.control.stability.hand_grip import GRIPS, HandGrip
 from haptorb.control.stability.stability import SampledLoop
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.errors import InputError
 from haptorb.runtime.tick.assembly import choice_of
 from haptorb.sensing.tool.place_filter import memory
@@ -211,7 +210,7 @@ def judge_world(
     place, loop, called = workspace(device), setting.loop(device), name or type(world).__name__
     part = None
     if choice is not None:  # a device that can render parts is one with a tool
-        part = choice.fixed or find_asked_part(electromagnet(device), world)
+        part = choice.fixed or find_asked_part(device, world)
 
     def judge(place: Workspace, steep: Steepest, turning: WorldVerdict | None = None) -> WorldVerdict:
         hand = place.grip(setting.hand)
@@ -219,8 +218,8 @@ def judge_world(
 
     turning = None
     if part in ("torque", "both"):
-        turned = turning_workspace(electromagnet(device))
-        turning = judge(turned, steepest_turn(electromagnet(device), world))
+        turned = turning_workspace(device)
+        turning = judge(turned, steepest_turn(device, world))
     if turning is not None and part == "torque":
         return turning
     steep = steepest(place.field(world), place.places, place.inside)

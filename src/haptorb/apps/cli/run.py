@@ -219,7 +219,7 @@ def _run_with_console(
 def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> Iterator[None]:
     """`servo` running, and closed on the way out; people are told why when the start takes long."""
     hint = Timer(
-        3.0, say, ["Starting ... The first start after an installation compiles code: about 25 s on two cores."]
+        3.0, say, ["Starting ... The first start after an installation compiles code: about 15 s on two cores."]
     )
     hint.daemon = True
     hint.start()

@@ -16,7 +16,7 @@ from contextlib import suppress
 from typing import Any, final
 
 from haptorb.apps.console.force_map import Flags
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.device import Device
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
 from haptorb.worlds.world import Sum, World
@@ -34,7 +34,7 @@ class ForceMapProcess:
     Started by `start` or the first call, and again if it died; a call blocks until the answer is there.
     """
 
-    def __init__(self, device: SphericalElectromagnet) -> None:
+    def __init__(self, device: Device) -> None:
         self._device = device
         self._process: subprocess.Popen[bytes] | None = None
         self._one_at_a_time = threading.Lock()

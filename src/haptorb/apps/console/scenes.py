@@ -55,10 +55,19 @@ def dome_scene(device: SphericalElectromagnet) -> dict[str, Any]:
 
 
 def array_scene(device: CoilArray) -> dict[str, Any]:
-    """Coils where they are: under a dome with a stylus over it, or beside axes with a marker for the tool."""
+    """Coils where they are: a stylus over a dome, or the tool and its magnets over a plate."""
     surface, magnet = device.surface, device.tool.magnets[0]
     if not surface.is_dome:
-        return axes_scene(device)
+        return {
+            "kind": "plate",
+            "rest": device.rest_position.tolist(),
+            "height": surface.height,
+            "half_width": list(surface.half_width),
+            "contact_height": device.contact_height,
+            "thickness": surface.thickness,
+            "tool": {"origin": [0.0, 0.0, device.contact_height], "tip_distance": device.tool.tip_distance},
+            **describe_parts(array_geometry(device)),
+        }
     return {
         "kind": "dome",
         "dome_radius": surface.dome_radius,

@@ -50,7 +50,7 @@ def application(
     device = servo.device
     painter, process = None, None
     compute = device.kind.part("force_map")
-    if compute is not None:
+    if compute is not None and device.shell is not None:
         if felt is None:
             felt = process = compute(device)
             process.start()

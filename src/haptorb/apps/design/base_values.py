@@ -6,10 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from haptorb.design.candidate import DesignCandidate
+from haptorb.design.base_values import compute_base_values
 from haptorb.design.design import Design
 from haptorb.design.device_keys import split_key
-from haptorb.design.evaluate import compute_quantity, find_base
 from haptorb.design.file_values import read_number
 from haptorb.design.parameter import DesignParameter
 
@@ -17,11 +16,13 @@ __all__ = ["compute_base", "find_base_value"]
 
 
 def compute_base(design: Design) -> tuple[dict[str, float], dict[str, float]]:
-    """Objectives and constraints of the base device, by name [SI]; NaN where it has no such number."""
-    base = find_base(design)
-    candidate = DesignCandidate(base, base, design.options)
-    goals = {goal.name: compute_quantity(goal.quantity, candidate)[0] for goal in design.goals}
-    bounds = {bound.name: compute_quantity(bound.quantity, candidate)[0] for bound in design.bounds}
+    """Objectives and constraints of the base device, by name [SI]; NaN where it has no such number.
+
+    What the results do not say is computed; of a user's own function that cannot be done without its file.
+    """
+    values = compute_base_values(design) if design.base_values is None else design.base_values
+    goals = {goal.name: values.get(f"objectives.{goal.name}", math.nan) for goal in design.goals}
+    bounds = {bound.name: values.get(f"constraints.{bound.name}", math.nan) for bound in design.bounds}
     return goals, bounds
 
 

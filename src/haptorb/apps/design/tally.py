@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from textwrap import shorten
 from typing import final
 
 from haptorb.design.design import Design, DesignGoal
+from haptorb.design.evaluate import DEVICE, OBJECTIVE
 from haptorb.design.evaluation import Evaluation, Value
 from haptorb.display.quantity_text import format_number, format_quantity
 
 __all__ = ["Tally"]
 
 _MOST = 2  #: objectives that a bar has room for
+_LONGEST = 160  #: characters of a reason
 
 
 @final
@@ -25,6 +28,7 @@ class Tally:
         self.refused: Counter[str] = Counter()
         self.best: dict[str, Evaluation] = {}
         self._reasons: dict[str, Counter[str]] = {}
+        self._examples: dict[tuple[str, str], Evaluation] = {}  # the first of each kind of reason
         for one in found:
             self.add(one)
 
@@ -32,8 +36,12 @@ class Tally:
         """Count one more candidate."""
         self.count += 1
         if not one.valid:
-            self.refused[one.refused_by] += 1
-            self._reasons.setdefault(one.refused_by, Counter())[one.reason.partition(": ")[0]] += 1
+            by, kind = one.refused_by, one.reason.partition(": ")[0]
+            self.refused[by] += 1
+            self._reasons.setdefault(by, Counter())[kind] += 1
+            example = self._examples.setdefault((by, kind), one)
+            if one.number < example.number:
+                self._examples[by, kind] = one
             return
         for goal in self.design.goals:
             sign = 1.0 if goal.sense == "minimise" else -1.0
@@ -66,16 +74,21 @@ class Tally:
 
     @property
     def advice(self) -> str:
-        """Where no design is valid: what refuses the most, for what reason, and what to do; empty otherwise."""
+        """Where no design is valid: what refuses the most, the whole reason of one, and what to do; empty otherwise."""
         if self.valid or not self.count:
             return ""
         name, count = self.refused.most_common(1)[0]
-        reason, often = self._reasons[name].most_common(1)[0]
-        what = {"device": "values that make no device", "objective": "an objective without a number"}
-        return (
-            f"no design is valid: {what.get(name, f'constraint {name!r}')} refuses {count} of {self.count}, {often} of "
-            f"them because: {reason}. Widen the ranges, or relax the constraint"
-        )
+        kind, often = self._reasons[name].most_common(1)[0]
+        example = self._examples[name, kind]
+        share = f"{count} of {self.count} designs"
+        if name == OBJECTIVE:
+            what, remedy = f"an objective has no number for {share}", "Mend the objective, or change the ranges"
+        elif name == DEVICE:
+            what, remedy = f"the values of {share} make no device", "Change the ranges"
+        else:
+            what, remedy = f"constraint '{name}' refuses {share}", "Change the ranges, or relax the constraint"
+        reason = shorten(example.reason, _LONGEST, placeholder=" ...")
+        return f"no design is valid: {what}. Design {example.number} ({often} alike): {reason}. {remedy}"
 
     def list_best(self) -> list[tuple[str, str]]:
         """(objective, text) of the best design for each objective."""

@@ -11,7 +11,7 @@ from rich.console import Console
 from haptorb.apps.inspect.card import Card, facts, print_card
 from haptorb.apps.inspect.quantities import Curve, Quantity, common_curves, common_quantities
 from haptorb.apps.terminal import Column, TextTable, print_table, print_text
-from haptorb.control.allocation.array.capability import array_capability
+from haptorb.control.allocation.array.capability import array_capability, map_contact
 from haptorb.devices.coil_array.coil_array import CoilArray
 from haptorb.devices.endurance import endurance
 
@@ -32,6 +32,7 @@ class CoilArrayCard(Card):
     def __init__(self, device: CoilArray) -> None:
         self._device = device
         self._layers = array_capability(device)
+        self._contact = map_contact(device)
         self._endurance = endurance(device)
 
     def numbers(self) -> dict[str, Any]:
@@ -58,6 +59,15 @@ class CoilArrayCard(Card):
                 }
                 for layer in self._layers
             ],
+            "contact": {
+                "x_m": self._contact.x.tolist(),
+                "y_m": self._contact.y.tolist(),
+                "weakest_peak_n": [
+                    [None if math.isnan(force) else force for force in row] for row in self._contact.weakest.tolist()
+                ],
+                "median_weakest_peak_n": self._contact.median,
+            },
+            "heat_between_coils": False,
             "endurance": [
                 {"share_of_full_current": share, "seconds": seconds if math.isfinite(seconds) else None}
                 for share, seconds in self._endurance
@@ -94,12 +104,24 @@ class CoilArrayCard(Card):
             forces = (*layer.peak, *layer.lasting, layer.weakest, layer.passive)
             table.add_row(f"{1e3 * layer.height:g}", *(f"{1e3 * force:.0f}" for force in forces), f"{layer.watts:.3g}")
         print_table(console, table)
+        contact = self._contact
+        x, y = (1e3 * at for at in contact.worst_place)
+        print_text(
+            console,
+            f"\nin contact, worst of six directions: {1e3 * float(np.nanmin(contact.weakest)):.0f} mN at x {x:.0f}, "
+            f"y {y:.0f} mm; half of the workspace has {1e3 * contact.median:.0f} mN or more (--plot draws it)",
+        )
         lasting = ", ".join(
             f"{100 * share:.0f} % " + ("unlimited" if math.isinf(seconds) else f"{seconds:.0f} s")
             for share, seconds in self._endurance
         )
         room = device.coils.heat.ambient - 273.15
         print_text(console, f"\nendurance of one coil from {room:.0f} °C by share of full current: {lasting}")
+        print_text(
+            console,
+            "heat: every coil by itself. The model has no heat from coil to coil; where coils touch or share a core, "
+            "expect less continuous force with many of them warm",
+        )
         print_text(console, f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
 
     def quantities(self) -> list[Quantity]:
@@ -110,6 +132,7 @@ class CoilArrayCard(Card):
             *common_quantities(self._device),
             *(Quantity(f"peak force along {axis} at contact", "mN", force) for axis, force in forces),
             Quantity("weakest peak force at contact", "mN", 1e3 * contact.weakest),
+            Quantity("median weakest peak force at contact", "mN", 1e3 * self._contact.median),
         ]
 
     def curves(self) -> list[Curve]:
@@ -127,13 +150,21 @@ class CoilArrayCard(Card):
         """The card as a picture."""
         from matplotlib.figure import Figure
 
-        figure = Figure(figsize=(10, 4.5), layout="constrained")
-        places = dict(zip(dict.fromkeys(curve.panel for curve in self.curves()), figure.subplots(1, 2), strict=True))
+        figure = Figure(figsize=(15, 4.5), layout="constrained")
+        *beside, last = figure.subplots(1, 3)
+        places = dict(zip(dict.fromkeys(curve.panel for curve in self.curves()), beside, strict=True))
         for curve in self.curves():
             place = places[curve.panel]
             place.plot(curve.x, curve.y, curve.style, color="C0", label=curve.label)
             place.set_title(curve.panel, loc="left", fontsize=10)
             place.set(xlabel=curve.x_label, ylabel=curve.y_label)
             place.legend(frameon=False, fontsize=8)
+        forces = self._contact
+        painted = last.pcolormesh(
+            1e3 * forces.x, 1e3 * forces.y, 1e3 * forces.weakest, shading="nearest", cmap="viridis", vmin=0.0
+        )
+        figure.colorbar(painted, ax=last, label="force [mN]")
+        last.set_title("Weakest peak force in contact, of six directions", loc="left", fontsize=10)
+        last.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
         figure.suptitle(self._device.title, x=0.01, ha="left", fontweight="bold")
         return figure

@@ -18,7 +18,8 @@ def make_progress(*, show: bool = True) -> Progress:
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn()
-    return Progress(*columns, console=make_console(error=True), transient=True, disable=not show)
+    console = make_console(error=True)  # rich ends a bar with an empty line where it has drawn none
+    return Progress(*columns, console=console, transient=True, disable=not (show and console.is_interactive))
 
 
 def show_status(text: str) -> Status:

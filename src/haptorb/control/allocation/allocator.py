@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from enum import IntEnum
 
 import numpy as np
+from numpy import ascontiguousarray
 from numpy.typing import ArrayLike
 
 from haptorb.devices.wrench_map import WrenchMap
@@ -54,6 +55,7 @@ _TEXTS = (
     "the number of coils, too few for force and torque at once",
 )
 SATURATIONS = tuple(Saturation)  #: by number: many times faster than a call of the class
+_FLOAT = np.dtype(np.float64)  #: to name the type takes longer than to see that an array has it
 
 
 @record
@@ -124,13 +126,12 @@ def check_problem(wrench_map: WrenchMap, wrench: ArrayLike, channels: int) -> tu
     The matrix is in [N/A, N·m/A], the wrenches in [N, N·m].
     """
     try:
-        asked = np.ascontiguousarray(wrench, dtype=np.float64)
+        asked = ascontiguousarray(wrench, _FLOAT)
     except (TypeError, ValueError) as cause:
         raise InputError(f"wrench must be numbers; got {wrench!r}") from cause
     if asked.shape != (6,):
         raise InputError(f"wrench must be force then torque, shape (6,); got shape {asked.shape}")
-    matrix = np.ascontiguousarray(wrench_map.matrix, dtype=np.float64)
-    passive = np.ascontiguousarray(wrench_map.passive, dtype=np.float64)
+    matrix, passive = ascontiguousarray(wrench_map.matrix, _FLOAT), ascontiguousarray(wrench_map.passive, _FLOAT)
     if matrix.shape != (6, channels):
         raise InputError(
             f"the wrench map must have shape (6, {channels}), one column per channel of current_limit; "

@@ -27,7 +27,7 @@ from haptorb.control.allocation.supply_power import hold_power
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, Records, check_finite, fields
-from haptorb.numerics.compiled import kernel
+from haptorb.numerics.compiled import kernel, tick_kernel
 
 __all__ = ["LeastSquaresAllocator", "least_squares_currents"]
 
@@ -164,7 +164,7 @@ def least_squares_currents(
     return scale
 
 
-@kernel
+@tick_kernel
 def _allocate(
     settings: Records, matrix: Array, passive: Array, wrench: Array, limit: Array, resistance: Array, currents: Array,
     residual: Array,

@@ -19,7 +19,7 @@ from haptorb.control.allocation.supply_power import hold_power
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError, UnknownName
 from haptorb.numerics.arrays import Array, check_finite, vectors
-from haptorb.numerics.compiled import kernel
+from haptorb.numerics.compiled import tick_kernel
 
 __all__ = ["MinimumPowerAllocator", "minimum_power_currents"]
 
@@ -49,7 +49,7 @@ def minimum_power_currents(K: ArrayLike, T: ArrayLike) -> Array:
     return currents
 
 
-@kernel
+@tick_kernel
 def _allocate(
     matrix: Array,
     passive: Array,
@@ -62,7 +62,7 @@ def _allocate(
     currents: Array,
     residual: Array,
 ) -> tuple[int, float, int]:
-    torque = np.empty(3)
+    torque = residual[3:]  # filled with the residual afterwards
     ready = True
     for i in range(6):
         ready = ready and np.isfinite(wrench[i]) and np.isfinite(passive[i])

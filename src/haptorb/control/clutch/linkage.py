@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Protocol, final
 
 import numpy as np
+from numpy import ascontiguousarray
 from numpy.typing import ArrayLike
 
 from haptorb.control.clutch.mode_kernels import fill_rotor_wrench, follow_rotor
@@ -188,8 +189,8 @@ class ModedLinkage(Linkage):
         mapping, memory, t = self.mapping, self._memory, mover.t
         if memory is None:
             memory = self._take_hold(mover)
-        R, pose, share = np.ascontiguousarray(mover.R_SR), np.empty((6, 3)), np.empty(2)
-        if not follow_rotor(memory, R, np.ascontiguousarray(mover.w), t - self._t, pose, share):
+        R, pose, share = ascontiguousarray(mover.R_SR), np.empty((6, 3)), np.empty(2)
+        if not follow_rotor(memory, R, ascontiguousarray(mover.w), t - self._t, pose, share):
             raise mapping.explain_loss(R)
         if self._scale != self._scale_goal:
             self._slide_scale(t - self._t)
@@ -201,11 +202,8 @@ class ModedLinkage(Linkage):
             on_target, contacts = world.wrench(target), NO_CONTACTS
         else:
             on_target, contacts = render_contacts(target)
-            if (
-                getattr(contacts, "dtype", None) is not _FLOAT or not contacts.flags.c_contiguous
-            ):  # for the kernel that fills the row
-                contacts = np.ascontiguousarray(contacts, dtype=np.float64)
-            if contacts.shape[1:] != (8,):
+            contacts = ascontiguousarray(contacts, _FLOAT)  # for the kernel that fills the row
+            if contacts.ndim != 2 or contacts.shape[1] != 8:
                 raise InputError(f"a world must give contacts of shape (n, 8); got shape {contacts.shape}")
         if (on_target.shape if isinstance(on_target, np.ndarray) else np.shape(on_target)) != (6,):
             raise InputError(f"a world must give force and torque, shape (6,); got {quote(on_target)}")

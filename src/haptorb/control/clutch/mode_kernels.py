@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from haptorb.numerics.arrays import Array, Records, fields
-from haptorb.numerics.compiled import kernel
+from haptorb.numerics.compiled import kernel, tick_kernel
 
 __all__ = [
     "CLUTCH",
@@ -119,7 +119,7 @@ def fill_target_pose(clutch: Records, pose: Array) -> None:
     pose[5, 2] = m.moving * m.translate[2] * rates[2]
 
 
-@kernel
+@tick_kernel
 def follow_rotor(clutch: Records, R: Array, w: Array, dt: float, pose: Array, share: Array) -> bool:
     """`advance_clutch` and `fill_target_pose` at once; share (2,): how firmly translation and rotation are joined."""
     if not advance_clutch(clutch, R, w, dt):
@@ -129,7 +129,7 @@ def follow_rotor(clutch: Records, R: Array, w: Array, dt: float, pose: Array, sh
     return True
 
 
-@kernel
+@tick_kernel
 def fill_rotor_wrench(clutch: Records, wrench: Array, scale: float, out: Array) -> None:
     """out (6,): no force, and the torque [N·m] on the rotor, stator frame, for the target's wrench (6,) [N, N·m].
 

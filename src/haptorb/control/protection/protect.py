@@ -19,14 +19,14 @@ from haptorb.control.protection.heat import observe_heat
 from haptorb.control.protection.passivity import damp_wrench
 from haptorb.control.protection.trip import Trip
 from haptorb.numerics.arrays import Array, Record, Records
-from haptorb.numerics.compiled import kernel
+from haptorb.numerics.compiled import kernel, tick_kernel
 
 __all__ = ["protect_currents", "protect_wrench", "skip_tick"]
 
 _SAMPLE, _MISMATCH = int(Trip.SAMPLE_NOT_FINITE), int(Trip.CURRENT_MISMATCH)
 
 
-@kernel
+@tick_kernel
 def protect_wrench(
     state: Records, wrench: Array, p: Array, R: Array, v: Array, w: Array, now: float, age: float, valid: bool,
     reversed: bool,
@@ -43,7 +43,7 @@ def protect_wrench(
     limit_wrench(g)
 
 
-@kernel
+@tick_kernel
 def protect_currents(
     state: Records, coils: Records, wanted: Array, matrix: Array, currents: Array, age: float, temperatures: Array,
     applied: Array, duties: Array,

@@ -6,7 +6,7 @@ allocator and `protect_currents` after it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,8 +43,9 @@ class Protection:
         self.state: Records = make_state(device, dt, arm, lag)
         self.duties: Array = np.zeros(device.channels)
         self._guard: Records = self.state["guard"]
-        self._state: Array = self._guard["state"]  # (1,) read in every tick
-        self._stored: Array = self.state["passivity"]["stored"]  # (1,) written in every tick
+        # Read and written in every tick: single numbers go through a memoryview twice as fast.
+        self._state: Any = self._guard["state"].data
+        self._stored: Any = self.state["passivity"]["stored"].data
         self.asked: Array = self._guard["asked"][0]
         spare = self.state.copy()  # compiled now, and not when it is needed
         protect.skip_tick(spare, 0.0)

@@ -1,4 +1,4 @@
-"""How pymoo's NSGA-II makes new candidates where some parameters have steps and some are choices without an order.
+"""How pymoo's algorithms make new candidates where some parameters have steps and some are choices without an order.
 
 pymoo's own operators for real numbers hardly ever leave a step or a choice: their changes are smaller than it.
 """
@@ -40,11 +40,13 @@ class MixedCrossover(SBX):  # type: ignore[misc]
 class MixedMutation(PM):  # type: ignore[misc]
     """Polynomial mutation of ranges (Deb & Goyal 1996); a step or a few up or down; any other choice.
 
-    Each parameter of a child changes with probability 1 / (number of parameters).
+    Each parameter of a child that is changed does so with probability 1 / (number of parameters).
+
+    prob  probability that a child is changed
     """
 
-    def __init__(self, space: SearchSpace) -> None:
-        super().__init__(eta=20, prob=1.0)
+    def __init__(self, space: SearchSpace, prob: float = 1.0) -> None:
+        super().__init__(eta=20, prob=prob)
         self._space = space
 
     def _do(self, problem: Any, X: Array, *args: Any, random_state: Any = None, **options: Any) -> Array:
@@ -82,6 +84,10 @@ class NewOnly(DuplicateElimination):  # type: ignore[misc]
     def __init__(self) -> None:
         super().__init__()
         self.old: set[bytes] = set()
+
+    def find_old(self, pop: Any) -> NDArray[np.bool_]:
+        """Which of `pop` (n,) the run had before, or are there twice."""
+        return self._do(pop, None, np.zeros(len(pop), dtype=bool))
 
     def _do(self, pop: Any, other: Any, is_duplicate: NDArray[np.bool_]) -> NDArray[np.bool_]:
         there = set() if other is None else {point.tobytes() for point in other.get("X")}

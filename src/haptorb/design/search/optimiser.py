@@ -1,4 +1,11 @@
-"""NSGA-II over the free parameters of a design, one generation at a time (Deb et al. 2002; pymoo)."""
+"""An optimiser over the free parameters of a design, one generation at a time, by pymoo.
+
+Several objectives: NSGA-II (Deb et al. 2002). One objective: differential evolution (Storn and Price 1997): a child
+takes nine tenths of its parameters from the best so far plus 0.7 of the difference of two others, and one in ten is
+changed besides. A valid candidate replaces a refused one, and of two refused ones the one nearer to being valid stays
+(Deb 2000). NSGA-II of one objective comes to rest short of the best where several constraints hold at once. Where no
+parameter is a continuous range, differences lead to what was tried before, and NSGA-II serves for one objective too.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +23,7 @@ from haptorb.errors import InputError
 __all__ = ["POPULATION", "Optimiser"]
 
 POPULATION = 50  #: candidates in a generation, unless something else is asked for
+_TRIES = 100  #: generations of differential evolution without a new candidate, until it ends
 
 
 @final
@@ -40,6 +48,8 @@ class Optimiser:
         self._population = population
         self._start = 0
         self._generation: Any = None
+        single = len(design.goals) == 1 and bool((self.space.levels == 0).any())
+        self.method = "de" if single else "nsga2"  #: differential evolution or NSGA-II, as results call it
         self._make_algorithm(seed)
 
     def ask(self) -> list[tuple[int, dict[str, Value]]]:
@@ -48,7 +58,7 @@ class Optimiser:
         Asked again before `tell`, it gives the same.
         """
         if self._generation is None:
-            self._generation = self._algorithm.ask()
+            self._generation = self._propose()
             if self._generation is not None:
                 self._new.old.update(point.tobytes() for point in self._generation.get("X"))
         if self._generation is None:
@@ -73,20 +83,39 @@ class Optimiser:
         self._start += count
         self._generation = None
 
+    def _propose(self) -> Any:
+        """pymoo's next generation; None where it has nothing new."""
+        if self.method == "nsga2":
+            return self._algorithm.ask()  # asks `_new` itself
+        for _ in range(_TRIES):
+            found = self._algorithm.ask()
+            new = ~self._new.find_old(found)
+            if new.any():
+                return found[new]  # each knows whose place it may take
+        return None
+
     def _make_algorithm(self, seed: int) -> None:
         from pymoo.algorithms.moo.nsga2 import NSGA2  # a second and a half, which only an optimiser needs
+        from pymoo.algorithms.soo.nonconvex.de import DE, Variant
         from pymoo.core.problem import Problem
         from pymoo.core.termination import NoTermination
+        from pymoo.operators.control import NoParameterControl
 
         from haptorb.design.search.operators import MixedCrossover, MixedMutation, NewOnly, Snap
 
         axes = len(self.space.parameters)
         problem = Problem(n_var=axes, n_obj=len(self._design.goals), n_ieq_constr=1, xl=0.0, xu=1.0)
         self._new = NewOnly()
-        self._algorithm = NSGA2(
-            pop_size=self._population, sampling=self._first_generation(seed), crossover=MixedCrossover(self.space),
-            mutation=MixedMutation(self.space), repair=Snap(self.space), eliminate_duplicates=self._new,
-        )  # fmt: skip
+        first, snap = self._first_generation(seed), Snap(self.space)
+        if self.method == "de":
+            variant = Variant(selection="best", F=0.7, CR=0.9, control=NoParameterControl, repair=snap)
+            variant.mutation = MixedMutation(self.space, prob=0.1)
+            self._algorithm = DE(pop_size=self._population, sampling=first, variant=variant)
+        else:
+            self._algorithm = NSGA2(
+                pop_size=self._population, sampling=first, crossover=MixedCrossover(self.space),
+                mutation=MixedMutation(self.space), repair=snap, eliminate_duplicates=self._new,
+            )  # fmt: skip
         self._algorithm.setup(problem, seed=seed, termination=NoTermination(), verbose=False)
 
     def _first_generation(self, seed: int) -> np.ndarray[Any, np.dtype[np.float64]]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
+from haptorb.design.base_values import compute_base_values
 from haptorb.design.candidate import DesignCandidate
 from haptorb.design.design import Bound, Design, DesignGoal
 from haptorb.design.parameter import DesignParameter, ParameterPlace
@@ -18,7 +19,7 @@ __all__ = ["read_record", "write_record"]
 
 
 def write_record(design: Design) -> str:
-    """JSON of everything but the file's text and its digest."""
+    """JSON of everything but the file's text and its digest, with the base device's own numbers, which are computed."""
     tables = design.base_tables
     return json.dumps({
         "title": design.title,
@@ -34,6 +35,7 @@ def write_record(design: Design) -> str:
         "goals": [{"name": goal.name, "sense": goal.sense, **_write_quantity(goal.quantity)} for goal in design.goals],
         "bounds": [{"name": one.name, "low": one.low, "high": one.high, **_write_quantity(one.quantity)}
                    for one in design.bounds],
+        "base_values": compute_base_values(design),
     }, default=str)  # fmt: skip
 
 
@@ -51,6 +53,7 @@ def read_record(name: str, text: str, digest: str, record: str) -> Design:
         text=text,
         digest=digest,
         tables=DeviceTables(**raw["tables"]),
+        base_values=raw.get("base_values"),
     )
 
 

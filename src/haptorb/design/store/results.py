@@ -150,11 +150,13 @@ def read_results(where: str | Path) -> Results:
 def _find_run(engine: Engine, place: str, design: Design, key: tuple[str, int, str]) -> tuple[Run, bool]:
     """The run, and whether it was there already."""
     method, seed, settings = key
+    with engine.connect() as connection:
+        is_there = connection.execute(select(designs.c.digest)).first() is not None
+    record = "" if is_there else write_record(design)  # computes the base device: not while others wait for the lock
     with engine.begin() as connection:
         lock_database(connection, FAMILY)
         row = connection.execute(select(designs.c.digest, designs.c.name)).first()
         if row is None:
-            record = write_record(design)
             connection.execute(
                 designs.insert().values(digest=design.digest, name=design.name, text=design.text, record=record)
             )

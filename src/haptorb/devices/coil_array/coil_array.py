@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
 
@@ -16,6 +16,7 @@ from haptorb.devices.electromagnet.electromagnet import DomeContact, Hand
 from haptorb.devices.kind import DeviceKind
 from haptorb.devices.schema.limit_checks import list_limit_remarks
 from haptorb.devices.state import State, rotation_to_axis
+from haptorb.devices.uncertainty.array import ArrayUncertainty
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.display.quantity_text import format_quantity
 from haptorb.errors import GeometryError
@@ -76,6 +77,7 @@ class CoilArray(Device):
     tolerance: BuildTolerance
     thermometer_step: float  #: [K]
     thermometer_noise: float  #: [K]
+    uncertainty: ArrayUncertainty = field(default_factory=lambda: ArrayUncertainty.model_validate({}))
 
     models: tuple[str, ...] = ("exact",)
 
@@ -90,6 +92,11 @@ class CoilArray(Device):
         if not self.surface.is_dome:
             return None
         return Shell(self.contact_height, self.surface.thickness, self.tool.moment, self.surface.dome_radius)
+
+    @property
+    def is_upright(self) -> bool:
+        """Over a plate; over a dome the tool is radial."""
+        return not self.surface.is_dome
 
     @property
     def rest_position(self) -> Array:

@@ -17,6 +17,9 @@ COIL_ARRAY = DeviceKind(
     file="haptorb.devices.coil_array.schema:CoilArrayFile",
     geometry="haptorb.devices.coil_array.geometry:array_geometry",
     scene="haptorb.apps.console.scenes:array_scene",
+    force_map="haptorb.apps.console.force_map_process:ForceMapProcess",
     card="haptorb.apps.inspect.coil_array:CoilArrayCard",
+    errors="haptorb.control.budget.array_sources:array_errors",
+    workspace="haptorb.apps.check.workspace:array_workspace",
     hold="haptorb.control.stability.held_mover:hold_array",
 )

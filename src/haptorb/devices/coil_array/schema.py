@@ -17,6 +17,7 @@ from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.limit_checks import list_limit_mistakes
 from haptorb.devices.schema.sections import CommonFile, Point, Positive, Section, ThermometerSection, check_wall
+from haptorb.devices.uncertainty.array import ArrayUncertainty
 from haptorb.errors import DeviceError
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources.soft_sphere import SoftSphere
@@ -204,9 +205,15 @@ class CoilArrayFile(CommonFile):
     thermometer: Annotated[ThermometerSection, m.Meaning("thermometers of the coils")]
     tolerance: Annotated[
         ToleranceSection,
-        m.Meaning("how far coils as built may be from this file, for the simulation"),
+        m.Meaning("how far coils as built may be from this file, for the simulation and the error budget"),
         m.Without("coils exactly as in the file"),
         Field(default_factory=ToleranceSection),
+    ]
+    uncertainty: Annotated[
+        ArrayUncertainty,
+        m.Meaning("standard uncertainty of what is assumed or measured, for `haptorb inspect --errors`"),
+        m.Without("the defaults below"),
+        Field(default_factory=ArrayUncertainty),
     ]
 
     @model_validator(mode="after")
@@ -249,6 +256,7 @@ class CoilArrayFile(CommonFile):
             hand=Hand(**self.hand.model_dump()),
             surface=self._surface(),
             tolerance=self.tolerance.build(),
+            uncertainty=self.uncertainty,
             thermometer_step=self.thermometer.step,
             thermometer_noise=self.thermometer.noise,
         )

@@ -8,6 +8,7 @@ from itertools import product
 from typing import ClassVar
 
 import numpy as np
+from numpy import ascontiguousarray
 
 from haptorb.devices.device import Device, Shell
 from haptorb.devices.electromagnet.core_dynamics import CoreDynamics
@@ -186,7 +187,7 @@ class SphericalElectromagnet(Device):
                 f"the core; contact is at {self.contact_distance * 1e3:.1f} mm"
             )
         matrix, passive = np.empty((6, self.channels)), np.zeros(6)
-        p, R = np.ascontiguousarray(state.p), np.ascontiguousarray(state.R_SR)
+        p, R = ascontiguousarray(state.p), ascontiguousarray(state.R_SR)
         if model == "exact":
             ring_per_ampere(*self._ring, p, R, matrix, passive)
         else:

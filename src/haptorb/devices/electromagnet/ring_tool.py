@@ -10,7 +10,7 @@ import numpy as np
 
 from haptorb.devices.electromagnet.passive_pull import pull
 from haptorb.numerics.arrays import Array
-from haptorb.numerics.compiled import kernel
+from haptorb.numerics.compiled import kernel, tick_kernel
 from haptorb.physics.sources.charged_ring import dipole_on_charges
 from haptorb.physics.sources.dipole import MU0
 
@@ -97,13 +97,9 @@ def dipole_per_ampere(moment: float, moment_per_current: Array, p: Array, R: Arr
 
 
 @kernel
-def ring_per_ampere(
+def _fill_ring(
     rows: Array, table: Array, nearest: float, moment_per_current: Array, p: Array, R: Array, out: Array, passive: Array
 ) -> None:
-    """Fill out (6, m) [N/A, N·m/A] and passive (6,) [N, N·m] for a ring magnet turned by R at p over a soft core.
-
-    rows are the ring's charges, table and nearest its `PassivePull`; the magnet is round: only its axis matters.
-    """
     axis, per_moment = np.empty(3), np.empty((6, 3))
     for i in range(3):
         axis[i] = R[i, 2]
@@ -111,3 +107,14 @@ def ring_per_ampere(
     _ring_map(rows, p, axis, per_moment)
     per_ampere(per_moment, moment_per_current, out)
     pull(table, nearest, p, axis, passive)
+
+
+@tick_kernel
+def ring_per_ampere(
+    rows: Array, table: Array, nearest: float, moment_per_current: Array, p: Array, R: Array, out: Array, passive: Array
+) -> None:
+    """Fill out (6, m) [N/A, N·m/A] and passive (6,) [N, N·m] for a ring magnet turned by R at p over a soft core.
+
+    rows are the ring's charges, table and nearest its `PassivePull`; the magnet is round: only its axis matters.
+    """
+    _fill_ring(rows, table, nearest, moment_per_current, p, R, out, passive)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -30,7 +31,7 @@ class Windings:
     outer_radius: Array  #: (3,) [m]
     length: Array  #: (3,) along each coil's own axis [m]
 
-    @property
+    @cached_property
     def coils(self) -> tuple[Coil, ...]:
         """Each coil, its axis along its own +z."""
         sizes = zip(self.turns, self.inner_radius, self.outer_radius, self.length, strict=True)

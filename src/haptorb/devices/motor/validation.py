@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["WORST_CONDITION", "findings", "grouping", "workspace_sample"]
 
 WORST_CONDITION = 100.0  #: a motor that is a hundred times weaker about some axis cannot be used there
+_CHORDS = 2048  #: steps of a table of the pair's torque between no chord and a diameter
 _FACING = np.radians(0.5)  #: how far from opposite a pair of coils may be and still count as facing
 
 
@@ -176,18 +177,19 @@ def _condition(motor: SphericalMotor, R: Array) -> float:
     """
     from haptorb.devices.tables.series_table import series_torque
 
-    coils, chords = motor.electromagnets, np.linspace(0.0, 2.0, 2049)
+    coils, chords = motor.electromagnets, np.linspace(0.0, 2.0, _CHORDS + 1)
     try:
         k = series_torque(
             motor.magnet, motor.magnets.distance, motor.electromagnet, coils.distance, 1 - 0.5 * chords**2
         )
     except GeometryError:
         return float("inf")
-    greatest = 0.0
-    for part in np.array_split(R, max(len(R) // 200, 1)):
+    greatest, slope = 0.0, np.diff(k)
+    for part in np.array_split(R, max(len(R) // 100, 1)):
         u = np.einsum("nab,ib->nia", part, motor.magnets.directions)
-        chord = np.sqrt(np.maximum(2 - 2 * u @ coils.directions.T, 0.0))
-        strength = np.interp(chord, chords, k) * motor.polarity[:, None]
+        place = 0.5 * _CHORDS * np.sqrt(np.clip(2 - 2 * u @ coils.directions.T, 0.0, 4.0))
+        below = np.minimum(place.astype(np.intp), _CHORDS - 1)
+        strength = (k[below] + (place - below) * slope[below]) * motor.polarity[:, None]
         pull = np.swapaxes(strength, 1, 2) @ u  # (n, coils, 3): Σ k û
         single = np.swapaxes(np.cross(pull, coils.directions), 1, 2)
         values = np.linalg.svd(single @ motor.groups, compute_uv=False)

@@ -23,11 +23,13 @@ def integrate_bessel(x: Array) -> Array:
     >>> float(integrate_bessel(np.array([1.0]))[0].round(8))
     0.15453272
     """
-    near, far = np.minimum(x, _FAR), np.maximum(x, _FAR)
+    x = np.asarray(x, dtype=float)
+    out, near = np.empty(x.shape), x < _FAR
     s = np.sin(0.5 * np.pi * (np.arange(_NODES) + 0.5) / _NODES)
-    phase = near[..., None] * s
-    below = (np.sin(phase) / s - near[..., None] * np.cos(phase)).mean(axis=-1)
-    return np.where(x < _FAR, below, _expand(far))
+    phase = x[near][..., None] * s
+    out[near] = (np.sin(phase) / s - x[near][..., None] * np.cos(phase)).mean(axis=-1)
+    out[~near] = _expand(x[~near])
+    return out
 
 
 def _expand(x: Array) -> Array:

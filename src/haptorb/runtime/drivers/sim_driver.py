@@ -22,7 +22,8 @@ from haptorb.simulation.simulation import Simulation
 
 __all__ = ["HandTarget", "SimDriver"]
 
-_LEAD = 150e-6  #: twice what a simulated device takes to move on by one tick, and to read its sensors [s]
+_LEAD = 150e-6  #: twice what a simulated device takes to move on by one tick, and to read its sensors [s] …
+_LEAD_PER_COIL = 2.5e-6  #: … and for many coils, of each [s]
 _CATCH_UP = 0.1  #: a longer pause of the loop is a pause of the simulated world too [s]
 
 
@@ -67,7 +68,6 @@ class SimDriver(Driver):
 
     name = "sim"
     simulated = True
-    lead = _LEAD
 
     def __init__(
         self, simulation: Simulation, period: float, goal: Callable[[float], HandTarget] | None = None, *, seed: int = 0
@@ -75,6 +75,7 @@ class SimDriver(Driver):
         if not (np.isfinite(period) and 0.0 < period <= _CATCH_UP):
             raise InputError(f"period of the servo must be above 0 and at most {_CATCH_UP} s; got {period} s")
         self.simulation = simulation
+        self.lead = max(_LEAD, _LEAD_PER_COIL * simulation.device.channels)
         self.goal = goal
         self._period = float(period)
         self._silence = silence_of(self._period)

@@ -47,7 +47,8 @@ class HandCommands(ABC):
         return self._memory_or_none
 
     def point(self, p: ArrayLike, q: ArrayLike | None = None, *, patience: float = 0.0) -> None:
-        """The hand wants the tool's magnet at `p` (3,) [m], turned to `q` (4,) (x, y, z, w); None: its axis radial.
+        """The hand wants the tool's magnet at `p` (3,) [m], turned to `q` (4,) (x, y, z, w); None: its axis radial,
+        over a plate upright (`Device.is_upright`).
 
         Of a motor only the turn counts: `q`, or a place `p` towards which the handle is to point.
         It must be said again within the device's `limits.expiry`, else the pose counts as lost; `hold` and `follow`
@@ -57,7 +58,7 @@ class HandCommands(ABC):
         Raises InputError for another shape, a number that is not finite, a place more than 1 m from the device's
         centre, a quaternion of zeros, or a patience beyond 0 to 1 s; ServoError before the start.
         """
-        place, turn = check_pose(p, q, self._farthest)
+        place, turn = self._check_pose(p, q)
         if not 0.0 <= patience <= _MOST_PATIENT:
             raise InputError(f"patience must be between 0 and {_MOST_PATIENT:g} s; got {patience:g}")
         memory = self._memory
@@ -72,7 +73,7 @@ class HandCommands(ABC):
         late by a second on a busy computer: a hand that rests is still there. Raises as `point` does; InputError too
         where no simulated hand is moved by this program.
         """
-        pose = check_pose(p, q, self._farthest)
+        pose = self._check_pose(p, q)
         self._keep(lambda t: pose, users_code=False, patience=_MOST_PATIENT)
 
     def follow(self, path: PathFunction | ArrayLike, times: ArrayLike | None = None) -> None:
@@ -88,11 +89,11 @@ class HandCommands(ABC):
         if not callable(path):
             if times is None:
                 raise InputError("follow needs the times of the poses [s], follow(poses, times), or a function of time")
-            self._keep(SampledPath(path, times, self._farthest), users_code=False)
+            self._keep(SampledPath(path, times, self._farthest, upright=self.device.is_upright), users_code=False)
             return
         if times is not None:
             raise InputError("times belong to poses; a function gets the time since its start [s] by itself")
-        self._keep(lambda t: check_pose(*split_pose(path(t)), self._farthest), users_code=True)
+        self._keep(lambda t: self._check_pose(*split_pose(path(t))), users_code=True)
 
     def release(self) -> None:
         """The hand lets go of the pointer: back to the guided motion."""
@@ -117,6 +118,9 @@ class HandCommands(ABC):
     def _farthest(self) -> float:
         """From the centre [m]; a motor's handle points towards a place, however far that is."""
         return float("inf") if self.modes else FARTHEST
+
+    def _check_pose(self, p: ArrayLike, q: ArrayLike | None) -> HandPose:
+        return check_pose(p, q, self._farthest, upright=self.device.is_upright)
 
     def _keep(self, motion: PathFunction, *, users_code: bool, patience: float = 0.0) -> None:
         if is_real(self.driver):  # safety: hold-real

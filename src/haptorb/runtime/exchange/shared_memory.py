@@ -86,7 +86,7 @@ class Word(IntEnum):
     WORLD = 49  #: changes of the world
     PEAK_TORQUE = 50  #: float: greatest torque on the mover [N·m]
     FIRST_CALL = 51  #: monotonic clock at which the first call of a user's world began [ns]; 0: none runs
-    COMPILED = 52  #: kernels that its process had to compile before it knew the plan
+    COMPILED = 52  #: 1: its process has had to compile a kernel
     UNCOMPILED = 53  #: worlds of the catalogue whose code lies in no cache
     # recorder → host
     RECORDER = 56  #: a Phase

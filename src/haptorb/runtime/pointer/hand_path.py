@@ -23,8 +23,10 @@ HandPose: TypeAlias = tuple[Array, Array]
 PathFunction: TypeAlias = Callable[[float], Any]
 
 
-def check_pose(p: ArrayLike, q: ArrayLike | None = None, farthest: float = FARTHEST) -> HandPose:
-    """(3,) `p` [m] and (4,) `q` as a quaternion of length 1; None: the tool's axis radial.
+def check_pose(
+    p: ArrayLike, q: ArrayLike | None = None, farthest: float = FARTHEST, *, upright: bool = False
+) -> HandPose:
+    """(3,) `p` [m] and (4,) `q` as a quaternion of length 1; None: the tool's axis radial, or `upright`.
 
     Raises InputError for another shape, a number that is not finite, a place farther than `farthest` [m] from the
     device's centre, or a quaternion of zeros.
@@ -37,7 +39,7 @@ def check_pose(p: ArrayLike, q: ArrayLike | None = None, farthest: float = FARTH
             "it. It is in metres: 50 mm are 0.05"
         )
     if q is None:
-        return position, upright_quaternion(position)
+        return position, np.array([0.0, 0.0, 0.0, 1.0]) if upright else upright_quaternion(position)
     wanted = "q must be a quaternion (x, y, z, w), 4 finite numbers that are not all zero"
     turn = _check_numbers(q, 4, wanted)
     length = float(np.linalg.norm(turn))
@@ -68,13 +70,16 @@ class SampledPath:
     poses   (n, 3) places [m], or (n, 7) places and quaternions (x, y, z, w)
     times   (n,) when the hand is there [s] after the start, each later than the one before
     farthest   from the device's centre [m]
+    upright    whether a place alone means an upright tool, not a radial one
 
     >>> path = SampledPath([(0, 0, 0.05), (0, 0, 0.06)], [0.0, 1.0])
     >>> path(0.5)[0].round(3).tolist(), path(9.0)[0].tolist()
     ([0.0, 0.0, 0.055], [0.0, 0.0, 0.06])
     """
 
-    def __init__(self, poses: ArrayLike, times: ArrayLike, farthest: float = FARTHEST) -> None:
+    def __init__(
+        self, poses: ArrayLike, times: ArrayLike, farthest: float = FARTHEST, *, upright: bool = False
+    ) -> None:
         """Raises InputError for other shapes, times that do not grow, and poses as `check_pose` does."""
         rows = _check_numbers(poses, None, "path must be poses (n, 3) or (n, 7), finite numbers [m]")
         if rows.ndim != 2 or rows.shape[1] not in (3, 7) or not len(rows):
@@ -88,7 +93,7 @@ class SampledPath:
         checked = []
         for number, row in enumerate(rows):
             try:
-                checked.append(check_pose(*split_pose(row), farthest))
+                checked.append(check_pose(*split_pose(row), farthest, upright=upright))
             except InputError as cause:
                 raise InputError(f"pose {number} of the path: {cause}") from cause
         self._places = np.array([place for place, _ in checked])

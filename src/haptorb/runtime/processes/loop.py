@@ -38,7 +38,7 @@ from haptorb.runtime.tick.tick_log import NO_TICK
 from haptorb.worlds.dynamic.remote_sum import join_remote, split_remote
 from haptorb.worlds.world import World
 
-__all__ = ["Loop"]
+__all__ = ["Loop", "load_loop"]
 
 _LATE = int(LATE * 1e9)
 _STANDSTILL = 100_000_000  #: without a tick, after which the host is given its full time anew [ns]
@@ -80,7 +80,7 @@ class Loop:
         self._row = shared.layout.empty()
         # Single numbers come out of a memoryview ten times faster than out of an array.
         self._cells = self._row.data.cast("B").cast("d")
-        _load(self._row, shared.layout.places)
+        load_loop(self._row, shared.layout.places)
         self._ticks = 0
         self._now = 0.0  # on the loop's clock [s]
         self._work = 0.0  # what a tick takes, averaged [ns]
@@ -281,8 +281,8 @@ class Loop:
         shared.ring.publish(row)
 
 
-def _load(row: Array, places: Records) -> None:
-    """Have the loop's own compiled code loaded before the first tick."""
+def load_loop(row: Array, places: Records) -> None:
+    """Have the loop's own compiled code loaded before the first tick; `row` (width,) [SI] is NaN afterwards."""
     counts = np.zeros(1, dtype=COUNTS)
     publish_row(row, row.copy(), places, counts, 0, 0, 0, 0)
     count_tick(counts, 0, 0, 0, 0, 1)

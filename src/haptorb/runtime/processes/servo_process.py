@@ -27,13 +27,13 @@ from haptorb import worlds
 from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
-from haptorb.numerics.compile_permission import UncompiledKernelError, count_compiled, forbid_compiling
+from haptorb.numerics.compile_permission import UncompiledKernelError, forbid_compiling, tell_compiling
 from haptorb.runtime.exchange import plan as plans
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.exchange.world_change import description
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.processes.calibration_match import disagreement
-from haptorb.runtime.processes.loop import Loop
+from haptorb.runtime.processes.loop import Loop, load_loop
 from haptorb.runtime.processes.prestart import PLAN
 from haptorb.runtime.processes.world_loader import WorldLoader
 from haptorb.runtime.processes.world_output import WorldOutput
@@ -103,7 +103,7 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     plan = plans.load(path)
     shared.announce_world(description(plan.world))
     gc.disable()  # compiling makes a million objects that live, and looking them over took an eighth of a first start
-    shared.words[Word.COMPILED] = count_compiled()
+    tell_compiling(partial(shared.words.__setitem__, Word.COMPILED, 1))  # then another process compiles, too
     with redirect_stdout(None):
         uncompiled = _rehearse(plan, shared)
     shared.words[Word.UNCOMPILED] = len(uncompiled)
@@ -181,6 +181,7 @@ def _rehearse(plan: plans.Plan, shared: SharedMemory) -> frozenset[str]:
     with chain.driver:
         for tick in range(_REHEARSAL):  # the device alone: at a first start another process compiles the rest
             chain.prepare(tick / plan.rate)
+        load_loop(row, shared.layout.places)
         for tick in range(_REHEARSAL, 2 * _REHEARSAL):
             chain.step(row, tick / plan.rate)
         now = 2 * _REHEARSAL / plan.rate

@@ -13,14 +13,14 @@ from haptorb.runtime.memory.text_slot import TextSlot
 __all__ = ["EVERY", "REGULAR", "StateKeeper"]
 
 EVERY: Final = 256  #: ticks from one state to the next
-REGULAR: Final = 16  #: states from one that is recorded to the next
+REGULAR: Final = 8  #: states from one that is recorded to the next
 
 
 @final
 class StateKeeper:
     """Asks `remember` for the state every 256 ticks, and writes the one that a trip's black box begins with to `slot`.
 
-    Every 16th goes to `regular`, where the recorder finds it.
+    Every 8th goes to `regular`, where the recorder finds it.
 
     It works behind the tick, when its row is published and its duties are applied.
     """

@@ -9,8 +9,9 @@ from haptorb.errors import PlatformError
 __all__ = ["WORKS_ANYWHERE", "is_linux", "require_linux"]
 
 WORKS_ANYWHERE = (
-    "`haptorb` inspect, devices, worlds, check --world, reproduce, fit-multipole, train, estimators, study (all but "
-    "run), calibrate (simulated) and frame; in Python all but haptorb.Servo and real drivers"
+    "`haptorb` inspect, devices, worlds, show, info, export, replay, view, check --world, design (all but show), "
+    "reproduce, fit-multipole, train, estimators, guidance, study (all but run), calibrate (simulated) and frame; in "
+    "Python all but haptorb.Servo and real drivers"
 )  #: told on other systems, and true there
 _NAMES = {"darwin": "macOS", "win32": "Windows"}
 

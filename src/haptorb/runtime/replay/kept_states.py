@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Mapping
 
 import numpy as np
@@ -22,18 +23,21 @@ def list_states(recording: Recording) -> dict[float, str]:
     return found
 
 
-def choose_beginnings(recording: Recording, ticks: Array, parts: int) -> list[int]:
-    """Rows with a kept state that cut a recording of `ticks` (n,) into at most so many parts of about one length [1].
+def choose_beginnings(recording: Recording, parts: int) -> list[int]:
+    """Rows with a kept state that cut `recording` into at most so many parts of about one length [1].
 
     The first is 0.
     """
-    at_ticks = np.array(sorted(list_states(recording)))
-    at = np.searchsorted(ticks, at_ticks)
-    at = at[(at > 0) & (at < len(ticks) - 1)]
-    at = at[np.isin(ticks[at], at_ticks)]
-    wanted = np.arange(1, parts) * len(ticks) / parts
-    near = {int(at[int(np.argmin(np.abs(at - place)))]) for place in wanted} if len(at) else set()
-    return [0, *sorted(near)]
+    ticks, count, states = recording["tick"], len(recording), sorted(list_states(recording))
+    found = {0}
+    for number in range(1, parts):
+        wanted = number * count // parts
+        at = bisect_left(states, float(ticks[wanted]))
+        near = states[max(at - 2, 0) : at + 2]
+        rows = [bisect_left(range(count), tick, key=lambda row: float(ticks[row])) for tick in near]
+        places = [row for row, tick in zip(rows, near, strict=True) if 0 < row < count - 1 and ticks[row] == tick]
+        found.update(sorted(places, key=lambda row: abs(row - wanted))[:1])
+    return sorted(found)
 
 
 def find_gaps(ticks: Array, states: Mapping[float, str]) -> tuple[NDArray[np.bool_], set[int]]:

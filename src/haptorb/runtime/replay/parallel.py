@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import warnings
 from collections.abc import Callable
+from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any
 
 from haptorb.runtime.recording.recording import Recording
+from haptorb.runtime.replay.child_process import count_processors, start_child
 from haptorb.runtime.replay.comparison import RunComparison
 from haptorb.runtime.replay.kept_states import choose_beginnings
 from haptorb.runtime.replay.played_rows import PlayedRows
@@ -27,17 +26,18 @@ def replay_in_parts(
 
     `report` is told how many ticks are done. Raises RecordingError as `Replay` does.
     """
-    rows = PlayedRows(recording)
-    ticks = rows.ticks
-    most = max(min(len(os.sched_getaffinity(0)), len(ticks) // _WORTH), 1)
-    beginnings = choose_beginnings(recording, ticks, most) if most > 1 else [0]
-    ends = [*(first + 1 for first in beginnings[1:]), len(ticks)]
+    rows, count = PlayedRows(recording), len(recording)
+    most = max(min(count_processors(), count // _WORTH), 1)
+    if most > 1:
+        rows.unpack_beside()
+    beginnings = choose_beginnings(recording, most)
+    ends = [*(first + 1 for first in beginnings[1:]), count]
     parts = list(zip(beginnings, ends, strict=True))
     main = Replay(recording, recorded_world=recorded_world, part=parts[0] if most > 1 else None, rows=rows)
     # What the first chain has loaded, and has had compiled, is there for the others, too.
-    others = [_Worker(recording, part, rows, recorded_world=recorded_world) for part in parts[1:]]
-    share = len(ticks) / parts[0][1]
-    main.run(lambda done: report(min(round(done * share), len(ticks))))
+    others = [_Worker(main, recording, part, rows, recorded_world=recorded_world) for part in parts[1:]]
+    share = count / parts[0][1]
+    main.run(lambda done: report(min(round(done * share), count)))
     for worker in others:
         comparison, remarks = worker.finish()
         main.comparison.merge(comparison)
@@ -46,31 +46,33 @@ def replay_in_parts(
 
 
 class _Worker:
-    """A process that replays one part. If it dies, its part is replayed here."""
+    """A process that replays one part, with the chain of `main` where that will do. If it dies, its part is replayed
+    here."""
 
-    def __init__(self, recording: Recording, part: tuple[int, int], rows: PlayedRows, *, recorded_world: bool) -> None:
+    def __init__(
+        self, main: Replay, recording: Recording, part: tuple[int, int], rows: PlayedRows, *, recorded_world: bool
+    ) -> None:
         self._recording, self._part, self._rows, self._recorded_world = recording, part, rows, recorded_world
-        context = multiprocessing.get_context("fork")
-        self._answer, there = context.Pipe(duplex=False)
-        self._process = context.Process(target=self._work, args=(there,), daemon=True)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # other threads: the child only computes
-            self._process.start()
+        self._answer, there = Pipe(duplex=False)
+        self._process = start_child(self._work, main, there)
         there.close()
 
-    def _replay(self) -> tuple[RunComparison, list[str]]:
-        replay = Replay(self._recording, recorded_world=self._recorded_world, part=self._part, rows=self._rows)
-        return replay.run(), replay.remarks
+    def _make_replay(self) -> Replay:
+        return Replay(self._recording, recorded_world=self._recorded_world, part=self._part, rows=self._rows)
 
-    def _work(self, there: Connection) -> None:
-        there.send(self._replay())
+    def _work(self, main: Replay, there: Connection) -> None:
+        there.send(_run(main if main.skip_to(*self._part) else self._make_replay()))
 
     def finish(self) -> tuple[RunComparison, list[str]]:
         """What it has found, when it has."""
         try:
             found: Any = self._answer.recv()
         except EOFError:
-            return self._replay()
+            return _run(self._make_replay())
         self._process.join()
         comparison, remarks = found
         return comparison, remarks
+
+
+def _run(replay: Replay) -> tuple[RunComparison, list[str]]:
+    return replay.run(), replay.remarks

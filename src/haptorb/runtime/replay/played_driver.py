@@ -58,7 +58,9 @@ class PlayedDriver(Driver):
         self._duties = list(rows("duties"))
         self._truths = list(rows("given"))
         self._targets = list(np.concatenate((rows("target"), rows("target_q")), axis=1))
-        self._coils = [_coil_state(code) for code in block["coil_state"][:, 0].tolist()]
+        codes = block["coil_state"][:, 0].tolist()
+        states = {code: _coil_state(code) for code in set(codes)}
+        self._coils = [states[code] for code in codes]
         self._failures = np.nan_to_num(block["failures"][:, 0]).astype(int).tolist()
         self._at = 0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -12,6 +13,7 @@ from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.errors import RecordingError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.recording import Recording
+from haptorb.runtime.replay.unpacked_rows import UnpackedRows, count_bytes
 from haptorb.runtime.row import STAGES, Field
 from haptorb.runtime.tick.tick_log import MODEL, TickCommand, TickFailure
 
@@ -25,6 +27,7 @@ SAMPLE_FIELDS = (
 _NEEDED = ("tick", "t", "guard", "trip", "coil_state", "world", "valid", "age", "p", "q", "v", "w", "currents",
            "boundary", "duties")  # fmt: skip
 _PIECE = 1024  #: rows that are read at once: whole rows are unpacked
+_ROOM = 512 * 1024 * 1024  #: bytes of rows that are unpacked once and kept; more are unpacked again, block by block
 _MODES = {MODES.index("translate") + 1: TickCommand.TRANSLATE, MODES.index("rotate") + 1: TickCommand.ROTATE}
 
 
@@ -54,13 +57,50 @@ class PlayedRows:
             self._at[field.name] = slice(start, start + field.width)
             start += field.width
         self.missing = tuple(name for name in SAMPLE_FIELDS if name not in names)
-        single = [name for name in ("t", "tick", "commands") if name in names]
-        count = len(recording)
-        pieces = [recording.read(first, min(first + _PIECE, count), single) for first in range(0, count, _PIECE)]
-        columns = dict(zip(single, np.concatenate(pieces).T.copy(), strict=True))
-        self.t: Array = columns["t"]
-        self.ticks: Array = columns["tick"]
-        self.commands = columns["commands"] if "commands" in columns else self._read_commands()
+        self._keeps = not recording.long or count_bytes(recording) <= _ROOM
+        self._unpacked: UnpackedRows | None = None
+
+    def unpack_beside(self) -> None:
+        """Have a process unpack the rows from now on, if there is something to unpack, and memory for it."""
+        if self._recording.long and self._keeps:
+            self._unpacked = UnpackedRows(self._recording)
+
+    @cached_property
+    def _whole(self) -> Array | None:
+        if not self._keeps:
+            return None
+        if self._unpacked is not None:
+            return self._unpacked.take()
+        return self._recording.read(0, len(self), self._names)
+
+    @cached_property
+    def _columns(self) -> dict[str, Array]:
+        names: list[str] = [name for name in ("t", "tick", "commands") if name in self._at]
+        columns: dict[str, Array]
+        if self._whole is not None:
+            columns = {name: self._whole[:, self._at[name].start].copy() for name in names}
+        else:
+            count, read = len(self), self._recording.read
+            pieces = [read(first, min(first + _PIECE, count), names) for first in range(0, count, _PIECE)]
+            columns = dict(zip(names, np.concatenate(pieces).T.copy(), strict=True))
+        if "commands" not in columns:
+            columns["commands"] = self._read_commands()
+        return columns
+
+    @property
+    def t(self) -> Array:
+        """(n,) times of all ticks [s]."""
+        return self._columns["t"]
+
+    @property
+    def ticks(self) -> Array:
+        """(n,) numbers of all ticks [1]."""
+        return self._columns["tick"]
+
+    @property
+    def commands(self) -> Array:
+        """(n,) what was commanded before each tick, a sum [1]."""
+        return self._columns["commands"]
 
     @property
     def fields(self) -> tuple[Field, ...]:
@@ -68,13 +108,21 @@ class PlayedRows:
         return self._recording.fields
 
     def __len__(self) -> int:
-        return len(self.t)
+        return len(self._recording)
 
-    def read(self, first: int, last: int) -> dict[str, Array]:
-        """Field → (n, width) of the ticks `first` to `last`, in its unit [SI]; those that are missing filled in."""
-        rows = self._recording.read(first, last, self._names)
+    def read(self, first: int, last: int) -> Array:
+        """(n, width) the rows of the ticks `first` up to `last`, as the recording has them [SI]."""
+        whole = self._whole
+        return self._recording.read(first, last, self._names) if whole is None else whole[first:last]
+
+    def split(self, rows: Array) -> dict[str, Array]:
+        """Field → (n, width) of `rows` (n, all), in its unit [SI]; those that are missing filled in."""
         block = {name: rows[:, place] for name, place in self._at.items()}
         return block if not self.missing else self._fill_in(block)
+
+    def read_one(self, number: int) -> dict[str, Array]:
+        """Field → (1, width) of the tick `number`, as `split` has it [SI], without a look at any other."""
+        return self.split(self._recording.read(number, number + 1, self._names))
 
     def _fill_in(self, block: dict[str, Array]) -> dict[str, Array]:
         """What the tracker said is taken to be what was believed, and the readings to be of the tick itself."""

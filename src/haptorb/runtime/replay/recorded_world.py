@@ -10,8 +10,9 @@ from typing import Any, ClassVar, final
 import numpy as np
 
 from haptorb.devices.state import State
-from haptorb.errors import HaptorbError
+from haptorb.errors import HaptorbError, RecordingError
 from haptorb.numerics.arrays import Array, Records
+from haptorb.runtime.recording.recording import Recording
 from haptorb.runtime.tick.tick_log import TickFailure
 from haptorb.runtime.tick.world_budget import StepWatch
 from haptorb.worlds.bound_world import BoundWorld
@@ -85,15 +86,24 @@ class RecordedTick:
         """(n, 8) as a row has them."""
         return self._contacts[self._at]
 
-    def find_client(self, fields: Sequence[MemoryField]) -> None:
+    def find_client(self, fields: Sequence[MemoryField], recording: Recording) -> None:
         """Where a memory with these `fields` has what a client commanded: that of the world `remote`, alone or in a
-        sum."""
-        start, self._client = 0, {}
+        sum. Raises RecordingError if the rows of `recording` are too narrow for it."""
+        start = end = 0
+        self._client = {}
         for field in fields:
             for name in CLIENT_FORCE.names or ():
                 if field.name in (name, f"remote_{name}"):
                     self._client[name] = slice(start, start + field.size) if field.shape else start
+                    end = start + field.size
             start += field.size
+        room = next((field.width for field in recording.fields if field.name == "memory"), 0)
+        if end > room:
+            text = (
+                f"{recording.path} cannot be replayed: what a client commanded ends at number {end} of its world's "
+                f"memory, but the field 'memory' has room for {room}; replay the recorded wrench instead"
+            )
+            raise RecordingError(f"{text} with recorded_world=True", command=f"{text} with --world recorded")
 
     def fill_client(self, client: Records) -> None:
         """Fill `client` (1,) CLIENT_FORCE [N, s] with what the client commanded."""

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from haptorb.control.clutch.modes import MODES
-from haptorb.errors import HaptorbError, InputError
+from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.exchange.world_change import description, name_of
 from haptorb.runtime.realtime.schedule import check_rate
 from haptorb.runtime.recording.recording import Recording
-from haptorb.runtime.replay.comparison import CLOCK_FIELDS, RunComparison
+from haptorb.runtime.replay.comparison import CLOCK_FIELDS, RunComparison, are_same
 from haptorb.runtime.replay.garbage import without_collection
 from haptorb.runtime.replay.kept_states import find_gaps, list_states
+from haptorb.runtime.replay.played_commands import play_commands
 from haptorb.runtime.replay.played_driver import PlayedDriver
 from haptorb.runtime.replay.played_rows import PlayedRows
 from haptorb.runtime.replay.recorded_run import RecordedRun
@@ -31,7 +31,7 @@ from haptorb.runtime.replay.recorded_world import (
 from haptorb.runtime.replay.replay_file import ReplayFile, write_replay
 from haptorb.runtime.replay.timetable import Timetable
 from haptorb.runtime.row import RowLayout
-from haptorb.runtime.tick.tick_log import NO_TICK, TickCommand, find_model
+from haptorb.runtime.tick.tick_log import NO_TICK, TickCommand
 from haptorb.runtime.tick.tick_state import load_state, unpack_state
 from haptorb.worlds.dynamic.remote_sum import join_remote
 from haptorb.worlds.dynamic_world import DynamicWorld
@@ -40,11 +40,6 @@ from haptorb.worlds.world import World
 __all__ = ["Replay"]
 
 _BLOCK = 1024  #: ticks
-_EXCUSE, _STOP, _ENGAGE, _SCALE, _COOL = map(
-    int, (TickCommand.EXCUSE, TickCommand.STOP, TickCommand.ENGAGE, TickCommand.SCALE, TickCommand.COOL)
-)
-_MODES = tuple(zip((int(TickCommand.TRANSLATE), int(TickCommand.ROTATE)), MODES, strict=True))
-_CLUTCH = ((int(TickCommand.HOLD), True), (int(TickCommand.RELEASE), False))
 _REPLACE = int(TickCommand.REPLACE)
 
 
@@ -84,10 +79,7 @@ class Replay:
         }  # fmt: skip
         self.replaced = {name: str(one) for name, one in given.items() if one}
         self.rate = self.recorded.rate if rate is None else check_rate(rate)
-        table = Timetable(self._rows.t, self._rows.commands, rate)
-        self._length, self.seconds = len(table), float(table.t[-1] - table.t[0]) + 1.0 / self.rate
-        self._first, last = part or (0, len(table))
-        self._timetable = table if part is None else table.cut(self._first, last)
+        self._first = part[0] if part else 0
         device = self.recorded.device
         self._driver, self._other_world, self._only_recorded = PlayedDriver(device.sensors), world, recorded_world
         self.remarks = self.recorded.remarks
@@ -95,16 +87,24 @@ class Replay:
         self._recorded_tick = RecordedTick()
         self._change, self._resampled = 0, rate is not None
         self._state: bytes | None = None
-        self._begin_late(recording)
+        self._begin_late()
         self._has_clients = False
         first = self._choose_world(self._change)
         self.tick = self.recorded.make_tick(first, self._driver, self.rate, estimator, model)
         self.tick.world_changes = self._change
+        # All rows are needed only now: the chain's code was loaded while another process unpacked them.
+        table = Timetable(self._rows.t, self._rows.commands, rate)
+        self._length, self.seconds = len(table), float(table.t[-1] - table.t[0]) + 1.0 / self.rate
+        self._timetable = table if part is None else table.cut(*part)
+        self._find_gaps()
         self._take_state()
         self.tick.budget = PlayedBudget(self.tick.budget, self._recorded_tick)
         self.approximate = bool(self._rows.missing) or self._near
         room = next((field.width for field in recording.fields if field.name == "memory"), 0)
         self._layout = RowLayout.of(device, room)
+        self._alike = [(one.name, one.width) for one in recording.fields] == [
+            (one.name, one.width) for one in self._layout.fields if one.width
+        ]
         self.comparison = RunComparison(self._layout.fields, frozenset(self._rows.missing))
 
     def __len__(self) -> int:
@@ -117,7 +117,7 @@ class Replay:
 
     def read_recorded(self, names: Sequence[str]) -> dict[str, Array]:
         """Field → (n, width) of all recorded ticks, in its unit [SI]."""
-        block = self._rows.read(0, len(self._rows))
+        block = self._rows.split(self._rows.read(0, len(self._rows)))
         return {name: block[name] for name in names}
 
     def write_to(self, path: Path) -> AbstractContextManager[ReplayFile]:
@@ -141,38 +141,44 @@ class Replay:
             for first in range(0, len(table), _BLOCK):
                 last = min(first + _BLOCK, len(table))
                 index = table.index[first:last]
-                block = self._rows.read(int(index[0]), int(index[-1]) + 1)
+                recorded = self._rows.read(int(index[0]), int(index[-1]) + 1)
                 if self._resampled:
-                    block = {name: values[index - index[0]] for name, values in block.items()}
-                t = table.t[first:last]
+                    recorded = recorded[index - index[0]]
+                block, t = self._rows.split(recorded), table.t[first:last]
                 out = self._run_block(block, t, table.commands[first:last], index)
                 self._copy_clock(out, block, first)
                 run = ~self._blind[index]
                 if first == 0 and self._state is not None:
                     run[0] = False
-                fields = {field.name: out[:, layout[field.name]] for field in layout.fields}
-                if not run.all():
+                if self._alike and run.all() and are_same(recorded, out):
+                    self.comparison.add_same(len(out))
+                else:
+                    fields = {field.name: out[run, layout[field.name]] for field in layout.fields}
                     block = {name: values[run] for name, values in block.items()}
-                    fields = {name: values[run] for name, values in fields.items()}
-                self.comparison.add(block, fields, self._rows.ticks[index[run]], t[run])
+                    self.comparison.add(block, fields, self._rows.ticks[index[run]], t[run])
                 keep(out)
                 report(last)
         return self.comparison
 
-    def _begin_late(self, recording: Recording) -> None:
+    def skip_to(self, first: int, last: int) -> bool:
+        """Before `run`: replay only the rows `first` up to `last`, with this chain, which is as new. False: it cannot,
+        as the recording keeps no state of the row `first`, or another world was felt there."""
+        block = self._rows.read_one(first)
+        tick, change = float(block["tick"][0, 0]), np.nan_to_num(block["world"][0, 0])
+        if self._state is not None or tick not in self._states or change != self._change:
+            return False
+        self._first, self._state = first, unpack_state(self._states[tick])
+        self._timetable = Timetable(self._rows.t, self._rows.commands).cut(first, last)
+        self._take_state()
+        return True
+
+    def _begin_late(self) -> None:
         """A trip's black box begins in the middle of its run, with what the chain remembered there."""
-        rows, first = self._rows, self._first
-        self._near = bool(rows.missing)
-        self._states = list_states(recording)
-        self._blind, self._resume = find_gaps(rows.ticks, self._states)
-        if len(gaps := np.flatnonzero(np.diff(rows.ticks) != 1)):
-            self.remarks.append(
-                f"{len(gaps)} times ticks were lost, first after tick {rows.ticks[gaps[0]]:.0f}: "
-                f"{int(self._blind.sum())} ticks up to the next that keeps what the chain remembered are not compared"
-            )
-        if recording.truncated:
+        self._near, self._states = bool(self._rows.missing), list_states(self._recording)
+        if self._recording.truncated:
             self.remarks.append("the recording was cut short")
-        tick = float(rows.ticks[first])
+        block = self._rows.read_one(self._first)
+        tick = float(block["tick"][0, 0])
         if not tick > 0.0:
             return
         if tick in self._states:
@@ -180,8 +186,17 @@ class Replay:
         else:
             self._near = True
             self.remarks.append(f"its first tick is {tick:.0f}, and it does not say what the chain remembered then")
-        block = rows.read(first, first + 1)
         self._change = int(np.nan_to_num(block["world"][0, 0]))
+
+    def _find_gaps(self) -> None:
+        """Where ticks were lost, nobody knows what the chain remembered."""
+        rows = self._rows
+        self._blind, self._resume = find_gaps(rows.ticks, self._states)
+        if len(gaps := np.flatnonzero(np.diff(rows.ticks) != 1)):
+            self.remarks.append(
+                f"{len(gaps)} times ticks were lost, first after tick {rows.ticks[gaps[0]]:.0f}: "
+                f"{int(self._blind.sum())} ticks up to the next that keeps what the chain remembered are not compared"
+            )
 
     def _go_on(self, at: int, block: Mapping[str, Array], n: int) -> None:
         """After lost ticks: remember what the recorded chain did after row `at`, tick `n` of the block."""
@@ -192,7 +207,7 @@ class Replay:
     def _take_state(self) -> None:
         """Remember what the recorded chain did after the first row, which is not run again."""
         if self._state is not None:
-            block = self._rows.read(self._first, self._first + 1)
+            block = self._rows.read_one(self._first)
             load_state(self.tick, self._state, block.get("memory", np.empty((1, 0)))[0])
             self._timetable.commands[0] = NO_TICK
         if not (self._resampled or self.replaced):
@@ -205,7 +220,7 @@ class Replay:
         driver.load(block, t)
         recorded.load(block, whole=bool(self._stand_ins) or self._only_recorded or self._has_clients)
         out = np.full((len(t), self._layout.width), np.nan)
-        changes = block["world"][:, 0].tolist()
+        changes, scales = block["world"][:, 0].tolist(), block["torque_scale"][:, 0].tolist()
         step = tick.step
         for n, (now, command, change, row) in enumerate(zip(t.tolist(), commands.tolist(), changes, out, strict=True)):
             if command:
@@ -214,7 +229,8 @@ class Replay:
                     if int(index[n]) in self._resume:
                         self._go_on(int(index[n]), block, n)
                     continue
-                self._execute(int(command), block, n)
+                driver.go_to(n)
+                play_commands(tick, int(command), scales[n])
             if change != self._change:
                 self._change_world(change, int(command))
                 recorded.load(block, whole=bool(self._stand_ins) or self._only_recorded or self._has_clients)
@@ -224,30 +240,6 @@ class Replay:
                 recorded.fill_client(tick.client)
             step(row, now)
         return out
-
-    def _execute(self, command: int, block: Mapping[str, Array], n: int) -> None:
-        """What was commanded before the tick, in the loop's order."""
-        tick = self.tick
-        self._driver.go_to(n)
-        if command & _EXCUSE:
-            tick.excuse_lateness()
-        if command & _STOP:
-            tick.stop()
-        if command & _ENGAGE:
-            tick.engage()
-        for flag, mode in _MODES:
-            if command & flag:
-                tick.joining.set_mode(mode)
-        if (model := find_model(command)) >= 0:
-            with suppress(InputError):  # another estimator, that has one model only
-                tick.change_model(model)
-        if command & _SCALE:
-            tick.joining.set_torque_scale(float(block["torque_scale"][n, 0]))
-        if command & _COOL:
-            tick.cool()
-        for flag, engaged in _CLUTCH:
-            if command & flag:
-                tick.joining.set_clutch(engaged)
 
     def _change_world(self, change: float, command: int) -> None:
         """The world has changed up to number `change`; `command` says whether the last one was another version."""
@@ -268,7 +260,8 @@ class Replay:
         world = self._find_world(change) if other is None else join_remote(other, self.recorded.remote(change))
         self._has_clients = isinstance(world, DynamicWorld) and world.takes_commands
         if self._has_clients:  # what they commanded is in the recorded memory
-            self._recorded_tick.find_client(list_memory_fields(self.recorded.describe_world(change)))
+            fields = list_memory_fields(self.recorded.describe_world(change))
+            self._recorded_tick.find_client(fields, self._recording)
         return world
 
     def _find_world(self, change: int) -> World:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from haptorb.numerics.arrays import Array, Records
-from haptorb.numerics.compiled import kernel
+from haptorb.numerics.compiled import kernel, tick_kernel
 
 __all__ = ["fill_object", "fill_pose", "fill_quaternion", "fill_row"]
 
@@ -47,7 +47,7 @@ def fill_quaternion(R: Array, q: Array) -> None:
         q[3] = (R[k, j] - R[j, k]) / s
 
 
-@kernel
+@tick_kernel
 def fill_row(
     row: Array, places: Records, state: Records, coils: Records, target: Array, given: Array, applied: Array,
     field: Array, stages: Array,
@@ -83,7 +83,7 @@ def fill_row(
     row[at.energy], row[at.balance], row[at.injected] = passivity.energy, passivity.balance, passivity.damping
 
 
-@kernel
+@tick_kernel
 def fill_pose(
     row: Array, at: int, R: Array, p: Array, v: Array, w: Array, t: float, valid: bool, currents_age: float,
     field_age: float,
@@ -100,7 +100,7 @@ def fill_pose(
             row[at + 7 + 3 * i + j] = R[i, j]
 
 
-@kernel
+@tick_kernel
 def fill_object(
     row: Array, places: Records, share: Array, p: Array, R: Array, wrench: Array, contacts: Array, memory: Array
 ) -> None:  # fmt: skip

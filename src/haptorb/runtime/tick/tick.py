@@ -85,6 +85,7 @@ class Tick:
         self._felt_last = RenderedWrench(self._nothing, nowhere, self._nothing, NO_CONTACTS, 0, np.zeros(2), False)
         self._no_currents = Allocation(self._zeros, self._nothing, Saturation.NONE, 0.0)
         self._stages = np.zeros(len(STAGES))
+        self._times: Any = self._stages.data  # single numbers go through it twice as fast
         self._ahead = 0.0  # spent in `prepare` [s]
         self._model: float = device.models.index(estimator.model) if estimator.model else np.nan
         self._rendered, self._on_thing = np.zeros(6), np.zeros(6)
@@ -194,7 +195,7 @@ class Tick:
 
     def step(self, row: Array, now: float) -> None:
         """Run the chain at `now` [s] and fill `row` (width,), all but tick, wall, lateness and missed."""
-        stages, protection = self._stages, self.protection
+        times, protection = self._times, self.protection
         t0 = perf_counter()
         try:
             sample = self.driver.read(now)
@@ -225,26 +226,25 @@ class Tick:
             self._log.fail(TickFailure.WRITE)
             self._fail(Trip.DRIVER_FAILED, cause)
         t6 = perf_counter()
-        stages[0], stages[1], stages[2], stages[3], stages[4], stages[5] = (
-            t1 - t0, t2 - t1, t3 - t2, t4 - t3, t5 - t4, t6 - t5,
-        )  # fmt: skip
+        times[0], times[1], times[2] = t1 - t0, t2 - t1, t3 - t2
+        times[3], times[4], times[5] = t4 - t3, t5 - t4, t6 - t5
         ages, ahead, world, coil_state, saturated, part, model, mode, engaged = self._cells
         places, thing, pose = self._places, felt.thing, sample.pose
         fill_row(
             row, places, protection.state, protection.coils, self.driver.target(), self.driver.truth(), self._applied,
-            sample.field, stages,
+            sample.field, self._stages,
         )  # fmt: skip
         fill_pose(
             row, ages, pose.R_SR, pose.p, pose.v, pose.w, pose.t, pose.valid, sample.currents_age, sample.field_age
         )
         memory = self._no_memory if self._bound is None else self._bound.numbers
         fill_object(row, places, felt.share, thing.p, thing.R_SR, self._on_thing, felt.contacts, memory)
-        cells: Any = row.data  # single numbers go through it three times faster than into an array
+        cells: Any = row.data  # single numbers, as above
         cells[ahead], cells[world], cells[coil_state] = self._ahead, self.world_changes, self.driver.coil_state
         cells[saturated], cells[part], cells[model] = allocation.saturated, self.part.number, self._model
         cells[mode], cells[engaged] = felt.mode, felt.engaged
         self._log.fill(cells, self._log_places)
-        stages[6] = perf_counter() - t6
+        times[6] = perf_counter() - t6
 
     def _render(self, estimate: Estimate, now: float) -> RenderedWrench:
         bound = self._bound

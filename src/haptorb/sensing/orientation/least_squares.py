@@ -9,7 +9,7 @@ from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, Records, fields, rotation
-from haptorb.numerics.compiled import kernel
+from haptorb.numerics.compiled import kernel, tick_kernel
 from haptorb.numerics.so3 import correct_rotation, turn_by
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.orientation.cold_start import ColdStart
@@ -152,7 +152,7 @@ def _fill_wrench_map(model: Array, R: Array, strength: float, matrix: Array, pas
     torque_per_ampere(unpack(model), R, strength, matrix, passive)
 
 
-@kernel
+@tick_kernel
 def _track_orientation(
     track: Records, packed: Array, read: Array, currents: Array, field: Array, usable: Array, trusted: Array,
     slopes: Array, matrix: Array, result: Array,
@@ -174,7 +174,7 @@ def _track_orientation(
     for k in range(places):
         trusted[k] = min(trusted[k], usable[k])
         square += field[k, 0] * field[k, 0] + field[k, 1] * field[k, 1] + field[k, 2] * field[k, 2]
-    predicted = np.empty((3, 3))
+    predicted = result[3:6]  # until the covariance is known
     turn_by(dt * w[0], dt * w[1], dt * w[2], smooth, predicted)
     for i in range(3):
         for j in range(3):

@@ -138,7 +138,7 @@ def fit_tool(
             p[:] = last_p
             R[:] = last_R
             damping = max(8.0 * damping, 1e-3)
-            if damping > 1e6:
+            if damping > 1e6 or not best < np.inf:  # at the very first: there is nothing to go back to
                 return False, best
         else:
             best = misfit

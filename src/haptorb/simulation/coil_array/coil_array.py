@@ -29,6 +29,7 @@ from haptorb.simulation.simulation import Simulation
 __all__ = ["SimulatedCoilArray", "draw_coils"]
 
 _STEP = 2.5e-4  #: of the simulation [s]
+_OLD = 1_000_000  #: age of a map that must be computed anew [steps]
 
 
 def draw_coils(device: CoilArray, specimen: int = 0) -> PlacedCoils:
@@ -91,7 +92,7 @@ class SimulatedCoilArray(Simulation):
         self._noise = np.random.default_rng(seed)
         self._coils = cold_coils(self.device)
         self._state["wrench"] = self._state["depth"] = 0.0
-        self._held = np.full((11, max(self.device.channels, 6)), np.nan)
+        self._held = np.full((2, 11, max(self.device.channels, 6)), np.nan)
         self._t = 0.0
         self.place(self.device.rest_position, (0.0, 0.0, 0.0, 1.0))
 
@@ -112,6 +113,7 @@ class SimulatedCoilArray(Simulation):
         tool["q"] = turned / np.linalg.norm(turned)
         tool["v"] = tool["w"] = 0.0
         tool["goal"], tool["goal_q"] = at, tool["q"]
+        self._state["age"] = _OLD
 
     def quantise(self, duties: Array) -> Array:
         """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.numerics.arrays import Array, Record, Records, fields
-from haptorb.numerics.compiled import kernel
+from haptorb.numerics.compiled import kernel, tick_kernel
 from haptorb.physics.thermal import heat_step
 from haptorb.physics.thermal_network import network_step
 
@@ -46,7 +46,7 @@ def cold_coils(device: Device) -> Records:
     return made
 
 
-@kernel
+@tick_kernel
 def chop(duties: Array, steps: float, out: Array) -> None:
     """Clip `duties` (m,) to −1…1 and round their magnitudes to 1/steps; what is not finite becomes zero."""
     for k in range(duties.shape[0]):

@@ -11,12 +11,13 @@ from math import pi, radians, sqrt
 from typing import ClassVar
 
 import numpy as np
+from numpy import ascontiguousarray
 
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, Records, fields
-from haptorb.numerics.compiled import kernel
+from haptorb.numerics.compiled import tick_kernel
 from haptorb.physics.sources.dipole import MU0
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.world import World
@@ -35,7 +36,7 @@ _DOME = fields(
 )
 
 
-@kernel
+@tick_kernel
 def _push(p: Array, domes: Records, wrench: Array) -> None:
     """Fill `wrench` (6,) [N] with the force at `p` (3,) [m]; domes is (1,) _DOME."""
     dome = domes[0]
@@ -148,5 +149,5 @@ class Dome(World):
     def wrench(self, state: State) -> Array:
         """(6,) force of the map at the tool's magnet [N]; no torque asked."""
         wrench = np.empty(6)
-        _push(np.ascontiguousarray(state.p), self._map, wrench)
+        _push(ascontiguousarray(state.p), self._map, wrench)
         return wrench

@@ -28,7 +28,7 @@ import numpy as np
 from haptorb.devices.state import State
 from haptorb.errors import GeometryError
 from haptorb.numerics.arrays import Array, Record, Records, fields
-from haptorb.numerics.compiled import kernel
+from haptorb.numerics.compiled import kernel, tick_kernel
 from haptorb.physics.beams import Model, appendix_b, compliance
 from haptorb.physics.hook import TABLE_3, Hook
 from haptorb.worlds.contact_world import ContactWorld
@@ -67,7 +67,7 @@ def _face(along: float, plug: Record) -> tuple[float, float]:
     return half - slope * (u + edge) ** 2 / (4.0 * edge), slope * (u + edge) / (2.0 * edge)
 
 
-@kernel
+@tick_kernel
 def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Array, rows: Array) -> None:
     """Fill wrench (6,) on the plug about o', and rows (2, 8): δ, place along the hook, contact (3), force on the plug
     (3). plugs is (1,) _PLUG."""

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,7 @@ from haptorb.design.workers.workers import LocalWorker
 from haptorb.errors import HaptorbError
 from oracles.postgres_server import explain_absence, start_postgres
 
-COUNT, POPULATION = 150, 25
+COUNT, POPULATION = 100, 20
 DESIGN = """
 name = "toy"
 base = "omni"
@@ -73,6 +74,7 @@ def start(design: Path, into: str, *, seed: int = 1, processes: int = 1, count: 
     )
 
 
+@cache
 def compute_alone(design: Path, seed: int = 1) -> dict[int, object]:
     """What the run comes to in this process, without a store."""
     found = load_design(design)

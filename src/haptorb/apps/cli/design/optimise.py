@@ -15,13 +15,13 @@ from haptorb.apps.cli.design.options import (
     SeedOption,
     end_run,
     keep_run,
+    open_run,
 )
 from haptorb.errors import InputError
 
 __all__ = ["optimise"]
 
 _GENERATIONS = 20  #: unless something else is asked for
-_METHOD = "nsga2"
 
 
 def optimise(
@@ -39,18 +39,20 @@ def optimise(
     scheduler: SchedulerOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Search for the best designs by NSGA-II: one objective, or the front of several. The same command goes on."""
+    """Search for the best design, by differential evolution, or the front of several objectives, by NSGA-II.
+
+    The same command goes on.
+    """
     from haptorb.design.design_file import load_design
     from haptorb.design.search.optimise import optimise as evaluate_generations
     from haptorb.design.search.optimiser import Optimiser
-    from haptorb.design.store import open_results
     from haptorb.design.workers.open_workers import open_workers
 
     total = _count_designs(generations, evaluations, population)
     design = load_design(file)
     optimiser = Optimiser(design, seed=seed, population=population)
     with (
-        open_results(into, design, _METHOD, seed, settings={"population": population}) as writer,
+        open_run(into, design, optimiser.method, seed, {"population": population}) as writer,
         open_workers(design, processes, scheduler) as workers,
     ):
         found = evaluate_generations(optimiser, workers.evaluate, writer.list_known(), total)

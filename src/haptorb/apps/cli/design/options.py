@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptorb.apps.terminal import make_console, print_facts, print_json, say, tell
+from haptorb.apps.terminal import announce_wait, make_console, print_facts, print_json, say, tell
 
 if TYPE_CHECKING:
     from haptorb.apps.design.tally import Tally
@@ -26,6 +26,7 @@ __all__ = [
     "SeedOption",
     "end_run",
     "keep_run",
+    "open_run",
 ]
 
 FileArgument = Annotated[Path, typer.Argument(help="Design file (TOML).")]
@@ -44,6 +45,17 @@ SchedulerOption = Annotated[
     typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786: compute on its cluster."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+@contextmanager
+def open_run(into: str, design: Design, method: str, seed: int, settings: Mapping[str, Any]) -> Iterator[ResultsWriter]:
+    """The run in the results `into`; says so where the base device's own numbers take long."""
+    from haptorb.design.store import open_results
+
+    with ExitStack() as stack:
+        with announce_wait("Reading the results and computing the base device"):
+            writer = stack.enter_context(open_results(into, design, method, seed, settings=settings))
+        yield writer
 
 
 def keep_run(writer: ResultsWriter, found: Iterable[Evaluation], design: Design, total: int, into: str) -> Tally:

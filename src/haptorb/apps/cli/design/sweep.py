@@ -15,6 +15,7 @@ from haptorb.apps.cli.design.options import (
     SeedOption,
     end_run,
     keep_run,
+    open_run,
 )
 
 __all__ = ["sweep"]
@@ -34,13 +35,12 @@ def sweep(
     from haptorb.design.design_file import load_design
     from haptorb.design.sampling import list_settings, sample
     from haptorb.design.sampling import sweep as evaluate_sample
-    from haptorb.design.store import open_results
     from haptorb.design.workers.open_workers import open_workers
 
     design = load_design(file)
     values = sample(design, method, count, seed)
     with (
-        open_results(into, design, method, seed, settings=list_settings(method, values)) as writer,
+        open_run(into, design, method, seed, list_settings(method, values)) as writer,
         open_workers(design, processes, scheduler) as workers,
     ):
         found = evaluate_sample(values, workers.evaluate, writer.list_known())

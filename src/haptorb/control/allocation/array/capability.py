@@ -12,7 +12,7 @@ from haptorb.devices.coil_array.coil_array import CoilArray
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
 
-__all__ = ["ArrayLayer", "array_capability"]
+__all__ = ["ArrayLayer", "ContactForces", "array_capability", "map_contact"]
 
 _DIRECTIONS = np.vstack([np.eye(3), -np.eye(3)])
 _PLACES = 5  #: along each side of a plate; or around the rim of a dome's workspace
@@ -29,6 +29,53 @@ class ArrayLayer:
     weakest: float  #: peak force in the worst of the six directions at the worst place [N]
     passive: float  #: size of the force at zero current in the middle [N]
     watts: float  #: heat for 1 N upwards in the middle, coils cold [W]
+
+
+@final
+@dataclass(frozen=True)
+class ContactForces:
+    """Peak force in the worst of six directions on a tool in contact, over the workspace as seen from above."""
+
+    x: Array  #: (n,) [m]
+    y: Array  #: (k,) [m]
+    weakest: Array  #: (k, n) [N]; NaN outside the workspace
+
+    @property
+    def worst_place(self) -> tuple[float, float]:
+        """x and y [m] of the place with the least force."""
+        row, column = np.unravel_index(int(np.nanargmin(self.weakest)), self.weakest.shape)
+        return float(self.x[column]), float(self.y[row])
+
+    @property
+    def median(self) -> float:
+        """Half of the workspace has at least this force [N]."""
+        return float(np.nanmedian(self.weakest))
+
+
+def map_contact(device: CoilArray, size: int = 13) -> ContactForces:
+    """`size` × `size` places of the workspace, exact model, currents and supply at their limits.
+
+    >>> from haptorb.devices.loader import load
+    >>> forces = map_contact(load("planar"), 3)
+    >>> forces.weakest.shape, bool(forces.median >= np.nanmin(forces.weakest) > 0.0)
+    ((3, 3), True)
+    """
+    surface, near = device.surface, device.contact_height
+    strong = ArrayAllocator(device.driven_current, device.greatest_resistance, power=device.supply.power)
+    rim = near * float(np.sin(surface.half_angle))
+    width, depth = (rim, rim) if surface.is_dome else surface.half_width
+    x, y = np.linspace(-width, width, size), np.linspace(-depth, depth, size)
+    weakest = np.full((size, size), np.nan)
+    for row, column in np.ndindex(size, size):
+        p = np.array([x[column], y[row], near])
+        if surface.is_dome:
+            square = float(p[:2] @ p[:2])
+            if square > rim * rim * (1 + 1e-9):
+                continue
+            p[2] = np.sqrt(near * near - square)
+        state = State.at(p, axis=p if surface.is_dome else (0.0, 0.0, 1.0))
+        weakest[row, column] = _reach(device, state, strong).min()
+    return ContactForces(x, y, weakest)
 
 
 def array_capability(device: CoilArray, layers: int = 5) -> tuple[ArrayLayer, ...]:

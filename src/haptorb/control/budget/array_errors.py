@@ -1,0 +1,136 @@
+"""The chain of a coil array, from the force asked for to the force on the tool, with errors in it.
+
+The controller believes the device file and a pose; the true device has other magnets, other currents, another pose, and
+coils that are off their places, askew and stronger or weaker. Both use the exact model. A soft core's answer to a coil
+that is elsewhere is taken from its slope, in every component of the coil's place and axis. The force is at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple, final
+
+import numpy as np
+
+from haptorb.control.allocation.array.for_array import array_allocator
+from haptorb.control.budget.current_errors import ChainTrial, CurrentLoop
+from haptorb.control.budget.error_model import Component, ErrorModel, ErrorSource
+from haptorb.devices.coil_array.array_wrench import array_wrench
+from haptorb.devices.coil_array.coil_array import CoilArray, place_coils
+from haptorb.devices.electromagnet.remarks import FORCE_JND
+from haptorb.devices.state import State, rotation_to_axis
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.so3 import turn_by
+from haptorb.physics.fast_fields.sphere_answer import answer_to_source
+
+__all__ = ["ArrayErrors", "ArrayPoint", "ArrayTrial"]
+
+_STEP = (1e-4, 2e-3)  #: of a coil's place [m] and axis [rad], for the slopes of a core's answer
+_STILL = np.zeros(3)
+
+
+@dataclass
+class ArrayTrial(ChainTrial):
+    """How one device differs from what is believed of it."""
+
+    strength: float  #: remanence of the tool's magnets, true over believed
+    shift: Array  #: (m, 3) true less stated place of each coil [m]
+    lean: Array  #: (m, 3) rotation from the stated to the true axis of each coil [rad]
+    turns: Array  #: (m,) relative error of each coil's field
+    place: Array  #: (3,) believed less true place of the tool [m]
+    turn: Array  #: (3,) rotation from the tool's true to its believed orientation [rad]
+
+    def strengthen(self, factors: Array) -> None:
+        """Multiply the magnets' strength by `factors` (1,)."""
+        self.strength *= float(factors[0])
+
+
+class ArrayPoint(NamedTuple):
+    """A tool, upright over a plate or radial over a dome, and the force asked for."""
+
+    p: Array  #: (3,) [m]
+    R: Array  #: (3, 3); its columns are two tangents of the surface and what is normal to it
+    wrench: Array  #: (6,) [N, N·m]
+
+
+@final
+class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
+    """The error budget of `device` for forces of `asked` [N], with `sources`; a tracker tells the pose."""
+
+    unit, jnd, motion, estimator = "N", FORCE_JND, "at rest", "tracker"
+    regions = ("in contact", "lower half of the space", "upper half of the space")
+
+    def __init__(self, device: CoilArray, asked: float, sources: tuple[ErrorSource[ArrayTrial], ...]) -> None:
+        self.device, self.asked, self.sources = device.name, asked, sources
+        normal, level = ("radial", "tangential") if device.surface.is_dome else ("upwards", "along the plate")
+        self.components = (Component(normal, (2,)), Component(level, (0, 1)))
+        self._device, self._allocator, self._loop = device, array_allocator(device), CurrentLoop(device)
+        self._known, self._rows = device.magnetics, device.windings.rows
+
+    def draw_point(self, region: int, rng: np.random.Generator) -> ArrayPoint:
+        """Anywhere in the region, spread evenly over the surface; the force in any direction."""
+        surface, near = self._device.surface, self._device.contact_height
+        height = surface.thickness * max(rng.uniform(0.5 * region - 0.5, 0.5 * region), 0.0)
+        if surface.is_dome:
+            cosine, around = rng.uniform(np.cos(surface.half_angle), 1.0), rng.uniform(0, 2 * np.pi)
+            flat = np.sqrt(1 - cosine * cosine)
+            axis = np.array([flat * np.cos(around), flat * np.sin(around), cosine])
+            p, R = (near + height) * axis, rotation_to_axis(axis)
+        else:
+            side = np.array(surface.half_width)
+            p, R = np.array([*rng.uniform(-side, side), near + height]), np.eye(3)
+        direction, wrench = rng.standard_normal(3), np.zeros(6)
+        wrench[:3] = self.asked * direction / np.linalg.norm(direction)
+        return ArrayPoint(p, R, wrench)
+
+    def make_trial(self) -> ArrayTrial:
+        """The device as it is believed to be."""
+        m = self._device.channels
+        return ArrayTrial(
+            **vars(ChainTrial.exact(m)), strength=1.0, shift=np.zeros((m, 3)), lean=np.zeros((m, 3)),
+            turns=np.zeros(m), place=np.zeros(3), turn=np.zeros(3),
+        )  # fmt: skip
+
+    def wrench_error(self, point: ArrayPoint, trial: ArrayTrial) -> Array:
+        """(3,) along two tangents of the surface and its normal [N]."""
+        R = np.empty((3, 3))
+        x, y, z = trial.turn.tolist()
+        turn_by(x, y, z, np.ascontiguousarray(point.R), R)
+        believed = self._device.wrench_map(State(0.0, R, point.p + trial.place, _STILL, _STILL), "exact")
+        currents = self._loop.true_currents(self._allocator.allocate(believed, point.wrench).currents, trial)
+        error: Array = point.R.T @ (self._deliver(point, trial, currents) - point.wrench[:3])
+        return error
+
+    def _deliver(self, point: ArrayPoint, trial: ArrayTrial, currents: Array) -> Array:
+        """(3,) the true force [N]: of the coils with the magnets' strength, of the core with its square."""
+        rows, known = self._rows.copy(), self._known
+        rows[:, :3] += trial.shift
+        axis = rows[:, 3:6] + np.cross(trial.lean, rows[:, 3:6])
+        rows[:, 3:6] = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+        rows[:, 6] *= 1 + trial.turns
+        answers = known.answers
+        if known.core_radius > 0.0:
+            off = np.concatenate([trial.shift, trial.lean], axis=1)
+            answers = answers + np.einsum("ji,ijkc->jkc", off, self._slopes)
+            answers *= (1 + trial.turns)[:, None, None]
+        pose, matrix, passive = np.empty((4, 3)), np.empty((6, len(rows))), np.empty(6)
+        pose[:3], pose[3] = point.R, point.p
+        array_wrench(known._replace(coils=rows, answers=answers), pose, matrix, passive)
+        force: Array = trial.strength * (matrix[:3] @ currents) + trial.strength**2 * passive[:3]
+        return force
+
+    @cached_property
+    def _slopes(self) -> Array:
+        """(6, m, k, 2) of the core's answer to each coil, by its place [1/m] and by turns of its axis [1/rad]."""
+        windings, core, order, slopes = self._device.windings, self._device.core, self._known.order, []
+        assert core is not None
+        for number in range(6):
+            along, step = np.eye(3)[number % 3], _STEP[number // 3]
+            if number < 3:
+                moved = replace(windings, position=windings.position + step * along)
+            else:
+                moved = replace(windings, axis=windings.axis + step * np.cross(along, windings.axis))
+            answers = np.stack([answer_to_source(core, placed, order) for placed in place_coils(moved)])
+            slopes.append((answers - self._known.answers) / step)
+        return np.stack(slopes)

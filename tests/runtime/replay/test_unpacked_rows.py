@@ -1,0 +1,34 @@
+"""Rows that a process beside this one unpacks are the recording's own, and damage is told as ever."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptorb import Recording
+from haptorb.errors import RecordingError
+from haptorb.runtime.replay.unpacked_rows import UnpackedRows
+from oracles.recorded_chain import record_chain
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_rows_come_from_beside_bit_for_bit_or_not_at_all(
+    damaged: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    whole = record_chain(tmp_path / "run.mcap", ticks=100)
+    monkeypatch.setattr("haptorb.runtime.recording.recording._WHOLE", 0)
+    recording = Recording(whole.path)
+    assert recording.long
+    if damaged:
+        content = bytearray(whole.path.read_bytes())
+        place = recording._source._offsets[2] + 60  # type: ignore[union-attr]
+        content[place : place + 8] = bytes(8)
+        whole.path.write_bytes(content)
+        with pytest.raises(RecordingError, match="damaged"):
+            UnpackedRows(recording).take()
+        assert capfd.readouterr().err == ""
+    else:
+        rows = UnpackedRows(recording).take()
+        assert np.array_equal(rows.view(np.uint64), whole.rows.view(np.uint64))

@@ -1,0 +1,158 @@
+"""A state has all that a chain remembers: from any moment on, a chain that was given it does what the other one did."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+from haptorb.control.clutch.modes import Mode
+from haptorb.devices.device import Device
+from haptorb.devices.loader import load
+from haptorb.errors import InputError
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.drivers.sim_driver import SimDriver
+from haptorb.runtime.pointer.pointer import PointerTracker
+from haptorb.runtime.replay.comparison import CLOCK_FIELDS
+from haptorb.runtime.replay.played_driver import PlayedDriver
+from haptorb.runtime.tick.assembly import default_world, estimators_of, make_tick
+from haptorb.runtime.tick.tick import Tick
+from haptorb.runtime.tick.tick_state import load_state, save_state
+from haptorb.sensing.sample import Sample
+from haptorb.worlds import RollingBall, World, find_world
+from runtime.tick.memory_differences import list_differences
+
+WINDOW = 24  #: ticks from a state to the comparison
+POINTS = (
+    20,
+    33,
+    70,
+    104,
+    131,
+    153,
+)  #: calm, between two models, lost, ramping up in another version of the world, after a pause, stopped
+#: of the computer's clock, of the run before, or of the outside
+NO_MEMORY = {"driver", "budget", "_failure", "_stages", "_ahead", "_device", "_motor", "_world", "world"}
+FAULTS: dict[int, Callable[[SimDriver], None]] = {
+    60: lambda driver: driver.simulation.fail(range(driver.simulation.device.sensors), "dead"),  # type: ignore[attr-defined]
+    90: lambda driver: driver.simulation.fail(range(driver.simulation.device.sensors), "none"),  # type: ignore[attr-defined]
+}
+
+
+def _change_model(tick: Tick) -> None:
+    with suppress(InputError):  # an estimator that has one model only
+        tick.change_model(len(tick._device.models) - 1)  # of the motor's the quickest
+
+
+def _join(mode: Mode, scale: float, engaged: bool) -> Callable[[Tick], None]:
+    """What can be told to a motor's linkage."""
+
+    def act(tick: Tick) -> None:
+        if tick.linkage.modes:
+            tick.joining.set_mode(mode)
+            tick.joining.set_torque_scale(scale)
+            tick.joining.set_clutch(engaged)
+
+    return act
+
+
+DEEDS: dict[int, Callable[[Tick], object]] = {
+    19: _join("rotate", 0.5, True),
+    32: _change_model,
+    100: lambda tick: tick.engage(),
+    103: lambda tick: tick.replace_world(tick.world),
+    129: _join("translate", 0.8, False),
+    130: lambda tick: tick.excuse_lateness(),
+    150: lambda tick: tick.stop(),
+    160: lambda tick: tick.engage(),
+}
+PAUSES = {130: 0.06, 140: 0.002}  #: tick → time in which nothing is read before it [s]
+
+
+class InTurns(Driver):
+    """Tells two sensors of `driver` in each tick, and currents that are measured at another time than the field."""
+
+    name, simulated = "turns", True
+
+    def __init__(self, driver: SimDriver) -> None:
+        self._driver, self._ticks = driver, 0
+
+    def open(self) -> None:
+        self._driver.open()
+
+    def close(self) -> None:
+        self._driver.close()
+
+    def read(self, now: float) -> Sample:
+        whole, self._ticks = self._driver.read(now), self._ticks + 1
+        field, first = np.full_like(whole.field, np.nan), 2 * self._ticks % len(whole.field)
+        field[first : first + 2] = whole.field[first : first + 2]
+        ages = 2e-4 + 1e-4 * (self._ticks % 7), 1e-4 * (self._ticks % 5)
+        return Sample(now, whole.currents, whole.temperatures, field, whole.pose, *ages)
+
+    def write(self, duties: Array) -> Array:
+        return self._driver.write(duties)
+
+    def truth(self) -> Array:
+        return self._driver.truth()
+
+    def target(self) -> Array:
+        return self._driver.target()
+
+
+def go_on(device: Device, world: World, estimator: str, turns: bool, rows: Array, state: bytes, first: int) -> Tick:
+    """A chain that is given the `state` after row `first`, after the ticks that follow; it fills the same rows."""
+    driver = PlayedDriver(device.sensors)
+    tick = make_tick(device, world, driver, 1000.0, None, estimator=estimator, in_turns=turns)
+    layout = tick.layout
+    driver.load({field.name: rows[:, layout[field.name]] for field in layout.fields}, rows[:, layout["t"].start].copy())
+    load_state(tick, state, rows[first, layout["memory"]])
+    row = layout.empty()
+    compared = np.concatenate([np.r_[layout[one.name]] for one in layout.fields if one.name not in CLOCK_FIELDS])
+    for number in range(first + 1, len(rows)):
+        driver.go_to(number)
+        if number in DEEDS:
+            DEEDS[number](tick)
+        tick.step(row, float(rows[number, layout["t"].start]))
+        assert row[compared].tobytes() == rows[number, compared].tobytes(), (first, number)
+    return tick
+
+
+CASES = [
+    *((name, one, False) for name in ("omni", "pmsm") for one in estimators_of(load(name)) if one != "network"),
+    ("omni", "hall", True),
+    ("omni", "memory", False),
+]
+
+
+@pytest.mark.parametrize(("name", "estimator", "turns"), CASES)
+def test_a_state_has_all_that_a_chain_remembers(name: str, estimator: str, turns: bool) -> None:
+    device, world = load(name), find_world(default_world(load(name)))()
+    if estimator == "memory":
+        estimator, world = "tracker", RollingBall()
+    tracker = PointerTracker()
+    tracker.guide = device.kind.part("guide")(device)
+    simulated = SimDriver.of(device, 1e-3, tracker.goal, 3)
+    driver = InTurns(simulated) if turns else simulated
+    tick = make_tick(device, world, driver, 1000.0, None, estimator=estimator, in_turns=turns)
+    rows, states = np.full((POINTS[-1] + WINDOW + 1, tick.layout.width), np.nan), dict[int, bytes]()
+    now, invalid = 0.0, 0
+    with driver:
+        for number, row in enumerate(rows):
+            now = now + 1e-3 + PAUSES.get(number, 0.0)
+            if number in FAULTS and device.sensors:
+                FAULTS[number](simulated)
+            if number in DEEDS:
+                DEEDS[number](tick)
+            tick.step(row, now)
+            invalid += row[tick.layout["valid"].start] != 1.0
+            if number in POINTS:
+                states[number] = save_state(tick)
+            if number - WINDOW in states:
+                first = number - WINDOW
+                other = go_on(device, world, estimator, turns, rows[: number + 1], states[first], first)
+                assert list_differences(tick, other, NO_MEMORY) == []
+    assert (invalid > 10) == (estimator != "tracker")

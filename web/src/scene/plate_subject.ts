@@ -1,0 +1,153 @@
+// Coils anywhere, and a tool with magnets over a level plate: coil arrays without a dome. The tool is dragged along the
+// plate at the height at which it is; wheel and keys lift or press it.
+
+import {
+  BufferGeometry,
+  Color,
+  Float32BufferAttribute,
+  Group,
+  LineBasicMaterial,
+  LineLoop,
+  type Mesh,
+  MeshLambertMaterial,
+  SRGBColorSpace,
+  Vector3,
+} from "three";
+import type { Sample } from "../sample";
+import type { PlateScene, Session } from "../session";
+import { css, mapped, onThemeChange } from "../theme";
+import { AxesSubject } from "./axes_subject";
+import { ArrayTool } from "./mover";
+import { partsOf, placePart } from "./parts";
+import type { Stage } from "./stage";
+import type { Wish } from "./subject";
+
+const MM = 1000;
+const DEEPEST = -6e-3; // m: how far a hand may press into the plate
+const HIGHEST = 6e-3; // m: how far it may lift the tool beyond the height at which forces are rendered
+const STEP = 1e-3; // m per step of a key or of the wheel
+const SEEN = 0.04; // share of the greatest current that can be told from the next
+
+/** Coils where they are, in the colours of their currents, and the edge of the workspace on the plate. */
+class Board {
+  readonly group = new Group();
+  private readonly coils: Mesh<BufferGeometry, MeshLambertMaterial>[];
+  private readonly shares: number[] = [];
+  private readonly colour = new Color();
+
+  constructor(
+    scene: PlateScene,
+    /** current at full colour [A] */
+    private readonly range: number,
+    changed: () => void,
+  ) {
+    this.coils = partsOf(scene, "coil").map(
+      (coil) => placePart(coil, new MeshLambertMaterial(), 40) as Mesh<BufferGeometry, MeshLambertMaterial>,
+    );
+    const [x, y] = scene.half_width.map((side) => side * MM) as [number, number];
+    const z = scene.height * MM;
+    const corners = [[-x, -y, z], [x, -y, z], [x, y, z], [-x, y, z]].flat();
+    const edge = new LineBasicMaterial({ transparent: true, opacity: 0.55 });
+    const rim = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(corners, 3));
+    this.group.add(...this.coils, new LineLoop(rim, edge));
+    const dress = (): void => {
+      edge.color.set(css("--text"));
+      this.coils.forEach((_, k) => this.paint(k));
+      changed();
+    };
+    onThemeChange(dress);
+    dress();
+  }
+
+  /** The coils take the colours of `currents` [A]; true if one looks different now. */
+  glow(currents: ArrayLike<number>): boolean {
+    let different = false;
+    this.coils.forEach((_, k) => {
+      const share = (currents[k] || 0) / this.range;
+      if (Math.abs(share - (this.shares[k] ?? 0)) < SEEN) return;
+      this.shares[k] = share;
+      this.paint(k);
+      different = true;
+    });
+    return different;
+  }
+
+  private paint(k: number): void {
+    const [r, g, b] = mapped(this.shares[k] ?? 0);
+    this.coils[k]!.material.color.copy(this.colour.setRGB(r / 255, g / 255, b / 255, SRGBColorSpace));
+  }
+}
+
+export class PlateSubject extends AxesSubject {
+  override readonly hint = "drag the tool";
+  override readonly keys = [
+    ["← → ↑ ↓", "move the tool along the plate by 1 mm as seen here (with Shift: 5 mm)"],
+    ["+ −", "lift or press the tool; or the wheel during a drag"],
+  ] as const;
+  override readonly range: number;
+  private readonly board: Board;
+
+  constructor(
+    stage: Stage,
+    private readonly plate: PlateScene,
+    limits: Session["limits"],
+  ) {
+    const touch = (): void => stage.touch();
+    const range = Math.max(...limits.current) / 2;
+    const board = new Board(plate, range, touch);
+    super(stage, plate, limits, new ArrayTool(plate, touch), board.group);
+    this.range = range;
+    this.board = board;
+    stage.canvas.ariaLabel =
+      "Coils and a tool over a plate. Arrow keys move it along the plate, plus and minus lift or press it, question mark lists all keys.";
+  }
+
+  override show(sample: Sample): boolean {
+    const glows = this.board.glow(sample.list("currents"));
+    if (glows) this.stage.touch();
+    return super.show(sample) || glows;
+  }
+
+  override forget(): void {
+    this.board.glow([]);
+    super.forget();
+  }
+
+  /** In the level plane through the tool. */
+  override drag(x: number, y: number): Wish {
+    this.grasped = true;
+    const { from, along } = this.stage.ray(x + this.slip.x, y + this.slip.y);
+    const far = (this.wish.z * MM - from.z) / along.z;
+    // Beside the horizon there is no place to go to.
+    if (Number.isFinite(far) && far > 0) {
+      const to = from.addScaledVector(along, far).divideScalar(MM);
+      this.wish.set(to.x, to.y, this.wish.z);
+    }
+    return this.bounded();
+  }
+
+  override press(notches: number): Wish {
+    this.grasped = true;
+    this.wish.z += notches * STEP;
+    return this.bounded();
+  }
+
+  override nudge(right: number, up: number): Wish {
+    this.grasped = true;
+    const { matrixWorld } = this.stage.camera;
+    const across = new Vector3().setFromMatrixColumn(matrixWorld, 0).setZ(0).normalize();
+    this.wish.addScaledVector(across, right * STEP);
+    this.wish.addScaledVector(new Vector3(-across.y, across.x, 0), up * STEP);
+    return this.bounded();
+  }
+
+  private bounded(): Wish {
+    const { half_width, contact_height, thickness } = this.plate;
+    const [x, y] = half_width;
+    this.wish.clamp(
+      new Vector3(-x, -y, contact_height + DEEPEST),
+      new Vector3(x, y, contact_height + thickness + HIGHEST),
+    );
+    return this.wanted();
+  }
+}
