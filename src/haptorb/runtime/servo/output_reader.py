@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
+from contextlib import suppress
 from typing import IO, final
 
 __all__ = ["OutputReader", "show"]
@@ -38,7 +39,8 @@ class OutputReader:
 
 
 def show(text: str) -> None:
-    """Write `text` where messages go; nowhere in a program without standard error."""
+    """Write `text` to standard error; nowhere if the program has none, or if it was closed or its terminal is gone."""
     if sys.stderr is not None:
-        sys.stderr.write(text)
-        sys.stderr.flush()
+        with suppress(OSError, ValueError):  # ValueError: a file object that was closed
+            sys.stderr.write(text)
+            sys.stderr.flush()

@@ -120,8 +120,9 @@ class WorldWatcher:
         finally:
             hint.cancel()
             hint.join()  # what it says comes before what follows
-        self._world, self.trouble = new, ""
+        self._world = new
         show(f"{path} was saved: world '{new.name}' is loaded anew\n")
+        self.trouble = ""  # last: whoever waits for it finds the message shown
 
     def _explain_wait(self, path: str) -> None:
         """The new code does not return, and while it runs nothing else is loaded."""

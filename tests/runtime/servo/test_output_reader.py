@@ -1,0 +1,33 @@
+"""Messages of a servo's threads: shown on standard error, and no reason to end a thread where there is none."""
+
+from __future__ import annotations
+
+import errno
+import io
+import sys
+
+import pytest
+
+from haptorb.runtime.servo.output_reader import show
+
+
+class _GoneTerminal(io.StringIO):
+    def write(self, text: str) -> int:
+        raise OSError(errno.EIO, "Input/output error")
+
+
+@pytest.mark.parametrize("kind", ["none", "closed", "terminal gone"])
+def test_a_program_without_standard_error_goes_on(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    stream: io.TextIOBase | None = None
+    if kind == "closed":
+        stream = io.StringIO()
+        stream.close()
+    elif kind == "terminal gone":
+        stream = _GoneTerminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    show("world 'groove' was loaded again\n")
+
+
+def test_a_message_arrives(capsys: pytest.CaptureFixture[str]) -> None:
+    show("world 'groove' was loaded again\n")
+    assert capsys.readouterr().err == "world 'groove' was loaded again\n"
