@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptorb.errors import DriverError, InputError
+from haptorb.runtime.drivers.electronics import counts
 from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal, missing_chips
-from haptorb.runtime.drivers.serial.protocol import Command, counts, engage, set_duties
+from haptorb.runtime.drivers.serial.protocol import Command, engage, set_duties
 from haptorb.runtime.drivers.serial.reading import READING_BYTES, Reading
 from haptorb.runtime.drivers.serial.replies import BoardLimits, BoardState, Identity
 

@@ -71,7 +71,7 @@ def analyse(
         raise InputError(f"--figures must be svg or png; got '{figures}'")
     registered = None
     if registration is not None:
-        from haptorb.apps.study.plan.registration import read_registration
+        from haptorb.apps.study.store.registration import read_registration
 
         registered = read_registration(registration)
     with make_progress() as bar:

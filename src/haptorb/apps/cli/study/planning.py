@@ -45,7 +45,7 @@ def check(
     known = read_study(file)
     order = summarize_order(known, people)
     if register is not None:
-        from haptorb.apps.study.plan.registration import write_registration
+        from haptorb.apps.study.store.registration import write_registration
 
         made = write_registration(known, register)
         say(f"registered: plan {made.plan} of study {made.study}, {made.written}, in {register}")

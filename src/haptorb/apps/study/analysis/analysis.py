@@ -30,11 +30,11 @@ from haptorb.apps.study.analysis.curves import ConditionCurves, fit_curves
 from haptorb.apps.study.analysis.error_by_latitude import LatitudeError, measure_rings
 from haptorb.apps.study.analysis.over_people.directions import SPHERICAL
 from haptorb.apps.study.analysis.over_people.localisation import Localisation, localise
-from haptorb.apps.study.analysis.over_people.plan_report import PlanReport, SessionPlan, find_plan, report_plan
+from haptorb.apps.study.analysis.plan_report import PlanReport, SessionPlan, find_plan, report_plan
 from haptorb.apps.study.analysis.thresholds import ConditionTracks, follow_tracks
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.plan.registration import Registration
 from haptorb.apps.study.store.columns import Columns
+from haptorb.apps.study.store.registration import Registration
 from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.errors import InputError
 

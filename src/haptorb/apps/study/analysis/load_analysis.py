@@ -10,11 +10,11 @@ from sqlalchemy import select
 from sqlalchemy.engine import Engine
 
 from haptorb.apps.study.analysis.analysis import Analysis, analyse
-from haptorb.apps.study.analysis.over_people.plan_report import SessionPlan
+from haptorb.apps.study.analysis.plan_report import SessionPlan
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.plan.registration import Registration
 from haptorb.apps.study.store.columns import read_study, tidy
 from haptorb.apps.study.store.database import database, participants, sessions
+from haptorb.apps.study.store.registration import Registration
 
 __all__ = ["analysis_of", "read_plans"]
 

@@ -14,7 +14,7 @@ from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.analysis.by_condition.magnitude import make_magnitude_tables
 from haptorb.apps.study.analysis.by_condition.response_times import make_response_table
 from haptorb.apps.study.analysis.figures import figures
-from haptorb.apps.study.analysis.over_people.group_tables import list_group_tables, list_notes
+from haptorb.apps.study.analysis.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.psychometric_tables import list_psychometric_notes, list_psychometric_tables
 from haptorb.apps.study.analysis.wording import format_percent, format_range, format_value
 from haptorb.apps.terminal import TextTable

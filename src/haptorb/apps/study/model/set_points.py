@@ -10,7 +10,18 @@ import numpy as np
 
 from haptorb.numerics.arrays import Array
 
-__all__ = ["SetPoint", "angles_between", "directions", "list_equal_rings", "list_published", "nearest"]
+__all__ = [
+    "PUBLISHED_ERRORS",
+    "SetPoint",
+    "angles_between",
+    "directions",
+    "list_equal_rings",
+    "list_published",
+    "nearest",
+]
+
+#: θ [deg] → mean and standard deviation of the error [mm], Zárate 2020 §IV
+PUBLISHED_ERRORS = {0.0: (2.5, 1.4), 18.0: (5.7, 4.6), 36.0: (6.5, 5.2), 54.0: (7.2, 5.1)}
 
 
 @dataclass(frozen=True)

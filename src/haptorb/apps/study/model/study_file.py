@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from haptorb import worlds
+from haptorb.apps.study.model.analysis_plan import AnalysisPlan, HandAngle, check_plan
 from haptorb.apps.study.model.set_points import SetPoint, list_equal_rings, list_published
 from haptorb.apps.study.model.study_checks import check_levels, check_study
 from haptorb.apps.study.model.study_parts import (
@@ -25,7 +26,6 @@ from haptorb.apps.study.model.study_parts import (
     Trials,
     Value,
 )
-from haptorb.apps.study.plan.analysis_plan import AnalysisPlan, HandAngle, check_plan
 from haptorb.apps.terminal import announce_wait
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet

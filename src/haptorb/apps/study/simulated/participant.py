@@ -31,10 +31,7 @@ from haptorb.numerics.arrays import Array
 from haptorb.simulation.parts.tool import GRAVITY
 from haptorb.worlds.maps.dome import Dome
 
-__all__ = ["PUBLISHED_ERRORS", "Participant", "Traits"]
-
-#: θ [deg] → mean and standard deviation of the error [mm], Zárate 2020 §IV
-PUBLISHED_ERRORS = {0.0: (2.5, 1.4), 18.0: (5.7, 4.6), 36.0: (6.5, 5.2), 54.0: (7.2, 5.1)}
+__all__ = ["Participant", "Traits"]
 
 _ONE_SIGMA = 1 / (0.6745 * 2**0.5)  # a difference noticed in 75 % of the pairs, as the spread of a single sensation
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from haptorb.apps.study.inference.significance import PairTest, check_test
+from haptorb.apps.study.model.analysis_plan import CLAIMS, MEASURES, unit_of
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.plan.analysis_plan import CLAIMS, MEASURES, unit_of
 from haptorb.apps.study.simulated.power_search import MOST_PEOPLE, GroupPower
 from haptorb.apps.study.simulated.power_workers import simulate_pool
 from haptorb.errors import InputError

@@ -13,7 +13,7 @@ from haptorb.devices.device import Device
 from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.electronics import check_electronics, invalid_pose
+from haptorb.runtime.drivers.electronics import CHANNELS, DUTY_STEPS, check_electronics, counts, invalid_pose
 from haptorb.runtime.drivers.hall_sensor import SPAN_3V3, HallSensors
 from haptorb.runtime.drivers.i2c import ina219, max11616, output_enable, tca9534
 from haptorb.runtime.drivers.i2c.coil_switch import CoilSwitch
@@ -24,7 +24,6 @@ from haptorb.runtime.drivers.i2c.max11616 import HallAdc
 from haptorb.runtime.drivers.i2c.pca9685 import Pca9685
 from haptorb.runtime.drivers.i2c.tca9534 import HallSelect
 from haptorb.runtime.drivers.i2c.w1_thermometers import Thermometers, W1Thermometers
-from haptorb.runtime.drivers.serial.protocol import CHANNELS, DUTY_STEPS, counts
 from haptorb.sensing.sample import Pose, Sample
 
 __all__ = ["I2cDriver"]

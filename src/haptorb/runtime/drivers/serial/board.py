@@ -10,10 +10,11 @@ import numpy as np
 
 from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Records
+from haptorb.runtime.drivers.electronics import counts
 from haptorb.runtime.drivers.serial.codes import BoardMode, Refusal
 from haptorb.runtime.drivers.serial.frames import Frame, FrameParser, Numbers, encode
 from haptorb.runtime.drivers.serial.messages import refusal
-from haptorb.runtime.drivers.serial.protocol import READING, SET_BYTES, STATE, Command, counts, engage, set_line
+from haptorb.runtime.drivers.serial.protocol import READING, SET_BYTES, STATE, Command, engage, set_line
 from haptorb.runtime.drivers.serial.reading import Reading, Reply, find_answer, make_reading
 from haptorb.runtime.drivers.serial.replies import BoardLimits, BoardState, Identity
 from haptorb.runtime.drivers.serial.serial_port import SerialPort

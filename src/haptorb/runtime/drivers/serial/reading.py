@@ -13,16 +13,10 @@ import numpy as np
 from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Record, Records, fields
 from haptorb.numerics.compiled import kernel
+from haptorb.runtime.drivers.electronics import DUTY_STEPS, HALL_SENSORS, THERMOMETERS
 from haptorb.runtime.drivers.serial.codes import BoardMode, Reason
 from haptorb.runtime.drivers.serial.frames import HEAD, Numbers, Octets, find_frame
-from haptorb.runtime.drivers.serial.protocol import (
-    DUTY_STEPS,
-    HALL_SENSORS,
-    PROTOCOL_VERSION,
-    READING,
-    STATE,
-    THERMOMETERS,
-)
+from haptorb.runtime.drivers.serial.protocol import PROTOCOL_VERSION, READING, STATE
 from haptorb.runtime.drivers.serial.replies import board_mode, reason
 
 __all__ = ["BLOCKS", "BOARD_READING", "READING_BYTES", "Reading", "Reply", "find_answer", "make_reading"]

@@ -7,8 +7,9 @@ from struct import Struct
 from struct import error as StructError
 
 from haptorb.errors import DriverError
+from haptorb.runtime.drivers.electronics import DUTY_STEPS
 from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal
-from haptorb.runtime.drivers.serial.protocol import DUTY_STEPS, PROTOCOL_VERSION
+from haptorb.runtime.drivers.serial.protocol import PROTOCOL_VERSION
 
 __all__ = ["BoardLimits", "BoardState", "Identity", "board_mode", "reason", "unpack_payload"]
 

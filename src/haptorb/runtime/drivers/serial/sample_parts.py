@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
+from haptorb.runtime.drivers.electronics import CHANNELS
 from haptorb.runtime.drivers.hall_sensor import HallSensors, fill_field
-from haptorb.runtime.drivers.serial.protocol import CHANNELS
 from haptorb.runtime.drivers.serial.reading import BLOCKS, make_reading
 from haptorb.sensing.sample import Pose, Sample
 

@@ -13,12 +13,11 @@ from haptorb.devices.device import Device
 from haptorb.errors import DriverError, HostSilent, InputError
 from haptorb.numerics.arrays import Array, Records
 from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.electronics import check_electronics, invalid_pose
+from haptorb.runtime.drivers.electronics import CHANNELS, DUTY_STEPS, check_electronics, invalid_pose, quantise_duties
 from haptorb.runtime.drivers.hall_sensor import HallSensors
 from haptorb.runtime.drivers.serial.board import Board
 from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, missing_chips
 from haptorb.runtime.drivers.serial.messages import explain_off, refusal
-from haptorb.runtime.drivers.serial.protocol import CHANNELS, DUTY_STEPS, quantise_duties
 from haptorb.runtime.drivers.serial.reading import Reading
 from haptorb.runtime.drivers.serial.replies import Identity
 from haptorb.runtime.drivers.serial.reply_time import BoardTime

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from haptorb.apps.study.analysis.conditions import ConditionComparison
+from haptorb.apps.study.model.analysis_plan import CLAIMS, AnalysisPlan, PlannedTest
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.plan.analysis_plan import CLAIMS, AnalysisPlan, PlannedTest
-from haptorb.apps.study.plan.registration import Registration
+from haptorb.apps.study.store.registration import Registration
 
 __all__ = ["PlanOutcome", "PlanReport", "SessionPlan", "find_plan", "report_plan"]
 

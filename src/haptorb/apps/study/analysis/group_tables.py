@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.analysis.conditions import ConditionComparison
 from haptorb.apps.study.analysis.over_people.localisation import Localisation
-from haptorb.apps.study.analysis.over_people.plan_report import PlanReport
+from haptorb.apps.study.analysis.plan_report import PlanReport
 from haptorb.apps.study.analysis.wording import format_range, format_value
 from haptorb.apps.terminal import Column, TextTable
 
