@@ -103,6 +103,7 @@ class Word(IntEnum):
     SERVERS = 192  #: a Phase for each of eight servers
 
 
+_LAYOUT = [Word.CHANNELS, Word.SENSORS, Word.CONTACTS, Word.MEMORY]  #: arguments of RowLayout
 _SERVER_TEXTS = 2 * BLOCKS
 _STATE = 8 * text_slot.SIZE  #: bytes of what the chain remembered at some tick
 _LATENESS = (
@@ -165,7 +166,7 @@ class SharedMemory:
         self.counts: Records = np.frombuffer(memory[:_ROWS], dtype=COUNTS)  #: (1,) words and histograms, for kernels
         if self.words[Word.MAGIC] != _MAGIC or self.words[Word.VERSION] != _VERSION:
             raise ServoError(f"{path} is not a servo's shared memory of this version; end the program that created it")
-        self.layout = RowLayout(*self.words[Word.CHANNELS : Word.MEMORY + 1])
+        self.layout = RowLayout(*(self.words[word] for word in _LAYOUT))
         if self.layout.width != self.words[Word.WIDTH] or size != _size(self.layout):
             raise ServoError(f"{path} holds rows of another layout; end the program that created it")
 
@@ -206,7 +207,7 @@ class SharedMemory:
                 os.posix_fallocate(descriptor, 0, size)
                 head = np.zeros(16, dtype=np.int64)
                 head[[Word.MAGIC, Word.VERSION, Word.WIDTH, Word.CAPACITY]] = _MAGIC, _VERSION, layout.width, CAPACITY
-                head[Word.CHANNELS : Word.MEMORY + 1] = layout.channels, layout.sensors, layout.contacts, layout.memory
+                head[_LAYOUT] = layout.channels, layout.sensors, layout.contacts, layout.memory
                 os.pwrite(descriptor, head.tobytes(), 0)
                 made = cls(Path(name))
                 made._claim = claim
