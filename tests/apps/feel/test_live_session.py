@@ -17,7 +17,7 @@ from haptorb.apps.feel.live_session import LiveSession
 from haptorb.apps.feel.terminal_input import execute_line, read_lines
 from haptorb.apps.feel.trace_collector import world_key
 from haptorb.apps.feel.true_scale import ScaleLimits, TrueScale
-from haptorb.control.clutch.linkage import MOTOR_GAINS
+from haptorb.control.clutch.gains import MOTOR_GAINS
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
 from haptorb.runtime.row import RowLayout

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from haptorb import Recording, State
-from haptorb.control.clutch.modes import Gains
+from haptorb.control.clutch.gains import Gains
 from haptorb.control.protection.trip import Trip
 from haptorb.control.stability.coupling_choice import CouplingSetting
 from haptorb.control.stability.hand_grip import GRIPS

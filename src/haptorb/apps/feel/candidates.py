@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import ValidationError
 
 from haptorb.apps.feel.design_file import ONLY, DesignFile, DesignTable
-from haptorb.control.clutch.modes import Gains
+from haptorb.control.clutch.gains import Gains
 from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.mistakes import explain_mistakes

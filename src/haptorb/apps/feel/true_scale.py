@@ -31,7 +31,7 @@ class ScaleLimits:
 class TrueScale:
     """The way from a force on the part along X' to the hand, in translation.
 
-    >>> from haptorb.control.clutch.linkage import MOTOR_GAINS
+    >>> from haptorb.control.clutch.gains import MOTOR_GAINS
     >>> from haptorb.devices.loader import load
     >>> scale = TrueScale.of(load("pmsm"), MOTOR_GAINS)
     >>> scale.hand_per_part, scale.whole

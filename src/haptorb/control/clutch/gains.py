@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, check_finite
 
-__all__ = ["Gains", "three"]
+__all__ = ["MOTOR_GAINS", "Gains", "three"]
 
 
 def three(value: ArrayLike, what: str) -> tuple[float, float, float]:
@@ -95,3 +95,7 @@ class Gains:
         if np.isfinite(ratio).all() and ratio.min() >= 0 and np.ptp(ratio) <= 1e-9 * ratio.max():
             return "scaled"
         return "active"
+
+
+#: 40° of handle, which a hand can sweep within the workspace, pull the plug all the way out; else the defaults
+MOTOR_GAINS = Gains(translate=(0.024, 0.004, 0.01))

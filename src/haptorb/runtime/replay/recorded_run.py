@@ -9,7 +9,7 @@ from typing import Any, final
 import numpy as np
 
 from haptorb import worlds
-from haptorb.control.clutch.modes import Gains
+from haptorb.control.clutch.gains import Gains
 from haptorb.devices.device import Device
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import HaptorbError, InputError, RecordingError

@@ -10,7 +10,7 @@ from pathlib import Path
 from time import monotonic_ns, time_ns
 from typing import Any
 
-from haptorb.control.clutch.modes import Gains
+from haptorb.control.clutch.gains import Gains
 from haptorb.devices.device import Device
 from haptorb.errors import InputError
 from haptorb.runtime.exchange.shared_memory import SharedMemory

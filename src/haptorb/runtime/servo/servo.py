@@ -16,7 +16,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, final
 
-from haptorb.control.clutch.modes import Gains
+from haptorb.control.clutch.gains import Gains
 from haptorb.control.stability.coupling_choice import CouplingSetting
 from haptorb.control.stability.hand_grip import check_grip
 from haptorb.devices.device import Device

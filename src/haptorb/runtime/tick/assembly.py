@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from haptorb.control.allocation.allocator import Allocator
 from haptorb.control.allocation.wrench_choice import WrenchChoice
+from haptorb.control.clutch.gains import Gains
 from haptorb.control.clutch.linkage import Linkage
-from haptorb.control.clutch.modes import Gains
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.errors import InputError, UnknownName

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import final
 
 from haptorb import worlds
-from haptorb.control.clutch.modes import Gains
+from haptorb.control.clutch.gains import Gains
 from haptorb.devices.device import Device
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array

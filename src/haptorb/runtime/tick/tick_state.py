@@ -14,7 +14,6 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from haptorb.control.clutch.mode_kernels import CLUTCH
 from haptorb.errors import RecordingError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.tick.tick import Tick
@@ -122,14 +121,13 @@ def _is_record(value: Any) -> bool:
 def _restore(part: Any, state: dict[str, Any]) -> None:
     kind = type(part).__name__
     if kind != state["kind"]:
-        return  # another estimator or world stands in: it begins anew
+        return  # another estimator or world stands in: it begins from its start
     for name in _REMEMBERED.get(kind, ()):
-        value = state[name]
-        if name.endswith("[]"):
-            there = getattr(part, name[:-2])
+        value, there = state[name], getattr(part, name.removesuffix("[]"))
+        if isinstance(value, bytes):
             there[...] = np.frombuffer(value, dtype=there.dtype).reshape(there.shape)
-        else:
-            setattr(part, name, np.frombuffer(value, dtype=CLUTCH).copy() if isinstance(value, bytes) else value)
+        elif not _is_record(there):  # None for a record: an earlier version, before the first tick
+            setattr(part, name, value)
     for name in _PARTS.get(kind, ()):
         below = getattr(part, name)
         if below is not None:

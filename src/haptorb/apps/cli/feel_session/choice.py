@@ -52,7 +52,7 @@ class DesignChoice:
         from haptorb.apps.cli.world_option import parse_settings
         from haptorb.apps.feel import Candidates, load_designs
         from haptorb.apps.feel.candidates import own_candidate
-        from haptorb.control.clutch.modes import Gains
+        from haptorb.control.clutch.gains import Gains
         from haptorb.worlds.own.world_file import parse_world_file
         from haptorb.worlds.parameter import parameters
 

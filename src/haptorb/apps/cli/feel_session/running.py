@@ -30,7 +30,7 @@ def find_scale(device: str, designs: Sequence[Candidate], candidates: Candidates
     Raises InputError if it has no handle, or cannot render one of `designs`.
     """
     from haptorb.apps.feel.true_scale import TrueScale
-    from haptorb.control.clutch.linkage import MOTOR_GAINS
+    from haptorb.control.clutch.gains import MOTOR_GAINS
     from haptorb.devices.loader import load
     from haptorb.worlds.own.failure import try_world
 
@@ -42,7 +42,7 @@ def find_scale(device: str, designs: Sequence[Candidate], candidates: Candidates
 
 
 def _servo(device: str, design: Candidate, candidates: Candidates, *, record: Literal[False] | None = None) -> Servo:
-    from haptorb.control.clutch.linkage import MOTOR_GAINS
+    from haptorb.control.clutch.gains import MOTOR_GAINS
     from haptorb.runtime.servo.servo import Servo
 
     # The file scales torques; how far the handle moves the part is the motor's matter.

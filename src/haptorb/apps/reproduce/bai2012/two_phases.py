@@ -15,8 +15,8 @@ from typing import Any, final
 import numpy as np
 
 from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
-from haptorb.control.clutch.linkage import ModedLinkage
-from haptorb.control.clutch.modes import Gains, TwoModes
+from haptorb.control.clutch.gains import Gains
+from haptorb.control.clutch.moded_linkage import ModedLinkage
 from haptorb.devices.motor.api import motor
 from haptorb.devices.motor.handle import Grasp
 from haptorb.devices.wrench_map import WrenchMap
@@ -135,7 +135,7 @@ def two_phases(
 
     driver = SimDriver(SimulatedMotor(known, seed, grasp=_STEEL), _DT, hand, seed=seed)
     recorder = _RecordingEstimator(estimator_of(known, estimator, None))
-    linkage = ModedLinkage(TwoModes(gains), position=(X_0, 0.0, 0.0), attitude=(0.0, 0.0, -TILT))
+    linkage = ModedLinkage(gains, position=(X_0, 0.0, 0.0), attitude=(0.0, 0.0, -TILT))
     tick = Tick(known, _WORLD, driver, recorder, allocator_of(known), _DT, linkage)
     parts = MinimumPowerAllocator(known.coils.current_limit, resistance=known.coils.resistance)
     layout, row = tick.layout, tick.layout.empty()
