@@ -109,7 +109,7 @@ class Console {
     this.subject = this.scene.subject(this.stage, session);
     // In the frame of what the world acts on: a motor's target has a picture of its own.
     this.shapes = this.target?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
-    if (this.scene.colours === "currents") this.legend.coils(this.subject.range, this.scene.gives);
+    if (this.scene.colours === "currents") this.legend.coils(this.subject.range, session.scene.gives);
     if (this.scene.colours === "none") this.legend.arrows();
     this.legend.device(session.scene);
     this.link = new Link(token(), 1000 * session.patience, {
@@ -395,10 +395,10 @@ class Console {
   }
 
   private senses(now: number): void {
-    const force = this.sample.vector("given", firstOf(this.scene));
+    const force = this.sample.vector("given", firstOf(this.session.scene.gives));
     const size = norm(force);
     const right = new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 0);
-    const share = size / this.session.limits[this.scene.gives];
+    const share = size / this.session.limits[this.session.scene.gives];
     this.sound.play(share, size > 0.01 ? dot(force, right.toArray()) / size : 0);
     this.rumble.play(share, now);
   }

@@ -27,9 +27,13 @@ export interface World {
 
 export type Values = Record<string, number | number[]>;
 
+/** What a device gives to the hand: the first three numbers of a wrench, or the last three. */
+export type Gives = "force" | "torque";
+
 /** How the device is drawn; `kind` names the scene, and what else there is belongs to that. */
 export interface Scene {
   kind: string;
+  gives: Gives;
   /** where the mover is when nobody moves it [m] */
   rest?: [number, number, number];
   /** what the device file says of coils and magnets; the mover's as they are at rest */

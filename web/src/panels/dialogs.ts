@@ -31,11 +31,12 @@ export function fill(session: Session, scene: DeviceScene, keys: Keys, first = S
   at("keys").append(...all.flatMap(([key, what]) => [make("dt", {}, key), make("dd", {}, what)]));
 
   const { device, limits, coils } = session;
+  const { gives } = session.scene;
   at("details-title").textContent = device.title;
   const facts: [string, string][] = [
     ["source", device.source],
     ["driver", session.simulated ? "simulated: device, tool and hand are computed" : "hardware"],
-    [`${scene.gives} limit`, `${limits[scene.gives]} ${scene.gives === "torque" ? "N·m" : "N"}`],
+    [`${gives} limit`, `${limits[gives]} ${gives === "torque" ? "N·m" : "N"}`],
     ["current limit", new Set(limits.current).size === 1 ? `${limits.current[0]} A in each of ${coils.length}` : coils.map((name, i) => `${name} ${limits.current[i]!.toFixed(0)} A`).join(", ")],
     ["winding", `warm ${limits.warn.toFixed(0)}, derated ${limits.derate.toFixed(0)}, off ${limits.stop.toFixed(0)} °C`],
     ...sizes(session.scene),

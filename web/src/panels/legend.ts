@@ -1,7 +1,7 @@
 // The colour bar with its newtons, the scale bar, and a mark at what is felt now.
 
 import { dot, norm, type Sample } from "../sample";
-import type { Scene } from "../session";
+import type { Gives, Scene } from "../session";
 import { mapPixels, onThemeChange } from "../theme";
 import { at, make, shown, write } from "./dom";
 
@@ -47,7 +47,7 @@ export class Legend {
   }
 
   /** The colours are the coils' currents, full at ±`range` amperes; the arrows are what the device `gives`. */
-  coils(range: number, gives: "force" | "torque"): void {
+  coils(range: number, gives: Gives): void {
     const legend = at("legend");
     write(legend.querySelector("figcaption")!, "coil current, A");
     legend.querySelector<HTMLElement>(".key")!.hidden = true;

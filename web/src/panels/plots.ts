@@ -3,7 +3,7 @@
 import uPlot from "uplot";
 import { csv, download } from "../csv";
 import type { History } from "../history";
-import { firstOf, type DeviceScene } from "../scene/device_scene";
+import type { DeviceScene } from "../scene/device_scene";
 import type { Session } from "../session";
 import { channelColour, css, onThemeChange } from "../theme";
 import { at, make, shown, write } from "./dom";
@@ -53,9 +53,9 @@ export class Plots {
   constructor(
     private readonly history: History,
     private readonly session: Session,
-    private readonly scene: DeviceScene,
+    scene: DeviceScene,
   ) {
-    this.select.ariaLabel = `Which part of the ${scene.gives}`;
+    this.select.ariaLabel = `Which part of the ${session.scene.gives}`;
     this.select.append(make("option", { value: "magnitude" }, "magnitude"));
     if (scene.radial) this.select.append(make("option", { value: "radial" }, "radial"));
     this.select.append(make("option", { value: "xyz" }, "x y z"));
@@ -75,7 +75,7 @@ export class Plots {
 
   /** Whether torque is drawn rather than force. */
   private get turning(): boolean {
-    return firstOf(this.scene) === 3 || this.select.value === "torque";
+    return this.session.scene.gives === "torque" || this.select.value === "torque";
   }
 
   get paused(): boolean {
@@ -214,10 +214,10 @@ export class Plots {
     for (const { chart } of this.plots.splice(0)) chart.destroy();
     at("plots").replaceChildren();
     const { warn, derate } = this.session.limits;
-    const motor = firstOf(this.scene) === 3;
-    const small = this.turning && !motor; // a tool's torque: thousandths of a newton metre
-    this.add(this.turning ? "torque N·m" : "force N", this.force(), small ? 4 : motor ? 3 : 2, small ? 0.002 : 0.2, this.select);
-    this.add("currents A", this.perCoil("currents", same), 2, motor ? 0.2 : 1);
+    const strong = this.session.scene.gives === "torque";
+    const small = this.turning && !strong; // a tool's torque: thousandths of a newton metre
+    this.add(this.turning ? "torque N·m" : "force N", this.force(), small ? 4 : strong ? 3 : 2, small ? 0.002 : 0.2, this.select);
+    this.add("currents A", this.perCoil("currents", same), 2, strong ? 0.2 : 1);
     this.add("temperature °C", this.perCoil("winding", ([x], i) => x![i]! - KELVIN), 1, 5, undefined, { warn, derate });
     this.spoil();
   }

@@ -93,7 +93,7 @@ class Player {
     this.plots = new Plots(this.history, session, this.scene);
     this.subject = this.scene.subject(this.stage, session);
     this.shapes = this.target?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
-    if (this.scene.colours === "currents") this.legend.coils(this.subject.range, this.scene.gives);
+    if (this.scene.colours === "currents") this.legend.coils(this.subject.range, session.scene.gives);
     if (this.scene.colours === "none") this.legend.arrows();
     this.legend.device(session.scene);
     new Grasp(this.stage.canvas, this.subject, this.orbit, () => undefined).enabled = false;

@@ -2,7 +2,7 @@
 
 import { at, make, write } from "../panels/dom";
 import { cover, UNKNOWN } from "../panels/lock";
-import { Stranger, token } from "../session";
+import { type Gives, Stranger, token } from "../session";
 import { Clock, SPEEDS, words } from "./clock";
 import { fetchOverview, type Overview, type Trips } from "./overview";
 import type { Recorded, TimelineHandle } from "./played";
@@ -16,7 +16,7 @@ const LONG = 2000; // ms after which progress is shown
 interface Opening {
   version: string;
   started: string;
-  recordings: (Recorded & { scene: string; trips: Trips })[];
+  recordings: (Recorded & { gives: Gives; trips: Trips })[];
   at: number;
   range: [number, number] | null;
   offset: number;
@@ -39,11 +39,11 @@ class Timeline {
     this.offset = opening.offset;
     this.clock = new Clock(0, 0);
     this.bounds();
-    for (const [i, { name, scene }] of recordings.entries()) {
+    for (const [i, { name, gives }] of recordings.entries()) {
       const frame = make("iframe", { src: `/player?recording=${i}${location.search.replace("?", "&")}#${token()}`, title: `Recording ${name}` });
       this.frames.push(frame);
       at("frames").append(frame);
-      const strip = new Strip(recordings.length > 1 ? name : "", quantityOf(scene === "motor" ? "torque" : "force"), this.place(i));
+      const strip = new Strip(recordings.length > 1 ? name : "", quantityOf(gives), this.place(i));
       this.strips.push(strip);
       this.overviews.push(null);
       at("strips").append(strip.canvas);
@@ -259,7 +259,7 @@ class Timeline {
     });
     const quantity = at<HTMLSelectElement>("quantity");
     quantity.append(...QUANTITIES.map(({ name }) => make("option", { value: name }, name)));
-    quantity.value = this.opening.recordings[0]!.scene === "motor" ? "torque" : "force";
+    quantity.value = this.opening.recordings[0]!.gives;
     quantity.addEventListener("change", () => {
       for (const strip of this.strips) strip.choose(quantityOf(quantity.value));
     });
