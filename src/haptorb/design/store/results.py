@@ -18,10 +18,11 @@ from sqlalchemy.exc import SQLAlchemyError
 from haptorb.design.design import Design
 from haptorb.design.evaluation import Evaluation
 from haptorb.design.store.record import read_record, write_record
-from haptorb.design.store.tables import FAMILY, designs, evaluations, explain_error, open_database, runs
+from haptorb.design.store.tables import FAMILY, designs, evaluations, open_database, runs
 from haptorb.errors import InputError, RecordingError
 from haptorb.files.program_lock import ProgramLock
 from haptorb.files.sql_engine import lock_database, mask_password
+from haptorb.files.table_set import explain_error
 from haptorb.version import __version__
 
 __all__ = ["Results", "ResultsWriter", "Run", "open_results", "read_results"]

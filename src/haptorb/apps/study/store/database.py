@@ -21,15 +21,13 @@ from sqlalchemy import (
     Table,
     Text,
     UniqueConstraint,
-    inspect,
-    select,
 )
 from sqlalchemy.engine import Engine
-from sqlalchemy.exc import SQLAlchemyError
 
 from haptorb.apps.study.store.migrations import STEPS, migrate
 from haptorb.errors import RecordingError
-from haptorb.files.sql_engine import BUSY, lock_database, make_engine, mask_password, url_of
+from haptorb.files.sql_engine import BUSY, lock_database, url_of
+from haptorb.files.table_set import TableSet
 
 __all__ = [
     "FAMILY",
@@ -110,6 +108,9 @@ replies = Table(
 )  # fmt: skip
 
 
+_STUDY = TableSet("a study", _tables, versions, SCHEMA, FAMILY, migrate)
+
+
 def database(place: str | Path, *, make: bool = True) -> Engine:
     """The database at `place`, with its tables; RecordingError if it cannot be reached, is newer, or is none of ours.
 
@@ -118,53 +119,12 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
     url = url_of(place)
     if not make and url.startswith("sqlite:///") and not Path(url.removeprefix("sqlite:///")).is_file():
         raise RecordingError(f"database {place} does not exist: create it with `haptorb study run` or `simulate`")
-    engine = make_engine(place)
-    try:
-        with engine.connect() as connection:
-            version = _version(connection, place)
-        if version is None and not make:
-            raise RecordingError(f"database {place} holds no study")
-        if version is None or version < SCHEMA:
-            with engine.begin() as connection:
-                lock(connection)
-                version = _version(connection, place)  # another station may have been quicker
-                if version is None:
-                    _tables.create_all(connection)
-                    connection.execute(versions.insert().values(version=SCHEMA))
-                else:
-                    migrate(connection, version)
-    except SQLAlchemyError as cause:
-        engine.dispose()
-        text = str(getattr(cause, "orig", None) or cause).splitlines()[0]
-        raise RecordingError(
-            f"database {mask_password(place)} cannot be opened, and nothing was started: {text}"
-        ) from cause
-    except RecordingError:
-        engine.dispose()
-        raise
-    return engine
+    return _STUDY.open(place, make=make)
 
 
 def lock(connection: Connection) -> None:
     """No other study's program gets past here until the transaction that has just begun on `connection` ends."""
     lock_database(connection, FAMILY)
-
-
-def _version(connection: Connection, place: str | Path) -> int | None:
-    """Schema of the tables, None where there are none; RecordingError if they are not ours, or newer."""
-    known = set(inspect(connection).get_table_names())
-    if not known:
-        return None
-    if versions.name not in known:
-        raise RecordingError(
-            f"database {mask_password(place)} holds other tables than those of a study; choose another"
-        )
-    version = int(connection.execute(select(versions.c.version)).scalar_one())
-    if version > SCHEMA:
-        raise RecordingError(
-            f"database {mask_password(place)} has schema {version}; this haptorb knows up to {SCHEMA}: update haptorb"
-        )
-    return version
 
 
 @contextmanager
