@@ -16,7 +16,15 @@ from haptorb.devices.electromagnet.schema import DomeSection, HandSection
 from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.limit_checks import list_limit_mistakes
-from haptorb.devices.schema.sections import CommonFile, Point, Positive, Section, ThermometerSection, check_wall
+from haptorb.devices.schema.sections import (
+    BasedOn,
+    CommonFile,
+    Point,
+    Positive,
+    Section,
+    ThermometerSection,
+    check_wall,
+)
 from haptorb.devices.uncertainty.array import ArrayUncertainty
 from haptorb.errors import DeviceError
 from haptorb.numerics.arrays import Array
@@ -182,12 +190,7 @@ class CoilArrayFile(CommonFile):
     """A file of kind "coil-array"."""
 
     kind: Annotated[Literal["coil-array"], m.Meaning("kind of device")]
-    based_on: Annotated[
-        str | None,
-        m.Meaning("device whose values hold where this file gives none"),
-        m.Form("name in the catalogue, or path of a device file"),
-        m.Without("none"),
-    ] = None
+    based_on: BasedOn = None
     windings: Annotated[PlacedCoilsSection, m.Meaning("place, axis and winding of every coil")]
     core: Annotated[
         SoftCoreSection | None, m.Meaning("a soft-magnetic sphere about the origin"), m.Without("no core")

@@ -33,7 +33,7 @@ from haptorb.physics.beams import Model, appendix_b, compliance
 from haptorb.physics.hook import TABLE_3, Hook
 from haptorb.worlds.contact_world import ContactWorld
 from haptorb.worlds.parameter import parameter
-from haptorb.worlds.snap_fit.hook_contact import HookContact
+from haptorb.worlds.snap_fit.hook_contact import HookContact, add_contact, view_contacts
 from haptorb.worlds.snap_fit.root_load import RootLoad, compute_root_load
 from haptorb.worlds.snap_fit.sliding import sliding_push
 from haptorb.worlds.world import TargetWorld
@@ -68,22 +68,19 @@ def _face(along: float, plug: Record) -> tuple[float, float]:
 
 
 @tick_kernel
-def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Array, rows: Array) -> None:
-    """Fill wrench (6,) on the plug about o', and rows (2, 8): δ, place along the hook, contact (3), force on the plug
-    (3). plugs is (1,) _PLUG."""
+def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Array, contacts: Records) -> None:
+    """Fill wrench (6,) on the plug about o', and contacts (2,) CONTACT, which are zero before. plugs is (1,) _PLUG."""
     plug = plugs[0]
     arm, opening, seat, stiffness = plug.arm, plug.opening, plug.seat, plug.stiffness
     recoil, friction, creep = plug.recoil, plug.friction, plug.creep
     for i in range(6):
         wrench[i] = 0.0
     for hook in range(2):
-        for i in range(8):
-            rows[hook, i] = 0.0
-        rows[hook, 1] = plug.peak
+        contacts[hook].place = plug.peak
     if R[0, 0] < 0.5 or R[1, 1] < 0.5:  # turned by more than 60°: a plug that cannot be in the socket
         return
     for hook in range(2):
-        side = 1.0 if hook == 0 else -1.0
+        contact, side = contacts[hook], 1.0 if hook == 0 else -1.0
         along = (arm - p[0]) / R[0, 0]
         width, slope = _face(along, plug)
         for _ in range(30):  # where the plug's face crosses X' = arm
@@ -108,16 +105,9 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Arra
             vy = side * (v[1] + w[2] * rx - w[0] * rz)
             vz = v[2] + w[0] * ry - w[1] * rx
             gx, gy, gz = sliding_push(fx, fy, recoil, vx, vy, vz, friction, creep)
-        fx, fy, fz = -gx, -side * gy, -gz
-        wrench[0] += fx
-        wrench[1] += fy
-        wrench[2] += fz
-        wrench[3] += ry * fz - rz * fy
-        wrench[4] += rz * fx - rx * fz
-        wrench[5] += rx * fy - ry * fx
-        rows[hook, 0] = max(bent, 0.0)
-        rows[hook, 2], rows[hook, 3], rows[hook, 4] = p[0] + rx, p[1] + ry, p[2] + rz
-        rows[hook, 5], rows[hook, 6], rows[hook, 7] = fx, fy, fz
+        contact.force[0], contact.force[1], contact.force[2] = -gx, -side * gy, -gz
+        add_contact(contact, wrench, p, rx, ry, rz)
+        contact.deflection = max(bent, 0.0)
         # the floor under this corner of the plug's inner end
         tip, _ = _face(0.0, plug)
         cx, cy, cz = R[0, 1] * side * tip, R[1, 1] * side * tip, R[2, 1] * side * tip
@@ -236,9 +226,9 @@ class Outlet(ContactWorld, TargetWorld):
 
     def render_contacts(self, state: State) -> tuple[Array, Array]:
         """(6,) the wrench, and (2, 8) both hooks, first the one at +Y': see `ContactWorld`."""
-        wrench, hooks = np.empty(6), np.empty((2, 8))
+        wrench, hooks = np.empty(6), np.zeros((2, 8))
         one = np.ascontiguousarray  # one layout: one compilation
-        _outlet(one(state.p), one(state.R_SR), one(state.v), one(state.w), self._plug, wrench, hooks)
+        _outlet(one(state.p), one(state.R_SR), one(state.v), one(state.w), self._plug, wrench, view_contacts(hooks))
         return wrench, hooks
 
     def contacts(self, state: State) -> tuple[HookContact, ...]:

@@ -30,7 +30,7 @@ from haptorb.physics.beams import Model, compliance
 from haptorb.physics.hook import Hook
 from haptorb.worlds.contact_world import ContactWorld
 from haptorb.worlds.parameter import parameter
-from haptorb.worlds.snap_fit.hook_contact import HookContact
+from haptorb.worlds.snap_fit.hook_contact import HookContact, add_contact, view_contacts
 from haptorb.worlds.snap_fit.root_load import RootLoad, compute_root_load
 from haptorb.worlds.snap_fit.sliding import sliding_push
 from haptorb.worlds.world import TargetWorld
@@ -121,9 +121,9 @@ def _find_contact(X: float, Y: float, snap: Record) -> float:
 
 @kernel
 def _snap_fit(
-    p: Array, R: Array, v: Array, w: Array, snaps: Records, spline: Array, wrench: Array, rows: Array
+    p: Array, R: Array, v: Array, w: Array, snaps: Records, spline: Array, wrench: Array, contacts: Records
 ) -> None:
-    """Fill wrench (6,) on the part about o', and rows (2, 8): δ, x, edge position (3), force on the part (3).
+    """Fill wrench (6,) on the part about o', and contacts (2,) CONTACT, which are zero before.
 
     snaps is (1,) _SNAP, spline the table of the hook's stiffness.
     """
@@ -132,11 +132,8 @@ def _snap_fit(
     recoil, friction, creep = snap.recoil, snap.friction, snap.creep
     for i in range(6):
         wrench[i] = 0.0
-    for hook in range(2):
-        for i in range(8):
-            rows[hook, i] = 0.0
     for hook in range(snap.hooks):
-        side = 1.0 if hook == 0 else -1.0
+        contact, side = contacts[hook], 1.0 if hook == 0 else -1.0
         # the edge sits at (0, ±half, 0) of the part
         rx, ry, rz = R[0, 1] * side * half, R[1, 1] * side * half, R[2, 1] * side * half
         X = foot + p[0] + rx
@@ -159,16 +156,9 @@ def _snap_fit(
         below = foot - X
         if below > 0.0:  # the seat
             gx -= seat * below
-        fx, fy, fz = -gx, -side * gy, -gz
-        wrench[0] += fx
-        wrench[1] += fy
-        wrench[2] += fz
-        wrench[3] += ry * fz - rz * fy
-        wrench[4] += rz * fx - rx * fz
-        wrench[5] += rx * fy - ry * fx
-        rows[hook, 0], rows[hook, 1] = bent, x
-        rows[hook, 2], rows[hook, 3], rows[hook, 4] = p[0] + rx, p[1] + ry, p[2] + rz
-        rows[hook, 5], rows[hook, 6], rows[hook, 7] = fx, fy, fz
+        contact.force[0], contact.force[1], contact.force[2] = -gx, -side * gy, -gz
+        add_contact(contact, wrench, p, rx, ry, rz)
+        contact.deflection, contact.place = bent, x
 
 
 @dataclass(frozen=True)
@@ -275,10 +265,11 @@ class SnapFit(ContactWorld, TargetWorld):
 
     def render_contacts(self, state: State) -> tuple[Array, Array]:
         """(6,) the wrench, and (2, 8) the hooks, first the one at +Y': see `ContactWorld`."""
-        wrench, hooks = np.empty(6), np.empty((2, 8))
+        wrench, hooks = np.empty(6), np.zeros((2, 8))
         one = np.ascontiguousarray  # one layout: one compilation
         _snap_fit(
-            one(state.p), one(state.R_SR), one(state.v), one(state.w), self._snap, self._spline, wrench, hooks
+            one(state.p), one(state.R_SR), one(state.v), one(state.w), self._snap, self._spline, wrench,
+            view_contacts(hooks),
         )  # fmt: skip
         return wrench, hooks
 
