@@ -20,6 +20,7 @@ from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.limit_checks import list_limit_mistakes
 from haptorb.devices.schema.sections import (
     RIGHT_ANGLE,
+    BasedOn,
     CommonFile,
     Positive,
     Section,
@@ -136,12 +137,7 @@ class ElectromagnetFile(CommonFile):
     """A file of kind "spherical-electromagnet"."""
 
     kind: Annotated[Literal["spherical-electromagnet"], m.Meaning("kind of device")]
-    based_on: Annotated[
-        str | None,
-        m.Meaning("device whose values hold where this file gives none"),
-        m.Form("name in the catalogue, or path of a device file"),
-        m.Without("none"),
-    ] = None
+    based_on: BasedOn = None
     electromagnet: Annotated[ElectromagnetSection, m.Meaning("core, and moments of the coils")]
     dome: Annotated[DomeSection, m.Meaning("the dome over coils and core, and the space where forces are rendered")]
     tool: Annotated[ToolSection, m.Meaning("the stylus with its ring magnet")]

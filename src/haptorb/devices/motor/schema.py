@@ -32,6 +32,7 @@ from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.limit_checks import list_limit_mistakes
 from haptorb.devices.schema.sections import (
+    BasedOn,
     HeatSection,
     LimitsSection,
     Name,
@@ -75,12 +76,7 @@ class MotorFile(Section):
     name: Annotated[Name, m.Meaning("short name of the device; recordings and calibrations refer to it")]
     title: Annotated[Text, m.Meaning("headline of the device")]
     source: Annotated[Text, m.Meaning("where the values come from")]
-    based_on: Annotated[
-        str | None,
-        m.Meaning("device whose values hold where this file gives none"),
-        m.Form("name in the catalogue, or path of a device file"),
-        m.Without("none"),
-    ] = None
+    based_on: BasedOn = None
     magnets: Annotated[MagnetsSection, m.Meaning("the rotor's magnets")]
     electromagnets: Annotated[ElectromagnetsSection, m.Meaning("the stator's coils")]
     sensors: Annotated[SensorsSection, m.Meaning("field sensors of the stator")]

@@ -14,6 +14,7 @@ from haptorb.devices.schema import quantity as q
 
 __all__ = [
     "RIGHT_ANGLE",
+    "BasedOn",
     "CommonFile",
     "Count",
     "HeatSection",
@@ -40,6 +41,12 @@ Text = Annotated[
     str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$", max_length=400), m.Form("one line, at most 400 characters")
 ]  #: one line
 Point = Annotated[tuple[q.Length, ...], Len(3, 3)]
+BasedOn = Annotated[
+    str | None,
+    m.Meaning("device whose values hold where this file gives none"),
+    m.Form("name in the catalogue, or path of a device file"),
+    m.Without("none"),
+]
 
 
 def check_wall(inner_radius: float, outer_radius: float) -> None:
