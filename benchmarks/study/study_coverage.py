@@ -46,7 +46,7 @@ from simulated_answers import (
 from haptorb.apps.study.analysis.analysis import analyse
 from haptorb.apps.study.inference.hierarchical import fit_population
 from haptorb.apps.study.inference.intervals import mean_interval, share_interval
-from haptorb.apps.study.inference.person_fit import fit_people
+from haptorb.apps.study.inference.person_fit import fit_person
 from haptorb.apps.study.inference.psychometric_grid import PsychometricGrid
 
 _ROWS = ["group", "corners", "door", "adaptive"]
@@ -60,7 +60,7 @@ def check_group(people: int, sd: float, seed: int) -> Hits:
     answered, truth = draw_constant(draw, people, sd)
     grid = PsychometricGrid.enclose(answered)
     group = fit_population(grid)
-    alone = [fit for fit in fit_people(grid, samples=0) if fit is not None]
+    alone = [fit_person(grid, n, samples=0) for n, of in enumerate(grid.answered.of) if of.any()]
     right, of = draw_shares(draw, people, sd)
     low, high = mean_interval(draw_errors(draw, people, sd).mean(axis=1))
     return {

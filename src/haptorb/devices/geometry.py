@@ -87,10 +87,6 @@ class Geometry:
     reach: Reach | None = None
     notes: tuple[str, ...] = ()
 
-    def select_parts(self, role: str) -> tuple[RoundPart, ...]:
-        """The round parts of that role, in order."""
-        return tuple(part for part in self.round_parts if part.role == role)
-
     def select_spots(self, role: str) -> tuple[Spot, ...]:
         """The places of that role, in order."""
         return tuple(spot for spot in self.spots if spot.role == role)

@@ -6,14 +6,11 @@ from dataclasses import dataclass
 
 from haptorb.errors import InputError, UnknownName
 
-__all__ = ["ROLES", "SHAPES", "Shape"]
+__all__ = ["SHAPES", "Shape"]
 
 #: kind → how many numbers its `size` has, all [m]: sphere radius; capsule and cylinder radius and half length along
 #: their own z axis; box half lengths; ellipsoid radii; a mesh has points
 SHAPES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3, "mesh": 0}
-
-#: what a shape is to the hand: what it holds, what else moves, what stands still, and where it should go
-ROLES = ("held", "moves", "fixed", "path")
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
-_EVERY = 0.05  #: between two looks at the servo's rows [s]
-
 
 def register(app: typer.Typer) -> None:
     """Add the command to `app`."""

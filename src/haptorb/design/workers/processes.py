@@ -20,22 +20,13 @@ from haptorb.design.evaluation import Evaluation
 from haptorb.design.workers.workers import Job, LocalWorker, Workers
 from haptorb.errors import InputError
 
-__all__ = ["ProcessWorkers", "evaluate_all", "open_processes"]
+__all__ = ["ProcessWorkers", "open_processes"]
 
 _MOST = 8  #: candidates in one job: more would wait for each other at the end
 _SHARES = 4  #: jobs for each process, unless that makes them longer than `_MOST`
 _AHEAD = 3  #: jobs that are given out for each process
 #: one thread each: the processes are as many as the cores
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-
-
-def evaluate_all(design: Design, jobs: Iterable[Job], processes: int | None = None) -> Iterator[Evaluation]:
-    """What each candidate (number, values) came to, as they come; on all cores by default.
-
-    As every program that starts processes, a script that calls this needs `if __name__ == "__main__":`.
-    """
-    with open_processes(design, processes) as workers:
-        yield from workers.evaluate(jobs)
 
 
 @contextmanager

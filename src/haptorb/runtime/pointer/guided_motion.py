@@ -64,9 +64,6 @@ def _turn_upright(p: Array, q: Array) -> None:
     q[0], q[1], q[2], q[3] = -y / n, x / n, 0.0, w / n
 
 
-_upright = kernel(_turn_upright)
-
-
 def position_on_path(t: float) -> Array:
     """(3,) [m] where the hand wants the tool's magnet at time `t` [s], frame S; the summit is +z.
 

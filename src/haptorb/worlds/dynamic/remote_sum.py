@@ -21,10 +21,10 @@ def split_remote(world: World) -> tuple[World, Remote | None]:
     *others, last = world.parts
     if not isinstance(last, Remote):
         return world, None
-    felt = others[0]
+    plain = others[0]
     for other in others[1:]:
-        felt = felt + other
-    return felt, last
+        plain = plain + other
+    return plain, last
 
 
 def join_remote(world: World, remote: Remote | None) -> World:

@@ -49,15 +49,6 @@ class GuidancePath:
         place: Array = self.places[k] + (at - k) * (self.places[k + 1] - self.places[k])
         return place
 
-    def find_distance(self, points: Array) -> Array:
-        """(m,) [m] how far each of `points` (m, 3) [m] is from the nearest place of the path."""
-        points = np.atleast_2d(points)
-        found = np.empty(len(points))
-        for n in range(0, len(points), 256):
-            part = points[n : n + 256]
-            found[n : n + 256] = np.sqrt(((part[:, None] - self.places) ** 2).sum(axis=-1).min(axis=1))
-        return found
-
     def check(self, device: Device) -> None:
         """Raise InputError unless `device` has a dome and the whole path lies on or above it, within the workspace."""
         check_workspace(self.places, self.spacing, device)

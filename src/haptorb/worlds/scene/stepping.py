@@ -78,7 +78,7 @@ class SceneStepper:
         self._place, self._attitude = data.xpos[body], data.xmat[body]
         self._centre, self._pushed = data.xipos[body], data.xfrc_applied[body]
         self._moving, self._wrench, self._total = np.zeros(6), np.zeros(6), np.zeros(6)
-        self._pose, self._motion, self._arm = np.zeros(3), np.zeros(6), np.zeros(3)
+        self._pose, self._motion = np.zeros(3), np.zeros(6)
         self._points, self._turns = data.geom_xpos, data.xquat
         self._bodies, self._own = self._model.geom_bodyid.astype(np.int64), self._model.geom_quat
         self._state = np.zeros(state_size(scene))

@@ -16,7 +16,7 @@ from haptorb.apps.study.analysis.analysis import analyse
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import page, write_report
 from haptorb.apps.study.inference.intervals import mean_interval, share_interval, wilson
-from haptorb.apps.study.inference.significance import binomial_tail, sign_flip
+from haptorb.apps.study.inference.significance import binomial_tail
 from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.columns import tidy
@@ -98,11 +98,6 @@ def test_whoever_answered_nothing_is_left_out() -> None:
 def test_one_person_has_no_interval_over_people() -> None:
     assert np.isnan(mean_interval([0.5])).all()
     assert np.isnan(share_interval([1], [2])).all()
-
-
-@pytest.mark.parametrize("people", [3, 6])
-def test_sign_flip_of_equal_signs_is_exact(people: int) -> None:
-    assert sign_flip(np.arange(1, people + 1)) == pytest.approx(2 / 2**people)
 
 
 def test_everybody_right_is_everybody_right(identify: Study, tmp_path: Path) -> None:

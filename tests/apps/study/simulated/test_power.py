@@ -131,7 +131,7 @@ def test_a_choice_is_counted_for_the_one_that_was_chosen() -> None:
         ("", {"pool": 8, "wanted": 1.0}, "power"),
     ],
 )
-def test_what_cannot_be_foretold_is_refused(change: str, options: dict[str, object], words: str) -> None:
+def test_what_cannot_be_predicted_is_refused(change: str, options: dict[str, object], words: str) -> None:
     text = TWO[: TWO.index('[[conditions]]\nname = "weak"')] if change else TWO
     with pytest.raises(InputError, match=words):
         power(study_of(text), **options)  # type: ignore[arg-type]

@@ -13,7 +13,7 @@ from haptorb.apps.study.inference.psychometric import LevelCounts, PsychometricC
 from haptorb.apps.study.inference.psychometric_grid import LAPSE_EDGES, PsychometricGrid
 from haptorb.numerics.arrays import Array
 
-__all__ = ["PersonFit", "central_interval", "find_median", "fit_people", "fit_person", "psychometric_fit"]
+__all__ = ["PersonFit", "central_interval", "find_median", "fit_person", "psychometric_fit"]
 
 Interval = tuple[float, float]
 _SAMPLES = 400  #: simulated repetitions of somebody's trials
@@ -57,14 +57,6 @@ def psychometric_fit(levels: ArrayLike, yes: ArrayLike, of: ArrayLike) -> Psycho
     counts = (np.asarray(values, dtype=float) for values in (yes, of))
     grid = PsychometricGrid.enclose(LevelCounts(np.asarray(levels, dtype=float), *(n[None, :] for n in counts)))
     return fit_person(grid, 0, samples=0).curve
-
-
-def fit_people(grid: PsychometricGrid, *, seed: int = 0, samples: int = _SAMPLES) -> list[PersonFit | None]:
-    """Each person's fit, nobody else's answers used; None for whoever has not answered."""
-    people = range(len(grid.answered.of))
-    return [
-        fit_person(grid, n, seed=seed, samples=samples) if grid.answered.of[n].any() else None for n in people
-    ]  # fmt: skip
 
 
 def fit_person(grid: PsychometricGrid, person: int, *, seed: int = 0, samples: int = _SAMPLES) -> PersonFit:
