@@ -104,7 +104,7 @@ class Screen:
 
     def force_at(self, direction: Any) -> float:
         """The painted map in a direction [N]."""
-        return self.tell(f"haptorb.felt({[float(x) for x in direction]}).force")
+        return self.tell(f"haptorb.forceAt({[float(x) for x in direction]}).force")
 
     def hold(self, reach: float = 0.4) -> tuple[float, float]:
         """Press the mouse on the stylus or handle, `reach` of the way from its magnet to its end; the place."""
@@ -207,7 +207,7 @@ def fake() -> Any:
 
 @pytest.fixture(scope="session")
 def painting() -> Iterator[ForceMapProcess]:
-    """What paints the felt map: a process that takes two seconds to load, for all imagined servos the same."""
+    """What paints the force map: a process that takes two seconds to load, for all imagined servos the same."""
     process = ForceMapProcess(load("omni"))
     yield process
     process.close()
@@ -217,7 +217,7 @@ def painting() -> Iterator[ForceMapProcess]:
 def staged(browser: Any, fake: Any, painting: ForceMapProcess) -> Iterator[Any]:
     """A function that shows the imagined servo on a page of a given size and theme."""
     pages = []
-    with Console(fake, 0, felt=painting) as console, serve(console):
+    with Console(fake, 0, force_map=painting) as console, serve(console):
 
         def show(width: int = 1280, height: int = 800, **options: Any) -> Screen:
             query, context = options.pop("query", ""), options.pop("context", None)
@@ -238,7 +238,7 @@ class SharedPage:
     def __init__(self, browser: Any, painting: ForceMapProcess) -> None:
         self.servo = _fake().FakeServo()
         with ExitStack() as opened:
-            console = opened.enter_context(Console(self.servo, 0, felt=painting))
+            console = opened.enter_context(Console(self.servo, 0, force_map=painting))
             opened.enter_context(serve(console))
             page = browser.new_page(viewport=DESK)
             opened.callback(page.close)

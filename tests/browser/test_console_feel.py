@@ -46,7 +46,7 @@ def test_feel_the_dome_and_stop(live):
 
     # The map is the one that the simulated device would really give: push inside θ1, pull beyond, nothing from θ2:
     # the core's own pull is compensated.
-    screen.until("haptorb.felt([0, 0, 1]).force !== 0")
+    screen.until("haptorb.forceAt([0, 0, 1]).force !== 0")
     device, dome = load("omni"), Dome()
     angles = (0.0, 10.0, 26.0, 36.0, 50.0, 58.0, 70.0)
     points = np.array([direction(angle) for angle in angles]) * device.contact_distance
@@ -120,7 +120,7 @@ def test_radial_force_vanishes_at_theta_1_and_everything_from_theta_2(live):
     # A high dome may push the stylus round its summit; a low one, of the same shape, lets the hand pass over it.
     page.get_by_role("spinbutton", name="moment").fill("0.6")
     page.get_by_role("spinbutton", name="moment").press("Enter")
-    screen.until("haptorb.felt([0, 0, 1]).force < 0.3")
+    screen.until("haptorb.forceAt([0, 0, 1]).force < 0.3")
     page.locator("#scene").focus()
     for _ in range(14):
         page.keyboard.press("Shift+ArrowRight")  # down one side, to the edge of the workspace
@@ -200,29 +200,29 @@ def test_page_that_goes_in_the_middle_of_a_drag_lets_go(live, browser):
 def test_sliders_act_at_once(live):
     screen, host = live
     page = screen.page
-    screen.until("haptorb.control && haptorb.felt([0, 0, 1]).force > 0.2")
+    screen.until("haptorb.control && haptorb.forceAt([0, 0, 1]).force > 0.2")
     moment = page.get_by_role("spinbutton", name="moment")
     moment.fill("-2")
     moment.press("Enter")
-    screen.until("haptorb.felt([0, 0, 1]).force < -0.2")
+    screen.until("haptorb.forceAt([0, 0, 1]).force < -0.2")
     assert host.ask("world")[1]["moment"] == -2.0
     slider = page.get_by_role("slider", name="moment")
     slider.focus()
     slider.press("End")
-    screen.until("haptorb.felt([0, 0, 1]).force > 0.5")
+    screen.until("haptorb.forceAt([0, 0, 1]).force > 0.5")
     assert host.ask("world")[1]["moment"] == pytest.approx(4.0)
     page.get_by_role("button", name="reset", exact=True).first.click()
-    screen.until("Math.abs(haptorb.felt([0, 0, 1]).force - 0.59) < 0.08")
+    screen.until("Math.abs(haptorb.forceAt([0, 0, 1]).force - 0.59) < 0.08")
     tilted = page.get_by_role("spinbutton", name="summit tilt")
     tilted.fill("30")
     tilted.press("Enter")
     turned_to = page.get_by_role("spinbutton", name="summit azimuth")
     turned_to.fill("90")
     turned_to.press("Enter")
-    screen.until("haptorb.felt([0, 0.5, 0.866]).force > 0.3")
+    screen.until("haptorb.forceAt([0, 0.5, 0.866]).force > 0.3")
     assert host.ask("world")[1]["summit"] == pytest.approx([0, 0.5, math.sqrt(0.75)], abs=1e-3)
     page.get_by_role("combobox", name="World").select_option("nothing")
-    screen.until("Math.abs(haptorb.felt([0, 0, 1]).force) < 0.1")
+    screen.until("Math.abs(haptorb.forceAt([0, 0, 1]).force) < 0.1")
     assert host.ask("world")[0] == "nothing"
 
 

@@ -36,7 +36,7 @@ def test_the_panel_fits_every_screen_and_is_worked_with_keys(
     home = kit()
     session = FeelSession(tmp_path / "s", load_designs(EXAMPLE))
     live = LiveSession(session, list(session.candidates.designs), person="P1", seed=1)
-    with Console(fake, 0, felt=painting, designs=DesignPanel(live)) as console, home.serve(console):
+    with Console(fake, 0, force_map=painting, designs=DesignPanel(live)) as console, home.serve(console):
         page = browser.new_page(viewport=home.DESK)
         screen = home.Screen(page, console.url)
         screen.until("haptorb.control")

@@ -60,7 +60,7 @@ def played(browser: Any, tmp_path: Path) -> Iterator[Callable[..., tuple[Screen,
         def push(name: str, values: Any, model: str, points: Any) -> Any:
             return np.full(len(points), values["moment"]), np.zeros(len(points), dtype=bool)
 
-        viewer = Viewer(paths, 0, felt=push, **options)
+        viewer = Viewer(paths, 0, force_map=push, **options)
         ready = threading.Event()
         serving = threading.Thread(target=lambda: viewer.serve(ready=ready.set))
         serving.start()

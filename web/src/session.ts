@@ -190,15 +190,15 @@ export interface Session {
 export const token = (): string => location.hash.slice(1);
 
 /** The server does not know this page's token. */
-export class Stranger extends Error {}
+export class UnknownToken extends Error {}
 
 const PATIENCE = 10_000; // for the server's answer [ms]
 
-/** Rejects with a Stranger if this page is not known, else with an Error. */
+/** Rejects with a UnknownToken if this page is not known, else with an Error. */
 export async function session(): Promise<Session> {
   const headers = { authorization: `Bearer ${token()}` };
   const answer = await fetch("/api/session", { headers, signal: AbortSignal.timeout(PATIENCE) });
-  if (answer.status === 403) throw new Stranger(await answer.text());
+  if (answer.status === 403) throw new UnknownToken(await answer.text());
   if (!answer.ok) throw new Error(`the server answered ${answer.status} to /api/session`);
   return (await answer.json()) as Session;
 }

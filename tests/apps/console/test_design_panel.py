@@ -32,7 +32,7 @@ def live(tmp_path: Path) -> LiveSession:
 @pytest.fixture
 def console(servo: Any, live: LiveSession) -> Iterator[Console]:
     flat = lambda name, values, model, points: (0 * points[:, 0], points[:, 0] > 9)  # noqa: E731
-    with Console(servo, 0, felt=flat, designs=DesignPanel(live)) as console:
+    with Console(servo, 0, force_map=flat, designs=DesignPanel(live)) as console:
         serving = threading.Thread(target=console.serve)
         serving.start()
         yield console

@@ -201,7 +201,7 @@ def test_the_console_survives_them(n, capfd, caplog):
     servo = Servo()
     with (
         no_news(capfd, caplog),
-        Console(servo, 0, felt=lambda n, v, p: (np.ones(len(p)), np.zeros(len(p), bool))) as console,
+        Console(servo, 0, force_map=lambda n, v, p: (np.ones(len(p)), np.zeros(len(p), bool))) as console,
     ):
         serving = threading.Thread(target=console.serve)
         serving.start()

@@ -222,11 +222,11 @@ export class Scatter {
     }
     context.fillStyle = css("--text");
     context.textAlign = "center";
-    context.fillText(better(this.x, "→", "←"), (MARGIN.left + at.right) / 2, at.bottom + 38, at.right - MARGIN.left);
+    context.fillText(describeBetter(this.x, "→", "←"), (MARGIN.left + at.right) / 2, at.bottom + 38, at.right - MARGIN.left);
     context.save();
     context.translate(14, (MARGIN.top + at.bottom) / 2);
     context.rotate(-Math.PI / 2);
-    context.fillText(better(this.y, "→", "←"), 0, 0, at.bottom - MARGIN.top);
+    context.fillText(describeBetter(this.y, "→", "←"), 0, 0, at.bottom - MARGIN.top);
     context.restore();
   }
 
@@ -245,7 +245,7 @@ export class Scatter {
 }
 
 /** An axis' title, with the way to what is better. */
-function better(column: Column, right: string, left: string): string {
+function describeBetter(column: Column, right: string, left: string): string {
   const title = titleOf(column);
   return column.sense > 0 ? `${title} ${right} better` : column.sense < 0 ? `better ${left} ${title}` : title;
 }

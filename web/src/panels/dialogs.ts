@@ -69,14 +69,14 @@ function sizes({ parts = [], notes = [] }: Scene): [string, string][] {
   const millimetres = (length: number): string => `${+(1000 * length).toFixed(2)}`;
   const coils = new Map<string, string[]>();
   for (const coil of parts.filter(({ role, stated }) => role === "coil" && stated)) {
-    const told = `radii ${millimetres(coil.inner_radius)} to ${millimetres(coil.outer_radius)} mm, ${millimetres(coil.length)} mm long`;
-    coils.set(told, [...(coils.get(told) ?? []), coil.name]);
+    const size = `radii ${millimetres(coil.inner_radius)} to ${millimetres(coil.outer_radius)} mm, ${millimetres(coil.length)} mm long`;
+    coils.set(size, [...(coils.get(size) ?? []), coil.name]);
   }
-  const told = [...coils].map(([size, names]): [string, string] => {
+  const rows = [...coils].map(([size, names]): [string, string] => {
     const some = names.length > 6 ? [names[0], "…", names.at(-1)] : names;
     return [`coil${names.length > 1 ? "s" : ""} ${some.join(" ")}`, size];
   });
-  return [...told, ...notes.map((note): [string, string] => ["drawing", note])];
+  return [...rows, ...notes.map((note): [string, string] => ["drawing", note])];
 }
 
 /** Not modal: STOP must work beside it. One at a time. */

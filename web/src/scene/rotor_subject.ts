@@ -8,7 +8,7 @@ import { Goal } from "./goal";
 import { Rotor } from "./rotor";
 import type { Stage } from "./stage";
 import type { Subject, Wish } from "./subject";
-import { angles, axis, turned, type Quaternion } from "./turn";
+import { angles, axis, quaternionOf, type Quaternion } from "./turn";
 
 const MM = 1000;
 const LONGEST = 200; // mm of arrow at the greatest torque
@@ -100,7 +100,7 @@ export class RotorSubject implements Subject {
 
   paint(): void {}
 
-  felt(): { force: number; saturated: boolean } {
+  forceAt(): { force: number; saturated: boolean } {
     return { force: NaN, saturated: false };
   }
 
@@ -118,7 +118,7 @@ export class RotorSubject implements Subject {
     // The handle is held where it was grasped: the difference to its middle stays as it was on the screen.
     const at = this.stage.project(this.along().multiplyScalar(this.handle * MM));
     this.slip = { x: at.x - x, y: at.y - y };
-    return this.wanted();
+    return this.currentWish();
   }
 
   drag(x: number, y: number): Wish {
@@ -129,7 +129,7 @@ export class RotorSubject implements Subject {
     const inside = b * b - from.lengthSq() + radius * radius;
     // Beside the sphere its nearest outline counts.
     this.aimAt(from.addScaledVector(along, inside > 0 ? -b - Math.sqrt(inside) : -b));
-    return this.wanted();
+    return this.currentWish();
   }
 
   press(notches: number): Wish {
@@ -140,7 +140,7 @@ export class RotorSubject implements Subject {
   spin(degrees: number): Wish {
     this.grasped = true;
     this.wish[2] += degrees * DEGREE;
-    return this.wanted();
+    return this.currentWish();
   }
 
   nudge(right: number, up: number): Wish {
@@ -149,10 +149,10 @@ export class RotorSubject implements Subject {
     const step = new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 0).multiplyScalar(right * DEGREE);
     step.addScaledVector(new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 1), up * DEGREE);
     step.addScaledVector(u, -step.dot(u));
-    if (step.lengthSq() < 1e-12) return this.wanted();
+    if (step.lengthSq() < 1e-12) return this.currentWish();
     const angle = Math.hypot(right, up) * DEGREE;
     this.aimAt(u.multiplyScalar(Math.cos(angle)).addScaledVector(step.normalize(), Math.sin(angle)));
-    return this.wanted();
+    return this.currentWish();
   }
 
   anchor(): Spot {
@@ -170,7 +170,7 @@ export class RotorSubject implements Subject {
   }
 
   private along(): Vector3 {
-    return new Vector3(...axis(turned(this.wish)));
+    return new Vector3(...axis(quaternionOf(this.wish)));
   }
 
   /** The handle along `direction`, kept inside the workspace; its spin stays. */
@@ -185,8 +185,8 @@ export class RotorSubject implements Subject {
     this.wish = [Math.atan2(-u.y, u.z), Math.asin(Math.min(1, Math.max(-1, u.x))), this.wish[2]];
   }
 
-  private wanted(): Wish {
-    return { p: [0, 0, 0], q: turned(this.wish) };
+  private currentWish(): Wish {
+    return { p: [0, 0, 0], q: quaternionOf(this.wish) };
   }
 
   private aim(arrow: Arrow, torque: Vector): void {

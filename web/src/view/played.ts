@@ -29,7 +29,7 @@ export interface PlayerHandle {
   readonly costs: { scene: number; plots: number; level: string };
   readonly heap: number;
   shapes(): (number[] | null)[];
-  felt(direction: [number, number, number]): number;
+  forceAt(direction: [number, number, number]): number;
 }
 
 /** The page with the timeline, as its `window.timeline`. */

@@ -133,8 +133,8 @@ def _judge(
     from haptorb.apps.cli.world_option import choose_world_option
     from haptorb.worlds.own.world_file import WorldFile
 
-    felt = choose_world_option(world, settings, device)
-    verdict = judge_world(device, felt.load() if isinstance(felt, WorldFile) else felt, setting, world, render)
+    chosen = choose_world_option(world, settings, device)
+    verdict = judge_world(device, chosen.load() if isinstance(chosen, WorldFile) else chosen, setting, world, render)
     if json:
         print_json(verdict.numbers())
     else:

@@ -126,15 +126,15 @@ def run(
 
         choices = check_servers(serve or [])
         found = load(device)
-        felt: World | WorldFile | SceneFile
+        chosen: World | WorldFile | SceneFile
         if scene is None and body is None:
             first = "remote" if feels_alone(choices) else default_world(found)
-            felt = choose_world_option(world or first, settings or [], found)
+            chosen = choose_world_option(world or first, settings or [], found)
         else:
-            felt = choose_scene_option(scene, body, world, settings or [], found)
+            chosen = choose_scene_option(scene, body, world, settings or [], found)
         build_tables(found)
         servo = Servo(
-            device, add_client_force(felt, choices), driver=driver, tracker=tracker, prediction=1e-3 * prediction,
+            device, add_client_force(chosen, choices), driver=driver, tracker=tracker, prediction=1e-3 * prediction,
             frame=frame, rate=rate, seed=seed, model=model, record=record or False,
             overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
             watchdog=not no_watchdog, render=render, torque_arm=None if torque_arm is None else 1e-3 * torque_arm,

@@ -1,4 +1,4 @@
-"""The felt map computed in a process of its own, with low priority.
+"""The force map computed in a process of its own, with low priority.
 
 Loading and running a world's compiled code holds a Python process up for as long as half a second. In the console's
 process that would starve the servo's heartbeat and the hand on the stylus.

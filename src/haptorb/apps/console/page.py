@@ -22,7 +22,7 @@ class ConsolePage:
     def __init__(self, socket: WebSocket) -> None:
         self.socket = socket
         self.events: dict[str, dict[str, Any]] = {}
-        self.felt = -1  #: version of the felt map that it has
+        self.force_version = -1  #: version of the force map that it has
         self.dropped = 0  #: rows that it will never get
         self.soon = asyncio.Event()  #: something is worth sending before the frame is full
 

@@ -261,9 +261,9 @@ class ConsoleSocketHub:
         due = time.monotonic()
         while True:
             await page.send_events()
-            if self._painter is not None and self._painter.version > page.felt:
-                page.felt = self._painter.version
-                await page.send(encode_force_frame(self._painter.force, self._painter.saturated, page.felt))
+            if self._painter is not None and self._painter.version > page.force_version:
+                page.force_version = self._painter.version
+                await page.send(encode_force_frame(self._painter.force, self._painter.saturated, page.force_version))
             end = self._recent.look()
             echo = math.nan
             if end > newest and page is self._pages[0]:

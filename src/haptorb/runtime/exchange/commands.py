@@ -43,9 +43,9 @@ class Commands(HandCommands):
     def __init__(self, first: World) -> None:
         HandCommands.__init__(self)
         self._first = first
-        name, (felt, _) = name_of(first), split_remote(first)
+        name, (plain, _) = name_of(first), split_remote(first)
         #: worlds beside the catalogue's that `set_world` knows, by name: the first one, if it is none of those
-        self.own_worlds = {} if type(felt) is CATALOGUE.get(name) else {name: felt}
+        self.own_worlds = {} if type(plain) is CATALOGUE.get(name) else {name: plain}
         self._requests = 0
         self._requesting = threading.Lock()
         self.world_ahead = ""  #: world that was chosen, and whose code is being compiled, once on this computer

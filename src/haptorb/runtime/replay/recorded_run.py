@@ -127,8 +127,8 @@ class RecordedRun:
             world = worlds.find_world(name)()
         else:
             raise InputError("the recording does not say how it is made")
-        felt, _ = split_remote(world)
-        world = join_remote(felt.replace(**values) if values else felt, self.remote(change))
+        plain, _ = split_remote(world)
+        world = join_remote(plain.replace(**values) if values else plain, self.remote(change))
         if json.loads(description(world)) != note:
             raise InputError("this version of haptorb describes it otherwise")
         return world

@@ -74,11 +74,11 @@ class WorldWatcher:
         world: World,
         device: Device,
         replace: Callable[[World, dict[str, Any]], None],
-        felt: Callable[[], tuple[str, dict[str, Any]]],
+        current: Callable[[], tuple[str, dict[str, Any]]],
     ) -> None:
         self.trouble = ""  #: why the newest version of the file is not used; empty while it is
         self._file, (self._world, _), self._device = file, split_remote(world), device
-        self._replace, self._felt = replace, felt
+        self._replace, self._current = replace, current
         self._stamp = file.stamp
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="haptorb-world-file", daemon=True)
@@ -110,7 +110,7 @@ class WorldWatcher:
             if new.name != self._world.name:
                 raise UnknownName(f"world in {path}", new.name, [self._world.name])
             try_world(new, self._device)
-            name, values = self._felt()
+            name, values = self._current()
             self._replace(new, keep_changes(self._world, values, new) if name == new.name else {})
         except HaptorbError as cause:
             if not self._ending.is_set():

@@ -82,7 +82,7 @@ class Tick:
         self._zeros, self._applied = np.zeros(device.channels), np.zeros(device.channels)
         self._nothing, self._no_memory = np.zeros(6), np.zeros(0)
         nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
-        self._felt_last = RenderedWrench(self._nothing, nowhere, self._nothing, NO_CONTACTS, 0, np.zeros(2), False)
+        self._last_rendered = RenderedWrench(self._nothing, nowhere, self._nothing, NO_CONTACTS, 0, np.zeros(2), False)
         self._no_currents = Allocation(self._zeros, self._nothing, Saturation.NONE, 0.0)
         self._stages = np.zeros(len(STAGES))
         self._times: Any = self._stages.data  # single numbers go through it twice as fast
@@ -209,7 +209,7 @@ class Tick:
         if estimate.valid:  # the first valid pose starts the ramp
             protection.start(estimate)
         t2 = perf_counter()
-        felt = self._render(estimate, now)
+        rendered = self._render(estimate, now)
         t3 = perf_counter()
         if self._bound is not None:
             self.budget.watch(self._bound, t3 - t2)
@@ -229,7 +229,7 @@ class Tick:
         times[0], times[1], times[2] = t1 - t0, t2 - t1, t3 - t2
         times[3], times[4], times[5] = t4 - t3, t5 - t4, t6 - t5
         ages, ahead, world, coil_state, saturated, part, model, mode, engaged = self._cells
-        places, thing, pose = self._places, felt.thing, sample.pose
+        places, thing, pose = self._places, rendered.thing, sample.pose
         fill_row(
             row, places, protection.state, protection.coils, self.driver.target(), self.driver.truth(), self._applied,
             sample.field, self._stages,
@@ -238,11 +238,11 @@ class Tick:
             row, ages, pose.R_SR, pose.p, pose.v, pose.w, pose.t, pose.valid, sample.currents_age, sample.field_age
         )
         memory = self._no_memory if self._bound is None else self._bound.numbers
-        fill_object(row, places, felt.share, thing.p, thing.R_SR, self._on_thing, felt.contacts, memory)
+        fill_object(row, places, rendered.share, thing.p, thing.R_SR, self._on_thing, rendered.contacts, memory)
         cells: Any = row.data  # single numbers, as above
         cells[ahead], cells[world], cells[coil_state] = self._ahead, self.world_changes, self.driver.coil_state
         cells[saturated], cells[part], cells[model] = allocation.saturated, self.part.number, self._model
-        cells[mode], cells[engaged] = felt.mode, felt.engaged
+        cells[mode], cells[engaged] = rendered.mode, rendered.engaged
         self._log.fill(cells, self._log_places)
         times[6] = perf_counter() - t6
 
@@ -250,19 +250,19 @@ class Tick:
         bound = self._bound
         try:
             if bound is None:
-                felt = self.linkage.render(self.world, estimate.state)
+                rendered = self.linkage.render(self.world, estimate.state)
             else:
                 bound.paused = not estimate.valid  # safety: memory-stands-still
-                felt = self.linkage.render(bound, estimate.state)
-            check_wrench(felt.wrench)
+                rendered = self.linkage.render(bound, estimate.state)
+            check_wrench(rendered.wrench)
             # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.
-            self._rendered[:], self._on_thing[:] = felt.wrench, felt.on_thing
+            self._rendered[:], self._on_thing[:] = rendered.wrench, rendered.on_thing
             if self._fade.active:
                 self._fade.mix(self._rendered, now)
             if self.part.is_open:
                 self.part.follow()
-            self._felt_last = felt
-            return felt
+            self._last_rendered = rendered
+            return rendered
         except TickTimeout:
             raise
         # A world is the user's code: whatever it raises must end in coils off.
@@ -272,7 +272,7 @@ class Tick:
             self._fail(reason, cause)  # safety: world-failure-trips
             self._rendered[:] = self._on_thing[:] = 0.0
             self._fade.end()
-            return replace(self._felt_last, wrench=self._nothing, on_thing=self._nothing)
+            return replace(self._last_rendered, wrench=self._nothing, on_thing=self._nothing)
 
     def _allocate(self, wrench_map: WrenchMap, wrench: Array) -> Allocation:
         try:

@@ -24,7 +24,7 @@ _LONGEST: Final = 4_000_000  #: bytes of a state
 
 #: class → its attributes that change; "name[]": an array that others look into, and that is filled in place
 _REMEMBERED: Final[dict[str, tuple[str, ...]]] = {
-    "Tick": ("_applied", "world_changes", "_felt_last", "_model", "_rendered[]", "_on_thing[]"),
+    "Tick": ("_applied", "world_changes", "_last_rendered", "_model", "_rendered[]", "_on_thing[]"),
     "TickLog": ("scale",),
     "WrenchFade": ("active", "_before", "_start"),
     "RenderedPart": ("number", "is_open", "_part", "_has_pushed"),
@@ -43,6 +43,8 @@ _REMEMBERED: Final[dict[str, tuple[str, ...]]] = {
     "ColdStart": ("_slopes[]", "_fit[]"),
     "FieldToTorque": ("_field[]", "_usable[]", "_single[]", "_known[]", "_t"),
 }  # fmt: skip
+#: name → what versions before called it
+_EARLIER: Final = {"_last_rendered": "_felt_last"}
 #: class → its parts that remember
 _PARTS: Final[dict[str, tuple[str, ...]]] = {
     "Tick": ("_log", "_fade", "part", "budget", "protection", "linkage", "_bound", "estimator"),
@@ -123,7 +125,7 @@ def _restore(part: Any, state: dict[str, Any]) -> None:
     if kind != state["kind"]:
         return  # another estimator or world stands in: it begins from its start
     for name in _REMEMBERED.get(kind, ()):
-        value, there = state[name], getattr(part, name.removesuffix("[]"))
+        value, there = state[name if name in state else _EARLIER[name]], getattr(part, name.removesuffix("[]"))
         if isinstance(value, bytes):
             there[...] = np.frombuffer(value, dtype=there.dtype).reshape(there.shape)
         elif not _is_record(there):  # None for a record: an earlier version, before the first tick

@@ -31,17 +31,17 @@ _FAST = 1e4  #: [m/s] so that friction is Coulomb's, not the creep of a smoothed
 
 def items(report: Report) -> tuple[tuple[Item, ...], None]:
     """Δ by plain geometry, forces by quadrature and by the outlet's two worlds, and which of them energy allows."""
-    published, felt = PublishedOutlet(), Outlet(beam="paper")
+    published, rendered = PublishedOutlet(), Outlet(beam="paper")
     stiffness = compute_pull_stiffness()
-    rows = felt.contacts(_plug(1e-3, tilt=_TILT, y=0.1e-3))
+    rows = rendered.contacts(_plug(1e-3, tilt=_TILT, y=0.1e-3))
     bent = [rows[1].deflection, rows[0].deflection]  # hook 1 pushes towards +Y': it stands at −Y'
     arm = _ARM - _X0 - 1e-3
     by_16 = [0.5 * _WP / math.cos(_TILT) + side * arm * math.tan(_TILT) - 0.5 * _WS - side * 0.1e-3 for side in (1, -1)]
-    straight = felt.contacts(_plug(1e-3, vx=_FAST))
+    straight = rendered.contacts(_plug(1e-3, vx=_FAST))
     tilted = published.wrench(_plug(0.0, tilt=_TILT, vx=_FAST))
     report(0.3)
     area = 2 * math.tan(_TILT) * (_ARM - _X0) ** 2
-    missing = felt.wrench(_plug(0.0, tilt=_TILT, vx=_FAST))
+    missing = rendered.wrench(_plug(0.0, tilt=_TILT, vx=_FAST))
     turning = [published.wrench(_plug(4e-3, tilt=math.radians(deg)))[5] for deg in (2.0, 1.0, 0.5, 0.0)]
     found = (
         *(
@@ -54,8 +54,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  abs(straight[0].force[0] / straight[0].force[1]), "1", 1e-6, "the outlet that conserves energy",
                  where="eq. (15b)"),
         _AT.claim("14", "(14): F_X' of both hooks, pulled straight, and (17)", stiffness * _FRICTION * (_WP - _WS),
-                 -felt.wrench(_plug(1e-3, vx=_FAST))[0], "N", 1e-3, "the outlet that conserves energy", erratum="E9",
-                 where="eq. (14)"),
+                 -rendered.wrench(_plug(1e-3, vx=_FAST))[0], "N", 1e-3, "the outlet that conserves energy",
+                 erratum="E9", where="eq. (14)"),
         _AT.claim("17-x", "(17): F_X' at 2°, pull of the hand", stiffness * _FRICTION * (_WP / math.cos(_TILT) - _WS),
                  -tilted[0], "N", 1e-6, erratum="E9", where="eq. (17)"),
         _AT.claim("17-y", "(17): F_Y' at 2°, x = y = 0", stiffness * 2 * math.tan(_TILT) * (_ARM - _X0), tilted[1], "N",
