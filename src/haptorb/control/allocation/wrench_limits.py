@@ -94,4 +94,4 @@ def is_missing(residual: Array, wrench: Array, part: int) -> bool:
     for i in range(3 * part, 3 * part + 3):
         missing += residual[i] * residual[i]
         asked += wrench[i] * wrench[i]
-    return np.sqrt(missing) > max(_MISSING * np.sqrt(asked), _LEAST[part])
+    return bool(np.sqrt(missing) > max(_MISSING * np.sqrt(asked), _LEAST[part]))

@@ -66,7 +66,7 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
         normal, level = ("radial", "tangential") if device.surface.is_dome else ("upwards", "along the plate")
         self.components = (Component(normal, (2,)), Component(level, (0, 1)))
         self._device, self._allocator, self._loop = device, array_allocator(device), CurrentLoop(device)
-        self._known, self._rows = device.magnetics, device.windings.rows
+        self._known = device.magnetics
 
     def draw_point(self, region: int, rng: np.random.Generator) -> ArrayPoint:
         """Anywhere in the region, spread evenly over the surface; the force in any direction."""
@@ -104,19 +104,20 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
 
     def _deliver(self, point: ArrayPoint, trial: ArrayTrial, currents: Array) -> Array:
         """(3,) the true force [N]: of the coils with the magnets' strength, of the core with its square."""
-        rows, known = self._rows.copy(), self._known
-        rows[:, :3] += trial.shift
-        axis = rows[:, 3:6] + np.cross(trial.lean, rows[:, 3:6])
-        rows[:, 3:6] = axis / np.linalg.norm(axis, axis=1, keepdims=True)
-        rows[:, 6] *= 1 + trial.turns
+        known = self._known
+        coils = known.coils.copy()
+        coils["centre"] += trial.shift
+        axis = coils["axis"] + np.cross(trial.lean, coils["axis"])
+        coils["axis"] = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+        coils["turns"] *= 1 + trial.turns
         answers = known.answers
         if known.core_radius > 0.0:
             off = np.concatenate([trial.shift, trial.lean], axis=1)
             answers = answers + np.einsum("ji,ijkc->jkc", off, self._slopes)
             answers *= (1 + trial.turns)[:, None, None]
-        pose, matrix, passive = np.empty((4, 3)), np.empty((6, len(rows))), np.empty(6)
+        pose, matrix, passive = np.empty((4, 3)), np.empty((6, len(coils))), np.empty(6)
         pose[:3], pose[3] = point.R, point.p
-        array_wrench(known._replace(coils=rows, answers=answers), pose, matrix, passive)
+        array_wrench(known._replace(coils=coils, answers=answers), pose, matrix, passive)
         force: Array = trial.strength * (matrix[:3] @ currents) + trial.strength**2 * passive[:3]
         return force
 

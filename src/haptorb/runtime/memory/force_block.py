@@ -43,7 +43,8 @@ class ForceBlock:
     def command(self, force: Sequence[float], session: int, stamp: float) -> None:
         """The client of `session` wants `force` (3,) [N] in the stator's frame, at `stamp` [s] of the monotonic
         clock."""
-        self._write(_Command(*force, float(session), stamp, loss=0.0))
+        x, y, z = force
+        self._write(_Command(x, y, z, float(session), stamp, loss=0.0))
 
     def lose(self, stamp: float) -> None:
         """The connection of the client that commanded last was lost at `stamp` [s] of the monotonic clock."""
@@ -109,4 +110,4 @@ class ClientForces:
 
 def _read_command(floats: memoryview[float], at: int) -> _Command:
     """The command of the block that begins at the word `at`."""
-    return _Command(*floats[at + 1 : at + 1 + len(_Command._fields)].tolist())  # type: ignore[misc]
+    return _Command(*floats[at + 1 : at + 1 + len(_Command._fields)].tolist())
