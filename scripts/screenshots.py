@@ -217,9 +217,9 @@ def _study(browser: Any, folder: Path, who: str, moment: str, theme: str, path: 
         for one, page in pages.items():
             page.goto(urls[one])
             _until(page, "!!study.view && study.view.state === 'waiting'")
-        desk, page = pages["experimenter"], pages["participant"]
-        desk.get_by_label("Code, never a name").fill("P01")
-        desk.keyboard.press("Enter")
+        experimenter, page = pages["experimenter"], pages["participant"]
+        experimenter.get_by_label("Code, never a name").fill("P01")
+        experimenter.keyboard.press("Enter")
         _until(page, "study.view.state === 'consent'")
         for key in _MOMENTS[moment]:
             page.keyboard.press(key)

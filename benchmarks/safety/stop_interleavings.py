@@ -221,8 +221,8 @@ class Trial:
         self.console = console_room.ConsoleSocketHub(self.host, None)
         self.pages: list[Socket] = []
         study = study_of('name = "stop"\n[trials]\nrepetitions = 2')
-        self.reception = SessionManager(None, study, lambda file: self.host, sit=Sitting)  # type: ignore[arg-type]
-        self.study = study_room.StudySocketHub(self.reception, "token", {}, {})
+        self.manager = SessionManager(None, study, lambda file: self.host, open_session=Sitting)  # type: ignore[arg-type]
+        self.study = study_room.StudySocketHub(self.manager, "token", {}, {})
         self.participant = study_room.StudyPage(SimpleNamespace(), participant=True)  # type: ignore[arg-type]
         self.experimenter = study_room.StudyPage(SimpleNamespace(), participant=False)  # type: ignore[arg-type]
         self.study.enter(self.participant)
@@ -321,7 +321,7 @@ class Trial:
         self.study.enter(self.participant)
 
     def study_step(self) -> None:
-        self.reception.step()
+        self.manager.step()
 
     def trip(self) -> None:
         self.chain.protection.trip(self.random.choice((Trip.WORLD_FAILED, Trip.OVERCURRENT)))
@@ -393,8 +393,8 @@ class Trial:
         """How a promise was broken; empty: all were kept."""
         try:
             self.device.open()
-            self.reception.ask({"do": "begin", "code": "P1"}, lambda text: None)
-            self.reception.step()
+            self.manager.ask({"do": "begin", "code": "P1"}, lambda text: None)
+            self.manager.step()
             loop = Loop(self.chain, find_world("dome")(), self.shared, RATE, os.getppid())
             well = loop.run(self)  # type: ignore[arg-type]
             return "" if well else f"the loop ended: {loop.reason}"

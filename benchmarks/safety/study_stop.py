@@ -144,8 +144,8 @@ class Scene:
         self.servo: Servo | None = None
         self.stops: list[float] = []
         self._codes = 0
-        self.reception = SessionManager(self.engine, make_study(state, repetitions), self._start)
-        self.host = StudyServer(self.reception, 0)
+        self.manager = SessionManager(self.engine, make_study(state, repetitions), self._start)
+        self.host = StudyServer(self.manager, 0)
         self._serving = threading.Thread(target=self.host.serve)
         self._serving.start()
         url, token = self.host.participant.replace("http", "ws"), self.host.experimenter.split("#")[1]

@@ -60,7 +60,7 @@ def application(
             process.own_worlds = lambda: servo.own_worlds
             process.render = servo.render
         painter = ForceMapWorker(device, force_map)
-    room = ConsoleSocketHub(servo, painter, designs)
+    hub = ConsoleSocketHub(servo, painter, designs)
     known = session(servo, uuid4().hex)
 
     async def file(request: Request) -> Response:
@@ -76,10 +76,10 @@ def application(
             Route("/", file),
             Route("/static/{name}", file),
             Route("/api/session", describe),
-            WebSocketRoute("/ws", room.join),
+            WebSocketRoute("/ws", hub.join),
         ],
         middleware=[Middleware(AccessGate, token=token, framed_by=framed_by)],
-        lifespan=run_beside(room.keep),
+        lifespan=run_beside(hub.keep),
     )
     app.state.force_map = process
     app.state.token = token

@@ -64,21 +64,21 @@ def main(spec: Mapping[str, Any]) -> int:
         return 0
     except HaptorbError as cause:
         return _report_failure(shared, str(cause))
-    reception = PoseFilter(feed, shared.tracked)
+    pose_filter = PoseFilter(feed, shared.tracked)
     words[Word.TRACKER] = Phase.RUNNING
     raise_priority()  # it sleeps nearly always, and a pose that waits for its turn on a busy computer grows old
     report_time, cpu_time = monotonic(), process_time()
     try:
         while True:
             look()
-            reception.listen(_PATIENCE)
+            pose_filter.listen(_PATIENCE)
             if (passed := monotonic() - report_time) > _TELL:
                 if process_time() - cpu_time > _FLOOD * passed:
                     lower_priority()
                 report_time, cpu_time = monotonic(), process_time()
-                shared.tracker_facts.write(json.dumps(reception.facts()))
+                shared.tracker_facts.write(json.dumps(pose_filter.facts()))
     except _ServoEnded:
-        shared.tracker_facts.write(json.dumps(reception.facts()))
+        shared.tracker_facts.write(json.dumps(pose_filter.facts()))
         words[Word.TRACKER] = Phase.ENDED
         return 0
     except Exception as cause:

@@ -30,10 +30,10 @@ def sat(study: Study, place: Path, answers: dict[int, int], codes: tuple[str, ..
     """Participants who answer every set-point as `answers` tells."""
     engine = database(place)
     for code in codes:
-        with StoredSession(engine, study, code) as sitting:
-            while (prompt := sitting.prompt) is not None:
+        with StoredSession(engine, study, code) as session:
+            while (prompt := session.prompt) is not None:
                 value = answers[prompt.set_point]
-                sitting.answer(Answer(value, WAYS[value], 1.0))
+                session.answer(Answer(value, WAYS[value], 1.0))
     engine.dispose()
 
 
@@ -125,11 +125,11 @@ def test_wrong_answers_become_an_arrow(identify: Study, tmp_path: Path) -> None:
 def test_participants_count_alike_however_much_they_answered(identify: Study, tmp_path: Path) -> None:
     sat(identify, tmp_path / "s.db", {1: 1, 2: 2, 3: 3}, ("P01",))
     engine = database(tmp_path / "s.db")
-    with StoredSession(engine, identify, "P02") as sitting:  # stops after practice and one wrong answer
+    with StoredSession(engine, identify, "P02") as session:  # stops after practice and one wrong answer
         for _ in range(2):
-            prompt = sitting.prompt
+            prompt = session.prompt
             assert prompt is not None
-            sitting.answer(Answer(1 + prompt.set_point % 3, WAYS[1]))
+            session.answer(Answer(1 + prompt.set_point % 3, WAYS[1]))
     found = analysis_of(tmp_path / "s.db")
     assert found.confusion is not None
     assert found.confusion.accuracy == pytest.approx(0.5)
@@ -156,12 +156,12 @@ def test_a_database_without_answers_is_told(identify: Study, tmp_path: Path) -> 
     engine = database(tmp_path / "s.db")
     with pytest.raises(InputError, match="holds no study"):
         analysis_of(tmp_path / "s.db")
-    with StoredSession(engine, identify, "P01") as sitting:
+    with StoredSession(engine, identify, "P01") as session:
         pass
     with pytest.raises(RecordingError, match="no answered trials"):
         analysis_of(tmp_path / "s.db")
-    with StoredSession(engine, identify, "P01") as sitting:
-        sitting.answer(Answer(1, WAYS[1]))
+    with StoredSession(engine, identify, "P01") as session:
+        session.answer(Answer(1, WAYS[1]))
     with pytest.raises(InputError, match="only practice trials"):
         analysis_of(tmp_path / "s.db")
     with pytest.raises(InputError, match="no study 'other'"):
@@ -175,10 +175,10 @@ def test_conditions_are_compared_person_by_person(tmp_path: Path) -> None:
     )
     engine = database(tmp_path / "s.db")
     for code in ("P01", "P02", "P03"):
-        with StoredSession(engine, study, code) as sitting:
-            while (prompt := sitting.prompt) is not None:
+        with StoredSession(engine, study, code) as session:
+            while (prompt := session.prompt) is not None:
                 right = prompt.condition == "a"
-                sitting.answer(Answer(prompt.set_point if right else 3 - prompt.set_point, WAYS[1]))
+                session.answer(Answer(prompt.set_point if right else 3 - prompt.set_point, WAYS[1]))
     found = analyse(study, tidy(engine, study))
     accuracy = next(one for one in found.comparisons if one.what == "accuracy")
     assert (accuracy.what, accuracy.difference, accuracy.people) == ("accuracy", 1.0, 3)
@@ -189,9 +189,9 @@ def test_ratings_that_all_agree_have_no_interval(tmp_path: Path) -> None:
     study = study_of('name = "r"\nprocedure = "rating"\n[trials]\nrepetitions = 2\n')
     engine = database(tmp_path / "s.db")
     for code in ("P01", "P02", "P03"):
-        with StoredSession(engine, study, code) as sitting:
-            while sitting.prompt is not None:
-                sitting.answer(Answer(4, WAYS[1]))
+        with StoredSession(engine, study, code) as session:
+            while session.prompt is not None:
+                session.answer(Answer(4, WAYS[1]))
     found = analysis_of(tmp_path / "s.db").scores["base"]
     assert (found.mean, found.ratings) == (4.0, 6)
     assert np.isnan([found.low, found.high]).all()
@@ -204,9 +204,9 @@ def test_choices_are_counted_over_people(tmp_path: Path) -> None:
     )
     engine = database(tmp_path / "s.db")
     for n, code in enumerate(("P01", "P02", "P03", "P04")):
-        with StoredSession(engine, study, code) as sitting:
-            while (prompt := sitting.prompt) is not None:
-                sitting.answer(Answer(prompt.interval if n % 2 else 3 - prompt.interval))
+        with StoredSession(engine, study, code) as session:
+            while (prompt := session.prompt) is not None:
+                session.answer(Answer(prompt.interval if n % 2 else 3 - prompt.interval))
     k, of, (low, high) = analysis_of(tmp_path / "s.db").chosen[("a", "b")]
     assert (k, of) == (16, 32)
     pooled = wilson(k, of)

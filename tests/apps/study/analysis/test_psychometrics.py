@@ -44,12 +44,12 @@ def sat(study: Study, place: Path, codes: tuple[str, ...], skip: str = "", most:
     engine = database(place)
     for n, code in enumerate(codes):
         draw = np.random.default_rng([3, n])
-        with StoredSession(engine, study, code) as sitting:
-            while (prompt := sitting.prompt) is not None and sitting.number < most:
+        with StoredSession(engine, study, code) as session:
+            while (prompt := session.prompt) is not None and session.number < most:
                 if prompt.condition == skip:
                     break
                 stronger = draw.random() < ndtr((prompt.level - 1.2 + 0.05 * n) / 0.15)
-                sitting.answer(Answer(prompt.interval if stronger else 3 - prompt.interval), driver="serial:x")
+                session.answer(Answer(prompt.interval if stronger else 3 - prompt.interval), driver="serial:x")
     engine.dispose()
     return analysis_of(place)
 

@@ -38,10 +38,10 @@ NO_IMAGES = dict.fromkeys(("confusion", "answers", "error", "curves"), b"")  #: 
 
 def sat(study: Study, place: Path, code: str, driver: str | None, most: int = 1000) -> None:
     """One participant, who answers `most` trials."""
-    with StoredSession(database(place), study, code, simulated=code.startswith("SIM")) as sitting:
-        while (prompt := sitting.prompt) is not None and sitting.number < most:
+    with StoredSession(database(place), study, code, simulated=code.startswith("SIM")) as session:
+        while (prompt := session.prompt) is not None and session.number < most:
             value = prompt.numbers[0] if prompt.numbers else prompt.high or None
-            sitting.answer(Answer(value, (0.0, 0.0, 0.05), 1.0), driver=driver)
+            session.answer(Answer(value, (0.0, 0.0, 0.05), 1.0), driver=driver)
 
 
 def text_of(analysis: Analysis) -> str:

@@ -204,12 +204,12 @@ def test_a_session_that_was_cut_off_goes_on_at_the_same_place(procedure: str, tm
     wanted = collect_prompts(study, 0)
     engine, asked = database(tmp_path / "s.db"), []
     while True:
-        with StoredSession(engine, study, "P01") as sitting:
+        with StoredSession(engine, study, "P01") as session:
             for _ in range(4):  # begun anew after every four answers
-                if (prompt := sitting.prompt) is not None:
+                if (prompt := session.prompt) is not None:
                     asked.append(prompt)
-                    sitting.answer(Answer(prompt.interval))
-            if sitting.over:
+                    session.answer(Answer(prompt.interval))
+            if session.over:
                 break
     assert asked == wanted
     columns = tidy(engine, study)
@@ -246,13 +246,13 @@ def test_a_study_of_an_older_version_keeps_its_digest_and_its_order(text: str, t
     # Its database has the file without a word on order; the same file, run again today, goes on with that study.
     assert study_of(older.text, stored=True).digest == older.digest
     engine = database(tmp_path / "s.db")
-    with StoredSession(engine, older, "P01") as sitting:
-        first = sitting.prompt
+    with StoredSession(engine, older, "P01") as session:
+        first = session.prompt
         assert first is not None
     kept = keep_older(engine, study_of(text))
     assert (kept.digest, kept.text) == (older.digest, older.text)
-    with StoredSession(engine, kept, "P01") as sitting:
-        assert sitting.prompt == first
+    with StoredSession(engine, kept, "P01") as session:
+        assert session.prompt == first
     assert keep_older(database(tmp_path / "new.db"), study_of(text)).order_version == "2"
 
 

@@ -67,9 +67,9 @@ def run(study: Study, place: Path, *keys: Any, servo: Any = None) -> SimpleNames
     def show(view: View) -> None:
         views.append((view.state, view.typed, view.message))
 
-    with StoredSession(database(place), study, "P01") as sitting:
-        asked = [sitting.prompt]
-        how = TerminalSession(sitting, TrialDevice(study, servo), Script(*keys), show, "run.mcap").run()  # type: ignore[arg-type]
+    with StoredSession(database(place), study, "P01") as session:
+        asked = [session.prompt]
+        how = TerminalSession(session, TrialDevice(study, servo), Script(*keys), show, "run.mcap").run()  # type: ignore[arg-type]
     return SimpleNamespace(how=how, servo=servo, views=views, first=asked[0])
 
 

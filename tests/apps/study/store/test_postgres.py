@@ -115,8 +115,8 @@ def test_two_experimenters_cannot_run_one_session(fresh: str, identify: Study) -
 
 def test_an_older_schema_is_brought_forward(fresh: str, identify: Study) -> None:
     engine = database(fresh)
-    with StoredSession(engine, identify, "P01") as sitting:
-        sitting.answer(Answer(1, (0.0, 0.0, 0.05)))
+    with StoredSession(engine, identify, "P01") as session:
+        session.answer(Answer(1, (0.0, 0.0, 0.05)))
     with engine.begin() as connection:
         connection.execute(text("DROP TABLE replies"))
         connection.execute(text("ALTER TABLE trials DROP COLUMN driver"))
@@ -126,8 +126,8 @@ def test_an_older_schema_is_brought_forward(fresh: str, identify: Study) -> None
     with engine.connect() as connection:
         assert connection.execute(text("SELECT version FROM haptorb_schema")).scalar_one() == SCHEMA
         assert connection.execute(text("SELECT count(*) FROM replies")).scalar_one() == 0
-    with StoredSession(engine, identify, "P01") as sitting:
-        assert sitting.number == 1
+    with StoredSession(engine, identify, "P01") as session:
+        assert session.number == 1
     engine.dispose()
 
 

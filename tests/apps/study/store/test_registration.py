@@ -51,9 +51,9 @@ NO_IMAGES = dict.fromkeys(("confusion", "answers", "error", "curves"), b"")
 def sat(study: Study, place: Path, codes: tuple[str, ...] = tuple(RATINGS), only: str = "abc") -> None:
     engine = database(place)
     for code in codes:
-        with StoredSession(engine, study, code) as sitting:
-            while (prompt := sitting.prompt) is not None and prompt.condition in only:
-                sitting.answer(Answer(RATINGS[code]["abc".index(prompt.condition)], None, 1.0))
+        with StoredSession(engine, study, code) as session:
+            while (prompt := session.prompt) is not None and prompt.condition in only:
+                session.answer(Answer(RATINGS[code]["abc".index(prompt.condition)], None, 1.0))
     engine.dispose()
 
 

@@ -98,16 +98,16 @@ def _run_in_terminal(
 ) -> None:  # fmt: skip
     from haptorb.apps.study.session.stored_session import StoredSession
 
-    with StoredSession(engine, known, participant, simulated=False) as sitting:
-        if sitting.resumed:
-            say(f"resuming session {sitting.id} of {participant} at trial {sitting.number + 1}")
-        if sitting.over:
+    with StoredSession(engine, known, participant, simulated=False) as session:
+        if session.resumed:
+            say(f"resuming session {session.id} of {participant} at trial {session.number + 1}")
+        if session.over:
             raise InputError(f"participant '{participant}' has already answered all trials")
         from haptorb.apps.study.session.terminal import run_session
 
-        how = run_session(sitting, start, _free_recording_path(db, sitting.id) if record else None)
+        how = run_session(session, start, _free_recording_path(db, session.id) if record else None)
     words = {"done": "done: thank you", "aborted": "aborted: the answers are stored"}
-    say(words.get(how, f"session ended: `{again}` resumes at trial {sitting.number + 1}"))
+    say(words.get(how, f"session ended: `{again}` resumes at trial {session.number + 1}"))
 
 
 def _run_in_browser(

@@ -30,7 +30,7 @@ PATIENCE = 5.0  #: for an experimenter's token [s]
 
 #: what an experimenter's page sends to end with the coils off; the rest of the message may be anything
 _STOPS = re.compile(r'"do"\s*:\s*"(stop|pause|leave|abort)"')
-#: what a participant may ask of the reception; everything else steers, and steering is the experimenter's
+#: what a participant may ask of the session manager; everything else steers, and steering is the experimenter's
 _PARTICIPANT = frozenset({"agree", "answer", "reply", "skip", "interval"})
 _EXPERIMENTER = frozenset({"begin", "pause", "stop", "resume", "repeat", "engage", "leave", "abort", "skip", "view"})
 _IN_TRIAL = ("running", "time is up")
@@ -54,12 +54,10 @@ class StudyPage:
 
 @final
 class StudySocketHub:
-    """Joins pages to the reception."""
+    """Joins pages to the session manager."""
 
-    def __init__(
-        self, reception: SessionManager, token: str, about: Mapping[str, Any], more: Mapping[str, Any]
-    ) -> None:
-        self._reception, self._token = reception, token
+    def __init__(self, manager: SessionManager, token: str, about: Mapping[str, Any], more: Mapping[str, Any]) -> None:
+        self._manager, self._token = manager, token
         self._about, self._more = dict(about), dict(more)
         self._participants: list[StudyPage] = []  # the first has the pen and answers, the others only look on
         self._experimenters: list[StudyPage] = []
@@ -70,10 +68,10 @@ class StudySocketHub:
     async def keep(self) -> None:
         """For as long as the server runs: the hand at rest on a pen that is steered from a page."""
         while True:
-            stage = self._reception.stage
-            if stage is not None:
-                with suppress(Exception):  # the reception's thread notices by itself, and says so
-                    stage.hold()
+            trial_device = self._manager.trial_device
+            if trial_device is not None:
+                with suppress(Exception):  # the manager's thread notices by itself, and says so
+                    trial_device.hold()
             await asyncio.sleep(REFRESH)
 
     async def join_participant(self, socket: WebSocket) -> None:
@@ -112,7 +110,7 @@ class StudySocketHub:
     def part(self, page: StudyPage) -> None:
         """`page` went away. If it was the participant's, the coils go off, and stay off until somebody resumes."""
         if page.participant and self._participants[0] is page:  # safety: participant-gone
-            self._reception.halt.stop("the participant's page was closed")
+            self._manager.halt.stop("the participant's page was closed")
         (self._participants if page.participant else self._experimenters).remove(page)
 
     def hear(self, page: StudyPage, text: str) -> None:
@@ -120,10 +118,10 @@ class StudySocketHub:
         try:
             if page.participant:
                 if asks_to_stop(text):  # safety: study-stop-first
-                    self._reception.halt.stop("by the participant")
+                    self._manager.halt.stop("by the participant")
             elif found := _STOPS.search(text):  # safety: study-end-first
                 ends = found[1] in ("leave", "abort")
-                self._reception.halt.stop(None if ends else "by the experimenter")
+                self._manager.halt.stop(None if ends else "by the experimenter")
             command = read_command(text)
             do = command.get("do")
             if not isinstance(do, str):
@@ -157,18 +155,18 @@ class StudySocketHub:
             return  # `hear` has done it
         if page is not self._participants[0]:
             raise InputError("another participant's page is open: close that one first")
-        reception = self._reception
+        manager = self._manager
         if do == "steer":
-            stage = reception.stage
-            if stage is not None and stage.steered:
-                stage.aim(_number(command, "x"), _number(command, "y"))
+            trial_device = manager.trial_device
+            if trial_device is not None and trial_device.steered:
+                trial_device.aim(_number(command, "x"), _number(command, "y"))
         elif do == "draft":
-            sitting = reception.sitting
+            session = manager.session
             value = command.get("value")
             if value is None or (type(value) is int and abs(value) < _LARGEST):
-                self._draft, self._draft_of = value, sitting.number if sitting is not None else -1
+                self._draft, self._draft_of = value, session.number if session is not None else -1
         elif do in _PARTICIPANT:  # safety: participant-steers
-            reception.ask(command, page.tell)
+            manager.ask(command, page.tell)
         else:
             raise InputError(f"a participant's page may not do {do[:40]!r}")
 
@@ -181,13 +179,13 @@ class StudySocketHub:
         if do == "view":
             self._view(page, command.get("trial"))
         elif do not in ("stop", "pause"):
-            self._reception.ask(command, page.tell)
+            self._manager.ask(command, page.tell)
 
     def _view(self, page: StudyPage, trial: Any) -> None:
         """Have the recording of an answered trial of this session played."""
-        if self._reception.now in _IN_TRIAL:
+        if self._manager.now in _IN_TRIAL:
             raise InputError("a trial runs: stop it, or wait for the pause after it, to look at a recording")
-        parts = [row.get("recording") for row in self._reception.log if row["trial"] == trial]
+        parts = [row.get("recording") for row in self._manager.log if row["trial"] == trial]
         if not parts or parts[-1] is None:
             raise InputError("this trial has no recording: it is not answered yet, or the session is not recorded")
         self.viewers.open(parts[-1], page.tell)
@@ -219,19 +217,19 @@ class StudySocketHub:
 
     def _events(self, page: StudyPage) -> dict[str, Any]:
         """What `page` is to know now, by kind of event."""
-        reception = self._reception
+        manager = self._manager
         events: dict[str, Any] = {}
         if page.participant:
-            events["view"] = for_participant(reception) | {"watching": page is not self._participants[0]}
+            events["view"] = for_participant(manager) | {"watching": page is not self._participants[0]}
         else:
-            sitting = reception.sitting
-            draft = self._draft if sitting is not None and self._draft_of == sitting.number else None
-            events["view"] = for_experimenter(reception, len(self._participants), draft)
+            session = manager.session
+            draft = self._draft if session is not None and self._draft_of == session.number else None
+            events["view"] = for_experimenter(manager, len(self._participants), draft)
             events["viewers"] = self.viewers.urls
-        stage = reception.stage
-        if stage is not None and (not page.participant or stage.simulated):
+        trial_device = manager.trial_device
+        if trial_device is not None and (not page.participant or trial_device.simulated):
             with suppress(HaptorbError):
-                events["pen"] = pen(stage)
+                events["pen"] = pen(trial_device)
         return events
 
 

@@ -28,7 +28,7 @@ def _ignore_event(kind: str, facts: dict[str, Any]) -> None:
 
 @final
 class TrialRunner:
-    """Runs `sitting` on `stage`. `tick` is to be called some fifty times a second.
+    """Runs `session` on `trial_device`. `tick` is to be called some fifty times a second.
 
     A Stop is carried out by `halt`, at once; here it becomes the state "paused", whatever the state was, and a record.
     A trial in which the device was off, for whatever reason, is not answered: it begins anew when the device is on.
@@ -36,18 +36,18 @@ class TrialRunner:
     state      question, pause (between trials), break, running, time is up, device off, paused, done, left, aborted
     recording  file that the tool's course goes to; its name is kept with every trial
     mark       is told of everything that happens, as it happens: for streams to other equipment
-    halt       knows the stage's servo and who stopped it; None: one of its own
+    halt       knows the servo and who stopped it; None: one of its own
     """
 
     def __init__(
-        self, sitting: StoredSession, stage: TrialDevice, recording: str | None = None,
+        self, session: StoredSession, trial_device: TrialDevice, recording: str | None = None,
         mark: Callable[[str, dict[str, Any]], None] = _ignore_event, clock: Callable[[], float] = monotonic,
         halt: StopSwitch | None = None,
     ) -> None:  # fmt: skip
-        self.sitting, self.stage = sitting, stage
+        self.session, self.trial_device = session, trial_device
         if halt is None:
             halt = StopSwitch()
-            halt.attach(stage.servo, halt.ask())
+            halt.attach(trial_device.servo, halt.ask())
         self.halt = halt
         self.which = 1  #: interval that is felt
         self.seconds = 0.0  #: time in this trial without pauses [s]
@@ -58,7 +58,7 @@ class TrialRunner:
         self._during: list[dict[str, Any]] = []  # trips in this trial, however often it began
         self._until = 0.0  # end of a rest
         self._last = clock()
-        self._trip_count = 0  # trips of the stage that are kept
+        self._trip_count = 0  # trips of the device that are kept
         self._paused_from, self._rest_left = "", 0.0
         self.state = "pause"
         self._continue()
@@ -67,12 +67,12 @@ class TrialRunner:
     @property
     def prompt(self) -> Prompt | None:
         """What is asked now, or next."""
-        return self.sitting.prompt
+        return self.session.prompt
 
     @property
     def question(self) -> Question | None:
         """What is asked in words now."""
-        return self.sitting.question if self.state == "question" else None
+        return self.session.question if self.state == "question" else None
 
     @property
     def rest_left(self) -> float:
@@ -87,17 +87,17 @@ class TrialRunner:
         passed, self._last = now - self._last, now
         self.apply_stop()
         self._notice_off()
-        self.sitting.keep_late()
+        self.session.keep_late()
         rested = self.state in ("pause", "break") and now >= self._until
-        if rested or (self.state == "device off" and not self.stage.switched_off):
+        if rested or (self.state == "device off" and not self.trial_device.switched_off):
             self._begin()
         elif self.state == "running":
             self.seconds += passed
-            limit = self.sitting.study.trials.time_limit
+            limit = self.session.study.trials.time_limit
             if limit is not None and self.seconds > limit:
-                self.stage.rest()
+                self.trial_device.rest()
                 self.state = "time is up"
-                self._mark("time is up", {"trial": self.sitting.number + 1})
+                self._mark("time is up", {"trial": self.session.number + 1})
         elif self.state == "time is up":
             self.seconds += passed
 
@@ -125,10 +125,13 @@ class TrialRunner:
             raise InputError(f"no answer is expected now ({self.state})")
         if value is None and prompt.wants_number:
             raise InputError("choose the number first, then answer")
-        number = self.sitting.number
-        answer = Answer(value, self.stage.position, self.seconds)
-        self.sitting.answer(
-            answer, safety=self._during, recording=self.stage.course(self._recording), driver=self.stage.servo.driver
+        number = self.session.number
+        answer = Answer(value, self.trial_device.position, self.seconds)
+        self.session.answer(
+            answer,
+            safety=self._during,
+            recording=self.trial_device.course(self._recording),
+            driver=self.trial_device.servo.driver,
         )
         self._mark("answer", {"trial": number + 1, "answer": value, "set_point": prompt.set_point})
         self.repeats, self._again, self._during = 0, "", []
@@ -140,7 +143,7 @@ class TrialRunner:
         question = self.question
         if question is None:
             raise InputError("no question is asked now")
-        self.sitting.reply(question, text)
+        self.session.reply(question, text)
         self._mark("reply", {"question": question.name})
         self._continue()
 
@@ -158,8 +161,8 @@ class TrialRunner:
             raise InputError("this trial has no such interval")
         if self.state == "running":
             self.which = which
-            self.stage.interval(prompt, which)
-            self._mark("interval", {"trial": self.sitting.number + 1, "interval": which})
+            self.trial_device.interval(prompt, which)
+            self._mark("interval", {"trial": self.session.number + 1, "interval": which})
 
     def pause(self, why: str = "") -> None:
         """Coils off until `resume`; a rest stands still meanwhile."""
@@ -210,21 +213,21 @@ class TrialRunner:
         if self.state not in OVER:
             self.halt.stop(None)
             self.apply_stop()
-            self.sitting.abort(why)
-            self._mark("abort", {"trial": self.sitting.number + 1})
+            self.session.abort(why)
+            self._mark("abort", {"trial": self.session.number + 1})
             self.state = "aborted"
 
     def _continue(self) -> None:
         """Whatever comes after an answer: a question, a rest, a trial or the end."""
-        self.stage.rest()
+        self.trial_device.rest()
         prompt = self.prompt
-        if self.sitting.question is not None:
+        if self.session.question is not None:
             self.state = "question"
         elif prompt is None:
             self.state = "done"
             self._mark("done", {})
         else:
-            wait = prompt.pause or (self.sitting.study.trials.pause_seconds if self.sitting.number else 0.0)
+            wait = prompt.pause or (self.session.study.trials.pause_seconds if self.session.number else 0.0)
             self._until = self._clock() + wait
             self.state = "break" if prompt.pause else "pause"
             if prompt.pause:
@@ -237,50 +240,50 @@ class TrialRunner:
         prompt = self.prompt
         assert prompt is not None
         self._record_trips()
-        if self.stage.switched_off:
+        if self.trial_device.switched_off:
             self._wait_for_device()
             return
         self.state, self.which, self.seconds = "running", 1, 0.0
         self._last = self._clock()
-        self.stage.begin(prompt)
+        self.trial_device.begin(prompt)
         if self._again:
             self.repeats += 1
             self._note("repeat", self._again)
             self._again = ""
         self._mark(
             "trial",
-            {"trial": self.sitting.number + 1, "set_point": prompt.set_point, "condition": prompt.condition,
+            {"trial": self.session.number + 1, "set_point": prompt.set_point, "condition": prompt.condition,
              "level": prompt.level, "interval": prompt.interval, "phase": prompt.phase},
         )  # fmt: skip
 
     def _wait_for_device(self) -> None:
-        self.stage.rest()
+        self.trial_device.rest()
         self.state = "device off"
-        self._mark("device off", {"trial": self.sitting.number + 1})
+        self._mark("device off", {"trial": self.session.number + 1})
 
     def _notice_off(self) -> None:
         """Keep new trips; a trial in which the device was off waits until it is on, then begins anew."""
         fresh = [str(trip["code"]) for trip in self._record_trips() if trip["code"] != "NOT_WATCHED"]
-        if self.state in _TRIAL and (fresh or self.stage.switched_off):  # safety: study-answer-off
+        if self.state in _TRIAL and (fresh or self.trial_device.switched_off):  # safety: study-answer-off
             self._again = f"the device was off: {', '.join(fresh)}" if fresh else "the device was off"
             self._wait_for_device()
 
     def _record_trips(self) -> list[dict[str, Any]]:
         """Keep new trips, which are returned; those of a trial are kept with its answer besides."""
-        self.stage.look()
-        fresh = self.stage.trips[self._trip_count :]
+        self.trial_device.look()
+        fresh = self.trial_device.trips[self._trip_count :]
         self._trip_count += len(fresh)
         for trip in fresh:
             if trip["code"] == "STOPPED":  # by hand, which is no safety event
                 continue
             if self.state in _TRIAL:
                 self._during.append(trip)
-            known = {**trip, "trial": self.sitting.number}
+            known = {**trip, "trial": self.session.number}
             self.trips.append(known)
-            self.sitting.note("safety", f"{trip['code']}: {trip['reason']}", later=True)
-            self._mark("safety", {**known, "trial": self.sitting.number + 1})
+            self.session.note("safety", f"{trip['code']}: {trip['reason']}", later=True)
+            self._mark("safety", {**known, "trial": self.session.number + 1})
         return fresh
 
     def _note(self, kind: str, text: str = "", at: str | None = None) -> None:
-        self.sitting.note(kind, text, at=at, later=True)
-        self._mark(kind, {"trial": self.sitting.number + 1} | ({"why": text} if text else {}))
+        self.session.note(kind, text, at=at, later=True)
+        self._mark(kind, {"trial": self.session.number + 1} | ({"why": text} if text else {}))
