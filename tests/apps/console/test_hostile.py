@@ -41,12 +41,12 @@ def test_many_that_mean_no_good_take_neither_place_nor_control(console, servo, h
                     held = list(console._server.server_state.connections)
                     at_once.append(sum(not each.transport.is_closing() for each in held))
 
-        def hear() -> None:
+        def receive() -> None:
             with suppress(ConnectionClosed):
                 for _ in page:
                     pass
 
-        holding, hearing = threading.Thread(target=hold), threading.Thread(target=hear)
+        holding, hearing = threading.Thread(target=hold), threading.Thread(target=receive)
         holding.start()
         hearing.start()
         try:

@@ -36,7 +36,7 @@ class Client:
         self.meshes = 0
         self.dropped = 0.0
 
-    def hear(self) -> None:
+    def receive(self) -> None:
         message = self.socket.recv(timeout=5)
         if isinstance(message, str):
             self.events.append(json.loads(message))
@@ -61,7 +61,7 @@ class Client:
         while time.monotonic() < end:
             if found := what():
                 return found
-            self.hear()
+            self.receive()
         raise AssertionError("it did not come")
 
     def event(self, kind: str, **wanted: Any) -> dict[str, Any]:

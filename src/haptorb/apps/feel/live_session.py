@@ -61,7 +61,7 @@ class LiveSession:
         self.person = check_person(person)
         self.finished = False
         self.version = 0  #: another number after every change
-        self.news: Callable[[str], None] = lambda text: None  #: is told what was rated or chosen, in words
+        self.notify: Callable[[str], None] = lambda text: None  #: is told what was rated or chosen, in words
         order = self._order
         self._pair = {"a": order[0], "b": order[1 % len(order)]}
         self._now = self._start(self._find_next(None))
@@ -289,7 +289,7 @@ class LiveSession:
 
     def _tell(self, text: str) -> None:
         self.version += 1
-        self.news(text)
+        self.notify(text)
 
 
 def check_slot(slot: object) -> str:

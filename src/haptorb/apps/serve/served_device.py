@@ -123,10 +123,10 @@ class ServedDevice:
             self._holder = 0
             self._block.lose(monotonic())  # safety: lost-client-told
 
-    def wish_world(self, name: str, values: Mapping[str, Any]) -> None:
-        """Ask the program that runs the servo for the world `name` with `values`; the newest wish counts, others that
+    def request_world(self, name: str, values: Mapping[str, Any]) -> None:
+        """Ask the program that runs the servo for the world `name` with `values`; the newest request counts, others that
         were not heard yet are dropped."""
-        self._shared.server_wishes[self._slot].write(json.dumps({"name": name, "values": dict(values)}, default=list))
+        self._shared.server_requests[self._slot].write(json.dumps({"name": name, "values": dict(values)}, default=list))
 
     def report(self, server: str, address: str, clients: Sequence[Mapping[str, Any]], **more: Any) -> None:
         """Tell people who is connected: each of `clients` has `name`, `session`, `rate_hz` and `holds`. At most four

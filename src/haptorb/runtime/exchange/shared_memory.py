@@ -185,8 +185,8 @@ class SharedMemory:
         self.tracker_reason, self.tracker_facts, self.warning = slots[6:_TEXTS]
         self._worlds = slots[_TEXTS : _TEXTS + WORLDS]
         texts = slots[_TEXTS + WORLDS :]
-        #: of each server's process: what it says of its clients, and what they wish
-        self.server_facts, self.server_wishes = texts[:BLOCKS], texts[BLOCKS:]
+        #: of each server's process: what it says of its clients, and what they request
+        self.server_facts, self.server_requests = texts[:BLOCKS], texts[BLOCKS:]
         self.trips: Array = np.frombuffer(memory[at : at + 16 * TRIPS], dtype=np.float64).reshape(TRIPS, 2)
         self.lateness = Histogram(self.counts["lateness"][0])
         self.compute = Histogram(self.counts["compute"][0])

@@ -106,7 +106,7 @@ def feel_with_console(
     threads = [Thread(target=work, name=f"haptorb-{work.__name__}") for work in (collect, listen, judge)]
     with Console(servo, port, designs=DesignPanel(live)) as console, freeze_garbage(), servo:
         live.join(servo)
-        live.news = say
+        live.notify = say
         say(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")
         for thread in threads:
             thread.start()

@@ -21,7 +21,7 @@ from websockets.server import ServerProtocol
 from haptorb.apps.serve.access import Access
 from haptorb.apps.serve.haply.http_exchange import HttpExchange, HttpReply, read_headers
 
-__all__ = ["Connection", "Door"]
+__all__ = ["Connection", "Endpoint"]
 
 _ROOM = 4096  #: bytes that are read at once: a flood of small messages does not keep the others waiting
 _MESSAGE = 65536  #: longest message [bytes]
@@ -36,7 +36,7 @@ _WASTE = 262144  #: bytes that are thrown away at once
 _FAREWELL = 1.0  #: for a client whose message was too long to read why [s]
 
 
-class Door(ABC):
+class Endpoint(ABC):
     """What stands behind a port."""
 
     access: Access
@@ -62,10 +62,10 @@ class Door(ABC):
 
 @final
 class Connection(asyncio.BufferedProtocol):
-    """A client behind `door`, at the address `peer`."""
+    """A client of `endpoint`, at the address `peer`."""
 
-    def __init__(self, door: Door) -> None:
-        self.door, self.peer = door, ""
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.endpoint, self.peer = endpoint, ""
         self._buffer = bytearray(_ROOM)
         self._head = b""
         self._websocket: ServerProtocol | None = None
@@ -80,9 +80,9 @@ class Connection(asyncio.BufferedProtocol):
         self._transport = cast(asyncio.Transport, transport)
         self._transport.set_write_buffer_limits(high=_UNREAD)
         self.peer = str((transport.get_extra_info("peername") or ("",))[0])
-        self.door.connections.add(self)
+        self.endpoint.connections.add(self)
         self._wait()
-        if len(self.door.connections) > self.door.room:
+        if len(self.endpoint.connections) > self.endpoint.room:
             self._transport.write(b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
             self._transport.close()
 
@@ -114,7 +114,7 @@ class Connection(asyncio.BufferedProtocol):
             self._websocket = ServerProtocol(max_size=_MESSAGE)
             self._receive(data)
         else:
-            self._exchange = HttpExchange(self.door.access, self.peer, self.door.reply)
+            self._exchange = HttpExchange(self.endpoint.access, self.peer, self.endpoint.reply)
             self._serve_http(data)
 
     def _serve_http(self, data: bytes) -> None:
@@ -142,7 +142,7 @@ class Connection(asyncio.BufferedProtocol):
 
     def _shake_hands(self, websocket: ServerProtocol, request: Request) -> None:
         headers = {name.lower(): value for name, value in request.headers.raw_items()}
-        refusal = self.door.access.refuse(self.peer, headers, request.path)
+        refusal = self.endpoint.access.refuse(self.peer, headers, request.path)
         if refusal:
             self._transport.pause_reading()
             asyncio.get_running_loop().call_later(_REFUSAL, self._refuse, websocket.reject(403, f"{refusal}\n"))
@@ -152,7 +152,7 @@ class Connection(asyncio.BufferedProtocol):
         if websocket.state is OPEN:
             self._open = True
             self._stop_waiting()
-            self.door.open(self)
+            self.endpoint.open(self)
 
     def _refuse(self, response: Response) -> None:
         assert self._websocket is not None
@@ -182,7 +182,7 @@ class Connection(asyncio.BufferedProtocol):
         for _ in range(_IN_A_ROW):
             if not self._waiting or self._paused or self._rests or not self._open:
                 break
-            answer = self.door.answer(self, self._waiting.popleft())
+            answer = self.endpoint.answer(self, self._waiting.popleft())
             if answer is not None:
                 self.send(answer)
         if self._rests:
@@ -255,10 +255,10 @@ class Connection(asyncio.BufferedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """It is gone, however it ended."""
         self._stop_waiting()
-        self.door.connections.discard(self)
+        self.endpoint.connections.discard(self)
         if self._open:
             self._open = False
-            self.door.close(self)
+            self.endpoint.close(self)
 
     def _wait(self, patience: float = _PATIENCE) -> None:
         self._stop_waiting()

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any, final
 
 from haptorb.apps.serve.access import Access, choose_serve_token
-from haptorb.apps.serve.haply.connection import Connection, Door
+from haptorb.apps.serve.haply.connection import Connection, Endpoint
 from haptorb.apps.serve.haply.events import DeviceWatcher, write_event
 from haptorb.apps.serve.haply.http_exchange import HttpReply
 from haptorb.apps.serve.haply.routes import reply
@@ -73,14 +73,15 @@ def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) ->
 
 async def _serve(spec: dict[str, Any], sockets: list[socket.socket], served: ServedDevice) -> None:
     access, loop = Access(spec["token"]), asyncio.get_running_loop()
-    listeners = _EventDoor(access)
+    listeners = _EventEndpoint(access)
     service = Service(served, listeners.tell)
-    clients = _ClientDoor(access, service)
-    doors: list[Door] = [clients, listeners]
+    clients = _ClientEndpoint(access, service)
+    endpoints: list[Endpoint] = [clients, listeners]
     watcher = DeviceWatcher(served, service.identity)
     listeners.first = watcher.introduce
     servers = [
-        await loop.create_server(partial(Connection, door), sock=one) for door, one in zip(doors, sockets, strict=True)
+        await loop.create_server(partial(Connection, endpoint), sock=one)
+        for endpoint, one in zip(endpoints, sockets, strict=True)
     ]
     report, priority = 0.0, ServerPriority()
     while not served.over:
@@ -94,8 +95,8 @@ async def _serve(spec: dict[str, Any], sockets: list[socket.socket], served: Ser
     listeners.tell(*watcher.end())
     for server in servers:
         server.close()
-    for door in doors:
-        for connection in list(door.connections):
+    for endpoint in endpoints:
+        for connection in list(endpoint.connections):
             connection.end(1001, "the servo has ended")
     await asyncio.sleep(_LOOK)
 
@@ -115,7 +116,7 @@ def _report(service: Service, address: str) -> None:
 
 
 @final
-class _ClientDoor(Door):
+class _ClientEndpoint(Endpoint):
     def __init__(self, access: Access, service: Service) -> None:
         self.access, self.connections, self.room = access, set(), _CLIENTS
         self._service = service
@@ -143,7 +144,7 @@ class _ClientDoor(Door):
 
 
 @final
-class _EventDoor(Door):
+class _EventEndpoint(Endpoint):
     """Send events to a connection; what it sends is not read."""
 
     def __init__(self, access: Access) -> None:

@@ -127,9 +127,9 @@ class StudySocketHub:
             if not isinstance(do, str):
                 raise InputError("a command must say what to do, as a text: do")
             if page.participant:
-                self._hear_participant(page, do, command)
+                self._receive_participant(page, do, command)
             else:
-                self._hear_experimenter(page, do, command)
+                self._receive_experimenter(page, do, command)
         except HaptorbError as mistake:
             page.tell(str(mistake))
         # safety: study-message
@@ -150,9 +150,9 @@ class StudySocketHub:
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
 
-    def _hear_participant(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
+    def _receive_participant(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
         if do == "stop":
-            return  # `hear` has done it
+            return  # `receive` has done it
         if page is not self._participants[0]:
             raise InputError("another participant's page is open: close that one first")
         manager = self._manager
@@ -170,7 +170,7 @@ class StudySocketHub:
         else:
             raise InputError(f"a participant's page may not do {do[:40]!r}")
 
-    def _hear_experimenter(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
+    def _receive_experimenter(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
         if do not in _EXPERIMENTER:
             known = ", ".join(sorted(_EXPERIMENTER))
             raise InputError(f"unknown command {do[:40]!r} (known: {known})")

@@ -44,7 +44,7 @@ BOARD_READING = fields(
     ("first", "i8"),  # number of the first Hall sensor
     ("count", "i8"),  # of Hall sensors
     ("hall", "f8", (_SECOND,)),  # of the converter's range, 0…1; NaN before the first reading
-    ("news", "?"),  # the Hall readings have not been told before
+    ("fresh", "?"),  # the Hall readings were not sent before
     ("hall_age", "f8"),  # of them when this was sent [s]
     ("thermometer", "i8"),  # which one the temperature is of
     ("temperature", "f8"),  # [K]; NaN while it has none
@@ -91,7 +91,7 @@ def _fill_reading(line: Octets, at: int, reading: Records) -> bool:
     for i in range(3):
         r.applied[i] = _read_signed(line, at + 4 + 2 * i) / DUTY_STEPS
         r.currents[i] = _read_signed(line, at + 10 + 2 * i) * 1e-3
-    r.axis, r.news = axis, group < _REPEATED
+    r.axis, r.fresh = axis, group < _REPEATED
     r.first, r.count = (0, _SECOND) if block == 0 else (_SECOND, HALL_SENSORS - _SECOND)
     for i in range(_SECOND):
         code = _read_unsigned(line, at + 17 + 2 * i)
@@ -130,7 +130,7 @@ class Reading(NamedTuple):
     hall_axis     of the Hall readings: 0, 1, 2 for x, y, z; 0 for radial sensors
     hall_first    number of the first Hall sensor in `hall`
     hall          (4 or 5,) of the converter's range, 0…1; NaN before the first reading
-    hall_news     not told before
+    hall_fresh    not sent before
     hall_age      of `hall` when this was sent [s]
     thermometer   which one `temperature` [K] is of; NaN while it has none
     age           of the oldest of the currents when this was sent [s]
@@ -146,7 +146,7 @@ class Reading(NamedTuple):
     hall_axis: int
     hall_first: int
     hall: tuple[float, ...]
-    hall_news: bool
+    hall_fresh: bool
     hall_age: float
     thermometer: int
     temperature: float
@@ -162,7 +162,7 @@ class Reading(NamedTuple):
         return cls(
             board_mode(int(r["mode"])), reason(int(r["reason"])), int(r["missing"]), tuple(r["applied"].tolist()),
             tuple(r["currents"].tolist()), int(r["axis"]), int(r["first"]), tuple(r["hall"][:count].tolist()),
-            bool(r["news"]), float(r["hall_age"]), int(r["thermometer"]), float(r["temperature"]), float(r["age"]),
+            bool(r["fresh"]), float(r["hall_age"]), int(r["thermometer"]), float(r["temperature"]), float(r["age"]),
             int(r["errors"]), int(r["rounds"]),
         )  # fmt: skip
 

@@ -34,7 +34,7 @@ def _split_reading(
     for i in range(len(currents)):
         currents[i] = r.currents[i]
     temperatures[r.thermometer] = r.temperature
-    if r.news and not np.isnan(r.hall[0]):
+    if r.fresh and not np.isnan(r.hall[0]):
         fill_field(field, radial, axes, span, r.axis, r.first, r.hall[: r.count])
         present[r.axis, 0 if r.first == 0 else 1] = True
     return r.age, r.hall_age
