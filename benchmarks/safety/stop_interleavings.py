@@ -295,25 +295,25 @@ class Trial:
 
     def participant_stop(self) -> None:
         self.stop_given()
-        self.study.hear(self.participant, '{"do": "stop"}')
+        self.study.handle_message(self.participant, '{"do": "stop"}')
 
     def experimenter_pause(self) -> None:
         self.stop_given()
-        self.study.hear(self.experimenter, '{"do": "pause"}')
+        self.study.handle_message(self.experimenter, '{"do": "pause"}')
 
     def experimenter_resume(self) -> None:
         self.engage_given()
-        self.study.hear(self.experimenter, '{"do": "resume"}')
+        self.study.handle_message(self.experimenter, '{"do": "resume"}')
 
     def experimenter_engage(self) -> None:
         self.engage_given()
-        self.study.hear(self.experimenter, '{"do": "engage"}')
+        self.study.handle_message(self.experimenter, '{"do": "engage"}')
 
     def experimenter_repeat(self) -> None:
-        self.study.hear(self.experimenter, '{"do": "repeat"}')
+        self.study.handle_message(self.experimenter, '{"do": "repeat"}')
 
     def agree(self) -> None:
-        self.study.hear(self.participant, '{"do": "agree", "agreed": true}')
+        self.study.handle_message(self.participant, '{"do": "agree", "agreed": true}')
 
     def participant_leave(self) -> None:
         self.stop_given()

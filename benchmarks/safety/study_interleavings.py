@@ -110,7 +110,7 @@ class World:
         """Any page, with more or less of a message around it."""
         self.stopped_last = True  # the page was told to before anything of it has happened
         page = self.draw.choice([self.first, self.second, self.experimenter])
-        self.hub.receive(
+        self.hub.handle_message(
             page, self.draw.choice(['{"do":"stop"}', '{"do": "stop", "why": "\\ud800', '{"do":"stop","x":[]}'])
         )
 
@@ -128,9 +128,9 @@ class World:
             command = self.draw.choice(switches if self.draw.random() < 0.7 else others)
             if command in switches:
                 self.stopped_last = False
-            self.hub.receive(self.experimenter, json.dumps(command))
+            self.hub.handle_message(self.experimenter, json.dumps(command))
         else:
-            self.hub.receive(self.draw.choice([self.first, self.second]), json.dumps(self.draw.choice(mine)))
+            self.hub.handle_message(self.draw.choice([self.first, self.second]), json.dumps(self.draw.choice(mine)))
 
     def trip(self) -> None:
         """The guard trips, or, seldom, the device fails."""
@@ -144,7 +144,7 @@ class World:
         """A participant's page is closed and another one opened, or the experimenter ends the session."""
         if self.draw.random() < 0.2:
             self.stopped_last = True
-            self.hub.receive(self.experimenter, json.dumps({"do": self.draw.choice(["leave", "abort"])}))
+            self.hub.handle_message(self.experimenter, json.dumps({"do": self.draw.choice(["leave", "abort"])}))
             return
         self.stopped_last = True
         self.hub.part(self.first)
@@ -328,7 +328,7 @@ def study_interleavings(interleavings: int, seed: int = 1) -> SimpleNamespace:
                 '{"do":"agree"}',
                 '{"do":"reply","question":"before","reply":"yes"}',
             ):
-                world.hub.receive(world.experimenter if "begin" in line else world.first, line)
+                world.hub.handle_message(world.experimenter if "begin" in line else world.first, line)
                 world.stopped_last = False if "begin" in line else world.stopped_last
                 world.step()
                 world.check("the beginning")

@@ -124,7 +124,7 @@ class ServedDevice:
             self._block.lose(monotonic())  # safety: lost-client-told
 
     def request_world(self, name: str, values: Mapping[str, Any]) -> None:
-        """Ask the program that runs the servo for the world `name` with `values`; the newest request counts, others that
+        """Ask the program that runs the servo for the world `name` with `values`; the newest counts, others that
         were not heard yet are dropped."""
         self._shared.server_requests[self._slot].write(json.dumps({"name": name, "values": dict(values)}, default=list))
 

@@ -113,7 +113,7 @@ class StudySocketHub:
             self._manager.halt.stop("the participant's page was closed")
         (self._participants if page.participant else self._experimenters).remove(page)
 
-    def hear(self, page: StudyPage, text: str) -> None:
+    def handle_message(self, page: StudyPage, text: str) -> None:
         """One message of `page`: Stop before anything else. Nothing that it may hold is raised, `page` is told."""
         try:
             if page.participant:
@@ -143,7 +143,7 @@ class StudySocketHub:
                 message = await page.socket.receive()
                 if message["type"] == "websocket.disconnect":
                     break
-                self.hear(page, message.get("text") or (message.get("bytes") or b"").decode("utf-8", "replace"))
+                self.handle_message(page, message.get("text") or (message.get("bytes") or b"").decode("utf-8", "replace"))
         except (WebSocketDisconnect, RuntimeError):
             pass  # the page went away while something was on its way
         finally:
@@ -152,7 +152,7 @@ class StudySocketHub:
 
     def _receive_participant(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
         if do == "stop":
-            return  # `receive` has done it
+            return  # `handle_message` has done it
         if page is not self._participants[0]:
             raise InputError("another participant's page is open: close that one first")
         manager = self._manager
