@@ -21,7 +21,7 @@ from haptorb.errors import DriverError, InputError
 from haptorb.numerics.arrays import Array, check_finite, vectors
 from haptorb.sensing.sample import Pose, Sample
 from haptorb.simulation.coil_array.array_kernels import COIL_ARRAY, advance_array
-from haptorb.simulation.parts.coil_simulation import CoilSimulation
+from haptorb.simulation.coil_simulation import CoilSimulation
 from haptorb.simulation.parts.coils import cold_coils
 from haptorb.simulation.parts.tool import fill_tool, read_tool
 

@@ -23,11 +23,11 @@ from haptorb.physics.sources import dipole
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.soft_sphere import SoftSphere
 from haptorb.sensing.sample import Pose, Sample
+from haptorb.simulation.coil_simulation import CoilSimulation
 from haptorb.simulation.electromagnet.core import make_core
 from haptorb.simulation.electromagnet.electromagnet_kernels import ELECTROMAGNET, advance
 from haptorb.simulation.electromagnet.sensors import Magnets, pack_magnets, sense
 from haptorb.simulation.electromagnet.true_heat import draw_network, fill_step
-from haptorb.simulation.parts.coil_simulation import CoilSimulation
 from haptorb.simulation.parts.coils import cold_coils
 from haptorb.simulation.parts.hall import let_fail, make_halls
 from haptorb.simulation.parts.noise import seed_noise

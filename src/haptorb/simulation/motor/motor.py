@@ -22,10 +22,10 @@ from haptorb.devices.state import State
 from haptorb.errors import DriverError, InputError
 from haptorb.numerics.arrays import Array, check_finite
 from haptorb.sensing.sample import Pose, Sample
+from haptorb.simulation.coil_simulation import CoilSimulation
 from haptorb.simulation.motor.hanging import hang, limit_tilt, potential_energy
 from haptorb.simulation.motor.motor_kernels import MOTOR, Magnetics, advance, pack_magnetics, sense
 from haptorb.simulation.motor.rotor import angular_velocity
-from haptorb.simulation.parts.coil_simulation import CoilSimulation
 from haptorb.simulation.parts.coils import cold_coils
 from haptorb.simulation.parts.hall import let_fail, make_halls
 from haptorb.simulation.parts.hand import rotation_left

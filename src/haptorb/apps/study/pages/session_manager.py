@@ -263,12 +263,7 @@ class SessionManager:
             self._end("", "aborted")
 
     def _answer(self, runner: TrialRunner, value: Any) -> None:
-        prompt, number, seconds, repeats = (
-            runner.prompt,
-            runner.session.number,
-            runner.seconds,
-            runner.repeats,
-        )
+        prompt, number, seconds, repeats = runner.prompt, runner.session.number, runner.seconds, runner.repeats
         if value is not None and (isinstance(value, bool) or not isinstance(value, int)):
             raise InputError(f"an answer is a whole number; got {value!r}")
         part = runner.trial_device.course(str(self._recording.absolute()) if self._recording is not None else None)

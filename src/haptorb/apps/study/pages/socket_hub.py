@@ -143,7 +143,9 @@ class StudySocketHub:
                 message = await page.socket.receive()
                 if message["type"] == "websocket.disconnect":
                     break
-                self.handle_message(page, message.get("text") or (message.get("bytes") or b"").decode("utf-8", "replace"))
+                self.handle_message(
+                    page, message.get("text") or (message.get("bytes") or b"").decode("utf-8", "replace")
+                )
         except (WebSocketDisconnect, RuntimeError):
             pass  # the page went away while something was on its way
         finally:

@@ -47,12 +47,8 @@ def for_participant(manager: SessionManager) -> dict[str, Any]:
     stopped      who stopped, "" if nobody did or somebody has resumed since
     unconfirmed  whether the coils are told to be off, and the device has not confirmed that
     """
-    runner, session, trial_device, halt = (
-        manager.runner,
-        manager.session,
-        manager.trial_device,
-        manager.halt,
-    )
+    runner, session, trial_device = manager.runner, manager.session, manager.trial_device
+    halt = manager.halt
     view: dict[str, Any] = {
         "state": "failed" if manager.dead else manager.now, "session": manager.number, "task": None,
         "question": None, "stopped": (halt.why or "by the program") if halt.active and session is not None else "",
