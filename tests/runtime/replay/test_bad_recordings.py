@@ -77,7 +77,7 @@ def test_an_older_recording_replays_nearly(tmp_path: Path) -> None:
 
 def test_a_recording_without_its_device_is_refused() -> None:
     with pytest.raises(RecordingError, match="device"):
-        Replay(Recording(OLDER / "omni_contacts.mcap"))
+        Replay(Recording(OLDER / "omni.mcap"))
 
 
 def test_a_recording_of_no_rows_is_refused(tmp_path: Path) -> None:
