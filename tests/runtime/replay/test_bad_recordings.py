@@ -21,6 +21,7 @@ from haptorb.runtime.tick.tick_state import pack_state, save_state
 from haptorb.worlds import Fluid, RollingBall
 from haptorb.worlds.dynamic.remote import Remote
 from haptorb.worlds.own.world_file import WorldFile
+from oracles.made_recording import make_recording
 from oracles.recorded_chain import Deed, record_chain
 
 OLDER = Path(__file__).parents[2] / "contracts" / "older"
@@ -75,9 +76,10 @@ def test_an_older_recording_replays_nearly(tmp_path: Path) -> None:
     assert any("recorded wrench" in remark for remark in replay.remarks)
 
 
-def test_a_recording_without_its_device_is_refused() -> None:
+def test_a_recording_without_its_device_is_refused(tmp_path: Path) -> None:
+    make_recording(tmp_path / "run.mcap", 0.1, device=False)
     with pytest.raises(RecordingError, match="device"):
-        Replay(Recording(OLDER / "omni.mcap"))
+        Replay(Recording(tmp_path / "run.mcap"))
 
 
 def test_a_recording_of_no_rows_is_refused(tmp_path: Path) -> None:
