@@ -109,7 +109,7 @@ def test_the_console_shows_it(rail: ModuleType, rail_file: Path):
         finally:
             console.close()
             serving.join(10)
-    assert told["scene"] == {"kind": "rail", "rest": [0.0, 0.0, 0.0], "travel": 0.03}
+    assert told["scene"] == {"gives": "force", "kind": "rail", "rest": [0.0, 0.0, 0.0], "travel": 0.03}
     assert told["coils"] == ["left", "right"]
     assert told["modes"] == []
     names = {world["name"] for world in told["worlds"]}
