@@ -15,7 +15,7 @@ from haptorb.numerics.arrays import Array, vectors
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.source import Source
 
-__all__ = ["MU0", "Dipole", "field", "field_gradient", "force"]
+__all__ = ["MU0", "Dipole", "field", "field_gradient", "force", "torque"]
 
 MU0 = 4e-7 * np.pi  #: vacuum permeability [T·m/A], the rounded value that both papers use
 _K = MU0 / (4 * np.pi)
@@ -94,6 +94,14 @@ def force(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> Array:
     _gradient(m1, at, gradient)
     out: Array = np.einsum("nij,nj->ni", gradient, m2)
     return out.reshape(*shape, 3)
+
+
+def torque(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> Array:
+    """Torque (..., 3) [N·m] on `moment_2` about its own centre, at `r` from `moment_1`: m₂ × B₁."""
+    shape, (m1, m2, at) = _flatten(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
+    b = np.empty_like(at)
+    _field(m1, at, b)
+    return np.cross(m2, b).reshape(*shape, 3)
 
 
 class Dipole(Source):
