@@ -10,7 +10,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from haptorb.apps.console.force_map_process import ForceMapProcess
 from haptorb.control.protection.trip import CoilState, GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.runtime.row import RowLayout
+from haptorb.runtime.servo.servo import Servo
 from haptorb.worlds import Dome
 from haptorb.worlds.parameter import values
 
@@ -180,6 +182,28 @@ class Host:
             self._process.kill()
             self._process.wait()
         self._process.stdout.close()
+
+
+@pytest.fixture
+def open_servo(browser: Any) -> Callable[[str, str], AbstractContextManager[tuple[Screen, Servo]]]:
+    """A running servo of a device with a world, and its page. Its poses last a second: a busy test machine stutters."""
+
+    @contextmanager
+    def open_it(name: str, world: str) -> Iterator[tuple[Screen, Servo]]:
+        device = load(name)
+        servo = Servo(replace(device, limits=replace(device.limits, expiry=1.0)), world, record=False)
+        with Console(servo, 0) as console, servo, serve(console):
+            page = browser.new_page(viewport=DESK)
+            yield Screen(page, f"{console.origin}/?detail=least#{console.token}"), servo
+            page.close()
+
+    return open_it
+
+
+@pytest.fixture(scope="session")
+def kit() -> Any:
+    """This module, for tests that open a page of their own."""
+    return sys.modules[__name__]
 
 
 @pytest.fixture
