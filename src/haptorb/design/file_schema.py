@@ -115,7 +115,7 @@ class DeviceDesignFile(Section):
     """A design file."""
 
     name: Annotated[Name, m.Meaning("short name of the design")]
-    title: Annotated[Text, m.Meaning("headline of the design")] = ""
+    title: Annotated[Text, m.Meaning("title of the design")] = ""
     base: Annotated[str, m.Meaning("device that is changed"), m.Form("name in the catalogue, or a path")]
     parameters: Annotated[
         dict[Word, ParameterSection], Len(1, 100), m.Meaning("what is free"), m.Form("1 to 100 tables by name")

@@ -36,7 +36,7 @@ class Procedure(ABC):
         """The procedure after `answer`. Raises InputError if it may not be answered so, or nothing is asked."""
         prompt = self.prompt
         if prompt is None:
-            raise InputError("this procedure is complete: no trial is left to answer")
+            raise InputError("this procedure is complete: there are no more trials")
         return self.advance(prompt.check_answer(answer))
 
 

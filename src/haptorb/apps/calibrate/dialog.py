@@ -97,16 +97,16 @@ def guide_calibration(
             continue
         missing = [name for name in step.needs if name not in progress.results]
         if missing:
-            raise InputError(f"step '{step.name}' needs the steps before it: {', '.join(missing)}")
+            raise InputError(f"step '{step.name}' needs these steps first: {', '.join(missing)}")
         guide.say(f"{number}/{len(steps)} {step.title}: {step.asks}")
         if not guide.ask(step):
-            guide.say(f"stopped before '{step.name}'; the same command resumes here")
+            guide.say(f"stopped before '{step.name}'; repeat the command to continue here")
             return None
         try:
             progress.keep(step.name, _take_step(step, device, driver, pace, guide, progress, effort))
         except (CalibrationError, DriverError) as cause:
             raise type(cause)(
-                f"step '{step.name}': {cause}. Then run the same command again: it resumes at this step"
+                f"step '{step.name}': {cause}. Then repeat the command: it continues at this step"
             ) from cause
         guide.say(f"    {step.describe(device, progress.results[step.name])}")
     absent = [name for name in NEEDED if name not in progress.results]

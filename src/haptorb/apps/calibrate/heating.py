@@ -135,7 +135,7 @@ def _check_currents(device: SphericalElectromagnet, currents: Array, expected: A
     """CalibrationError unless the coils carry about what they should: `currents` and `expected` (m,) [A]."""
     for k, name in enumerate(device.coils.names):
         if k in watched and currents[k] < _NOTHING:
-            raise CalibrationError(f"coil '{name}' carries no current during heating: is the device engaged?")
+            raise CalibrationError(f"coil '{name}' carries no current during heating: check that the device is engaged")
         if currents[k] > _TOO_MUCH * expected[k] + _OFFSET:
             raise CalibrationError(
                 f"coil '{name}' carries {currents[k]:.1f} A where {expected[k]:.1f} A should flow: it does not switch. "

@@ -186,7 +186,7 @@ class DriverSession:
             duty, swing = float(swings[0][0][coil] - swings[1][0][coil]), swings[0][1] - swings[1][1]
             own, others = swing[coil], np.delete(np.abs(swing), coil)
             if duty == 0.0:
-                raise CalibrationError(f"coil '{name}': the device applied no duty; is it engaged?")
+                raise CalibrationError(f"coil '{name}': the device applied no duty; check that it is engaged")
             if abs(own) < _NOTHING * 2 * _GENTLE:
                 if others.size and others.max() > 2 * _LEAK * _GENTLE:
                     other = names[int(np.argmax(np.abs(swing)))]

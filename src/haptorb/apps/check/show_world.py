@@ -70,7 +70,7 @@ def print_world(verdict: WorldVerdict, console: Console | None = None) -> None:
         )
     for left_out in verdict.unjudged:
         print_text(console, f"Not judged: {left_out}.")
-    margin = "nothing in it can oscillate" if math.isinf(verdict.margin) else _margin(verdict.margin)
+    margin = "nothing can oscillate" if math.isinf(verdict.margin) else _margin(verdict.margin)
     words, colour = _WORDS[verdict.verdict]
     print_text(console, f"{words}: {margin}.", f"bold {colour}")
     for advice in verdict.advice:
@@ -87,8 +87,8 @@ def _print_turning(verdict: WorldVerdict, console: Console) -> None:
 
 def _margin(margin: float) -> str:
     if margin > 1.0:
-        return f"the world could be {margin:.3g} times as strong before it oscillates"
-    return f"it is {1 / margin:.3g} times too strong and will oscillate"
+        return f"the world could be {margin:.3g} times as stiff before it oscillates"
+    return f"it is {1 / margin:.3g} times too stiff and will oscillate"
 
 
 def _value(value: float) -> str:

@@ -133,7 +133,7 @@ class WorldVerdict(NotebookReport):
         if quicker is not None:
             found.append(f"Run the servo at --rate {math.ceil(quicker * setting.rate):d}.")
         if self.margins and self.margins[0][1].damping * abs(self.loop.period) > self.hand.mass:
-            found.append("The delayed damping of the world is the cause, not its stiffness: reduce it.")
+            found.append("The delayed damping of the world is the cause, not its stiffness: reduce the damping.")
         damper = _least(lambda x: self._stiffness_held_by(replace(self.hand, damping=x * self.hand.damping)), 100.0)
         if damper is not None and self.hand.damping > 0.0:
             found.append(

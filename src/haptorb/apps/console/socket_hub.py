@@ -148,7 +148,7 @@ class ConsoleSocketHub:
             case "stop":  # in letters that `asks_to_stop` does not read
                 self._stop()
             case _ if page is not self._pages[0]:
-                raise InputError("another page is in control; this one only watches (it may still stop)")
+                raise InputError("another page is in control; this one only watches, and can still stop")
             case "engage":
                 self._hand.end_expired_drag()
                 self._cancel_engage()
@@ -169,7 +169,7 @@ class ConsoleSocketHub:
                     raise InputError("the clutch is set by `engaged`, true or false")
                 self._servo.clutch(command["engaged"])
             case "world" if self._designs is not None:
-                raise InputError("in a feel session the panel 'Designs' chooses what is felt")
+                raise InputError("in a feel session choose designs in the panel 'Designs'")
             case "feel" if self._designs is not None:
                 self._designs.execute(page, command)
             case "cool":

@@ -61,7 +61,8 @@ class FeelSession:
         known = [design.name for design in self.candidates.designs]
         if rated and rated.isdisjoint(known):
             raise InputError(
-                f"{self._path} is about other designs ({', '.join(sorted(rated)[:8])}), none of which is in this file "
+                f"{self._path} belongs to other designs ({', '.join(sorted(rated)[:8])}), none of which is in this "
+                "file "
                 f"({', '.join(known[:8])}); choose another folder with --session, or use the file it belongs to"
             )
 

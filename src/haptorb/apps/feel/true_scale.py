@@ -23,7 +23,7 @@ class ScaleLimits:
     """
 
     largest: float = 1.0
-    reason: str = "the stability check has not answered yet"
+    reason: str = "the stability check is still running"
     hand_per_part: float = 0.2
 
 

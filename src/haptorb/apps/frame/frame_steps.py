@@ -50,7 +50,7 @@ def check_device(device: Device) -> SphericalElectromagnet:
     known = electromagnet(device, "`haptorb frame`")
     if known.marks is None:
         raise InputError(
-            f"device '{known.name}': its file has no [marks]; measure three places where the tip can stand, and add "
+            f"device '{known.name}': its file has no [marks]; measure three points that can hold the tip, and add "
             "them as in omni.toml"
         )
     return known
@@ -60,7 +60,7 @@ def strokes(device: SphericalElectromagnet) -> tuple[Stroke, ...]:
     """The steps in their order: "dome", "mark NAME" for each, "roll"."""
     marks = () if device.marks is None else device.marks.names
     stands = [
-        Stroke(f"mark {name}", f"Put the tip into mark '{name}' and keep it there; tilt the tool by 20° or more "
+        Stroke(f"mark {name}", f"Put the tip into mark '{name}' and hold it there; tilt the tool by 20° or more "
                "to all sides, and roll it.", 8.0)
         for name in marks
     ]  # fmt: skip
@@ -133,7 +133,7 @@ def _record_stroke(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) 
     if sum(refused.values()) > valid:
         what = ", ".join(f"{count} {why}" for why, count in refused.items())
         raise CalibrationError(
-            f"step '{stroke.name}': most messages held no valid pose ({what}, {valid} poses); is the tool seen from "
+            f"step '{stroke.name}': most messages had no valid pose ({what}, {valid} poses); is the tool seen from "
             "all sides, and is the message format as documented?"
         )
     return Touches.of(np.array(p), np.array(q), f"step '{stroke.name}'")

@@ -107,7 +107,7 @@ def _judge(device: Device, which: int, tops: list[tuple[float, np.ndarray]]) -> 
     elif np.abs(currents).max() < _ENOUGH:
         verdict.append(f"no coil carries current: check the supply, the driver of coil {names[which]} and its wires")
     elif strongest != which:
-        verdict.append(f"coil {names[strongest]} answered instead of {names[which]}: their wires are swapped")
+        verdict.append(f"coil {names[strongest]} responded instead of {names[which]}: their wires are swapped")
     else:
         resistance = device.supply.voltage * abs(duty) / abs(own)
         if own * duty < 0:

@@ -94,7 +94,7 @@ def chips_on(bus: I2cBus, place: str, clock: Callable[[], float] = monotonic) ->
         else:
             there.append(f"{part} at {address:#04x}")
     if not there:
-        return Finding(place, False, ("none of the device's chips answers",))
+        return Finding(place, False, ("none of the device's chips responds",))
     about = (*there, *missing, *_probe_hall_select(bus, clock))
     return Finding(place, True, about, "" if missing else place)
 

@@ -158,7 +158,7 @@ QUANTITIES = (
     describe("heat_per_torque_squared", "W/(N·m)²", "minimise",
              f"Least heat for a torque, divided by its square, {_OVER}; coils at their reference temperature.",
              {_MOTOR: _heat}),
-    describe("peak_torque", "N·m", "maximise", f"Torque at full current that every direction has, {_OVER}.",
+    describe("peak_torque", "N·m", "maximise", f"Torque at full current available in every direction, {_OVER}.",
              {_MOTOR: _peak}),
     describe("continuous_torque", "N·m", "maximise",
              f"Torque with currents that may flow for ever in all channels, {_OVER}.", {_MOTOR: _continuous}),

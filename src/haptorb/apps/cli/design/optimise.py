@@ -28,10 +28,11 @@ def optimise(
     file: FileArgument,
     into: IntoOption = "results.sqlite",
     generations: Annotated[
-        int | None, typer.Option(help=f"Number of generations (default: {_GENERATIONS}). More of them continue a run.")
+        int | None,
+        typer.Option(help=f"Number of generations (default: {_GENERATIONS}). A larger number continues a run."),
     ] = None,
     evaluations: Annotated[
-        int | None, typer.Option(help="Number of designs, instead of generations. More of them continue a run.")
+        int | None, typer.Option(help="Number of designs, instead of generations. A larger number continues a run.")
     ] = None,
     population: Annotated[int, typer.Option(help="Number of designs in a generation.")] = 50,
     seed: SeedOption = 1,

@@ -18,11 +18,11 @@ __all__ = ["check", "new", "power", "simulate"]
 def new(
     name: Annotated[str, typer.Argument(help="Name of the study; the file is NAME.toml.")],
     like: Annotated[
-        str, typer.Option(help="Begin with: zarate2020, identification, staircase, magnitude or comparison.")
+        str, typer.Option(help="Template: zarate2020, identification, staircase, magnitude or comparison.")
     ] = "identification",
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
-    """Write a commented study file to begin with."""
+    """Write a commented study file as a template."""
     from haptorb.apps.study.templates.study_template import write_study
 
     path = write_study(name, like, overwrite=force)
@@ -31,7 +31,7 @@ def new(
 
 def check(
     file: FileArgument,
-    people: Annotated[int, typer.Option(help="Number of participants whose order is shown.")] = 6,
+    people: Annotated[int, typer.Option(help="Number of participants whose order to show.")] = 6,
     register: Annotated[
         Path | None,
         typer.Option(metavar="NEW.toml", help="Write study and plan, with digests and time, before data exist."),
@@ -74,7 +74,7 @@ def simulate(
     first: Annotated[int, typer.Option(help="Number in the first code, SIM01 and so on.")] = 1,
     seed: Annotated[int, typer.Option(help="Seed of the simulated participants.")] = 0,
 ) -> None:
-    """Rehearse the study with SIMULATED participants. Their answers are no evidence about people."""
+    """Rehearse the study with SIMULATED participants. Their answers are not evidence about people."""
     from haptorb.apps.study.model.study_file import read_study
     from haptorb.apps.study.simulated.rehearsal import rehearse
     from haptorb.apps.study.store.database import database
@@ -106,7 +106,9 @@ def power(
     pool: Annotated[int, typer.Option(help="Number of simulated participants to draw from.")] = 40,
     people: Annotated[
         list[int] | None,
-        typer.Option(help="Number of participants to show; repeatable. The search goes below and above."),
+        typer.Option(
+            help="Number of participants to show; repeatable. The search also tries lower and higher numbers."
+        ),
     ] = None,
     alpha: Annotated[
         float | None, typer.Option(help="Significance level (default: that of the plan for one test, or 0.05).")
@@ -123,7 +125,7 @@ def power(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Estimate how many participants a study needs. Predicted with simulated participants."""
+    """Estimate how many participants a study needs, with simulated participants."""
     from haptorb.apps.study.inference.significance import check_test
     from haptorb.apps.study.model.study_file import read_study
     from haptorb.apps.study.simulated.power import power as foretold

@@ -125,7 +125,7 @@ def _run_in_browser(
             sessions.ask({"do": "begin", "code": participant}, say)
         number = host.serve()
     if number:
-        say("ended: the same command resumes an interrupted session")
+        say("ended: the same command continues an interrupted session")
 
 
 def _free_recording_path(db: str, session: int) -> Path:

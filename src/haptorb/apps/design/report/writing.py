@@ -37,7 +37,7 @@ def write_report(
         raise InputError(f"the number of best designs must be from 1 to {MOST}; got {count}")
     page = Path(output).expanduser()
     if not page.absolute().parent.is_dir():
-        raise InputError(f"{page}: there is no folder {page.parent}; make it first")
+        raise InputError(f"{page}: there is no folder {page.parent}; create it first")
     if page.is_dir():
         raise InputError(f"{page} is a folder: name a file, such as report.html")
     report("reading the results", 0, 1)
@@ -56,7 +56,7 @@ def write_report(
             for part, text in zip(parts, texts, strict=True):
                 part.write_text(text, encoding="utf-8")
     except PermissionError as cause:
-        raise InputError(f"{page} and what is beside it cannot be written: {cause.strerror}") from cause
+        raise InputError(f"{page} and the files beside it cannot be written: {cause.strerror}") from cause
     return paths
 
 
