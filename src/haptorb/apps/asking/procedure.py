@@ -1,4 +1,4 @@
-"""A procedure decides what is asked next from what was answered: a pure state machine, so a session can be replayed.
+"""A procedure decides what is asked next from the answers so far: a pure state machine, so a session can be replayed.
 
 No clock, no randomness, no file: the same answers give the same prompts. That is how an interrupted session resumes.
 """
@@ -64,7 +64,7 @@ class FixedOrder(Procedure):
         return len(self.prompts) - self.done
 
     def advance(self, answer: Answer) -> FixedOrder:
-        """One further; what was answered does not matter here."""
+        """The next trial; the answer does not matter here."""
         return replace(self, done=self.done + 1)
 
 

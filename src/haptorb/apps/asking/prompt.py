@@ -1,4 +1,4 @@
-"""What one trial asks, what may be answered, and what was answered."""
+"""What one trial asks, what may be answered, and the answer."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ _WORDS = {"inside": ("Inside", "green"), "close": ("Close to the limit", "yellow
 
 
 def print_world(verdict: WorldVerdict, console: Console | None = None) -> None:
-    """Print what the world asks, what the loop stands, and what to do."""
+    """Print the stiffness of the world, the limit of the loop, and advice."""
     console = console or make_console()
     setting, loop, steep = verdict.setting, verdict.loop, verdict.steep
     unit = f"{verdict.place.force}/{verdict.place.length}"

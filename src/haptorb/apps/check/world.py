@@ -196,9 +196,9 @@ class WorldVerdict(NotebookReport):
 def judge_world(
     device: Device, world: World, setting: Setting, name: str = "", render: str | None = None
 ) -> WorldVerdict:
-    """Look at `world` all over the workspace of `device`; seconds.
+    """Check `world` over the whole workspace of `device`; takes seconds.
 
-    render: part of the wrench that is rendered; None: what the world asks, see `choice_of`. Raises InputError for a
+    render: part of the wrench to render; None: as the world defines, see `choice_of`. Raises InputError for a
     latency above the expiry of poses, and for a part that the device cannot render.
     """
     if setting.latency > device.limits.expiry:

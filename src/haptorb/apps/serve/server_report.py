@@ -11,7 +11,7 @@ __all__ = ["describe_servers"]
 _COUNTS = {
     "dropped": "rows dropped because the server was too slow",
     "not_sent": "messages dropped for slow readers",
-    "unread": "messages of a flood not read",
+    "unread": "messages lost in a flood",
     "refused": "messages or connections refused",
 }
 

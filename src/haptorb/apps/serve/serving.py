@@ -142,7 +142,7 @@ class Serving:
                 over = one.process is not None and one.process.poll() is not None
                 if over and self._servo.alive and not one.reported_end:
                     one.reported_end = True
-                    show(f"--serve {one.choice.kind} ended, the servo goes on: {self._explain_end(one)}\n")
+                    show(f"--serve {one.choice.kind} ended, the servo continues: {self._explain_end(one)}\n")
 
     def _take_wish(self, one: _Server, wishes: TextSlot) -> None:
         if wishes.version == one.wish_version:
@@ -154,7 +154,7 @@ class Serving:
             wish = json.loads(text)
             self._servo.set_world(wish["name"], wish["values"])
         except HaptorbError as cause:
-            show(f"--serve {one.choice.kind}: a client's wish was refused: {cause}\n")
+            show(f"--serve {one.choice.kind}: a client's command was refused: {cause}\n")
 
     def end(self) -> None:
         """End all servers. May be called twice."""

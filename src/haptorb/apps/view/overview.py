@@ -72,7 +72,7 @@ class Overview:
                 self._done, _, self._ranges, self._events = answer
         process.wait()
         if self._done < self._rows and not self._trouble:
-            self._trouble = "the process that makes the overview ended"
+            self._trouble = "the process that computes the overview ended"
 
     def give_way(self) -> None:
         """Rest for a moment, where a process is at work: somebody scrubs, which needs the processors more."""

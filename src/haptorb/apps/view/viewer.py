@@ -122,7 +122,7 @@ class Viewer:
         first, last = (min(max(time - one.start, 0.0), one.seconds) for time in span)
         if last <= first:
             raise InputError(
-                f"{one.name} has nothing from {span[0]:g} s to {span[1]:g} s: it is from {one.start:g} s to "
+                f"{one.name} has no ticks from {span[0]:g} s to {span[1]:g} s: it is from {one.start:g} s to "
                 f"{one.start + one.seconds:g} s"
             )
         return first, last

@@ -52,7 +52,7 @@ def command(text: str) -> dict[str, Any]:
     _check(found)
     do = found.get("do")
     if not isinstance(do, str) or len(do) > _NAME:
-        raise InputError(f'a command must say what to do: {{"do": NAME}} with a name of at most {_NAME} characters')
+        raise InputError(f'a command must state its action: {{"do": NAME}} with a name of at most {_NAME} characters')
     return found
 
 

@@ -138,7 +138,7 @@ class Commands(HandCommands):
 
     @property
     def model(self) -> str:
-        """The model of the device that the controller inverts now, or goes over to."""
+        """The controller model, or the one to which it is changing."""
         shared = self._memory_or_none
         number = 0 if shared is None else int(shared.words[Word.MODEL])
         return self.device.models[number - 1] if number else self._model

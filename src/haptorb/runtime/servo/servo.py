@@ -90,7 +90,7 @@ class Servo(ServoContext):
     estimator  how the mover's state is known; None: the device's default
     gains      of a motor's two modes; None: `linkage.MOTOR_GAINS`
     calibration  file of `haptorb calibrate` (or a Calibration) for this device, whose values the controller believes
-    render     part of the world's wrench to render, "force", "torque" or "both"; None: what the world asks
+    render     part of the world's wrench to render, "force", "torque" or "both"; None: the part that the world defines
     torque_arm  where force and torque are both asked, 1 N weighs as much as this length [m] × 1 N of torque;
                None: `whole_wrench.TORQUE_ARM`
     watchdog   False: drive an I²C bus although nothing switches off when this computer stops; nobody may touch it

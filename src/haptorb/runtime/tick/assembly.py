@@ -105,7 +105,7 @@ def allocator_of(device: Device) -> Allocator:
 
 
 def choice_of(device: Device, render: str | None = None, torque_arm: float | None = None) -> WrenchChoice | None:
-    """Which part of a world's wrench `device` renders: `render`, or what the world asks for None.
+    """Which part of a world's wrench `device` renders: `render`, or the part that the world defines for None.
 
     torque_arm: where force and torque are both asked, 1 N weighs as much as this length [m] × 1 N of torque. None for a
     kind of device that has no choice. Raises UnknownName for a part that there is not, InputError for a choice that the

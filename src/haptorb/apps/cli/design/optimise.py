@@ -40,9 +40,9 @@ def optimise(
     scheduler: SchedulerOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Search for the best design, by differential evolution, or the front of several objectives, by NSGA-II.
+    """Search for the best design (differential evolution) or the Pareto front of several objectives (NSGA-II).
 
-    The same command goes on.
+    The same command continues a run.
     """
     from haptorb.design.design_file import load_design
     from haptorb.design.search.optimise import optimise as evaluate_generations

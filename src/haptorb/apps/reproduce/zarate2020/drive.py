@@ -98,9 +98,9 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
     without = 100 * float(np.abs(course.uncompensated[after] / course.wanted - 1).min())
     found = (
         Item("drive-compensated", "zarate2020", "eq. (6)",
-             "greatest current error from 0.2 s on, 60 K above the assumed temperature", 0.0, with_it, "%", 1.0,
+             "largest current error after 0.2 s, 60 K above the assumed temperature", 0.0, with_it, "%", 1.0,
              why="1 %: a tenth of a just-noticeable difference", implied=True, basis="own"),
-        Item("drive-uncompensated", "zarate2020", "eq. (3)", "the same without the resistance estimate, least", None,
+        Item("drive-uncompensated", "zarate2020", "eq. (3)", "the same without the resistance estimate, smallest", None,
              without, "%", None),
     )  # fmt: skip
     return found, lambda path: _draw_figure(course, path)

@@ -169,7 +169,7 @@ class Connection(asyncio.BufferedProtocol):
             return
         self._parts.append(bytes(frame.data))
         if len(self._parts) > _PARTS:
-            self.end(1009, "a message comes in too many parts")
+            self.end(1009, "a message has too many fragments")
             return
         if frame.fin:
             self._waiting.append(b"".join(self._parts))

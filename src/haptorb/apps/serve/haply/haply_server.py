@@ -47,7 +47,7 @@ def prepare(where: str) -> ServerPreparation:
         raise
     place = f"[{host}]" if ":" in host else host
     numbers = [int(one.getsockname()[1]) for one in (main, events)]
-    remarks = (f"haply: clients on other computers must show this token: {token}",) if token else ()
+    remarks = (f"haply: clients on other computers must send this token: {token}",) if token else ()
     return ServerPreparation(
         {"token": token, "address": f"ws://{place}:{numbers[0]}"},
         f"ws://{place}:{numbers[0]}, events ws://{place}:{numbers[1]}",

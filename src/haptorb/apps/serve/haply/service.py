@@ -94,7 +94,7 @@ class Service:
             self.tell(
                 "device-busy", "device", "warning",
                 {"device_id": self.identity.device, "session_id": session.number, "holder": self.served.holder},
-                "another session commands this device; this one may watch",
+                "another session commands this device; this one only watches",
             )  # fmt: skip
 
     def _set_session(self, session: Session, given: object) -> None:

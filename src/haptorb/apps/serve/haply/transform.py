@@ -123,7 +123,9 @@ def parse_basis(text: object) -> Basis:
     (1.0, -2.0, 3.0)
     """
     if not isinstance(text, str) or len(text) > 12:
-        raise InputError("a basis is a permutation of X, Y and Z, each with + or - before it if need be, such as 'XZY'")
+        raise InputError(
+            "a basis must be a permutation of X, Y and Z, each optionally preceded by + or -, such as 'XZY'"
+        )
     axes, signs, sign = list[int](), list[float](), 1.0
     for letter in text.upper():
         if letter in "+-":

@@ -30,15 +30,16 @@ def list_psychometric_notes(analysis: Analysis) -> list[str]:
     found = []
     if analysis.curves:
         found.append(
-            "Each person's own fit: cumulative normal, both tails lapse alike; mean and central 95 % of the posterior. "
-            "Threshold: the comparison is called the stronger in 50 %; JND: from there to 75 %. fit p: share of "
-            "simulated repetitions that deviate as much. Group: hierarchical model of everybody's answers; SD between "
-            "people is a factor where it begins with ×."
+            "Fit of each person: cumulative normal, equal lapse rate in both tails; mean and central 95 % of the "
+            "posterior. "
+            "Threshold: the comparison is called stronger in 50 %; JND: from there to 75 %. fit p: share of "
+            "simulated repetitions with at least this deviance. Group: hierarchical model of all answers; an SD "
+            "between people that begins with × is a factor."
         )
     if analysis.tracks:
         share = "70.7 %" if analysis.study.procedure == "staircase" else "75 %"
         found.append(
-            f"Difference with {share} right answers, with each person's central 95 % of the posterior. Group: "
+            f"Difference with {share} correct answers, and each person's central 95 % of the posterior. Group: "
             "geometric mean of the procedure's own thresholds, Student's interval; SD between people as a factor."
         )
     for parts in (analysis.curves, analysis.tracks):

@@ -23,7 +23,9 @@ def print_summary(analysis: Analysis, console: Console | None = None) -> None:
     out = console or make_console()
     print_text(out, f"{analysis.study.name}: {analysis.trials} trials, {analysis.practice} practice trials excluded")
     if analysis.repeated:
-        print_text(out, f"{analysis.repeated} trials began anew: the device was off, or the experimenter repeated them")
+        print_text(
+            out, f"{analysis.repeated} trials were restarted: the device was off, or the experimenter repeated them"
+        )
     print_text(out, analysis.origin, "bold red" if analysis.marked else "dim")
     if analysis.plan is not None:
         print_text(out, analysis.plan.sentence)

@@ -96,14 +96,14 @@ def _note(grid: PsychometricGrid, yes: Array, of: Array, middles: Array, spreads
     for what, axis, mass, prior in (("threshold", grid.thresholds, middles, one),
                                     ("spread", grid.log_spreads, spreads, two)):  # fmt: skip
         if _deviation(axis, mass) > _UNINFORMED * _deviation(axis, prior):
-            found.append(f"too few trials for the {what}: its interval is little narrower than before any answer")
+            found.append(f"too few trials for the {what}: its interval is almost as wide as without answers")
     below, above = x[met & (yes < of)], x[met & (yes > 0)]
     if len(below) and len(above) and below.max() < above.min():
-        found.append("no answer against the order of the levels: the spread has an upper limit only")
+        found.append("no answer against the order of the levels: the spread has only an upper limit")
     outside = float(middles[grid.thresholds < x[met].min()].sum()), float(middles[grid.thresholds > x[met].max()].sum())
     for share, where in zip(outside, ("below", "above"), strict=True):
         if share > 0.5:
-            found.append(f"the threshold lies {where} the levels shown: the function there is extrapolated")
+            found.append(f"the threshold lies {where} the levels shown: the function is extrapolated there")
     return found
 
 

@@ -55,14 +55,17 @@ class OrderSummary:
         if self.rule == "counter-balanced":
             found.append(
                 f"order: counter-balanced; every {self.square} participants complete a Williams square: in the {what} "
-                f"every {unit} has every place, and follows every other one, equally often"
+                f"every {unit} is in every position, and follows every other one, equally often"
             )
         elif self.rule == "random":
             found.append("order: random; all trials mixed" if not self.side_by_side else "order: random rounds")
         else:
-            found.append("order: blocked, the same for everybody: an effect of order looks like one of the conditions")
+            found.append(
+                "order: blocked, the same for everybody: an effect of order cannot be distinguished from "
+                "one of the conditions"
+            )
         if self.side_by_side:
-            found.append(f"side by side: in each round every {unit} comes once; one that has ended is passed over")
+            found.append(f"rounds: each contains every {unit} once; those that have ended are skipped")
         return found
 
     def row(self, person: int) -> str:

@@ -61,43 +61,46 @@ class Study(Part):
     ] = "omni"
     world: Annotated[
         str,
-        m.Meaning("world that is felt; it must have a summit"),
+        m.Meaning("world to render; it must have a parameter summit"),
         m.Form("name in the catalogue, or FILE.py:NAME beside the study file"),
     ] = "dome"
     world_digest: Annotated[
         str,
         Field(pattern="^([0-9a-f]{64})?$"),
-        m.Meaning("SHA-256 of the world's own file; haptorb adds it"),
+        m.Meaning("SHA-256 of the world's file; added by haptorb"),
         m.Form("64 hexadecimal digits"),
         m.Without("computed"),
     ] = ""
     published_layout: Annotated[
         Literal["", "1-4-8-12"],
-        m.Meaning('what the layout "published" means; haptorb adds it, without it a stored study has 1 + 8 + 8 + 8'),
+        m.Meaning('meaning of the layout "published"; added by haptorb; a stored study without it has 1 + 8 + 8 + 8'),
         m.Without("computed"),
     ] = ""
     order_version: Annotated[
         Literal["", "2"],
-        m.Meaning("rules by which trials are ordered; haptorb adds it, and without it a stored study keeps older ones"),
+        m.Meaning(
+            "version of the rules for the order of trials; added by haptorb; a stored study without it keeps "
+            "the older rules"
+        ),
         m.Without("computed"),
     ] = ""
     model: Annotated[
         str,
-        m.Meaning("model of the device that the controller inverts"),
+        m.Meaning("controller model"),
         m.Form("one of the device's models that a loop can use"),
         m.Without("the device's first model"),
     ] = ""
     render: RenderChoice = ""
     procedure: Annotated[
         ProcedureName,
-        m.Meaning("what is asked in each trial"),
+        m.Meaning("procedure: the question of each trial"),
     ] = "identification"
-    instructions: Annotated[str, m.Meaning("what the participant reads first"), m.Form("text")] = (
+    instructions: Annotated[str, m.Meaning("text that the participant reads first"), m.Form("text")] = (
         "Find the place where the dome pushes hardest, then answer with its number."
     )
     consent: Annotated[
         str,
-        m.Meaning("what the participant agrees to before the first trial"),
+        m.Meaning("text that the participant agrees to before the first trial"),
         m.Form("text"),
         m.Without("none is asked for"),
     ] = ""
@@ -110,19 +113,17 @@ class Study(Part):
     set_points: Annotated[
         Places, m.Meaning("places on the dome that trials present"), m.Without("the published layout")
     ] = Places(layout="published")
-    trials: Annotated[
-        Trials, m.Meaning("how often, in which order and with which breaks"), m.Without("the defaults below")
-    ] = Trials()
+    trials: Annotated[Trials, m.Meaning("repetitions, order and breaks"), m.Without("the defaults below")] = Trials()
     conditions: Annotated[
         tuple[Condition, ...],
         Field(max_length=100),
-        m.Meaning("variants of the world that are compared"),
+        m.Meaning("variants of the world to compare"),
         m.Form("1 to 100, each with its own name; 2 or more for forced-choice"),
         m.Without("one, called base"),
     ] = (Condition(name="base"),)
     levels: Annotated[
         Levels | None,
-        m.Meaning("what a comparison varies"),
+        m.Meaning("parameter that a comparison varies"),
         m.Without("none: required with procedures constant, staircase, bayesian and magnitude"),
     ] = None
     rating: Annotated[RatingScale, m.Meaning("question and scale of a rating"), m.Without("the defaults below")] = (
@@ -137,7 +138,9 @@ class Study(Part):
         m.Without("none"),
     ] = ()
     hand_deg: HandAngle = None
-    plan: Annotated[AnalysisPlan | None, m.Meaning("what is decided before data exist"), m.Without("none")] = None
+    plan: Annotated[
+        AnalysisPlan | None, m.Meaning("plan of the analysis, decided before data exist"), m.Without("none")
+    ] = None
     _text: str = PrivateAttr("")
     _own: World | None = PrivateAttr(None)
 
@@ -234,13 +237,13 @@ class Study(Part):
     def make_world(self, condition: str, number: int = 0, level: float | None = None) -> World:
         """The world of one trial. Raises InputError for a user's own whose file was not read."""
         if self._own is None and is_world_file(self.world):
-            raise InputError(f"world '{self.world}' is loaded only with its study file, not out of a database")
+            raise InputError(f"world '{self.world}' is loaded only with its study file, not from a database")
         fresh = worlds.find_world(self.world)() if self._own is None else self._own
         return fresh.replace(**self.values(condition, number, level))
 
     def load_device(self) -> SphericalElectromagnet:
         """The device; InputError if it has no dome to find places on."""
-        return electromagnet(load(self.device), "a study, whose set-points lie on a dome,")
+        return electromagnet(load(self.device), "a study with set-points on a dome")
 
 
 def read_study(path: str | Path) -> Study:

@@ -82,7 +82,7 @@ class StudyServer:
         if dead:
             raise ServoError(
                 f"the thread that runs the sessions ended: {self._reception.trouble}; the coils are off, and all "
-                "answers are stored: start again and enter the same code to resume"
+                "answers are stored: start again and enter the same code to continue"
             )
         return signals_seen[0] if signals_seen else None
 

@@ -87,7 +87,7 @@ class SessionManager:
     def ask(self, command: dict[str, Any], respond: Respond) -> None:
         """Obey `command` soon; `respond` hears what was wrong with it, if anything was."""
         if self._died:
-            raise InputError(f"the study program has failed and closes: {self._died}")
+            raise InputError(f"the study program has failed and is closing: {self._died}")
         if self._inbox.qsize() >= _WAITING:
             raise InputError("too many commands are waiting (is the database locked?): try again in a moment")
         self._inbox.put((command, self.halt.ask(), respond))
@@ -282,7 +282,7 @@ class SessionManager:
             self._streams.mark(kind, facts)
 
     def _end(self, trouble: str, state: str = "failed") -> None:
-        """Coils off, session given back; what was answered is on the disk already."""
+        """Coils off, session released; the answers are already on disk."""
         servo, sitting = self._servo, self.sitting
         self._servo = None
         if servo is not None:

@@ -96,7 +96,7 @@ class StudySocketHub:
         # safety: experimenter-token
         if not secrets.compare_digest(given.encode("utf-8", "replace"), self._token.encode()):
             with suppress(RuntimeError):
-                await socket.close(1008, "this page needs the address that the terminal printed")
+                await socket.close(1008, "open this page with the address that the terminal printed")
             return
         page = StudyPage(socket, participant=False)
         self.enter(page)
@@ -127,7 +127,7 @@ class StudySocketHub:
             command = read_command(text)
             do = command.get("do")
             if not isinstance(do, str):
-                raise InputError("a command must say what to do, as a text: do")
+                raise InputError("a command must state its action as text: do")
             if page.participant:
                 self._hear_participant(page, do, command)
             else:
@@ -186,7 +186,7 @@ class StudySocketHub:
     def _view(self, page: StudyPage, trial: Any) -> None:
         """Have the recording of an answered trial of this session played."""
         if self._reception.now in _IN_TRIAL:
-            raise InputError("a trial runs: stop it, or wait for the pause after it, to look at a recording")
+            raise InputError("a trial is running: stop it, or wait for the pause after it, to play a recording")
         parts = [row.get("recording") for row in self._reception.log if row["trial"] == trial]
         if not parts or parts[-1] is None:
             raise InputError("this trial has no recording: it is not answered yet, or the session is not recorded")

@@ -82,7 +82,7 @@ def for_participant(reception: SessionManager) -> dict[str, Any]:
 def for_experimenter(reception: SessionManager, pages: int, draft: Any) -> dict[str, Any]:
     """Everything: what is prompted, what is being answered, what the device did."""
     view = for_participant(reception) | {
-        "trouble": reception.trouble or ("the study program has failed and closes" if reception.dead else ""),
+        "trouble": reception.trouble or ("the study program has failed and is closing" if reception.dead else ""),
         "pages": pages,
         "draft": draft,
         "log": reception.log[-200:],

@@ -33,7 +33,7 @@ _UNITS = {"error": "mm", "upward-bias": "deg", "error-slope": "mm/deg"}
 
 HandAngle = Annotated[
     Annotated[Real, Field(ge=-360, le=360)] | None,
-    m.Meaning("where the hand holds the tool from: direction from the device's axis, about the vertical from +x"),
+    m.Meaning("direction from the device's axis to the hand that holds the tool, about the vertical axis from +x"),
     m.Unit("deg"),
     m.Without("not known: errors away from the hand are not computed"),
 ]
@@ -44,12 +44,12 @@ class PlannedTest(Part):
 
     measure: Annotated[
         str,
-        m.Meaning("what is tested"),
+        m.Meaning("measure to test"),
         m.Form("error, accuracy, rating, threshold, midpoint, choice, upward-bias or error-slope, by procedure"),
     ]
     between: Annotated[
         tuple[Name, Name] | None,
-        m.Meaning("the two conditions; the difference is the first less the second"),
+        m.Meaning("the two conditions; the difference is the first minus the second"),
         m.Without("against zero, over all conditions: only upward-bias and error-slope"),
     ] = None
     smallest_effect: Annotated[
@@ -64,15 +64,15 @@ class AnalysisPlan(Part):
     """The plan of a study's analysis."""
 
     participants: Annotated[
-        Whole, Field(ge=2, le=10_000), m.Meaning("participants who finish, as planned"), m.Form("2 to 10000")
+        Whole, Field(ge=2, le=10_000), m.Meaning("planned number of participants who finish"), m.Form("2 to 10000")
     ]
     alpha: Annotated[Real, Field(gt=0, lt=0.5), m.Meaning("significance level of the tests together")] = 0.05
-    correction: Annotated[Correction, m.Meaning("how p is corrected for several planned tests")] = "holm"
+    correction: Annotated[Correction, m.Meaning("correction of p for several planned tests")] = "holm"
     test: Annotated[PairTest, m.Meaning("test over people: Student's of the mean, or of signs")] = "t"
     tests: Annotated[
         tuple[PlannedTest, ...],
         Field(min_length=1, max_length=100),
-        m.Meaning("tests that are planned; all others are reported as exploratory"),
+        m.Meaning("planned tests; all others are reported as exploratory"),
         m.Form("1 to 100, all different"),
     ]
 

@@ -65,7 +65,7 @@ def read_registration(path: Path) -> Registration:
         raise InputError(f"registration {path} is not TOML: {cause}") from cause
     keys = ("name", "study", "plan", "written", "file")
     if not isinstance(found, dict) or not all(isinstance(found.get(key), str) for key in keys):
-        raise InputError(f"{path} is no registration; `haptorb study check FILE --register NAME.toml` writes one")
+        raise InputError(f"{path} is not a registration; `haptorb study check FILE --register NAME.toml` writes one")
     held = study_of(found["file"], f"in {path}", stored=True)
     if held.plan is None or (held.digest, held.plan.digest) != (found["study"], found["plan"]):
         raise InputError(f"registration {path} was CHANGED: the study in it is not that of its digests")

@@ -97,7 +97,7 @@ class StopSwitch:
             raise InputError("no device is running")
         if asked.number != self._last:  # safety: study-asked-before
             raise InputError(
-                "Stop was pressed meanwhile: the coils stay off. Press Resume again when everybody is ready"
+                "Stop was pressed in the meantime: the coils stay off. Press Resume again when everybody is ready"
             )
         servo.engage(asked.stops)  # safety: study-stop-engaging
         self._cleared = asked.number

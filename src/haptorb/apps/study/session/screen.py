@@ -74,7 +74,11 @@ class Screen:
             parts += [Text(task, style="bold"), self._map()]
             if prompt.wants_number:
                 parts.append(Text.assemble("answer: ", (view.typed or "_", "bold reverse")))
-            notice = "abort for good? y aborts, any other key continues" if view.state == "abort?" else view.message
+            notice = (
+                "abort the session permanently? y aborts, any other key continues"
+                if view.state == "abort?"
+                else view.message
+            )
             if notice:
                 parts.append(Text(notice, style="bold yellow"))
         steer = "arrow keys move the pen · " if stage.steered else ""

@@ -170,7 +170,7 @@ class StoredSession:
             self._late.clear()
 
     def abort(self, reason: str = "") -> None:
-        """End for good: what was answered stays, and the session cannot be resumed."""
+        """End permanently: the answers stay, and the session cannot be resumed."""
         self.note("abort", reason)
         try:
             with self.engine.begin() as connection:
@@ -236,11 +236,13 @@ class StoredSession:
     def _check_free(self, known: Iterable[str]) -> None:
         """RecordingError if nobody new may have this code, beside the `known` ones."""
         if not self.simulated and is_reserved(self.code):
-            raise RecordingError(f"participant code '{self.code}' is kept for simulated participants: use another code")
+            raise RecordingError(
+                f"participant code '{self.code}' is reserved for simulated participants: use another code"
+            )
         for code in known:
             if fold_code(code) == fold_code(self.code):
                 raise RecordingError(
-                    f"participant code '{self.code}' differs from '{code}' in capitals only: enter '{code}' to "
+                    f"participant code '{self.code}' differs from '{code}' only in capitals: enter '{code}' to "
                     "continue that session, or use another code"
                 )
 

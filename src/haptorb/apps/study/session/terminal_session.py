@@ -81,7 +81,7 @@ class TerminalSession:
             case "time is up":
                 return "time is up: please answer now"
             case "device off":
-                return "the device is off: please wait. e switches it on again; the trial then begins anew"
+                return "the device is off: please wait. e switches it on again; the trial then starts again"
         return ""
 
     def _handle_key(self, key: str) -> None:

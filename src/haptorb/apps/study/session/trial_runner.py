@@ -118,7 +118,7 @@ class TrialRunner:
         self._notice_off()
         if self.state == "device off":
             raise InputError(
-                "the device is off, so this answer does not count: please wait, the trial begins anew when it is on"
+                "the device is off, so this answer does not count: please wait; the trial starts again when it is on"
             )
         prompt = self.prompt
         if self.state not in _TRIAL or prompt is None:

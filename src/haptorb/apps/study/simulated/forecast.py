@@ -69,7 +69,7 @@ class Forecast:
             return f"{begin}: {word} derating at {self.derate - 273.15:.0f} °C"
         cure = "longer pauses do not help: reduce the moment"
         if self.pause is not None:
-            cure = f"{self.pause:g} s more pause after each trial would prevent this"
+            cure = f"{self.pause:g} s more pause after each trial prevent this"
         return f"{begin}: forces will be reduced (derating at {self.derate - 273.15:.0f} °C); {cure}"
 
 

@@ -60,13 +60,13 @@ class Power:
         needed = most if self.needed is None else f"about {self.needed}"
         floor = ""
         if self.needed == self.least:
-            floor = f"; with fewer than {self.least} the test cannot show p < {self.alpha:g}, whatever is found"
+            floor = f"; with fewer than {self.least} the test cannot reach p < {self.alpha:g}"
         what = f"{self.a} − {self.b} " if self.a else ""
         return (
             f"{needed} participants (95 %: {low} to {high}) detect {self.measure} {what}= {self.difference:.3g} ± "
             f"{self.spread:.2g}{self.unit and f' {self.unit}'} with a probability of {self.wanted:.0%} at α = "
             f"{self.alpha:.3g} ({_TEST_NAMES[self.test]}, two-sided){floor}; predicted with {self.pool} SIMULATED "
-            "participants, which is no evidence about people"
+            "participants, which are not evidence about people"
         )
 
     def numbers(self) -> dict[str, Any]:
@@ -152,7 +152,7 @@ def power_of(
     d = np.asarray(pairs, dtype=float)
     d = d[np.isfinite(d)]
     if len(d) < 4:
-        raise InputError("fewer than 4 simulated participants gave a difference: the procedure ends too soon")
+        raise InputError("fewer than 4 simulated participants have a difference: the procedure ends too soon")
     draw = np.random.default_rng([seed, 2])
     # The k-th pool is the k-th resample, the 0th the pool itself; groups come from that pool with replacement.
     pools = np.vstack([d, d[draw.integers(0, len(d), (_POOLS, len(d)))]])

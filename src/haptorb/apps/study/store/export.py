@@ -33,7 +33,7 @@ __all__ = [
     "write_text",
 ]
 
-Replies = dict[str, dict[str, str]]  #: participant's code → question's name → what was answered
+Replies = dict[str, dict[str, str]]  #: participant's code → question's name → the answer
 Files = dict[Path, Callable[[Path], None]]  #: place → what writes it
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")

@@ -24,7 +24,7 @@ _TABLE = re.compile(r"\[\[?([a-z_]+)\]\]?")
 def read_template(like: str) -> str:
     """The template called `like`, without comments on its keys; UnknownName for one that there is not."""
     if like not in TEMPLATES:
-        raise UnknownName("study to begin with", like, TEMPLATES)
+        raise UnknownName("template of a study", like, TEMPLATES)
     return (Path(__file__).parent / f"{like}.toml").read_text(encoding="utf-8")
 
 

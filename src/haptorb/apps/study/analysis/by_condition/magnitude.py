@@ -100,7 +100,7 @@ def make_magnitude_tables(scales: tuple[MagnitudeScale, ...], unit: str) -> tupl
     ]
     heads = (Column("condition", kind="key"), Column("participants"), Column("exponent"), Column("95 %"))
     return (
-        TextTable(columns, "Estimated magnitude, the reference being 1", rows),
+        TextTable(columns, "Estimated magnitude (reference = 1)", rows),
         TextTable(heads, "Power law", laws),
     )
 
