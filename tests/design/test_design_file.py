@@ -79,7 +79,7 @@ def test_a_base_device_beside_the_file(tmp_path: Path) -> None:
         ('base = "omni"', 'base = "omi"', "did you mean 'omni'"),
         ('"dome.radius"', '"dome.radus"', "device 'omni' has no key 'dome.radus'; did you mean 'dome.radius'?"),
         ('"dome.radius"', '"hall.positions.12.1"', "hall.positions of device 'omni' has 9 entries"),
-        ('"dome.radius"', '"name"', "says which device it is"),
+        ('"dome.radius"', '"name"', "identifies the device"),
         ('"dome.radius"', '"dome.shell_thickness"', "is written by 'radius' as well"),
         ('"dome.radius"', '"a b"', "parameters.radius.places must be a key"),
         ('"dome.radius"', '"-dome.radius"', "dome.radius must be greater than 0"),

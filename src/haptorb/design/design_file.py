@@ -160,7 +160,7 @@ def _list_mistakes(design: Design) -> list[str]:
                 continue
             other = writers.setdefault(place.key, parameter.name)
             if other != parameter.name:
-                mistakes.append(f"parameters.{parameter.name}.places: '{place.key}' is written by '{other}' as well")
+                mistakes.append(f"parameters.{parameter.name}.places: '{place.key}' is also written by '{other}'")
     if mistakes:
         return mistakes
     for parameter in design.parameters:

@@ -97,7 +97,7 @@ def compute_quantity(quantity: DesignQuantity, candidate: DesignCandidate) -> tu
         place = f"{last.filename.rpartition('/')[2]}, line {last.lineno}"
         return math.nan, _shorten(f"{type(cause).__name__}: {cause} ({place})")
     if not math.isfinite(found):
-        return math.nan, f"is {found}, no finite number"
+        return math.nan, f"is {found}, not a finite number"
     return found, ""
 
 

@@ -96,7 +96,7 @@ class Limits:
 
     force: float  #: greatest magnitude asked of the device [N]
     torque: float  #: greatest magnitude asked of the device [N·m]
-    slew: float  #: greatest change of a channel's current [A/s]
+    slew: float  #: maximum slew rate of a channel's current [A/s]
     expiry: float  #: age at which a command or a pose is worth nothing [s]
 
 
@@ -105,7 +105,7 @@ class Shell:
     """The space over a dome in which a tool's magnet can be."""
 
     contact_distance: float  #: of the magnet from the dome's centre when a radial tool touches the dome [m]
-    thickness: float  #: how far above contact forces are rendered [m]
+    thickness: float  #: height above contact up to which forces are rendered [m]
     moment: float  #: of the tool's magnet [A·m²]
     dome_radius: float  #: outside of the dome [m]
 
@@ -226,7 +226,7 @@ class Device(Presentable, ABC):
             ),
             ("field sensors", f"{self.sensors}, three axes each"),
             ("models", ", ".join(self.models)),
-            ("assumed", f"{len(self.assumed)} values that the source does not give, see `.assumed`"),
+            ("assumed", f"{len(self.assumed)} values that the source does not state, see `.assumed`"),
             ("digest", self.digest[:12]),
         ]
 

@@ -72,7 +72,7 @@ class State:
         if p.shape != (3,):
             raise InputError(f"position must have shape (3,); got {p.shape}")
         if axis is not None and R_SR is not None:
-            raise InputError("give the orientation as axis or as R_SR, not as both")
+            raise InputError("give the orientation as axis or as R_SR, not both")
         if R_SR is not None:
             R = rotation(R_SR, "R_SR")
         elif axis is None and not p.any():

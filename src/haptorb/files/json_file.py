@@ -35,7 +35,7 @@ def parse_document(
     if not isinstance(raw, Mapping) or raw.get("format") != wanted:
         found = raw.get("format") if isinstance(raw, Mapping) else type(raw).__name__
         raise CalibrationError(
-            f"{name} is not a {kind} that this version reads: format must be '{wanted}'; got {quote(found)}"
+            f"{name} is not a {kind} that this version can read: format must be '{wanted}'; got {quote(found)}"
         )
     missing, strange = keys - set(raw), set(raw) - keys - optional
     if missing or strange:

@@ -79,7 +79,9 @@ class ThermalNetwork:
         if (self.exchange < 0.0).any() or (self.to_air < 0.0).any() or (self.exchange != self.exchange.T).any():
             raise InputError("conductances of a thermal network must be symmetric, and none negative")
         if not self._reaches_air():
-            raise InputError("every node of a thermal network must lead to the air, or its heat has nowhere to go")
+            raise InputError(
+                "every node of a thermal network must conduct heat to the air, or its temperature would have no limit"
+            )
 
     @classmethod
     def of_coils(cls, coil: TwoNode, to_core: ArrayLike, core_capacity: float) -> ThermalNetwork:

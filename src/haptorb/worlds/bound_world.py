@@ -49,7 +49,7 @@ class BoundWorld:
         sizes = [field.size for field in world.memory_fields]
         if sum(sizes) != self.numbers.size:
             raise InputError(
-                f"world '{world.name}': its memory has {self.numbers.size} numbers, but its memory_fields say "
+                f"world '{world.name}': its memory has {self.numbers.size} numbers, but its memory_fields state "
                 f"{sum(sizes)}"
             )
         starts = np.cumsum([0, *sizes]).tolist()
@@ -118,5 +118,5 @@ def bind_world(
     if before is not None and not before.failed:
         world.keep(bound.memory, before.world, before.memory)
         if not np.isfinite(bound.numbers).all():
-            raise InputError(f"world '{world.name}': keep has left numbers in its memory that are not finite")
+            raise InputError(f"world '{world.name}': after keep, its memory has numbers that are not finite")
     return bound

@@ -56,7 +56,7 @@ def memory_dtype(fields: tuple[MemoryField, ...]) -> np.dtype[Any]:
     """
     names = [field.name for field in fields]
     if not names or len(set(names)) != len(names):
-        raise InputError(f"a memory needs fields, each with a name of its own; got {quote(names)}")
+        raise InputError(f"a memory needs fields, each with its own name; got {quote(names)}")
     return np.dtype([(field.name, np.float64, field.shape) for field in fields])
 
 
@@ -102,7 +102,8 @@ def check_memory(memory: object, name: str) -> Records:
     """
     if not isinstance(memory, np.ndarray) or memory.dtype.names is None:
         raise InputError(
-            f"world '{name}': begin must return a structured array of one record, as make_memory(fields) does; got "
+            f"world '{name}': begin must return a structured array of one record, such as from make_memory(fields); "
+            "got "
             f"{quote(memory)}"
         )
     if memory.shape != (1,) or not memory.flags.writeable:

@@ -48,7 +48,7 @@ class Varying(World):
         assert self.at is not None
         world = self.at(state)
         if world.remembers:
-            raise InputError(f"Varying makes a world anew in every tick; '{world.name}' has a memory: add it instead")
+            raise InputError(f"Varying creates a world in every tick, but '{world.name}' has a memory: add it instead")
         return (world if self.device is None else world.for_device(self.device)).wrench(state)
 
 
@@ -101,8 +101,8 @@ class Wander(World):
     passive: ClassVar[bool] = False
     continuous: ClassVar[bool] = False
 
-    tilt_deg: float = parameter(40.0, "deg", 0, 60, "greatest tilt of the summit")
-    pace: float = parameter(0.1, "Hz", 0, 1, "swings of the summit per second")
+    tilt_deg: float = parameter(40.0, "deg", 0, 60, "maximum tilt of the summit")
+    pace: float = parameter(0.1, "Hz", 0, 1, "oscillations of the summit per second")
     half_width_deg: float = parameter(18.0, "deg", 5, 90, "θ1: angle of the first zero of the radial force")
     cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: angle from which the force is zero")
     moment: float = parameter(1.7, "A·m²", -4, 4, "moment at the summit; negative pulls")

@@ -118,7 +118,7 @@ class World(Presentable, ABC):
         """
         if self.needs_target and not device.kind.modes:
             raise InputError(
-                f"world '{self.name}' acts on a target that a device moves through modes; device '{device.name}' "
+                f"world '{self.name}' acts on a target that a device moves in two modes; device '{device.name}' "
                 f"({device.kind.title}) has none: choose another world, or a device with modes, such as pmsm"
             )
         return self

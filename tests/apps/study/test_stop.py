@@ -372,7 +372,7 @@ def test_a_thread_that_dies_ends_the_server_with_the_coils_off(desk: Desk, monke
     desk.experimenter._listening.join(30)
     desk.first._listening.join(30)
     _until(lambda: desk.served.failures)
-    assert "enter the same code to resume" in str(desk.served.failures[0])
+    assert "enter the same code to continue" in str(desk.served.failures[0])
     assert not desk.experimenter._listening.is_alive()
     with pytest.raises(InputError, match="has failed"):
         desk.reception.ask({"do": "begin", "code": "P02"}, print)

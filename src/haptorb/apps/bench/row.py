@@ -48,7 +48,7 @@ class Metric:
     def kept(self) -> bool | None:
         """Whether the limit is kept; None without a limit or without a figure.
 
-        >>> Metric("tick", "ticks in time", 0.9995, "1", limit=0.999, at_least=True).kept
+        >>> Metric("tick", "ticks on time", 0.9995, "1", limit=0.999, at_least=True).kept
         True
         """
         if self.limit is None or self.value is None:

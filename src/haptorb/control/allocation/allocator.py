@@ -50,9 +50,9 @@ _TEXTS = (
     "",
     "a coil's current limit",
     "the supply's power limit",
-    "the limit of the force that comes along",
-    "the magnet's own axis, about which no current turns it",
-    "the number of coils, too few for force and torque at once",
+    "the limit of the accompanying force",
+    "the magnet's own axis, about which there is no torque",
+    "the number of coils, too few for force and torque together",
 )
 SATURATIONS = tuple(Saturation)  #: by number: many times faster than a call of the class
 _FLOAT = np.dtype(np.float64)  #: to name the type takes longer than to see that an array has it

@@ -155,7 +155,7 @@ class WholeWrenchAllocator(Allocator):
     >>> (given[3:].round(6) + 0.0).tolist(), given[1].round(2).item()
     ([0.005, 0.0, 0.0], 0.27)
     >>> torque.allocate(over, (0, 0, 0, 0, 0, 0.005)).saturated.text
-    "the magnet's own axis, about which no current turns it"
+    "the magnet's own axis, about which there is no torque"
     """
 
     def __init__(

@@ -25,7 +25,7 @@ class CoilPlaces(ErrorSource[ArrayTrial]):
     """Where each coil is."""
 
     def __init__(self, standard: float, origin: str, coils: int) -> None:
-        super().__init__("places of the coils", format_quantity(standard, "m"), origin, 3 * coils)
+        super().__init__("positions of the coils", format_quantity(standard, "m"), origin, 3 * coils)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: ArrayTrial) -> None:

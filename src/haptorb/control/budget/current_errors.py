@@ -121,7 +121,7 @@ class CurrentSteps(ErrorSource[C]):
         read = np.hypot(supply.current_noise, supply.current_step / np.sqrt(12)) / np.sqrt(_WINDOW)
         self._standard: Array = np.hypot(step / np.sqrt(12), read)
         text = format_quantity(float(self._standard.max()), "A")
-        super().__init__("steps and noise of the currents", text, "computed", device.channels)
+        super().__init__("quantisation and noise of the currents", text, "computed", device.channels)
 
     def perturb(self, deviates: Array, trial: C) -> None:
         """Add to the currents."""

@@ -66,7 +66,7 @@ class CorePlace(ErrorSource[ToolTrial]):
     """Where core and coils are."""
 
     def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("place of core and coils", format_quantity(standard, "m"), origin, 3)
+        super().__init__("position of core and coils", format_quantity(standard, "m"), origin, 3)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: ToolTrial) -> None:

@@ -204,9 +204,9 @@ class ModedLinkage(Linkage):
             on_target, contacts = render_contacts(target)
             contacts = ascontiguousarray(contacts, _FLOAT)  # for the kernel that fills the row
             if contacts.ndim != 2 or contacts.shape[1] != 8:
-                raise InputError(f"a world must give contacts of shape (n, 8); got shape {contacts.shape}")
+                raise InputError(f"a world must return contacts of shape (n, 8); got shape {contacts.shape}")
         if (on_target.shape if isinstance(on_target, np.ndarray) else np.shape(on_target)) != (6,):
-            raise InputError(f"a world must give force and torque, shape (6,); got {quote(on_target)}")
+            raise InputError(f"a world must return force and torque, shape (6,); got {quote(on_target)}")
         asked, wrench = self._asked, np.empty(6)
         asked[:] = on_target  # in another memory layout a user's array would have the kernel compiled anew
         fill_rotor_wrench(memory, asked, self._scale, wrench)

@@ -60,7 +60,7 @@ class SampledLoop:
         if self.delay > _LONGEST * self.period:
             raise InputError(
                 f"a delay of {1e3 * self.delay:g} ms is more than {_LONGEST} periods of {1e3 * self.period:g} ms: "
-                "a force that late cannot render a world"
+                "with this delay no world can be rendered"
             )
 
     @classmethod

@@ -71,7 +71,8 @@ class Optimiser:
         ordered = sorted(evaluations, key=lambda evaluation: evaluation.number)
         if not count or [evaluation.number for evaluation in ordered] != list(range(self._start, self._start + count)):
             raise InputError(
-                f"the optimiser asked for {count} candidates, from number {self._start} on: tell it of all of them"
+                f"the optimiser asked for {count} candidates, from number {self._start} on: report all of their "
+                "results first"
             )
         goals = [(goal.name, -1.0 if goal.sense == "maximise" else 1.0) for goal in self._design.goals]
         costs = [[sign * one.objectives[name] if one.valid else 0.0 for name, sign in goals] for one in ordered]

@@ -78,7 +78,7 @@ def open_database(place: str | Path, *, make: bool) -> Engine:
         with engine.connect() as connection:
             empty = _check_schema(connection, place)
         if empty and not make:
-            raise RecordingError(f"{mask_password(place)} holds no results of a design")
+            raise RecordingError(f"{mask_password(place)} has no results of a design")
         if empty:
             with engine.begin() as connection:
                 lock_database(connection, FAMILY)
@@ -104,7 +104,7 @@ def _check_file(path: Path, place: str | Path, make: bool) -> None:
         raise RecordingError(f"{place} is a folder: name a file, such as results.sqlite")
     if not path.exists():
         if not make:
-            raise RecordingError(f"results file {place} does not exist: `haptorb design sweep` makes one")
+            raise RecordingError(f"results file {place} does not exist: `haptorb design sweep` creates one")
         if not path.absolute().parent.is_dir():
             raise RecordingError(f"{place}: there is no folder {path.parent}; make it first")
         return

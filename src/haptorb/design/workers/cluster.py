@@ -52,7 +52,7 @@ class ClusterWorkers:
         todo = [(number, dict(values)) for number, values in jobs]
         size = max(1, min(_MOST, len(todo) // (_SHARES * max(1, count_threads(self._client)))))
         parts: list[Part] = [(self._packed, tuple(todo[k : k + size])) for k in range(0, len(todo), size)]
-        after = "what was computed is kept, and the same command goes on"
+        after = "results are kept; repeat the command to continue"
         for found in run_jobs(self._client, evaluate_part, parts, after=after):
             yield from found
 

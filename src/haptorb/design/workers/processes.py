@@ -94,8 +94,8 @@ class ProcessWorkers:
                     yield from future.result()
         except BrokenProcessPool as cause:
             raise InputError(
-                "a process that computed candidates was killed, perhaps for want of memory: the same command goes on, "
-                "--processes with fewer of them"
+                "a process that computed candidates was killed, perhaps because memory ran out: repeat the command "
+                "to continue, with fewer --processes"
             ) from cause
         finally:
             for future in running:

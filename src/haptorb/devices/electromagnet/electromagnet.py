@@ -92,7 +92,7 @@ class SphericalElectromagnet(Device):
     core_radius: float  #: [m]
     core_permeability: float  #: relative, may be inf
     dome_radius: float  #: [m]
-    shell_thickness: float  #: how far above contact forces are rendered [m]
+    shell_thickness: float  #: height above contact up to which forces are rendered [m]
     workspace_half_angle: float  #: [rad] from +z
     tool: Tool
     hand: Hand

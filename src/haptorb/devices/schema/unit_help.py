@@ -78,7 +78,7 @@ def explain_unit(text: str, unit: str, is_unit: Callable[[str], bool]) -> str:
         if find_unit(name) is None and not is_unit(name):
             near = _find_near(name)
             hint = f", did you mean '{near}'?" if near else ""
-            return f": {quote(name, 20)} is no unit{hint}{suitable}"
+            return f": {quote(name, 20)} is not a unit{hint}{suitable}"
     return suitable
 
 

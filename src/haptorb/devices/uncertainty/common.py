@@ -38,7 +38,7 @@ class ChainUncertainty(Section):
     ]
     magnet_temperature: Annotated[
         q.TemperatureStep,
-        m.Meaning("temperature of the mover's magnets, about the one at which their remanence holds"),
+        m.Meaning("temperature of the mover's magnets relative to the reference temperature of their remanence"),
         Field(default="3 delta_degC", validate_default=True, ge=0, le=100),
     ]
     remanence_drift: Annotated[

@@ -155,7 +155,7 @@ def answer_to_source(sphere: SoftSphere, source: Source, order: int) -> Array:
     level = np.repeat(cosine[:, None], steps, axis=1)
     unit = np.stack([sine * np.cos(angle), sine * np.sin(angle), level], axis=-1)
     if source.contains(sphere.radius * unit).any():
-        raise GeometryError("a source reaches into the soft sphere: no field is defined there; move it out")
+        raise GeometryError("a source reaches into the soft sphere, where no field is defined; move it out")
     radial = (source.field(_WITHIN * sphere.radius * unit) * unit).sum(axis=-1)
     flux = radial * weight[:, None] * (2 * np.pi / steps)
     response = sphere.response(order)

@@ -54,7 +54,7 @@ class HallSensors:
         if axes not in (1, 3):
             raise InputError(f"a Hall sensor has one axis or three; got {axes}")
         if (distance == 0).any():
-            raise InputError("a Hall sensor at the centre has no radius to look along")
+            raise InputError("a Hall sensor at the centre has no radial direction")
         if not span > 0.0:
             raise InputError(f"the span of a Hall sensor must be above 0 T; got {span}")
         self.axes, self.span = axes, span

@@ -93,7 +93,7 @@ class Commands(HandCommands):
         """Put simulated coils at the ambient temperature, from the next tick on; a demonstration need not wait for
         them. Raises InputError for a real device: its coils cool by themselves, with time."""
         if self.driver != "sim":
-            raise InputError(f"only simulated coils cool at once; driver '{self.driver}' drives a real device")
+            raise InputError(f"only simulated coils can be cooled at once; driver '{self.driver}' drives a real device")
         self._memory.words[Word.COOL] += 1
 
     def press(self, buttons: Collection[str]) -> None:
@@ -163,7 +163,7 @@ class Commands(HandCommands):
         """Let `set_world` know `world` by `name`, or its own one, beside the catalogue's; without values, it takes no
         time to make. Raises ServoError after the start."""
         if self._memory_or_none is not None:
-            raise ServoError("add_world comes before the start: the servo's process is given all worlds at once")
+            raise ServoError("call add_world before the start: the servo's process receives all worlds at once")
         self.own_worlds[name or world.name] = world
 
     def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
@@ -216,5 +216,5 @@ class Commands(HandCommands):
                 self._compile_world(name)
             self.check()
             if monotonic() > patience:
-                raise ServoError(f"the servo did not answer within {longest:g} s")
+                raise ServoError(f"the servo did not respond within {longest:g} s")
             sleep(0.0005)

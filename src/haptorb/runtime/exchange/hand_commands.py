@@ -92,7 +92,7 @@ class HandCommands(ABC):
             self._keep(SampledPath(path, times, self._farthest, upright=self.device.is_upright), users_code=False)
             return
         if times is not None:
-            raise InputError("times belong to poses; a function gets the time since its start [s] by itself")
+            raise InputError("times are for poses; a function receives the time since its start [s]")
         self._keep(lambda t: self._check_pose(*split_pose(path(t))), users_code=True)
 
     def release(self) -> None:
@@ -125,11 +125,13 @@ class HandCommands(ABC):
     def _keep(self, motion: PathFunction, *, users_code: bool, patience: float = 0.0) -> None:
         if is_real(self.driver):  # safety: hold-real
             raise InputError(
-                f"hold and follow move a simulated hand, and driver '{self.driver}' acts on a real tool, which nobody "
-                "measures then: use a tracker that sees the tool (osc:PORT, lsl:NAME, natnet:HOST)"
+                f"hold and follow move a simulated hand, but driver '{self.driver}' acts on a real tool, whose pose "
+                "would be unknown: use a tracker that measures the tool (osc:PORT, lsl:NAME, natnet:HOST)"
             )
         if has_feed(self.tracker):
-            raise InputError(f"tracker '{self.tracker}' says where the hand is: hold and follow need tracker 'pointer'")
+            raise InputError(
+                f"tracker '{self.tracker}' determines where the hand is: hold and follow need tracker 'pointer'"
+            )
         _ = self._memory  # raises before the start
         say = partial(self._say, patience=patience)
         keeper = PoseKeeper(motion, say, self.device.limits.expiry, users_code=users_code)

@@ -79,7 +79,7 @@ class Word(IntEnum):
     ORIGIN = 42  #: monotonic clock at which the loop's clock shows zero [ns]
     ROWS = 43  #: published
     TICKS = 44
-    MISSED = 45  #: deadlines skipped
+    MISSED = 45  #: deadlines missed
     ON_TIME = 46  #: ticks that began and ended within their period
     TRIPS = 47  #: count
     PEAK = 48  #: float: greatest force on the mover [N]

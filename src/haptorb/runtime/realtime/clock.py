@@ -56,7 +56,7 @@ class Clock:
         return schedule.time(deadline)
 
     def wait(self) -> tuple[int, int, int]:
-        """Wait for the deadline that `sleep` told; returns (now [ns], lateness [ns], deadlines skipped)."""
+        """Wait for the deadline that `sleep` told; returns (now [ns], lateness [ns], deadlines missed)."""
         deadline = self._deadline
         now = monotonic_ns()
         while now < deadline:

@@ -45,7 +45,7 @@ class KillTimer:
         event = _Event(signal=int(signal.SIGKILL), notify=_SIGEV_SIGNAL)  # safety: servo-hung
         if libc.timer_create(_CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(self._timer)):
             why = os.strerror(ctypes.get_errno())
-            raise ServoError(f"the kernel gives no timer that ends a servo which hangs: timer_create failed ({why})")
+            raise ServoError(f"the kernel provides no timer to end a servo that hangs: timer_create failed ({why})")
         self._settime = libc.timer_settime
         self._settime.argtypes = (ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
         self._times = _Times()  # one for all calls: nothing is allocated per tick

@@ -28,4 +28,4 @@ def require_linux(what: str, instead: str = WORKS_ANYWHERE) -> None:
     """
     if not is_linux():
         system = _NAMES.get(sys.platform, sys.platform)
-        raise PlatformError(f"{what} needs Linux, and this is {system}. What works here: {instead}")
+        raise PlatformError(f"{what} needs Linux, and this is {system}. Available here: {instead}")

@@ -44,8 +44,8 @@ class MemoryGrowth:
             return ""
         return (
             f"the servo's process has grown by {(self.now - self.start) / 1e6:.0f} MB since its start. It never "
-            "collects garbage, which would delay the loop: the world must not create objects that refer to each other "
-            "in a cycle, nor keep objects of a tick"
+            "collects garbage, because that would delay the loop: the world must not create objects that refer to "
+            "each other in a cycle, or keep objects from a tick"
         )
 
     def facts(self) -> dict[str, float]:

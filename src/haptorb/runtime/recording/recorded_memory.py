@@ -71,7 +71,7 @@ def _list_fields(worlds: Sequence[Mapping[str, str]]) -> Iterator[tuple[int, str
                 _check_fields(fields)
                 yield int(note["change"]), str(world["name"]), fields
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as cause:
-            raise RecordingError(f"a note of a world is not one that haptorb wrote: {quote(note)}") from cause
+            raise RecordingError(f"a note of a world was not written by haptorb: {quote(note)}") from cause
 
 
 def _check_fields(fields: Sequence[Mapping[str, Any]]) -> None:

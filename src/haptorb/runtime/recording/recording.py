@@ -64,7 +64,7 @@ class Recording:
         self.fields = contents.fields  #: as the file's own schema describes them
         if not self.fields:
             cut = "it was cut short before its first rows" if self.truncated else f"topic {TOPIC} is missing"
-            raise RecordingError(f"{self.path} holds no haptorb recording: {cut}")
+            raise RecordingError(f"{self.path} is not a haptorb recording: {cut}")
         self.long = isinstance(source, ChunkIndex)  #: rows are read from the file when somebody asks for them
         self._source = source
         self._at: dict[str, slice] = {}

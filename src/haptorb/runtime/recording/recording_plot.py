@@ -149,7 +149,7 @@ def _lateness(axes: Axes, recording: Fields, t: Array) -> None:
     axes.plot(t, late, ".", markersize=1.5, color=_FAINT, rasterized=True)
     skipped = recording["missed"] > 0
     if skipped.any():
-        axes.plot(t[skipped], late[skipped], "x", markersize=4, color=_COLOURS[1], label="after a skipped deadline")
+        axes.plot(t[skipped], late[skipped], "x", markersize=4, color=_COLOURS[1], label="after a missed deadline")
     p99 = float(np.percentile(late, 99))
     axes.axhline(p99, color=_INK, linewidth=0.9, label=f"99 % below {p99:.0f} µs")
     axes.set_yscale("log")

@@ -100,8 +100,8 @@ class RecordedTick:
         room = next((field.width for field in recording.fields if field.name == "memory"), 0)
         if end > room:
             text = (
-                f"{recording.path} cannot be replayed: what a client commanded ends at number {end} of its world's "
-                f"memory, but the field 'memory' has room for {room}; replay the recorded wrench instead"
+                f"{recording.path} cannot be replayed: the clients' commands end at number {end} of the memory of "
+                f"the world, but the field 'memory' has only {room} numbers; replay the recorded wrench instead"
             )
             raise RecordingError(f"{text} with recorded_world=True", command=f"{text} with --world recorded")
 

@@ -185,7 +185,7 @@ class Replay:
             self._state = unpack_state(self._states[tick])
         else:
             self._near = True
-            self.remarks.append(f"its first tick is {tick:.0f}, and it does not say what the chain remembered then")
+            self.remarks.append(f"its first tick is {tick:.0f}, and the state of the loop at that tick is missing")
         self._change = int(np.nan_to_num(block["world"][0, 0]))
 
     def _find_gaps(self) -> None:
@@ -194,8 +194,8 @@ class Replay:
         self._blind, self._resume = find_gaps(rows.ticks, self._states)
         if len(gaps := np.flatnonzero(np.diff(rows.ticks) != 1)):
             self.remarks.append(
-                f"{len(gaps)} times ticks were lost, first after tick {rows.ticks[gaps[0]]:.0f}: "
-                f"{int(self._blind.sum())} ticks up to the next that keeps what the chain remembered are not compared"
+                f"{len(gaps)} gaps with lost ticks, first after tick {rows.ticks[gaps[0]]:.0f}: "
+                f"{int(self._blind.sum())} ticks up to the next stored state of the loop are not compared"
             )
 
     def _go_on(self, at: int, block: Mapping[str, Array], n: int) -> None:

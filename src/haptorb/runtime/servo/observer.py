@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ServoObserver"]
 
-_PREPARING = "preparing world '{}': its code is being compiled, once on this computer; the world before it goes on"
+_PREPARING = "preparing world '{}': its code is being compiled, once on this computer; the previous world continues"
 
 
 class ServoObserver(Commands):

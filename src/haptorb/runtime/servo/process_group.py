@@ -45,8 +45,8 @@ _ENDLESS = (
     "call at once"
 )
 _STALL = (
-    "the recorder has not written for {:.1f} s, and rows that it does not fetch in time are lost; check for a full or "
-    "slow disk"
+    "the recorder has not written for {:.1f} s, and rows are lost if it does not continue; check for a full or slow "
+    "disk"
 )
 
 
@@ -246,7 +246,7 @@ class ProcessGroup:
         if text := self._describe_end():
             return text
         if self._shared.phase is Phase.RUNNING:
-            return f"its process ended with code {code} in the middle of a run, as a world does that calls os._exit"
+            return f"its process ended with code {code} during a run, as if a world had called os._exit"
         return f"its process failed with code {code}"
 
     def _describe_end(self) -> str:

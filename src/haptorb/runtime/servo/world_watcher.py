@@ -114,21 +114,21 @@ class WorldWatcher:
             self._replace(new, keep_changes(self._world, values, new) if name == new.name else {})
         except HaptorbError as cause:
             if not self._ending.is_set():
-                self.trouble = f"{path} was saved, but the world from before goes on: {cause}"
+                self.trouble = f"{path} was saved, but the previous world continues: {cause}"
                 show(f"{self.trouble}\n")
             return
         finally:
             hint.cancel()
             hint.join()  # what it says comes before what follows
         self._world = new
-        show(f"{path} was saved: world '{new.name}' is loaded anew\n")
+        show(f"{path} was saved: world '{new.name}' is reloaded\n")
         self.trouble = ""  # last: whoever waits for it finds the message shown
 
     def _explain_wait(self, path: str) -> None:
         """The new code does not return, and while it runs nothing else is loaded."""
         self.trouble = (
-            f"{path} was saved, but has not returned from loading or its first call for {_SLOW:g} s; the world from "
-            "before goes on. If it never returns, start anew after mending it"
+            f"{path} was saved, but has not returned from loading or its first call for {_SLOW:g} s; the previous "
+            "world continues. If it never returns, correct the file and restart"
         )
         if not self._ending.is_set():
             show(f"{self.trouble}\n")

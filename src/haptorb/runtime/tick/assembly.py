@@ -116,8 +116,8 @@ def choice_of(device: Device, render: str | None = None, torque_arm: float | Non
         if render is None and torque_arm is None:
             return None
         raise InputError(
-            f"device '{device.name}' ({device.kind.title}) has no choice of force or torque: it always renders what "
-            "its mover can feel; leave out render and torque arm"
+            f"device '{device.name}' ({device.kind.title}) has no choice of force or torque: it always renders every "
+            "component; leave out render and torque arm"
         )
     choice: WrenchChoice = device.kind.part("wrench_choice")(device, part, torque_arm)
     return choice

@@ -79,7 +79,7 @@ def unpack_state(text: str) -> bytes:
     try:
         return zlib.decompressobj().decompress(b64decode(text, validate=True), _LONGEST)
     except (ValueError, zlib.error) as cause:
-        raise RecordingError(f"a state in the recording is not one that haptorb wrote: {cause}") from cause
+        raise RecordingError(f"a state in the recording was not written by haptorb: {cause}") from cause
 
 
 def load_state(tick: Tick, state: bytes, memory: Array) -> None:
@@ -97,7 +97,8 @@ def load_state(tick: Tick, state: bytes, memory: Array) -> None:
             tick.part.allocator = choice.allocators[tick.part._part]
     except Exception as cause:  # anybody's bytes
         raise RecordingError(
-            f"the state that the recording begins with is not that of this chain ({type(cause).__name__}: {cause})"
+            "the state at the beginning of the recording does not fit this device and these parts "
+            f"({type(cause).__name__}: {cause})"
         ) from cause
 
 
@@ -143,5 +144,5 @@ class _PlainReader(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         """The class `name`, if it is one of those. Raises UnpicklingError otherwise."""
         if (module, name) not in _PLAIN:  # safety: plain-state
-            raise pickle.UnpicklingError(f"{module}.{name} is no part of a state")
+            raise pickle.UnpicklingError(f"{module}.{name} is not part of a state")
         return super().find_class(module, name)

@@ -56,7 +56,7 @@ def natnet_socket(host: str, port: int = PORT, answer: float = _ANSWER) -> tuple
             except Exception:  # no server's words
                 continue
         raise DriverError(
-            f"tracker natnet: no NatNet server answers at {host}, UDP port {port}; switch on streaming (unicast) in "
+            f"tracker natnet: no NatNet server responds at {host}, UDP port {port}; switch on streaming (unicast) in "
             "Motive, and check its address"
         )
     except OSError as cause:

@@ -52,8 +52,8 @@ def check_tracker(name: str, driver: str = "sim") -> str:
     kind(name.partition(":")[2])
     if kind is _Replay and is_real(driver):  # safety: replay-real
         raise InputError(
-            f"tracker '{name}' replays old poses, but driver '{driver}' acts on the real tool: use a replay with "
-            "driver sim, or a tracker that sees the tool"
+            f"tracker '{name}' replays recorded poses, but driver '{driver}' acts on the real tool: use replay with "
+            "driver sim, or a tracker that measures the tool"
         )
     return name
 

@@ -150,7 +150,7 @@ def _regress(device: SphericalElectromagnet, visible: Array, i: Array, B: Array)
     C = np.einsum("sji,sjk->ik", U, U)
     D = np.einsum("sji,nsj,nm->im", U, y, x)
     if np.linalg.cond(S) > 1e6:
-        raise InputError("the currents do not excite every coil by itself; use the schedule of `excitation`")
+        raise InputError("the currents do not excite every coil separately; use the schedule of `excitation`")
     M = np.linalg.solve(C, D) @ np.linalg.inv(S)
     rest = y - np.einsum("sij,jm,nm->nsi", U, M, x)
     directions = round(float(np.trace(visible, axis1=1, axis2=2).sum()))  # that are measured at all
@@ -175,14 +175,15 @@ def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) 
     if len(silent) > device.sensors // _MOST_SILENT:
         names = ", ".join(str(s + 1) for s in silent)
         raise CalibrationError(
-            f"field sensors {names} of {device.sensors} do not answer the coils: check their supply and connection; "
+            f"field sensors {names} of {device.sensors} do not respond to the coils: check their supply and "
+            "connection; "
             f"one in {_MOST_SILENT} may be left out"
         )
     return silent
 
 
 def check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
-    """Every coil must carry what is wanted of it, either way, and nothing else: `wanted` and `measured` (n, m) [A].
+    """Every coil must carry its commanded current in both directions, and no other: `wanted`, `measured` (n, m) [A].
 
     Raises CalibrationError as `check_switching` does, InputError for a coil that was never asked to carry a current.
     """
@@ -226,7 +227,8 @@ def _check_wiring(device: SphericalElectromagnet, measured: Array) -> None:
         if cosine[coil, coil] < _ALIKE:
             off = np.degrees(np.arccos(np.clip(cosine[coil, coil], -1, 1)))
             raise CalibrationError(
-                f"coil '{name}' points {off:.0f}° away from its direction in the device file; check that it is seated"
+                f"coil '{name}' points {off:.0f}° away from its direction in the device file; check that it is "
+                "mounted correctly"
             )
 
 

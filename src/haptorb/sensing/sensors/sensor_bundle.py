@@ -137,13 +137,13 @@ class _Bundle:
             H, g, back = self.normal()
             step: Array = np.asarray(np.linalg.solve(H, g), dtype=np.float64)
             if not np.isfinite(step).all():
-                raise CalibrationError("the readings are no numbers, or all alike; see `haptorb hardware monitor`")
+                raise CalibrationError("the readings are not numbers, or all equal; see `haptorb hardware monitor`")
             self._step(step, back)
             if np.abs(step / scale).max() < _DONE:
                 break
         else:
             raise CalibrationError(
-                "no errors of the sensors explain what they read of the tool: keep other magnets and iron away, and "
+                "no sensor errors explain the readings of the tool: keep other magnets and iron away, and "
                 "check that the tool is the one of the device file"
             )
         H, _, _ = self.normal()

@@ -89,7 +89,8 @@ class HallTracker(Estimator):
     ) -> None:
         if device.shell is None or device.sensors < 2:
             raise InputError(
-                f"device '{device.name}': a tool is found by at least two field sensors of a spherical electromagnet; "
+                f"device '{device.name}': locating a tool needs at least two field sensors of a spherical "
+                "electromagnet; "
                 "use another tracker"
             )
         if not 1.0 <= bandwidth <= 1000.0:
@@ -189,8 +190,9 @@ class HallTracker(Estimator):
         if self._device.hall.correction is not None or not (errors.offset or errors.gain or errors.placement):
             return ""
         return (
-            f"the field sensors of {name} are not calibrated: the tool's place is some millimetres off, or lost; run "
-            f"`haptorb calibrate {name}` and give its file, --calibration FILE or calibration=FILE in Python"
+            f"the field sensors of {name} are not calibrated: the tool's position is some millimetres off, or lost; "
+            "run "
+            f"`haptorb calibrate {name}` and load its file with --calibration FILE, or calibration=FILE in Python"
         )
 
     @property

@@ -107,7 +107,7 @@ class SimulatedCoilArray(Simulation):
         """
         at, turned = vectors(p, "p"), check_finite(q, "q")
         if at.shape != (3,) or turned.shape != (4,) or not turned.any():
-            raise InputError(f"p must be a place, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}")
+            raise InputError(f"p must be a position, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}")
         tool, contact = self._tool, self.device.contact_height
         tool["p"] = lift(at, contact, self.device.surface.is_dome)
         tool["q"] = turned / np.linalg.norm(turned)

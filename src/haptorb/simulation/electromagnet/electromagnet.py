@@ -152,7 +152,7 @@ class SimulatedElectromagnet(Simulation):
         at, turned = vectors(p, "p"), check_finite(q, "q")
         if at.shape != (3,) or turned.shape != (4,) or not turned.any() or not at.any():
             raise InputError(
-                f"p must be a place off the centre, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}"
+                f"p must be a position other than the centre, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}"
             )
         distance = float(np.linalg.norm(at))
         tool = self._tool

@@ -27,7 +27,7 @@ class Fluid(World):
     asks = "force"
     passive: ClassVar[bool] = False
 
-    viscosity: float = parameter(2.0, "N·s/m", 0, 10, "b: drag per speed relative to the fluid")
+    viscosity: float = parameter(2.0, "N·s/m", 0, 10, "b: drag coefficient, for the speed relative to the fluid")
     stir: float = parameter(0.1, "m/s", -0.5, 0.5, "maximum speed of the fluid, counter-clockwise from above")
     core: float = parameter(0.02, "m", 0.005, 0.1, "radius at which the fluid is fastest")
     greatest: float = parameter(0.5, "N", 0.05, 1, "limit of the drag")

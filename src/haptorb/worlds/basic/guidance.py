@@ -56,7 +56,7 @@ class Guidance(World):
     continuous: ClassVar[bool] = False
 
     strength: float = parameter(0.35, "N", 0, 1, "F: maximum pull")
-    width: float = parameter(0.003, "m", 0.0005, 0.03, "s: distance over which the pull rises")
+    width: float = parameter(0.003, "m", 0.0005, 0.03, "s: distance over which the pull increases")
     path: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:

@@ -28,10 +28,12 @@ class Wall(World):
 
     asks = "force"
 
-    normal: tuple[float, float, float] = parameter((1.0, 0.0, 0.0), "", -1, 1, "direction out of the wall")
+    normal: tuple[float, float, float] = parameter(
+        (1.0, 0.0, 0.0), "", -1, 1, "direction of the outward normal of the wall"
+    )
     offset: float = parameter(0.0, "m", -0.1, 0.1, "distance of the wall's face from the centre, along the normal")
-    stiffness: float = parameter(150.0, "N/m", 0, 5000, "force per depth")
-    damping: float = parameter(0.5, "N·s/m", 0, 50, "force per speed into the wall")
+    stiffness: float = parameter(150.0, "N/m", 0, 5000, "stiffness: force per depth")
+    damping: float = parameter(0.5, "N·s/m", 0, 50, "damping: force per speed into the wall")
     greatest: float = parameter(1.0, "N", 0.05, 20, "limit of the force")
 
     def __post_init__(self) -> None:

@@ -24,8 +24,8 @@ __all__ = ["RollingBall"]
 _FIELDS = (
     MemoryField("place", "m", "of the ball's centre, stator frame", (3,)),
     MemoryField("velocity", "m/s", "of the ball's centre, stator frame", (3,)),
-    MemoryField("drawn", "m", "place of a ball that rolls on the dome under the tool's tip, stator frame", (3,)),
-    MemoryField("energy", "J", "kinetic, in the bowl and in the contact"),
+    MemoryField("drawn", "m", "position of a ball that rolls on the dome under the tool's tip, stator frame", (3,)),
+    MemoryField("energy", "J", "energy: kinetic, in the bowl and in the contact"),
 )
 
 _CORE = 0.25  #: share of the radius within which the contact fades
@@ -150,14 +150,14 @@ class RollingBall(DynamicWorld):
 
     asks = "force"
 
-    summit: tuple[float, float, float] = parameter((0.0, 0.0, 1.0), "1", -1, 1, "direction of the bowl's middle")
+    summit: tuple[float, float, float] = parameter((0.0, 0.0, 1.0), "1", -1, 1, "direction of the centre of the bowl")
     mass: float = parameter(0.05, "kg", 0.01, 0.3, "inertial mass of the ball")
-    swings: float = parameter(1.0, "Hz", 0.2, 3, "swings per second in the bowl")
-    damping: float = parameter(0.01, "N·s/m", 0, 1, "rolling resistance per speed; 0: it rolls for ever")
-    rim_deg: float = parameter(35.0, "deg", 5, 60, "angle of the bowl's rim from its middle")
+    swings: float = parameter(1.0, "Hz", 0.2, 3, "natural frequency in the bowl")
+    damping: float = parameter(0.01, "N·s/m", 0, 1, "rolling resistance per speed; 0: no resistance")
+    rim_deg: float = parameter(35.0, "deg", 5, 60, "angle from the centre of the bowl to its rim")
     radius: float = parameter(0.010, "m", 0.003, 0.03, "distance from the ball's centre at which the tool touches it")
-    stiffness: float = parameter(120.0, "N/m", 10, 500, "of the contact between tool and ball")
-    greatest: float = parameter(0.6, "N", 0.05, 2, "greatest force of the contact")
+    stiffness: float = parameter(120.0, "N/m", 10, 500, "stiffness of the contact between tool and ball")
+    greatest: float = parameter(0.6, "N", 0.05, 2, "maximum force of the contact")
     distance: float = 0.050  #: of the ball's centre from the dome's [m], from the device
     ground: float = 0.030  #: radius of the dome on which it is drawn [m], from the device
 

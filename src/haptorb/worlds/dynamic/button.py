@@ -21,12 +21,12 @@ from haptorb.worlds.world import World
 __all__ = ["Button"]
 
 _FIELDS = (
-    MemoryField("pressed", "1", "1 while it stays pressed"),
-    MemoryField("armed", "1", "1 when the next press counts: it was let up since the last"),
-    MemoryField("depth", "m", "of the key below its highest place"),
-    MemoryField("cap", "m", "middle of the key in the picture, under the tool's tip, stator frame", (3,)),
-    MemoryField("attitude", "1", "of the key as a quaternion (x, y, z, w)", (4,)),
-    MemoryField("energy", "J", "in spring, click and latch"),
+    MemoryField("pressed", "1", "1 while the button stays pressed"),
+    MemoryField("armed", "1", "1 if the next press counts: released since the last press"),
+    MemoryField("depth", "m", "depth of the key below its highest position"),
+    MemoryField("cap", "m", "centre of the drawn key, under the tool's tip, stator frame", (3,)),
+    MemoryField("attitude", "1", "orientation of the key, quaternion (x, y, z, w)", (4,)),
+    MemoryField("energy", "J", "energy in spring, click and latch"),
 )
 
 # Shares of the travel
@@ -44,7 +44,7 @@ _BUTTON = fields(
     ("lift", "f8"),  # of the tool's magnet above its tip [m]
     ("bottom", "f8"),  # distance from the dome's centre at full travel [m]
     ("travel", "f8"),  # [m]
-    ("radius", "f8"),  # of the flat key [m]
+    ("radius", "f8"),  # radius of the flat key [m]
     ("edge", "f8"),  # over which it falls off [m]
     ("spring", "f8"),  # [N/m]
     ("preload", "f8"),  # [N]
@@ -162,11 +162,11 @@ class Button(DynamicWorld):
     asks = "force"
 
     summit: tuple[float, float, float] = parameter((0.0, 0.0, 1.0), "1", -1, 1, "direction of the button")
-    travel: float = parameter(0.006, "m", 0.002, 0.015, "from the key's highest place to its stop")
-    radius: float = parameter(0.010, "m", 0.004, 0.03, "of the flat key")
+    travel: float = parameter(0.006, "m", 0.002, 0.015, "travel from the key's highest position to its stop")
+    radius: float = parameter(0.010, "m", 0.004, 0.03, "radius of the flat key")
     spring: float = parameter(40.0, "N/m", 0, 150, "stiffness of its spring")
     preload: float = parameter(0.03, "N", 0, 0.3, "force at the beginning of the travel")
-    click: float = parameter(0.12, "N", 0, 0.5, "height of the click")
+    click: float = parameter(0.12, "N", 0, 0.5, "force amplitude of the click")
     stop: float = parameter(200.0, "N/m", 50, 500, "stiffness at the end of the travel")
     bottom: float = 0.0505  #: distance of the tool's magnet from the dome's centre at full travel [m], from the device
     lift: float = 0.020  #: of the magnet above the tip of a radial tool [m], from the device

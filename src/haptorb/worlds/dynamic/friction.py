@@ -19,10 +19,10 @@ from haptorb.worlds.world import World
 __all__ = ["Friction"]
 
 _FIELDS = (
-    MemoryField("placed", "1", "1 once a place is known"),
-    MemoryField("place", "m", "of the tool a tick ago", (3,)),
+    MemoryField("placed", "1", "1 once a position is known"),
+    MemoryField("place", "m", "position of the tool in the last tick", (3,)),
     MemoryField("bristle", "m", "mean deflection of the bristles, z", (3,)),
-    MemoryField("energy", "J", "in the bristles"),
+    MemoryField("energy", "J", "energy in the bristles"),
 )
 
 #: What the kernel goes by.
@@ -106,12 +106,14 @@ class Friction(DynamicWorld):
     asks = "force"
 
     sliding: float = parameter(0.12, "N", 0.005, 1, "F_c: friction while sliding fast")
-    breakaway: float = parameter(0.25, "N", 0.005, 1.5, "F_s: load up to which it sticks")
+    breakaway: float = parameter(0.25, "N", 0.005, 1.5, "F_s: breakaway force")
     fading: float = parameter(0.03, "m/s", 0.0005, 0.5, "v_s: speed over which breakaway fades to sliding")
-    stiffness: float = parameter(300.0, "N/m", 10, 1e5, "σ0: of the bristles, before they slip")
+    stiffness: float = parameter(300.0, "N/m", 10, 1e5, "σ0: stiffness of the bristles before they slip")
     damping: float = parameter(0.3, "N·s/m", 0, 400, "σ1: damping of the bristles")
     viscous: float = parameter(0.35, "N·s/m", 0, 5, "σ2: viscous friction")
-    elastic: float = parameter(0.8, "1", 0, 0.95, "share of the breakaway up to which nothing slips; 0: as published")
+    elastic: float = parameter(
+        0.8, "1", 0, 0.95, "share of the breakaway force below which nothing slips; 0: as published"
+    )
 
     def __post_init__(self) -> None:
         World.__post_init__(self)

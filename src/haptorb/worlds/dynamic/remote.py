@@ -20,11 +20,11 @@ HOLD = 0.05  #: after the last command the force stands for so long [s]
 FADE = 0.02  #: and is nothing so much later [s]
 
 _FIELDS = (
-    MemoryField("force", "N", "of the client, as commanded, stator frame", (3,)),
-    MemoryField("session", "1", "number of the client's session; 0: nobody has commanded yet"),
-    MemoryField("age", "s", "of the client's last command"),
-    MemoryField("lost", "s", "since the client's connection was lost; 0: it is there"),
-    MemoryField("fade", "1", "share of the force that is rendered: 1 until the fade begins, 0 behind its end"),
+    MemoryField("force", "N", "force commanded by the client, stator frame", (3,)),
+    MemoryField("session", "1", "number of the client's session; 0: no command yet"),
+    MemoryField("age", "s", "age of the client's last command"),
+    MemoryField("lost", "s", "time since the client's connection was lost; 0: connected"),
+    MemoryField("fade", "1", "share of the force that is rendered: 1 before the fade, 0 after it"),
 )
 
 
@@ -84,7 +84,7 @@ class Remote(DynamicWorld):
     takes_commands: ClassVar[bool] = True
     asks = "force"
 
-    limit: float = parameter(10.0, "N", 0.0, 100.0, "greatest force that is taken from a client")
+    limit: float = parameter(10.0, "N", 0.0, 100.0, "maximum force accepted from a client")
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:

@@ -22,10 +22,10 @@ __all__ = ["StirredFluid"]
 _RINGS = 8
 _CORK = 0.003  #: radius [m]
 _FIELDS = (
-    MemoryField("swirl", "m/s", "speed of each ring of fluid about +z, from the axis outwards", (_RINGS,)),
-    MemoryField("angle", "rad", "about +z of a cork that floats with the fluid"),
-    MemoryField("cork", "m", "place of the cork, stator frame", (3,)),
-    MemoryField("energy", "J", "kinetic, of all rings"),
+    MemoryField("swirl", "m/s", "speed of each ring of fluid about +z, from the axis outward", (_RINGS,)),
+    MemoryField("angle", "rad", "angle about +z of a cork that floats on the fluid"),
+    MemoryField("cork", "m", "position of the cork, stator frame", (3,)),
+    MemoryField("energy", "J", "kinetic energy of all rings"),
 )
 
 #: What the kernel goes by.
@@ -131,11 +131,13 @@ class StirredFluid(DynamicWorld):
 
     asks = "force"
 
-    drag: float = parameter(2.0, "N·s/m", 0, 10, "b: drag per speed relative to the fluid")
-    mass: float = parameter(0.4, "kg", 0.02, 3, "of all fluid: more is harder to stir, and carries further")
-    runs_on: float = parameter(4.0, "s", 0.1, 100, "time in which the ground takes its speed to 37 %")
+    drag: float = parameter(2.0, "N·s/m", 0, 10, "b: drag coefficient, for the speed relative to the fluid")
+    mass: float = parameter(
+        0.4, "kg", 0.02, 3, "mass of the fluid: a larger mass is harder to stir and keeps moving longer"
+    )
+    runs_on: float = parameter(4.0, "s", 0.1, 100, "time in which friction at the ground reduces its speed to 37 %")
     mixing: float = parameter(
-        2.0, "s", 0.05, 100, "time in which fluid takes its neighbours' speed; less is more viscous"
+        2.0, "s", 0.05, 100, "time in which neighbouring rings equalise their speed; shorter is more viscous"
     )
     greatest: float = parameter(0.5, "N", 0.05, 1, "limit of the drag")
     distance: float = 0.050  #: of the tool's magnet from the dome's centre, as far as the rings go [m], from the device

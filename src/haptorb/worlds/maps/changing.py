@@ -33,7 +33,7 @@ class Summits(World):
     continuous = False
 
     count: float = parameter(4.0, "1", 1, 8, "number of summits; a whole number")
-    tilt_deg: float = parameter(35.0, "deg", 0, 60, "tilt of the circle on which they lie")
+    tilt_deg: float = parameter(35.0, "deg", 0, 60, "tilt of the circle of summits")
     half_width_deg: float = parameter(10.0, "deg", 5, 90, "θ1: angle of the first zero of the radial force of each")
     cut_off_deg: float = parameter(22.0, "deg", 5, 180, "θ2: angle from a summit from which its force is zero")
     moment: float = parameter(2.0, "A·m²", -4, 4, "moment at the first summit; negative pulls")
@@ -98,10 +98,12 @@ class ChangingTerrain(World):
     passive = False
     continuous = False
 
-    strength: float = parameter(0.5, "N", -1, 1, "F0: radial force on a height of 1, at contact, when it is highest")
+    strength: float = parameter(
+        0.5, "N", -1, 1, "F0: radial force for a height of 1, at contact, at the maximum of the cycle"
+    )
     half_angle_deg: float = parameter(60.0, "deg", 10, 90, "tilt at the edge of the map")
-    period: float = parameter(8.0, "s", 1, 120, "time from one highest state to the next")
-    drift: float = parameter(0.02, "Hz", -1, 1, "revolutions of the landscape per second, counter-clockwise")
+    period: float = parameter(8.0, "s", 1, 120, "period of the change")
+    drift: float = parameter(0.02, "Hz", -1, 1, "revolutions of the terrain per second, counter-clockwise")
     terrain: Terrain = field(default_factory=Terrain)
 
     def __post_init__(self) -> None:

@@ -34,10 +34,10 @@ class Compass(World):
     asks = "torque"
 
     direction: tuple[float, float, float] = parameter(
-        (0.5, 0.0, 0.866), "1", -1, 1, "direction to which the tool's axis is turned"
+        (0.5, 0.0, 0.866), "1", -1, 1, "direction to which the world turns the tool's axis"
     )
     strength: float = parameter(0.002, "N·m", 0, 0.02, "T: maximum torque")
-    width_deg: float = parameter(10.0, "deg", 2, 90, "s: angle over which the torque rises")
+    width_deg: float = parameter(10.0, "deg", 2, 90, "s: angle over which the torque increases")
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
@@ -79,10 +79,10 @@ class CompassDome(World):
     cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: angle from which the force is zero")
     moment: float = parameter(1.2, "A·m²", -4, 4, "moment at the summit; negative pulls")
     direction: tuple[float, float, float] = parameter(
-        (0.5, 0.0, 0.866), "1", -1, 1, "direction to which the tool's axis is turned"
+        (0.5, 0.0, 0.866), "1", -1, 1, "direction to which the world turns the tool's axis"
     )
     strength: float = parameter(0.002, "N·m", 0, 0.02, "T: maximum torque")
-    width_deg: float = parameter(10.0, "deg", 2, 90, "s: angle over which the torque rises")
+    width_deg: float = parameter(10.0, "deg", 2, 90, "s: angle over which the torque increases")
     dome: Dome = field(default_factory=Dome)
     compass: Compass = field(default_factory=Compass)
 

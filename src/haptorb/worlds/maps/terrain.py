@@ -97,7 +97,7 @@ class Terrain(World):
     asks = "force"
     continuous: ClassVar[bool] = False
 
-    strength: float = parameter(0.5, "N", -1, 1, "F0: radial force on a height of 1, at contact")
+    strength: float = parameter(0.5, "N", -1, 1, "F0: radial force for a height of 1, at contact")
     half_angle_deg: float = parameter(60.0, "deg", 10, 90, "tilt at the edge of the map")
     heights: Array = field(default_factory=hills)
     contact_distance: float = 0.050  #: d_c [m], from the device

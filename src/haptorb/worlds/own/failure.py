@@ -85,7 +85,7 @@ def fit_world(world: World, device: Device) -> World:
         raise InputError(f"world '{world.name}' failed: {describe_failure(world, cause)}") from cause
     if not isinstance(fitted, World):
         raise InputError(
-            f"for_device of world '{world.name}' must return the World for the device, itself perhaps; got "
+            f"for_device of world '{world.name}' must return a World for the device (may be the same one); got "
             f"{quote(fitted)}"
         )
     return fitted

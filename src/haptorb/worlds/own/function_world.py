@@ -65,7 +65,8 @@ def make_world(given: object, where: str = "world") -> World:
             return given()
         except TypeError as cause:
             raise InputError(
-                f"{where}: {given.__name__}() cannot be made ({cause}); a world needs a default for every field, and "
+                f"{where}: {given.__name__}() cannot be created ({cause}); a world needs a default for every field, "
+                "and "
                 "a method wrench(self, state)"
             ) from cause
     if callable(given):

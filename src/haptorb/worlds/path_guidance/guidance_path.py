@@ -77,7 +77,7 @@ def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = T
     if corners.ndim != 2 or len(corners) < 2:
         raise InputError(f"a path needs at least two points, shape (k, 3); got shape {corners.shape}")
     if len(corners) > _MOST:
-        raise InputError(f"a path may have at most {_MOST} points; got {len(corners)}: leave out every second one")
+        raise InputError(f"a path may have at most {_MOST} points; got {len(corners)}: leave out every other one")
     ends_meet = bool(np.linalg.norm(corners[0] - corners[-1]) <= _SAME)
     closed = ends_meet if closed is None else closed
     if closed and not ends_meet:
@@ -85,7 +85,7 @@ def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = T
     steps = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     if (steps <= _SAME).any():
         twice = int(np.argmax(steps <= _SAME)) + 1
-        raise InputError(f"points {twice} and {twice + 1} of the path are the same: leave one out")
+        raise InputError(f"points {twice} and {twice + 1} of the path are equal: leave one out")
     if closed and len(corners) < 4:
         raise InputError("a closed path needs at least three points")
     distances = np.linalg.norm(corners, axis=1)

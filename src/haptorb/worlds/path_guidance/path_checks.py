@@ -53,7 +53,7 @@ def check_workspace(places: Array, spacing: float, device: Device) -> None:
     steepest = float(getattr(device, "workspace_half_angle", np.pi / 2))
     tilt = np.arccos(np.clip(places[:, 2] / distance, -1.0, 1.0))
     ways = (
-        (shell.contact_distance - distance - _INSIDE, "inside the dome, where no tool gets", "m",
+        (shell.contact_distance - distance - _INSIDE, "inside the dome, where the tool cannot be", "m",
          f"keep every point at least {1e3 * shell.contact_distance:g} mm from the centre"),
         (distance - highest - 1e-6, "above the shell in which forces are rendered", "m",
          f"keep every point within {1e3 * highest:g} mm of the centre"),

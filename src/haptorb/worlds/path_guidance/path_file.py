@@ -24,7 +24,8 @@ def load_path(file: str | Path, *, closed: bool | None = None, smooth: bool = Tr
     lines = read_text(path, "path file", InputError).removeprefix("\ufeff").splitlines()
     if not lines or "".join(lines[0].split()) != _HEAD:
         raise InputError(
-            f"path file {path}, line 1: the head must be '{_HEAD}'; got {quote(lines[0] if lines else 'an empty file')}"
+            f"path file {path}, line 1: the header must be '{_HEAD}'; got "
+            f"{quote(lines[0] if lines else 'an empty file')}"
         )
     points = []
     for number, line in enumerate(lines[1:], 2):

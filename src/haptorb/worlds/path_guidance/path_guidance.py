@@ -41,19 +41,21 @@ class PathGuidance(DynamicWorld):
     continuous: ClassVar[bool] = False
     asks = "force"
 
-    mode: float = parameter(1.0, "1", 0, 1, "1: guide; 0: no force, the deviation is only observed and recorded")
-    strength: float = parameter(0.5, "N", 0, 1, "most force across the path")
-    horizon: float = parameter(0.1, "s", 0.05, 0.4, "how far ahead the motion is predicted")
-    tolerance: float = parameter(0.0005, "m", 0.0002, 0.01, "deviation that costs 1 in every step of the plan")
-    heat_weight: float = parameter(0.005, "1/W", 0, 1, "what 1 W in the coils costs beside the deviation")
-    change: float = parameter(0.5, "N", 0.01, 1, "change of force from step to step that costs 1")
-    rest_pace: float = parameter(0.005, "m/s", 0, 0.05, "pace at which half of the guidance is given; 0: always all")
-    height: float = parameter(0.0, "1", 0, 1, "share of the guidance outward from the centre, for paths above the dome")
+    mode: float = parameter(1.0, "1", 0, 1, "1: guide; 0: no force, only observe and record the deviation")
+    strength: float = parameter(0.5, "N", 0, 1, "maximum force across the path")
+    horizon: float = parameter(0.1, "s", 0.05, 0.4, "prediction horizon")
+    tolerance: float = parameter(0.0005, "m", 0.0002, 0.01, "deviation with a cost of 1 in every step of the plan")
+    heat_weight: float = parameter(0.005, "1/W", 0, 1, "cost of 1 W in the coils")
+    change: float = parameter(0.5, "N", 0.01, 1, "change of force from step to step with a cost of 1")
+    rest_pace: float = parameter(
+        0.005, "m/s", 0, 0.05, "pace at which half of the guidance is given; 0: always full guidance"
+    )
+    height: float = parameter(0.0, "1", 0, 1, "share of radial guidance, for paths above the dome")
     hand_mass: float = parameter(0.1, "kg", 0.05, 2, "mass of hand and tool in the prediction")
     hand_damping: float = parameter(2.0, "N·s/m", 0.2, 20, "damping of the hand in the prediction")
-    observer: float = parameter(20.0, "Hz", 1, 30, "bandwidth with which the hand's push is observed")
-    shape: float = parameter(1.0, "1", 0, 3, "path, if none is given: 0 line, 1 circle, 2 square, 3 spiral")
-    size_deg: float = parameter(25.0, "deg", 10, 55, "tilt from the summit to which that path reaches")
+    observer: float = parameter(20.0, "Hz", 1, 30, "bandwidth of the estimate of the hand's force")
+    shape: float = parameter(1.0, "1", 0, 3, "default path: 0 line, 1 circle, 2 square, 3 spiral")
+    size_deg: float = parameter(25.0, "deg", 10, 55, "tilt from the summit to the edge of that path")
     path: GuidancePath | tuple[tuple[float, ...], ...] | None = None
     device: Device | None = None
 

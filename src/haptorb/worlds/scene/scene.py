@@ -46,13 +46,15 @@ class Scene(DynamicWorld):
 
     source: Any = field(default="peg", repr=False)
     body: str = ""
-    stiffness: float = parameter(0.0, "N/m", 0, 20e3, "of the coupling; 0: chosen for rate, latency and hand")
-    damping: float = parameter(0.0, "N·s/m", 0, 200, "of the coupling, where stiffness is given")
-    greatest: float = parameter(0.0, "N", 0, 200, "greatest force of the coupling; 0: the device's")
-    turn_stiffness: float = parameter(0.0, "N·m/rad", 0, 200, "of the coupling about each axis; 0: chosen, or none")
-    turn_damping: float = parameter(0.0, "N·m·s/rad", 0, 10, "of the coupling about each axis")
-    turn_greatest: float = parameter(0.0, "N·m", 0, 20, "greatest torque of the coupling; 0: the device's")
-    scale: float = parameter(1.0, "1", 0.01, 100, "metres in the scene for a metre of the mover")
+    stiffness: float = parameter(0.0, "N/m", 0, 20e3, "stiffness of the coupling; 0: chosen for rate, latency and hand")
+    damping: float = parameter(0.0, "N·s/m", 0, 200, "damping of the coupling, if stiffness is given")
+    greatest: float = parameter(0.0, "N", 0, 200, "maximum force of the coupling; 0: that of the device")
+    turn_stiffness: float = parameter(
+        0.0, "N·m/rad", 0, 200, "rotational stiffness of the coupling; 0: chosen, or none"
+    )
+    turn_damping: float = parameter(0.0, "N·m·s/rad", 0, 10, "rotational damping of the coupling")
+    turn_greatest: float = parameter(0.0, "N·m", 0, 20, "maximum torque of the coupling; 0: that of the device")
+    scale: float = parameter(1.0, "1", 0.01, 100, "scale: metres in the scene per metre of the mover")
     anchored: bool = False  #: the mover begins where the scene has the body: a motor's target
 
     def __post_init__(self) -> None:
@@ -108,14 +110,16 @@ class Scene(DynamicWorld):
         """Poses of what is drawn, energy, detail, and the state of the engine."""
         count = max(len(self.drawn), 1)
         return (
-            MemoryField("place", "m", "of each moving shape, in the scene's frame", (count, 3)),
-            MemoryField("attitude", "1", "of each moving shape, quaternion (x, y, z, w)", (count, 4)),
-            MemoryField("energy", "J", "kinetic, of weight and springs, and of the coupling"),
-            MemoryField("detail", "1", "0 full; above: fewer iterations, then slower time"),
+            MemoryField("place", "m", "position of each moving shape, scene frame", (count, 3)),
+            MemoryField("attitude", "1", "orientation of each moving shape, quaternion (x, y, z, w)", (count, 4)),
+            MemoryField("energy", "J", "energy: kinetic, potential, in springs and in the coupling"),
+            MemoryField("detail", "1", "0: full detail; above: fewer iterations, then slower time"),
             MemoryField("lighter", "1", "ticks with less than full detail"),
-            MemoryField("behind", "s", "by which the scene's time has fallen behind"),
-            MemoryField("due", "1", "share of a step that is still due in slow time"),
-            MemoryField("state", "SI", "MuJoCo: time, places, velocities, warm start", (state_size(self.model),)),
+            MemoryField("behind", "s", "delay of the scene's time"),
+            MemoryField("due", "1", "fraction of a step due in slow time"),
+            MemoryField(
+                "state", "SI", "state of MuJoCo: time, positions, velocities, warm start", (state_size(self.model),)
+            ),
         )
 
     @cached_property

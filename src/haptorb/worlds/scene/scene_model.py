@@ -157,7 +157,7 @@ def _check(scene: SceneModel) -> SceneModel:
         )
     if model.nu or model.na:
         raise InputError(
-            f"scene '{scene.title}' has actuators, which nothing here drives: remove <actuator>, or use springs of "
+            f"scene '{scene.title}' has actuators, which haptorb does not drive: remove <actuator>, or use springs of "
             "joints and <equality>"
         )
     loose = np.flatnonzero((model.body_dofnum > 0) & (model.body_mass <= 0.0) & (model.body_subtreemass <= 0.0))

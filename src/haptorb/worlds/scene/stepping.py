@@ -175,6 +175,6 @@ class SceneStepper:
         fastest = np.abs(np.nan_to_num(data.qvel, nan=np.inf, posinf=np.inf, neginf=np.inf)).argmax()
         name = model.body(int(model.dof_bodyid[int(fastest)])).name or "without a name"
         return (
-            f"the scene exploded: body '{name}' left all measure after {float(data.time):.3g} s of "
+            f"the scene diverged: body '{name}' left all bounds after {float(data.time):.3g} s of "
             "its time; make its timestep shorter, its contacts softer (solref), or its bodies heavier"
         )

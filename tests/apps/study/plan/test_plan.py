@@ -178,7 +178,7 @@ def test_a_registration_is_one_file_that_shows_later_changes(tmp_path: Path) -> 
     with pytest.raises(InputError, match="was CHANGED"):
         read_registration(tmp_path / "registered.toml")
     (tmp_path / "x.toml").write_text("a = 1")
-    with pytest.raises(InputError, match="is no registration"):
+    with pytest.raises(InputError, match="is not a registration"):
         read_registration(tmp_path / "x.toml")
 
 

@@ -95,7 +95,7 @@ def test_codes_are_those_that_people_use(identify: Study, tmp_path: Path) -> Non
     ]
     with pytest.raises(RecordingError, match=r"'p1' differs from 'P1' in capitals only"):
         StoredSession(engine, identify, "p1")
-    with pytest.raises(RecordingError, match="kept for simulated"):
+    with pytest.raises(RecordingError, match="reserved for simulated"):
         StoredSession(engine, identify, "SIM07")
 
 

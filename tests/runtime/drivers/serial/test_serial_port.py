@@ -113,5 +113,5 @@ def test_a_device_of_another_name_is_told(answering: Callable[..., str]) -> None
 
 def test_a_device_that_falls_silent_in_the_middle_is_told(answering: Callable[..., str]) -> None:
     port = answering(identity())  # says who it is, and nothing else
-    with pytest.raises(DriverError, match="does not answer; check the cable"):
+    with pytest.raises(DriverError, match="does not respond; check the cable"):
         Board(port, patience=0.3)

@@ -144,7 +144,7 @@ class I2cDriver(Driver):
                 self._read_hall()
             self._thermometers = self._make_thermometers()
             if not self._thermometers.ready(_WARM_UP):
-                raise DriverError("the DS18B20 thermometers did not answer in time; check the 1-wire bus")
+                raise DriverError("the DS18B20 thermometers did not respond in time; check the 1-wire bus")
             self._switch.start()
         except DriverError as cause:
             try:
@@ -231,7 +231,7 @@ class I2cDriver(Driver):
         except OSError as cause:
             self._fails += 1
             if self._fails >= _FAILS_IN_A_ROW:
-                raise self._fail(f"a chip on the I²C bus does not answer: {cause}") from cause
+                raise self._fail(f"a chip on the I²C bus does not respond: {cause}") from cause
         else:
             self._fails = 0
             # the middle of either's reading; a bus takes its time, and the tick's `now` is when it began
@@ -280,7 +280,7 @@ class I2cDriver(Driver):
                 self._select.trigger()
             switch.write(steps)
         except (DriverError, OSError) as cause:
-            raise self._fail(_explain(cause, "the PWM chip does not answer")) from cause
+            raise self._fail(_explain(cause, "the PWM chip does not respond")) from cause
         self._applied = np.array(steps) / DUTY_STEPS
         return self._applied.copy()
 

@@ -105,8 +105,8 @@ def _holder(descriptor: int) -> str:
     if _is_alive(int(number)):
         return f"process {number} ({shown}): end it first"
     return (
-        f"the guardian (process {guardian}) that process {number} ({shown}) left behind: it is still trying to switch "
-        "the coils off. Check bus and supply"
+        f"the guardian (process {guardian}) of the ended process {number} ({shown}) is still trying to switch the "
+        "coils off. Check bus and supply"
     )
 
 

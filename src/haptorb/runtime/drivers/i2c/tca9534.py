@@ -20,7 +20,7 @@ _PINS = 0x07  #: P0, P1 (axis) and P2 are driven; the other five stay inputs
 
 def explain_absence(bus: str, hall_axes: int) -> str:
     """What cannot be done where nobody answers on `bus`, although `hall_axes` axes are needed, and what to do."""
-    text = f"nothing answers at {ADDRESS:#04x} on {bus}: without a TCA9534 "
+    text = f"nothing responds at {ADDRESS:#04x} on {bus}: without a TCA9534 "
     if hall_axes > 1:
         return text + f"and multiplexers the Hall sensors have 1 axis, and the tracker 'hall' needs {hall_axes}"
     return text + (

@@ -187,7 +187,7 @@ class Emulator:
             try:
                 line = self._lines.get(timeout=20.0)
             except Empty:
-                raise DriverError(f"the emulator did not do '{command}'") from None
+                raise DriverError(f"the emulator did not execute '{command}'") from None
             if line.startswith("@error"):
                 raise DriverError(line)
             if line.startswith("@done"):

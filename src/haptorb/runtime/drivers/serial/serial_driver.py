@@ -174,7 +174,7 @@ class SerialDriver(Driver):
                 return
             if monotonic() > end:
                 parts = "; ".join(missing_chips(missing)) or "a sensor"
-                raise DriverError(f"at {self._path} there is no answer from: {parts}. Check wiring and supply")
+                raise DriverError(f"at {self._path} there is no response from: {parts}. Check wiring and supply")
 
     def close(self) -> None:
         """Coils off, then disconnect. May be called twice."""
@@ -220,7 +220,7 @@ class SerialDriver(Driver):
             self._board = Board(self._path, _MEETING, self._answer, self._clock)
         except DriverError as cause:
             self._next_try = monotonic() + _RETRY
-            raise DriverError(f"{self._fault}; trying again: {cause}") from cause
+            raise DriverError(f"{self._fault}; retrying: {cause}") from cause
         return self._board
 
     def read(self, now: float) -> Sample:
@@ -238,7 +238,7 @@ class SerialDriver(Driver):
         if reading is None:
             self._lost += 1
             if self._lost >= (_LOST_IN_A_ROW if self._engaged else _LOST_AT_REST):
-                raise self._fail(f"no answer from the firmware at {self._path}; check cable and supply", gone=True)
+                raise self._fail(f"no response from the firmware at {self._path}; check cable and supply", gone=True)
         else:
             self._lost = 0
             mode = reading["mode"][0]
