@@ -154,7 +154,7 @@ function choose(number: number | null): void {
   for (const button of element("answers").children) {
     button.setAttribute("aria-pressed", String((button as HTMLElement).dataset["number"] === String(number)));
   }
-  say("sure", view.task?.kind === "place" ? "Here it is" : number === null ? "Answer" : `Answer ${number}`);
+  say("sure", view.task?.kind === "place" ? "Confirm position" : number === null ? "Answer" : `Answer ${number}`);
   // Not `disabled`: Enter must be able to say what is wrong with the number.
   element("sure").setAttribute("aria-disabled", String(view.task?.kind !== "place" && number === null));
   line.send({ do: "draft", value: number });
@@ -235,7 +235,7 @@ function live(state: string): boolean {
 function stopped(): string {
   const who = view.stopped === "by the participant" ? "You stopped the device." : `The device was stopped${view.stopped ? ` (${view.stopped})` : ""}.`;
   const coils = view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND}` : view.state === "starting" ? "It stays off after it starts." : "Its coils are off.";
-  return `${who} ${coils}\n\nNothing continues by itself. To continue, tell the experimenter: only they can press Resume. You may also end here.`;
+  return `${who} ${coils}\n\nNothing continues by itself. To continue, tell the experimenter: only they can press Resume. You may also end the session.`;
 }
 
 function words(state: string): [string, string] {
