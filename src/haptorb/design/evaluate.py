@@ -1,4 +1,4 @@
-"""What one set of values comes to: the device built, its constraints asked in order, then its objectives."""
+"""Evaluate one set of values: build the device, check its constraints in order, compute its objectives."""
 
 from __future__ import annotations
 

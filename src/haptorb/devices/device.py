@@ -243,7 +243,7 @@ class Device(Presentable, ABC):
 
     @property
     def sustained_current(self) -> Array:
-        """(m,) the current that may flow for ever in a channel alone: its winding settles at the derating temperature
+        """(m,) continuous current of a channel alone: its winding settles at the derating temperature
         [A]."""
         rise_per_ampere2 = np.diagonal(self._rise_per_ampere2)
         current: Array = np.minimum(np.sqrt(self._greatest_rise / rise_per_ampere2), self.coils.current_limit)
@@ -251,7 +251,8 @@ class Device(Presentable, ABC):
 
     @property
     def sustained_current_together(self) -> Array:
-        """(m,) the same current in all channels, for ever: the hottest winding settles at the derating temperature [A].
+        """(m,) the same continuous current in all channels: the hottest winding settles at the derating temperature
+        [A].
 
         No greater than `sustained_current`; the same where no channel warms another and all are alike.
         """

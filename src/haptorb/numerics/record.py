@@ -1,4 +1,4 @@
-"""Values that every tick makes anew: read-only to the type checker, and quick to make.
+"""Values that every tick creates: read-only to the type checker, and fast to create.
 
 Python freezes a dataclass by setting each field through a slow door: 0.3 µs a field, and a tick makes fifty. A `record`
 has the same words (`slots`, comparison, `dataclasses.replace`), is made four times faster, and a write to one of its

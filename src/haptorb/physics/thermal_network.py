@@ -121,7 +121,7 @@ class ThermalNetwork:
         return constants
 
     def steady_rise(self, power: ArrayLike) -> Array:
-        """(n,) rise of all nodes [K] when `power` (m,) [W] has flowed for ever."""
+        """(n,) rise of all nodes [K] in steady state with `power` (m,) [W]."""
         return np.asarray(np.linalg.solve(self._outflow(), self._source(power)), dtype=np.float64)
 
     def step(self, dt: float) -> Array:

@@ -34,7 +34,7 @@ def force_map(
 
     `device` is one whose tool can be given force, torque or both. `model` is what the controller inverts (None: the
     device's first model), by default with the core's pull compensated as far as the model knows it. `render` is the
-    part of the wrench that is rendered, by default what the world asks: of a torque, the force that comes along is
+    part of the wrench that is rendered, by default what the world asks: for a torque, the accompanying force is
     told. What is given follows from the device's exact model. At rest: no inductance, no heat.
     """
     at = vectors(points, "points").reshape(-1, 3)

@@ -84,7 +84,7 @@ class BoundWorld:
         return wrench
 
     def restart(self) -> None:
-        """Begin anew."""
+        """Restart."""
         self.memory[:] = check_memory(self.world.begin(), self.world.name)
         self.failed = False
 

@@ -32,7 +32,7 @@ class DynamicWorld(World):
     It is advanced in every tick with a valid pose, also while the coils are off: a hand moves things there, too, it
     only does not feel them. Without a valid pose it stands still and renders nothing. dt is always the loop's nominal
     period: where ticks are missed, its time goes slower, and never jumps. After a trip or a stop it goes on. If it
-    fails, or its memory is no longer finite, the coils go off, and it begins anew when a person engages.
+    fails, or its memory is no longer finite, the coils go off, and it restarts when a person engages.
 
     passive  no more energy comes out of it than was put in since it began. If it has a memory field `energy` [J], what
              it holds after the tick, the passivity control counts that beside what the hand gives and takes, and damps
@@ -65,7 +65,7 @@ class DynamicWorld(World):
         """This world takes over from `previous`, whose memory is `old` (1,): parameters were changed, or its file was
         saved. `memory` (1,) has just begun; copy into it what goes on, each field in its unit.
 
-        Unless a world has a rule of its own: everything goes on if name and fields are the same, else it begins anew.
+        Default rule: the memory is kept if name and fields are the same, else the world restarts.
         """
         if previous.name == self.name and old.dtype == memory.dtype:
             memory[:] = old

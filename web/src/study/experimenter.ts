@@ -82,7 +82,7 @@ const line = new Line<Everything>(
       document.title = `${told.study}: experimenter`;
       say("study", told.study);
       show("simulated", told.simulated);
-      say("facts-below", `answers: ${told.database ?? ""} · ${told.foretold ?? ""}`);
+      say("facts-below", `answers: ${told.database ?? ""} · ${told.forecast ?? ""}`);
       if (!code.value && told.code) code.value = told.code;
     },
     view(told) {
@@ -266,7 +266,7 @@ function log(): void {
   element("log").replaceChildren(
     ...[...answered].reverse().map((row) => {
       const line = document.createElement("tr");
-      const cells = [row.trial + 1, asked(row), row.answer ?? "place", row.seconds.toFixed(1), [...row.safety, ...(row.repeats ? [`began anew ${row.repeats === 1 ? "once" : `${row.repeats} times`}`] : [])].join(", ")];
+      const cells = [row.trial + 1, asked(row), row.answer ?? "place", row.seconds.toFixed(1), [...row.safety, ...(row.repeats ? [`restarted ${row.repeats === 1 ? "once" : `${row.repeats} times`}`] : [])].join(", ")];
       line.append(
         ...cells.map((cell) => {
           const made = document.createElement("td");

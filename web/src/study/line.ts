@@ -16,7 +16,7 @@ export interface About {
   limit: number;
   mask: { noise: "pink" | "white"; volume_db: number } | null;
   database?: string;
-  foretold?: string;
+  forecast?: string;
   code?: string;
 }
 
@@ -53,7 +53,7 @@ export interface View {
   left?: number;
   off?: boolean;
   steered?: boolean;
-  /** how often this trial began anew */
+  /** how often this trial was restarted */
   repeats?: number;
   which?: number;
   practice?: boolean;

@@ -253,7 +253,7 @@ function words(state: string): [string, string] {
     case "break":
       return ["Break", ""];
     case "device off":
-      return ["Please wait", `The device is off; the experimenter sees why. ${view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : ""}When it is on again, this trial begins anew: answers do not count while it is off.`];
+      return ["Please wait", `The device is off; the experimenter sees why. ${view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : ""}When it is on again, this trial starts again: answers do not count while it is off.`];
     case "paused":
       return ["Stopped", stopped()];
     case "question":

@@ -1,6 +1,6 @@
 """`haptorb calibrate`, step by step: ask, measure, keep; refuse to go on when a step fails, and go on where it ended.
 
-The driver is opened for every step anew, so that nothing is engaged while a person reads a question.
+The driver is opened separately for every step, so that nothing is engaged while a person reads a prompt.
 """
 
 from __future__ import annotations

@@ -141,7 +141,7 @@ class HeatStep(Step):
         }
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
-        """What it stands for ever, one coil alone and all together."""
+        """The continuous power, in one coil and in all coils together."""
         heat = _read_heat(result).apply(device)
         rise_per_watt = heat.network(device.channels).rise_per_watt
         rise = heat.derate - heat.ambient

@@ -69,7 +69,7 @@ class RunningServo(DescribedServo, Protocol):
 
     @property
     def own_worlds(self) -> Mapping[str, World]:
-        """Worlds beside the catalogue's that `set_world` knows, by name; another mapping after one was loaded anew."""
+        """Worlds beside the catalogue's that `set_world` knows, by name; another mapping after one was reloaded."""
         ...
 
     @property

@@ -4,8 +4,8 @@ The hand is a spring and a damper towards where the person means to be (the simu
 on with the person's own pace, slower in bends (speed falls with the cube root of curvature: Lacquaniti, Terzuolo and
 Viviani 1983), in the path's direction as the person knew it a reaction time ago, wrong by an angle that wanders. It
 trembles at 8 to 12 Hz, and it yields to what the hand felt a while ago. So there is no force that a fixed place would
-need for ever: who draws without seeing the path has no such place. `insistence` gives one: the person means a line of
-his own beside the path, and goes back to it.
+need permanently: somebody who draws without seeing the path has no such position. `insistence` gives one: the person
+means a line of his own beside the path, and goes back to it.
 
 Assumed, and not fitted to a person: 4° of error, 0.25 s to yield, 0.1 mm of tremor.
 """

@@ -15,7 +15,7 @@ from haptorb.runtime.drivers.driver import Driver
 __all__ = ["GENTLE_CURRENT", "GENTLE_DUTY", "Jog", "jog"]
 
 GENTLE_DUTY = 0.2  #: nothing above this is gentle [1]
-GENTLE_CURRENT = 5.3  #: what every coil stands for ever: 17 W in 0.6 Ω [A]
+GENTLE_CURRENT = 5.3  #: continuous current of every coil: 17 W in 0.6 Ω [A]
 
 _RATE = 250.0  #: of the duties [Hz]: the firmware switches off after 15 ms of silence
 _RAMP = 0.4  #: of the time goes up, as much down

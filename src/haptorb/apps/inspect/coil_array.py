@@ -25,7 +25,7 @@ _AXES = ("x", "y", "z")
 
 @final
 class CoilArrayCard(Card):
-    """Forces are those of the exact model on a tool held upright, over a dome radially; the torque comes along."""
+    """Forces are those of the exact model on a tool held upright, over a dome radially; a torque accompanies them."""
 
     _device: CoilArray
 

@@ -23,7 +23,7 @@ class Saturation(IntEnum):
     NONE = 0
     CURRENT = 1  #: a coil's current limit
     POWER = 2  #: the supply's power limit
-    ALONG = 3  #: the guard's limit of force or torque, for what comes along with what was asked
+    ALONG = 3  #: the guard's limit of the accompanying force or torque
     AXIS = 4  #: no current turns a tool about its magnet's own axis
     COILS = 5  #: too few coils for force and torque at once: a compromise
 

@@ -241,7 +241,7 @@ class LeastSquaresAllocator(Allocator):
         cls, current_limit: ArrayLike, *, compensate_passive: bool = False, resistance: ArrayLike | None = None,
         power: float = np.inf,
     ) -> LeastSquaresAllocator:  # fmt: skip
-        """Force only: what torque comes along is in the residual."""
+        """Force only: the accompanying torque is in the residual."""
         return cls(current_limit, FORCE, compensate_passive=compensate_passive, resistance=resistance, power=power)
 
     @classmethod

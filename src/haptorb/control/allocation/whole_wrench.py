@@ -141,7 +141,7 @@ class WholeWrenchAllocator(Allocator):
     current_limit   (m,) greatest magnitude per channel [A]
     resistance      (m,) of the channels as warm as they may be [Ω]
     power           greatest power Σ R i² that the supply gives [W]
-    greatest        force [N] and torque [N·m] on the mover: what comes along with what was asked is limited, too
+    greatest        largest force [N] and torque [N·m] on the mover; they also limit the accompanying part
     arm             1 N weighs as much as `arm` [m] × 1 N of torque, where both are asked
 
     A torque beyond the limits keeps its direction, as forces do. Force and torque together are the nearest that the

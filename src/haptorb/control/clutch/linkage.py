@@ -102,7 +102,7 @@ class Linkage(ABC):
 
     @abstractmethod
     def restart(self) -> None:
-        """Forget where the thing is: it is at its beginning again, and the clutch takes hold anew."""
+        """Reset the object to its initial pose, and engage the clutch again."""
 
 
 @final
@@ -208,7 +208,7 @@ class ModedLinkage(Linkage):
         if (on_target.shape if isinstance(on_target, np.ndarray) else np.shape(on_target)) != (6,):
             raise InputError(f"a world must return force and torque, shape (6,); got {quote(on_target)}")
         asked, wrench = self._asked, np.empty(6)
-        asked[:] = on_target  # in another memory layout a user's array would have the kernel compiled anew
+        asked[:] = on_target  # a user's array in another memory layout would compile the kernel again
         fill_rotor_wrench(memory, asked, self._scale, wrench)
         return RenderedWrench(wrench, target, on_target, contacts, _NUMBERS[self._mode], share, self._engaged)
 

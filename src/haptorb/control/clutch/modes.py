@@ -131,7 +131,7 @@ class TwoModes:
 
         Raises InputError for another shape.
         """
-        asked = np.array(wrench, dtype=np.float64)  # a copy: a read-only array would be compiled for anew
+        asked = np.array(wrench, dtype=np.float64)  # a copy: a read-only array would be compiled for separately
         if asked.shape != (6,):
             raise InputError(f"wrench must have shape (6,); got {asked.shape}")
         out = np.empty(6)

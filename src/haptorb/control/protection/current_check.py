@@ -31,7 +31,7 @@ _LOWEST, _HIGHEST = 0.75, 1.0 / 0.75  #: learned over expected resistance
 def check_currents(clock: Record, coils: Records, age: float) -> bool:
     """Whether the currents measured in this tick, `age` [s] old, match the duties applied since the last one.
 
-    clock is a CLOCK, after a restart of which the comparison begins anew; of `coils` (m,) current, applied, emf (from
+    clock is a CLOCK, after a restart of which the comparison restarts; of `coils` (m,) current, applied, emf (from
     now on) and winding are read.
     """
     elapsed, restart = clock.elapsed, clock.restart

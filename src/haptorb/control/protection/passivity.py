@@ -112,7 +112,7 @@ def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, ou
         moved += abs(e.position[i] - q.position[i])
         if q.arm > 0.0:
             total += e.rotation[i, 0] + e.rotation[i, 1] + e.rotation[i, 2]
-    if not np.isfinite(total):  # the guard's business; nothing is counted, and everything begins anew
+    if not np.isfinite(total):  # the guard handles it; nothing is counted, and all sums restart
         q.stamp, q.damping = -np.inf, 0.0
         return
     stamp = now - max(e.age, 0.0)

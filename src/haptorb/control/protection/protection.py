@@ -102,13 +102,13 @@ class Protection:
             self.engage()
 
     def change_world(self, *, passive: bool) -> None:
-        """Another world, `passive` or not: the balance of energy begins anew."""
+        """Another world, `passive` or not: the balance of energy restarts."""
         restart_passivity(self.state["passivity"], passive)
 
     def change_part(self, *, pushes: bool, arm: float) -> None:
         """Another part of the wrench is rendered: force or not, and torque that a hand holds at `arm` [m], 0 for none.
 
-        The balance of energy begins anew.
+        The balance of energy restarts.
         """
         passivity = self.state["passivity"]
         passivity["pushes"], passivity["arm"] = pushes, arm

@@ -1,7 +1,7 @@
 """Heat, supply and stress of the windings while a device holds a load, or carries its full current.
 
-The load is `load` of the design file's table [evaluation], in N or N·m. It is held for ever in the direction, and at
-the place or orientation, where it takes the most heat; resistances are those at the derating temperature.
+The load is `load` of the design file's table [evaluation], in N or N·m. It is applied continuously in the direction,
+and at the place or orientation, where it takes the most heat; resistances are those at the derating temperature.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Several objectives: NSGA-II (Deb et al. 2002). One objective: differential evolution (Storn and Price 1997): a child
 takes nine tenths of its parameters from the best so far plus 0.7 of the difference of two others, and one in ten is
 changed besides. A valid candidate replaces a refused one, and of two refused ones the one nearer to being valid stays
-(Deb 2000). NSGA-II of one objective comes to rest short of the best where several constraints hold at once. Where no
+(Deb 2000). NSGA-II with one objective stops short of the best if several constraints are active. Where no
 parameter is a continuous range, differences lead to what was tried before, and NSGA-II serves for one objective too.
 """
 

@@ -59,7 +59,7 @@ class SimDriver(Driver):
     Time passes in `prepare`, before the tick, as it does for a real device between two ticks; `read` hands over what
     its sensors said. Who does not prepare waits in `read` for the same result.
     Like a real device it switches its coils off by itself when no `read` comes for 20 ms (two periods, if these are
-    longer), and does not latch it: the guard begins its ramp anew.
+    longer), and does not latch it: the guard starts its ramp again.
     The pose is as old as the goal while a person holds the pointer, so that a console that has gone lets it expire;
     else it is fresh. Time is what `read` is told: two runs with the same times, goals and duties are alike to the bit.
 

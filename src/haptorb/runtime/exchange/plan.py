@@ -1,4 +1,4 @@
-"""What a servo process is to build: pickled by value, so that worlds written in a user's script come along."""
+"""The plan of a servo process: pickled by value, so that it includes worlds defined in a user's script."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ from haptorb.worlds.world import World
 __all__ = ["Loop", "load_loop"]
 
 _LATE = int(LATE * 1e9)
-_STANDSTILL = 100_000_000  #: without a tick, after which the host is given its full time anew [ns]
+_STANDSTILL = 100_000_000  #: without a tick, after which the host gets its full time again [ns]
 _TRIPPED = float(GuardState.TRIPPED)
 _LOOK = 0.05  #: between two looks for the parent [s]
 _ERROR = 4000  #: characters of what a failed world or driver said

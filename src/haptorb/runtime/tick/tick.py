@@ -112,7 +112,7 @@ class Tick:
     def change_world(self, world: World) -> None:
         """Render `world` from the next tick on; the guard's slew limit takes the step out of the change.
 
-        In another kind of world the object begins anew; with other parameters it stays where it is, and a world with
+        In another kind of world the object is reset; with other parameters it stays where it is, and a world with
         memory keeps of it what its rule says.
         """
         self._go_over(world)
@@ -122,7 +122,7 @@ class Tick:
         fitted = world.for_device(self._device)
         check_world_period(fitted, self._dt)
         restarts = type(split_remote(fitted)[0]) is not type(split_remote(self.world)[0])
-        # A target that begins anew is not where a memory has it.
+        # A target that was reset is not where a memory has it.
         bound = bind_world(fitted, self._dt, None if restarts and self.linkage.modes else self._bound, self.client)
         if restarts:
             self.linkage.restart()

@@ -84,7 +84,7 @@ class TickLog:
 
     def fill(self, cells: Any, places: tuple[int, int, int]) -> None:
         """The tick is over: into the row `cells`, a memoryview, at the `places` of commands, failures and torque scale;
-        all sums begin anew."""
+        all sums start again."""
         commands, failures, scale = places
         cells[commands], cells[failures], cells[scale] = self.commands, self.failures, self.scale
         self.commands = self.failures = 0

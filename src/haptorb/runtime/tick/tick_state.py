@@ -123,7 +123,7 @@ def _is_record(value: Any) -> bool:
 def _restore(part: Any, state: dict[str, Any]) -> None:
     kind = type(part).__name__
     if kind != state["kind"]:
-        return  # another estimator or world stands in: it begins anew
+        return  # another estimator or world replaces it: it starts from its initial state
     for name in _REMEMBERED.get(kind, ()):
         value = state[name]
         if name.endswith("[]"):

@@ -6,7 +6,7 @@ device file: the reading of a sensor is s B(R). Each step solves the 4 × 4 norm
     B_read − s B(R) ≈ s ∂B/∂δ δ + B ds
 
 with the tables' own derivatives. Those serve as long as the rotor is near where they were taken; only the field is
-looked up anew. A sensor whose residual after the step is many times that of the others is left out and the step taken
+looked up again. A sensor whose residual after the step is many times that of the others is left out and the step taken
 again; one that fits again comes back.
 """
 

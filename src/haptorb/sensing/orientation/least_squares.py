@@ -30,7 +30,7 @@ _PAUSE = 0.05  #: without a sample for so long [s], the angular velocity says no
 TRACK = fields(
     ("limit", "f8"),  # reading that no sensor can give unless it is broken [T]
     ("memory", "f8"),  # of the filter [s]
-    ("dt", "f8"),  # since the last orientation [s]; 0: the filter begins anew
+    ("dt", "f8"),  # since the last orientation [s]; 0: the filter restarts
     ("rotation", "f8", (3, 3)),  # R as filtered
     ("w", "f8", (3,)),  # angular velocity, stator frame [rad/s]
     ("fit", FIT),  # strength 0: there is no last orientation

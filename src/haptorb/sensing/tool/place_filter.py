@@ -106,7 +106,7 @@ def extrapolate_pose(f: Record, dt: float, p: Array, R: Array, v: Array, w: Arra
 def correct_pose(f: Record, dt: float, bandwidth: float, p: Array, R: Array, v: Array, w: Array) -> None:
     """One step of the filter; p [m] and R go in as measured and come out as told, v [m/s] and w [rad/s] come out.
 
-    dt ≤ 0: begin anew.
+    dt ≤ 0: restart.
     """
     alpha, slope = 1.0, 0.0
     if dt > 0.0:

@@ -155,17 +155,17 @@ def _find_doubt(t: Record, share: float, p: Array, R: Array) -> int:
 def filter_fit(tracker: Records, misfit: float, readings: int, dt: float, pose: Array) -> int:
     """What the fit found, doubted and filtered: pose (6, 3) is R, p [m], and what becomes v [m/s] and w [rad/s].
 
-    The covariance, per T² of the readings' variance, becomes that of what is told; dt < 0: the filter begins anew.
+    The covariance, per T² of the readings' variance, becomes that of the filtered pose; dt < 0: the filter restarts.
     """
     t, p, R = tracker[0], pose[3], pose[:3]
-    anew, covariance = dt < 0.0, t.covariance
+    restart, covariance = dt < 0.0, t.covariance
     square = misfit / max(readings - 5, 1)
     t.residual = np.sqrt(square)
     if not np.isfinite(square):
         return LOST
-    t.misfit += (1.0 if anew else t.share) * (square - t.misfit)
+    t.misfit += (1.0 if restart else t.share) * (square - t.misfit)
     covariance *= max(t.noise * t.noise, t.misfit)
-    why = _find_doubt(t, 1.0 if anew else _variance_share(t), p, R)
+    why = _find_doubt(t, 1.0 if restart else _variance_share(t), p, R)
     if why == LOCATED:
         correct_pose(t.filter, dt, t.bandwidth, p, R, pose[4], pose[5])
         covariance *= _variance_share(t)

@@ -29,7 +29,7 @@ from haptorb.simulation.simulation import Simulation
 __all__ = ["SimulatedCoilArray", "draw_coils"]
 
 _STEP = 2.5e-4  #: of the simulation [s]
-_OLD = 1_000_000  #: age of a map that must be computed anew [steps]
+_OLD = 1_000_000  #: age of a map at which it is computed again [steps]
 
 
 def draw_coils(device: CoilArray, specimen: int = 0) -> PlacedCoils:

@@ -24,7 +24,7 @@ class Compass(World):
 
     The gradient of U = T (√(c² + s²) − s) with the chord c = |axis − direction|: a torque of
     T (axis × direction)/√(c² + s²), which is a spring of T/s [N·m/rad] near the direction and never exceeds T. It lies
-    across the axis everywhere, where a magnet's torque can be had. It asks no force; one comes along with the torque.
+    across the axis everywhere, as far as a magnet can have torque. It asks no force; a force accompanies the torque.
 
     >>> upright = Compass(direction=(1, 0, 0), strength=0.004).wrench(State.at((0, 0, 0.05)))
     >>> (upright * 1e3).round(2).tolist()

@@ -1,6 +1,6 @@
 """A world as a text of values, so that a recording can run again: of the package by name, own code by digest.
 
-Nothing that such a text says is ever run. Classes of haptorb are made anew with the values that they had; a scene's
+Nothing that such a text says is ever run. Classes of haptorb are created again with their values; a scene's
 file, and a file of own code, is loaded only if it is byte for byte the one that was recorded with.
 """
 

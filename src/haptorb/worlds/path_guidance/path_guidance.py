@@ -139,7 +139,7 @@ class PathGuidance(DynamicWorld):
         return memory
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
-        """All goes on, unless the path is another: then the hand's place on it is sought anew. In the fields' units."""
+        """Keep everything, unless the path changed: then find the hand's position on it again. In the fields' units."""
         if isinstance(previous, PathGuidance) and np.array_equal(previous.curve.places, self.curve.places):
             memory[:] = old
 

@@ -64,7 +64,7 @@ class Scene(DynamicWorld):
         object.__setattr__(self, "_index", self.source.find_body(self.body))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the scratch pads, which are made anew where it arrives."""
+        """Without the scratch pads, which the receiver creates again."""
         return {one.name: getattr(self, one.name) for one in fields(self)} | {"_index": self._index}
 
     _index: int = field(default=0, init=False, repr=False, compare=False)
@@ -124,7 +124,7 @@ class Scene(DynamicWorld):
 
     @cached_property
     def _pad(self) -> SceneStepper:
-        # One for all worlds of a scene: to make it anew could take several ticks, and nothing lasts in it.
+        # One for all worlds of a scene: creating it could take several ticks, and it keeps no state.
         pads = self.model.pads
         if self._index not in pads:
             pads[self._index] = SceneStepper(self.model, self._index, np.array(self.drawn, dtype=np.int64))
@@ -217,7 +217,7 @@ class Scene(DynamicWorld):
         memory["detail"] = max(float(memory["detail"][0]) - 1.0, 0.0)
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
-        """The scene goes on [m, m/s] if it is the same one; a file that was saved begins anew."""
+        """The scene continues [m, m/s] if it is the same one; a file that was saved again restarts."""
         if isinstance(previous, Scene) and previous.source is self.source and old.dtype == memory.dtype:
             memory[:] = old
 

@@ -68,7 +68,7 @@ class SceneModel:
     pads: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)  #: of `SceneStepper`, made once each
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the pads, which are made anew where it arrives."""
+        """Without the scratch pads, which the receiver creates again."""
         return {"title": self.title, "file": self.file, "model": self.model, "pads": {}}
 
     @property

@@ -70,7 +70,7 @@ class SceneStepper:
         self._data = self._engine.MjData(self._model)
         self._kinds, self._body, self._drawn = _list_kinds(self._engine), body, drawn
         option = self._model.opt
-        # An explosion must end in coils off, not in a scene that begins anew by itself in the hand.
+        # A divergence must end with the coils off, not in a scene that restarts by itself in the hand.
         option.disableflags |= int(self._engine.mjtDisableBit.mjDSBL_AUTORESET)
         option.enableflags |= int(self._engine.mjtEnableBit.mjENBL_ENERGY)
         self._iterations = int(option.iterations)

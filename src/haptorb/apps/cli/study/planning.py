@@ -128,13 +128,13 @@ def power(
     """Estimate how many participants a study needs, with simulated participants."""
     from haptorb.apps.study.inference.significance import check_test
     from haptorb.apps.study.model.study_file import read_study
-    from haptorb.apps.study.simulated.power import power as foretold
+    from haptorb.apps.study.simulated.power import power as estimate_power
     from haptorb.cluster.cores import count_cores
 
     known = read_study(file)
     with make_progress() as bar:
         task = bar.add_task("SIMULATED participants", total=None)
-        found = foretold(
+        found = estimate_power(
             known, between, measure, pool=pool, people=people, alpha=alpha, wanted=wanted, seed=seed,
             test=None if test is None else check_test(test),
             processes=count_cores() if processes is None else processes, scheduler=scheduler,

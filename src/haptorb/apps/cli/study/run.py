@@ -117,7 +117,7 @@ def _run_in_browser(
     from haptorb.apps.study.simulated.forecast import forecast
     from haptorb.files.sql_engine import mask_password
 
-    more = {"database": mask_password(db), "foretold": forecast(known).sentence, "code": participant or ""}
+    more = {"database": mask_password(db), "forecast": forecast(known).sentence, "code": participant or ""}
     with StudyServer(sessions, port, simulated=driver == "sim", more=more) as host:
         nature = "SIMULATED DEVICE" if driver == "sim" else f"driver {driver}"
         say(f"participant:  {host.participant}\nexperimenter: {host.experimenter}\n{nature}. Ctrl-C ends.")

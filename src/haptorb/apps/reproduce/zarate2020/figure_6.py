@@ -3,8 +3,9 @@
 The winding's temperature T_in comes from its resistance, V0 u/i, while the current is on; the boundary's, T_out, from
 its sensor. No temperature compensation, as in the paper: the current falls as the wire warms. From that record, and the
 device file's couplings to the other coils, four values are identified, and the three printed endurances follow: 17 W
-for ever, full power (20 A, 240 W, erratum E15) for 5 s, half duty (60 W) for 60 s. A check of the chain from sensors to
-endurance, not of the real coil: the simulated coil's values were themselves fitted to the printed endurances.
+continuously, full power (20 A, 240 W, erratum E15) for 5 s, half duty (60 W) for 60 s. A check of the chain from
+sensors to endurance, not of the real coil: the simulated coil's values were themselves fitted to the printed
+endurances.
 """
 
 from __future__ import annotations

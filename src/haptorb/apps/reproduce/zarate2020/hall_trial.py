@@ -48,7 +48,7 @@ def try_hall_tracker(
     share of the ticks in which it was found [1]; the errors are those of the ticks in which it was.
 
     duty [1] on every coil; calibration: standard deviation of each entry of the moment map that the tracker believes,
-    as a share of its column, drawn anew for each place.
+    as a share of its column, drawn separately for each position.
     """
     rng, still = np.random.default_rng(seed), clamp_tool(device)
     out = np.empty((len(places), 3))

@@ -1,7 +1,7 @@
 """Axes, mount and scale as that service's clients set them: where they see the cursor, and whither their forces point.
 
 The order is that of the service's documentation: the device's own frame (X to the right, Y forward, Z up), then the
-mount, then the transform of the workspace, then the basis, which names the axes anew.
+mount, then the transform of the workspace, then the basis, which permutes the axes.
 """
 
 from __future__ import annotations

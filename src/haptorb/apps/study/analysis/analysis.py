@@ -53,7 +53,7 @@ class Analysis(NotebookReport):
     practice: int
     simulated: int  #: participants that are simulated
     trips: int  #: trials in which the device tripped
-    repeated: int = 0  #: trials that began anew before they were answered
+    repeated: int = 0  #: trials that were restarted before they were answered
     on_simulated_device: int = 0  #: trials of people in which nobody felt a force
     on_unknown_device: int = 0  #: trials of people, stored by an older haptorb
     confusion: Confusion | None = None

@@ -125,7 +125,7 @@ def _unseen_entropy(counts: Array) -> Array:
 
 
 def _shuffle(each: Array, seed: int) -> Array:
-    """(shuffles,) plug-in information of answers dealt anew to each person's prompts."""
+    """(shuffles,) plug-in information after shuffling each person's answers over the prompts."""
     draw = np.random.default_rng(seed)
     _, prompts, answers = each.shape
     asked, given = [], []

@@ -108,7 +108,7 @@ def _note(grid: PsychometricGrid, yes: Array, of: Array, middles: Array, spreads
 
 
 def _check_fit(grid: PsychometricGrid, person: int, seed: int, samples: int) -> tuple[float, float]:
-    """Deviance, and the share of simulated repetitions, each fitted anew, that deviate as much (Wichmann 2001)."""
+    """Deviance, and the share of simulated repetitions, each fitted, with at least this deviance (Wichmann 2001)."""
     yes, of = grid.answered.yes[person], grid.answered.of[person]
     logs = grid.log_likelihoods(yes[None, :], of[None, :])[0]
     near = np.flatnonzero(logs > logs.max() - _FAR)

@@ -29,7 +29,7 @@ class StudyServer:
     """Serves `reception` at `participant` and, to whoever knows the token in it, at `experimenter`.
 
     port   0 takes any free one
-    more   what the experimenter's page shows besides: where answers are kept, what was foretold
+    more   what the experimenter's page shows besides: where answers are stored, and the forecast
     Raises InputError at once if the port cannot be had or the pages have not been built.
     """
 

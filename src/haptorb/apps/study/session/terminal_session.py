@@ -15,7 +15,7 @@ from haptorb.errors import InputError
 
 __all__ = ["TerminalSession", "View"]
 
-_TICK = 0.02  #: the pen's place is said anew so often [s]; a device forgets it after some 50 ms
+_TICK = 0.02  #: interval at which the pen's position is repeated [s]; it expires after some 50 ms
 _STEP = 3.0  #: an arrow key moves the pen by so much [deg]
 _STEER = {"up": (0.0, _STEP), "down": (0.0, -_STEP), "left": (-_STEP, 0.0), "right": (_STEP, 0.0)}
 _TYPED = 7  #: digits of a number at most; words may be longer

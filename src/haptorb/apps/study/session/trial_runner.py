@@ -31,7 +31,7 @@ class TrialRunner:
     """Runs `sitting` on `stage`. `tick` is to be called some fifty times a second.
 
     A Stop is carried out by `halt`, at once; here it becomes the state "paused", whatever the state was, and a record.
-    A trial in which the device was off, for whatever reason, is not answered: it begins anew when the device is on.
+    A trial in which the device was off, for whatever reason, is not answered: it starts again when the device is on.
 
     state      question, pause (between trials), break, running, time is up, device off, paused, done, left, aborted
     recording  file that the tool's course goes to; its name is kept with every trial
@@ -53,8 +53,8 @@ class TrialRunner:
         self.seconds = 0.0  #: time in this trial without pauses [s]
         self.trips: list[dict[str, Any]] = []  #: safety events of the session, with the trial each came in
         self._recording, self._mark, self._clock = recording, mark, clock
-        self.repeats = 0  #: how often this trial began anew
-        self._again = ""  # why it is to begin anew
+        self.repeats = 0  #: how often this trial was restarted
+        self._again = ""  # why it must start again
         self._during: list[dict[str, Any]] = []  # trips in this trial, however often it began
         self._until = 0.0  # end of a rest
         self._last = clock()
@@ -183,7 +183,7 @@ class TrialRunner:
         self._note("resume")
 
     def repeat(self) -> None:
-        """The trial from its beginning, with its time limit anew; that it was repeated is kept."""
+        """Start the trial again, with its full time limit; the repetition is stored."""
         self.apply_stop()
         if self.state not in _TRIAL or self.prompt is None:
             raise InputError(f"there is no trial to repeat now ({self.state})")
@@ -259,7 +259,7 @@ class TrialRunner:
         self._mark("device off", {"trial": self.sitting.number + 1})
 
     def _notice_off(self) -> None:
-        """Keep new trips; a trial in which the device was off waits until it is on, then begins anew."""
+        """Keep new trips; a trial in which the device was off waits until it is on, then starts again."""
         fresh = [str(trip["code"]) for trip in self._record_trips() if trip["code"] != "NOT_WATCHED"]
         if self.state in _TRIAL and (fresh or self.stage.switched_off):  # safety: study-answer-off
             self._again = f"the device was off: {', '.join(fresh)}" if fresh else "the device was off"

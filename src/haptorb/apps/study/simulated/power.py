@@ -1,4 +1,4 @@
-"""How many participants a study needs to see a difference between two conditions, foretold with simulated ones.
+"""How many participants a study needs to detect a difference between two conditions, estimated with simulated ones.
 
 A pool of simulated participants sits the study once; each gives one paired difference. Groups of n are drawn from the
 pool, and the test that the analysis uses (`decide_p`, the same function) is applied to each: its share of p < α is the

@@ -12,7 +12,7 @@ __all__ = ["array_allocator", "array_choice", "array_remarks"]
 
 
 def array_allocator(device: CoilArray) -> ArrayAllocator:
-    """Least heat for the force; the torque that comes along stays within the device's limit.
+    """Least heat for the force; the accompanying torque stays within the device's limit.
 
     >>> from haptorb.devices.loader import load
     >>> array_allocator(load("tetrahedron")).part

@@ -177,8 +177,8 @@ class I2cDriver(Driver):
             self._port.close()
 
     def engage(self) -> None:
-        """A person wants the coils on again: forget a trip; chips that had gone are set up anew. DriverError while the
-        PWM chip has not confirmed that it is off, or has no guardian or monostable."""
+        """A person wants the coils on again: forget a trip; chips that had disappeared are set up again. DriverError
+        while the PWM chip has not confirmed that it is off, or has no guardian or monostable."""
         if self._bus is None or self._switch is None or self._engaged or (self._armed and not self._fault):
             return
         self._switch.require()

@@ -13,7 +13,7 @@ __all__ = ["ADDRESS", "HallSelect", "explain_absence"]
 ADDRESS = 0x20
 
 _INPUT, _OUTPUT, _CONFIGURATION = 0x00, 0x01, 0x03
-_TRIGGER = 0x04  #: P2, the monostable's trigger: it begins its pulse anew when this rises
+_TRIGGER = 0x04  #: P2, the monostable's trigger: it restarts its pulse when this rises
 _SENSE = 0x08  #: P3, the PWM chip's OE pin: low lets current flow
 _PINS = 0x07  #: P0, P1 (axis) and P2 are driven; the other five stay inputs
 
