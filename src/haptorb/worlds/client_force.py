@@ -1,4 +1,4 @@
-"""The force that a program outside the loop commands, as the loop hands it to the worlds that render it."""
+"""The force that a program outside the loop commands, as the loop passes it to the worlds that render it."""
 
 from __future__ import annotations
 
@@ -17,5 +17,5 @@ CLIENT_FORCE = fields(
 
 
 def make_client_force() -> Records:
-    """(1,) CLIENT_FORCE of nobody: no force [N], session 0."""
+    """(1,) CLIENT_FORCE without a client: no force [N], session 0."""
     return np.zeros(1, dtype=CLIENT_FORCE)

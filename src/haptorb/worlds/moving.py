@@ -1,4 +1,4 @@
-"""Worlds that move, change and follow: any world whose parameters are functions of time and of where the tool is."""
+"""Worlds that move, change and follow: their parameters are functions of time and tool position."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["Orbit", "Varying", "Wander"]
 class Varying(World):
     """The world that `at(state)` returns in every tick: changing terrain, domes that follow the tool.
 
-    What moves can do work, so it is declared active, and nothing is said about jumps.
+    A moving world can do work, so it is declared active, and not continuous.
 
     >>> rising = Varying(lambda state: Dome(moment=min(2.4, state.t)))
     >>> bool(rising.wrench(State.at((0, 0, 0.05), t=0.0)).any())
@@ -40,11 +40,11 @@ class Varying(World):
             raise InputError("Varying needs a function from State to World")
 
     def for_device(self, device: Device) -> Varying:
-        """Every world of the function as `device` must render it."""
+        """With every world of the function adapted to `device`."""
         return replace(self, device=device)
 
     def wrench(self, state: State) -> Array:
-        """(6,) of the world that holds now [N, N·m]. Raises InputError if that has a memory: it would forget."""
+        """(6,) of the current world [N, N·m]. Raises InputError if that world has a memory, which would be lost."""
         assert self.at is not None
         world = self.at(state)
         if world.remembers:
@@ -54,7 +54,7 @@ class Varying(World):
 
 @dataclass(frozen=True)
 class Orbit(World):
-    """A dome whose summit moves in a circle and pushes the tool aside as it passes."""
+    """A dome whose summit moves in a circle and pushes the tool sideways as it passes."""
 
     asks = "force"
     passive: ClassVar[bool] = False
@@ -73,7 +73,7 @@ class Orbit(World):
         object.__setattr__(self, "dome", dome)
 
     def for_device(self, device: Device) -> Orbit:
-        """With the dome as `device` must render it."""
+        """With the dome adapted to `device`."""
         return replace(self, dome=self.dome.for_device(device))
 
     @property
@@ -91,10 +91,10 @@ class Orbit(World):
 
 @dataclass(frozen=True)
 class Wander(World):
-    """A summit that wanders over the device on a path without an end, and is to be found again: it never repeats.
+    """A summit that wanders over the device on a path that never repeats.
 
-    Tilt and azimuth of the summit follow two swings each whose periods have no common multiple; no chance is in it, so
-    the same time is the same place.
+    Tilt and azimuth of the summit each follow two oscillations whose periods have no common multiple; it is
+    deterministic, so the same time gives the same position.
     """
 
     asks = "force"
@@ -114,7 +114,7 @@ class Wander(World):
         object.__setattr__(self, "dome", dome)
 
     def for_device(self, device: Device) -> Wander:
-        """With the dome as `device` must render it."""
+        """With the dome adapted to `device`."""
         return replace(self, dome=self.dome.for_device(device))
 
     @property

@@ -125,4 +125,4 @@ def test_a_saved_file_that_does_not_return_is_told(file: Path, capfd: Any, monke
         watcher.end()
     told = capfd.readouterr().err
     assert "the previous world continues" in told
-    assert "loaded anew" in told
+    assert "reloaded" in told

@@ -1,4 +1,4 @@
-"""Rings that catch: clicks as the tool tilts away from an axis."""
+"""Detents: clicks as the tool tilts away from an axis."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Detents(World):
 
     @property
     def bound(self) -> float:
-        """[N] for a tool that is nowhere nearer than 10 mm to the centre."""
+        """[N] for a tool that stays at least 10 mm from the centre."""
         return 5 * self.strength
 
     def wrench(self, state: State) -> Array:

@@ -20,8 +20,8 @@ __all__ = ["Fluid"]
 class Fluid(World):
     """Drag in a fluid that rotates about +z: F = −b (v − u(p)), limited to `greatest`.
 
-    The current u is a Lamb–Oseen vortex: solid rotation near the axis, 1/ρ outside `core`. With `stir` zero the fluid
-    rests and only brakes; a current can drag the tool along, so the world is declared active.
+    The current u is a Lamb–Oseen vortex: solid rotation near the axis, 1/ρ outside `core`. With `stir` zero the
+    fluid is at rest and only damps; a current can move the tool, so the world is declared active.
     """
 
     asks = "force"

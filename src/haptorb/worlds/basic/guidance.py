@@ -1,4 +1,4 @@
-"""A path that leads: the tool is drawn to a curve and free along it."""
+"""A path: the tool is pulled to a curve and is free along it."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ def loop_path(tilt_deg: float = 30.0, wave_deg: float = 10.0, waves: int = 3, ra
 class Guidance(World):
     """Pull towards the nearest point of a path (n, 3) [m], free along it: the gradient of a valley around the path.
 
-    U = F s (√(1 + r²/s²) − 1): a spring of stiffness F/s near the path that never exceeds F. Where two stretches of the
-    path are equally near the force changes sides.
+    U = F s (√(1 + r²/s²) − 1): a spring of stiffness F/s near the path that never exceeds F. Where two sections of
+    the path are equally near, the force jumps.
     """
 
     asks = "force"

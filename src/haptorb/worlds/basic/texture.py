@@ -1,4 +1,4 @@
-"""A rough surface: bumps in space, felt as one moves over them."""
+"""A rough surface: bumps in space, felt during motion."""
 
 from __future__ import annotations
 

@@ -18,9 +18,9 @@ __all__ = ["Wall"]
 
 @dataclass(frozen=True)
 class Wall(World):
-    """A stiff half-space: stiffness and damping along the normal, from `offset` on.
+    """A stiff half-space: stiffness and damping along the normal, beyond `offset`.
 
-    Damping acts only while the mover presses in and moves in, so the wall never pulls.
+    Damping acts only while the mover is in the wall and moves inward, so the wall never pulls.
 
     >>> Wall(normal=(0, 0, 1), offset=0.055, stiffness=100).wrench(State.at((0, 0, 0.052)))[2].round(3).item()
     0.3

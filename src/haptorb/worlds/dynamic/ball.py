@@ -1,4 +1,4 @@
-"""A ball that rolls in a bowl on the dome, and that the tool pushes."""
+"""A ball in a bowl on the dome, pushed by the tool."""
 
 from __future__ import annotations
 
@@ -134,14 +134,14 @@ def _roll(memory: Records, ball: Records, p: Array, dt: float, wrench: Array) ->
 
 @dataclass(frozen=True)
 class RollingBall(DynamicWorld):
-    """A ball that rolls in a bowl on the dome: push it, catch it, let it swing.
+    """A ball that rolls in a bowl on the dome: push it, catch it, release it.
 
     Its centre moves on the sphere on which a touching tool's magnet moves, in the potential of a spherical pendulum,
-    V = m ω² R² (1 − cos θ) with ω = 2π `swings` and θ from the bowl's middle; behind `rim_deg` a steep rim brings it
-    back. It begins halfway up to the rim, towards +x. Its mass is the inertial one: a solid ball that rolls has 7/5 of
-    its weight's. Tool and ball touch in a spring, without friction; a tool in the middle of the ball is not pushed.
-    Integrated by Störmer–Verlet on the sphere, a step a tick: without damping its energy stays within 0.1 % (Hairer,
-    Lubich and Wanner 2006, chapter VI).
+    V = m ω² R² (1 − cos θ) with ω = 2π `swings` and θ from the bowl's centre; beyond `rim_deg` a steep rim returns
+    it. It starts halfway to the rim, towards +x. `mass` is the inertial mass: 7/5 of the mass of a solid rolling
+    ball. The contact between tool and ball is a spring without friction; a tool at the centre of the ball is not
+    pushed. Integrated by Störmer–Verlet on the sphere, one step per tick: without damping its energy stays within 0.1 %
+    (Hairer, Lubich and Wanner 2006, chapter VI).
 
     >>> ball = RollingBall(rim_deg=60)
     >>> bool(ball.wrench(State.at((0.02, 0, 0.05)))[0] < 0)
@@ -168,12 +168,12 @@ class RollingBall(DynamicWorld):
 
     @property
     def name(self) -> str:
-        """As in the catalogue."""
+        """Its name in the catalogue."""
         return "ball"
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """Place, velocity, place in the picture, and energy."""
+        """Position, velocity, drawn position, and energy."""
         return _FIELDS
 
     @property
@@ -187,8 +187,8 @@ class RollingBall(DynamicWorld):
         return self.greatest
 
     def for_device(self, device: Device) -> RollingBall:
-        """With the ball on the dome of `device`. Raises InputError for a device without one, or a summit below its
-        rim."""
+        """With the ball on the dome of `device`. Raises InputError for a device without a dome, or a summit below
+        its rim."""
         shell = device.shell
         if shell is None:
             raise InputError(f"world 'ball' is for a tool over a sphere; device '{device.name}' has none")
@@ -212,7 +212,7 @@ class RollingBall(DynamicWorld):
         return made
 
     def begin(self) -> Records:
-        """At rest, halfway from the bowl's middle to its rim [m]."""
+        """At rest, halfway from the bowl's centre to its rim [m]."""
         memory = make_memory(_FIELDS)
         z = self._facts["axis"][0]
         x = np.cross(np.cross(z, (1.0, 0.0, 0.0) if abs(z[0]) < 0.9 else (0.0, 0.0, -1.0)), z)
@@ -222,13 +222,13 @@ class RollingBall(DynamicWorld):
         return memory
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) force of the contact on the tool [N], after the ball has rolled on for `dt` [s]."""
+        """(6,) force of the contact on the tool [N], after the ball has moved for `dt` [s]."""
         wrench = np.empty(6)
         _roll(memory, self._facts, np.ascontiguousarray(state.p), dt, wrench)
         return wrench
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
-        """The ball goes on where it is [m], on the sphere of this world."""
+        """The ball continues at its position [m], on the sphere of this world."""
         if isinstance(previous, RollingBall) and old.dtype == memory.dtype:
             memory[:] = old
             memory["place"] *= self.distance / previous.distance

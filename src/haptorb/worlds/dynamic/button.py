@@ -1,4 +1,4 @@
-"""A button on the dome with travel and click, that stays pressed until it is pressed again."""
+"""A button on the dome with travel and click that stays pressed until it is pressed again."""
 
 from __future__ import annotations
 
@@ -147,12 +147,12 @@ def _press(memory: Records, button: Records, p: Array, dt: float, wrench: Array)
 
 @dataclass(frozen=True)
 class Button(DynamicWorld):
-    """A button with travel and click that stays pressed: press it once to lock it down, once more to let it up.
+    """A button with travel and click that stays pressed: press it once to lock it, again to release it.
 
     A spring under a flat round key, a click in the middle of its travel (the force rises, then falls), and a stop. A
-    press that reaches 88 % of the travel changes it; then a pressed key rests at 45 % of the travel. Both kinds of key
-    are gradients of a potential and push alike where one becomes the other, so what goes in comes out: the latch holds
-    the difference. Beside the flat key its edge pushes the tool off.
+    press beyond 88 % of the travel changes its state; a locked key rests at 45 % of the travel. Both states are
+    gradients of a potential with the same force at the transition, so energy is conserved: the latch stores the
+    difference. Beside the flat key its edge pushes the tool away.
 
     >>> button = Button()
     >>> bool(button.wrench(State.at((0, 0, button.bottom + 0.002)))[2] > 0)
@@ -178,7 +178,7 @@ class Button(DynamicWorld):
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """What the key does."""
+        """State of the key."""
         return _FIELDS
 
     @property
@@ -188,7 +188,7 @@ class Button(DynamicWorld):
 
     @property
     def bound(self) -> float:
-        """[N] for a tool that presses the dome by at most 6 mm."""
+        """[N] for a tool that penetrates the dome by at most 6 mm."""
         top = self.preload + self.spring * (self.travel + 0.0065) + self.click
         return 1.5 * (top + self.stop * 0.0065)
 
@@ -217,7 +217,7 @@ class Button(DynamicWorld):
         return made
 
     def begin(self) -> Records:
-        """Let up, and armed."""
+        """Released, and armed."""
         memory, axis = make_memory(_FIELDS), self._facts["axis"][0]
         memory["armed"] = 1.0
         memory["cap"] = (self.bottom + self.travel - self.lift) * axis
@@ -226,12 +226,12 @@ class Button(DynamicWorld):
         return memory
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) force of the key on the tool [N], `dt` [s] after the tick before."""
+        """(6,) force of the key on the tool [N], `dt` [s] after the previous tick."""
         wrench = np.empty(6)
         _press(memory, self._facts, np.ascontiguousarray(state.p), dt, wrench)
         return wrench
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
-        """It stays pressed or not, and armed or not; everything else follows."""
+        """It keeps pressed and armed; everything else follows."""
         if previous.name == self.name and old.dtype == memory.dtype:
             memory["pressed"], memory["armed"] = old["pressed"], old["armed"]

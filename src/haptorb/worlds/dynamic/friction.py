@@ -1,4 +1,4 @@
-"""Dry friction that really sticks: below breakaway the tool stays where it is, for as long as one leans on it."""
+"""Dry friction that sticks: below breakaway the tool stays where it is under a constant load."""
 
 from __future__ import annotations
 
@@ -89,13 +89,14 @@ def _rub(memory: Records, friction: Records, p: Array, v: Array, wrench: Array) 
 
 @dataclass(frozen=True)
 class Friction(DynamicWorld):
-    """Dry friction that really sticks, with presliding, hysteresis and breakaway.
+    """Dry friction that sticks, with presliding, hysteresis and breakaway.
 
-    The LuGre model: bristles of mean deflection z bend with the way and slip when they are bent too far,
+    The LuGre model: bristles of mean deflection z bend with the displacement and slip when they are bent too far,
     ż = v − α σ0|v|/g(v) z, F = −(σ0 z + σ1 ż + σ2 v), g(v) = F_c + (F_s − F_c) exp(−(v/v_s)²). With `elastic` zero it
-    is as published (Canudas de Wit, Olsson, Åström and Lischinsky 1995, α = 1); there a load below breakaway that
-    trembles creeps. Above zero bristles only bend up to that share of g (Dupont, Hayward, Armstrong and Altpeter 2002),
-    and what trembles stays. z follows the measured way and not an integrated velocity: sticking is a spring to a place.
+    is as published (Canudas de Wit, Olsson, Åström and Lischinsky 1995, α = 1); then an oscillating load below
+    breakaway creeps. Above zero, bristles only bend up to that share of g (Dupont, Hayward, Armstrong and
+    Altpeter 2002), and an oscillating load stays. z follows the measured displacement and not an integrated velocity:
+    sticking is a spring to a position.
 
     Passive if σ2 ≥ σ1 (F_s − F_c)/F_c (Barabanov and Ortega 2000); with other parameters it is declared active.
 
@@ -127,7 +128,7 @@ class Friction(DynamicWorld):
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """The last place, the bristles and their energy."""
+        """The last position, the bristles and their energy."""
         return _FIELDS
 
     @property
@@ -144,7 +145,7 @@ class Friction(DynamicWorld):
         return made
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) force of the bristles after the way since the tick before, whatever its `dt` [N]."""
+        """(6,) force of the bristles after the displacement since the previous tick, for any `dt` [N]."""
         wrench = np.empty(6)
         _rub(memory, self._facts, np.ascontiguousarray(state.p), np.ascontiguousarray(state.v), wrench)
         return wrench

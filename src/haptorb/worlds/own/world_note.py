@@ -1,7 +1,7 @@
-"""A world as a text of values, so that a recording can run again: of the package by name, own code by digest.
+"""A world as text, so that a recording can be replayed: package worlds by name and parameters, own code by digest.
 
-Nothing that such a text says is ever run. Classes of haptorb are created again with their values; a scene's
-file, and a file of own code, is loaded only if it is byte for byte the one that was recorded with.
+Such a text is never executed. Classes of haptorb are created again with their values; a scene's
+file, and a file of own code, is loaded only if it is byte for byte the recorded one.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ def note_world(world: World) -> str:
 
 
 def load_noted_world(text: str) -> World:
-    """The world that `note_world` noted.
+    """The world described by `note_world`.
 
-    Raises InputError, with the reason, if this version of haptorb cannot make it, or if the code or scene is no longer
-    there or has changed.
+    Raises InputError, with the reason, if this version of haptorb cannot create it, or if the code or scene is
+    missing or has changed.
     """
     try:
         note = json.loads(text)

@@ -1,4 +1,4 @@
-"""What the controller remembers between two ticks, and the settings that it goes by."""
+"""The state of the controller between two ticks, and its settings."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ SETTINGS = fields(
 
 
 def weigh_plan(settings: Records) -> None:
-    """Fill in what the cost of a plan is made of, from the weights of `settings`, (1,) SETTINGS.
+    """Fill in the terms of the cost of a plan, from the weights of `settings`, (1,) SETTINGS.
 
-    The hand is a mass with a damper, e'' = (f + d − b e')/m, with the force f held in each step and the push d in all.
-    After k steps, e and e' are linear in e₀, e₀', d and the forces before; the cost is
-    Σ (e_k² + (SETTLE e'_k)²)/tolerance² + Σ ((f_k − f_(k−1))/change)², and the heat, which depends on the place.
+    The hand is a mass with a damper, e'' = (f + d − b e')/m, with the force f constant in each step and the push d in
+    all. After k steps, e and e' are linear in e₀, e₀', d and the forces before; the cost is Σ (e_k² + (SETTLE
+    e'_k)²)/tolerance² + Σ ((f_k − f_(k−1))/change)², and the heat, which depends on the place.
 
-    The heat's part, which needs the place, is added in the tick.
+    The heat depends on the position and is added in the tick.
     """
     one = settings[0]
     step, mass, damping = float(one["step"]), float(one["mass"]), float(one["damping"])

@@ -1,4 +1,4 @@
-"""A path to be guided along: a curve on or above the dome, known by the length that was gone along it."""
+"""A path for guidance: a curve on or above the dome, parametrised by arc length."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ class GuidancePath:
         return self.spacing * (len(self.places) - 1)
 
     def find_place(self, arc: float) -> Array:
-        """(3,) [m] the place that lies `arc` [m] along the path; its ends, beyond them."""
+        """(3,) [m] the point at `arc` [m] along the path; its ends, beyond them."""
         at = min(max(arc / self.spacing, 0.0), len(self.places) - 1.0)
         k = min(int(at), len(self.places) - 2)
         place: Array = self.places[k] + (at - k) * (self.places[k + 1] - self.places[k])
         return place
 
     def find_distance(self, points: Array) -> Array:
-        """(m,) [m] how far each of `points` (m, 3) [m] is from the nearest place of the path."""
+        """(m,) [m] distance of each of `points` (m, 3) [m] from the path."""
         points = np.atleast_2d(points)
         found = np.empty(len(points))
         for n in range(0, len(points), 256):
@@ -59,7 +59,7 @@ class GuidancePath:
         return found
 
     def check(self, device: Device) -> None:
-        """Raise InputError unless `device` has a dome and the whole path lies on or above it, within the workspace."""
+        """Raise InputError unless `device` has a dome and the whole path is on or above it, within the workspace."""
         check_workspace(self.places, self.spacing, device)
 
 
@@ -67,11 +67,11 @@ def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = T
     """The path through `points` (k, 3) [m], k ≥ 2, in their order.
 
     smooth: a spline through the points; else arcs about the dome's centre from one to the next, with corners. Between
-    points the distance from the centre changes evenly, so that points on a dome give a path on it. closed: the path
-    goes on from the last point to the first; None: if the last point is the first.
+    points the distance from the centre changes evenly, so that points on a dome give a path on it. closed: the
+    path continues from the last point to the first; None: closed if the last point equals the first.
 
-    Raises InputError for fewer points, points that are no numbers or lie in the centre, a length below 5 mm or above
-    2 m, and a path that crosses itself, with the place.
+    Raises InputError for fewer points, points that are not numbers or are at the centre, a length below 5 mm or
+    above 2 m, and a path that crosses itself; the message states where.
     """
     corners = vectors(points, "points of the path")
     if corners.ndim != 2 or len(corners) < 2:

@@ -1,4 +1,4 @@
-"""What makes a path unfit for guidance: it crosses itself, or it leaves the workspace."""
+"""Checks of a path: it must not cross itself or leave the workspace."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _write_place(p: Array) -> str:
 
 
 def check_crossing(places: Array, spacing: float, closed: bool) -> None:
-    """Raise InputError where `places` (n, 3) [m], `spacing` [m] apart, come back to within 1 mm of where they were."""
+    """Raise InputError where `places` (n, 3) [m], `spacing` [m] apart, come within 1 mm of an earlier section."""
     every = max(round(0.5 * _CLOSE / spacing), 1)
     points = places[::every]
     step, count = every * spacing, len(points)
@@ -41,7 +41,7 @@ def check_crossing(places: Array, spacing: float, closed: bool) -> None:
 
 
 def check_workspace(places: Array, spacing: float, device: Device) -> None:
-    """Raise InputError unless `places` (n, 3) [m], `spacing` [m] apart, lie in the shell over the dome of `device`."""
+    """Raise InputError unless `places` (n, 3) [m], `spacing` [m] apart, are in the shell over the dome of `device`."""
     shell = device.shell
     if shell is None:
         raise InputError(

@@ -1,4 +1,4 @@
-"""What one hook does at a moment, for those who draw it."""
+"""State of one hook at an instant, for drawing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["HookContact"]
 
 
 class HookContact(NamedTuple):
-    """Where a hook is touched, with what force, and how far it is bent."""
+    """Contact point of a hook, force and deflection."""
 
     face: str  #: "rear", "top" or "front", "" where nothing touches
     point: Array  #: (3,) where it is touched [m]
