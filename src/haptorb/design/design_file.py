@@ -34,7 +34,7 @@ def load_design(path: str | Path) -> Design:
 
 
 def parse_design(text: str, name: str, folder: Path) -> Design:
-    """The design that the TOML `text` describes; `name` is what mistakes are reported under.
+    """The design that the TOML `text` describes; `name` is the name for messages.
 
     Paths in it, of a base device or a function, start at `folder`.
     """

@@ -88,7 +88,7 @@ def test_an_error_in_a_saved_file_leaves_the_old_world_running(file: Path, capfd
             file.write_text(GROOVE.replace("return wrench", bug))
             _hold(servo, lambda: servo.world_trouble)
             _hold(servo, _wait(0.2))
-            assert "groove.py was saved, but the world from before goes on" in servo.world_trouble
+            assert "groove.py was saved, but the previous world continues" in servo.world_trouble
             assert 'groove.py", line ' in servo.world_trouble
             assert servo.world_trouble in servo.warning
             _, rows = servo.rows(cursor)

@@ -67,7 +67,7 @@ def test_a_path_beyond_the_workspace_is_refused_with_the_place():
     ("points", "message"),
     [
         ([(0, 0, 0.05)], "at least two points"),
-        ([(0, 0, 0.05), (0, 0, 0.05), (0.02, 0, 0.05)], "points 1 and 2 of the path are the same"),
+        ([(0, 0, 0.05), (0, 0, 0.05), (0.02, 0, 0.05)], "points 1 and 2 of the path are equal"),
         ([(0, 0, 0.05), (0, 0, np.nan)], "must be finite"),
         ([(0, 0, 50.0), (0, 20.0, 50.0)], "in metres"),
         ([(0, 0, 0), (0, 0.02, 0.05)], "centre"),

@@ -87,8 +87,8 @@ def _print_turning(verdict: WorldVerdict, console: Console) -> None:
 
 def _margin(margin: float) -> str:
     if margin > 1.0:
-        return f"the world could be {margin:.3g} times as stiff before it oscillates"
-    return f"it is {1 / margin:.3g} times too stiff and will oscillate"
+        return f"the world could be {margin:.3g} times as strong before it oscillates"
+    return f"it is {1 / margin:.3g} times too strong and will oscillate"
 
 
 def _value(value: float) -> str:

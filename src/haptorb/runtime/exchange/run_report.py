@@ -1,4 +1,4 @@
-"""The report of a run: a dict of plain JSON types that shows its main figures instead of all of its keys."""
+"""The report of a run: a dict of plain JSON types whose repr shows the main figures."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def make_data_frame(recording: Rows) -> DataFrame:
 def make_dataset(recording: Rows) -> Dataset:
     """A Dataset over `t` (n,) [s], one variable per field; see `Recording.to_xarray`.
 
-    Raises InputError if xarray is not there.
+    Raises InputError if xarray is not installed.
     """
     try:
         import xarray

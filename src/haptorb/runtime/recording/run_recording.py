@@ -54,7 +54,7 @@ class RunRecording:
             self._path.unlink(missing_ok=True)
 
     def read(self) -> Recording:
-        """What was recorded up to now. Raises RecordingError if nothing was, or if the file cannot be read."""
+        """What was recorded up to now. Raises RecordingError if nothing was recorded, or if the file cannot be read."""
         from haptorb.runtime.recording.recording import Recording
 
         if self._path is None:

@@ -1,4 +1,4 @@
-"""A world in a user's file, loaded again whenever the file is saved; an error leaves the old world running."""
+"""A world in a user's file, reloaded whenever the file is saved; after an error the old world keeps running."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ _SETTLED = 0.03  #: for which a file that is being written must stay as it is [s
 def choose_world(
     given: str | World | WorldFile | SceneFile | FileWithRemote | Callable[[State], Array],
 ) -> tuple[World, WorldFile | SceneFile | None]:
-    """The world that `given` names or is, and the file to watch if it comes from one; a function returns (6,) [N, N·m].
+    """The world `given` by name or object, and the file to watch if it comes from one; a function returns (6,) [N,
+    N·m].
 
     Raises UnknownName or InputError as `find_world`, `make_world` and `WorldFile.load` do.
     """
@@ -50,7 +51,7 @@ def _to_json(value: Any) -> Any:
 
 
 def keep_changes(old: World, values: dict[str, Any], new: World) -> dict[str, Any]:
-    """Those of `values` that a person has changed from the `old` world's and that `new` still allows."""
+    """Those of `values` that differ from the `old` world's and that `new` still allows."""
     before, changes = parameter_values(old), {}
     for name, value in values.items():
         if name in before and value != _to_json(before[name]) and name in parameters(type(new)):
@@ -62,10 +63,10 @@ def keep_changes(old: World, values: dict[str, Any], new: World) -> dict[str, An
 
 @final
 class WorldWatcher:
-    """Looks at the file of `world` five times a second and hands every new version to `replace`, in a thread.
+    """Checks the file of `world` five times a second and passes every new version to `replace`, in a thread.
 
-    world     as the file was loaded; clients' force beside it is not the file's
-    replace   (world, values that a person has changed) → in effect; raises HaptorbError if the servo refuses
+    world     as loaded from the file, without clients' force
+    replace   (world, values that the user has changed) → in effect; raises HaptorbError if the servo refuses
     """
 
     def __init__(
@@ -85,7 +86,7 @@ class WorldWatcher:
         self._thread.start()
 
     def end(self) -> None:
-        """Look no more; a file that is being loaded is not waited for."""
+        """Stop checking, without waiting for a file that is being loaded."""
         self._ending.set()
 
     def _watch(self) -> None:

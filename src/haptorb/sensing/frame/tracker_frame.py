@@ -122,7 +122,7 @@ class TrackerFrame:
 
     @classmethod
     def parse(cls, text: str, name: str) -> TrackerFrame:
-        """From JSON; `name` is what mistakes are reported under. CalibrationError if it is no tracker's frame."""
+        """From JSON; `name` is the name for messages. CalibrationError if it is no tracker's frame."""
         raw = parse_document(text, name, "tracker's frame", FORMAT, _KEYS, "register again with `haptorb frame`")
         for key in ("device", "digest", "tracker"):
             if not isinstance(raw[key], str):

@@ -197,7 +197,7 @@ class HallTracker(Estimator):
 
     @property
     def model(self) -> str:
-        """The device's model that is inverted."""
+        """The controller model."""
         return self._controller_model.name
 
     def change_model(self, name: str) -> None:

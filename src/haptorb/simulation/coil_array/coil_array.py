@@ -116,7 +116,7 @@ class SimulatedCoilArray(Simulation):
         self._state["age"] = _OLD
 
     def quantise(self, duties: Array) -> Array:
-        """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
+        """(m,) `duties` (m,) clipped to −1…1 and quantised by the chopper; NaN becomes zero."""
         out = np.empty(self.device.channels)
         chop(np.ascontiguousarray(duties, dtype=np.float64), float(2**self.device.supply.duty_bits), out)
         return out

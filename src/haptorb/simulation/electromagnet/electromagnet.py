@@ -162,7 +162,7 @@ class SimulatedElectromagnet(Simulation):
         tool["goal"], tool["goal_q"] = at, tool["q"]
 
     def quantise(self, duties: Array) -> Array:
-        """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
+        """(m,) `duties` (m,) clipped to −1…1 and quantised by the chopper; NaN becomes zero."""
         out = np.empty(self.device.channels)
         chop(np.ascontiguousarray(duties, dtype=np.float64), self._steps_of_duty, out)
         return out

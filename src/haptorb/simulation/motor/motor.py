@@ -149,7 +149,7 @@ class SimulatedMotor(Simulation):
         self._failures[:] = self._halls["failure"]
 
     def quantise(self, duties: Array) -> Array:
-        """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
+        """(m,) `duties` (m,) clipped to −1…1 and quantised by the chopper; NaN becomes zero."""
         out = np.empty(self.device.channels)
         chop(np.ascontiguousarray(duties, dtype=np.float64), self._steps_of_duty, out)
         return out

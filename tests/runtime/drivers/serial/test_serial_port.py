@@ -107,7 +107,7 @@ def test_a_firmware_of_another_version_is_told_with_both(answering: Callable[...
 
 def test_a_device_of_another_name_is_told(answering: Callable[..., str]) -> None:
     port = answering(identity(name=b"toaster"))
-    with pytest.raises(DriverError, match="calls itself 'toaster'"):
+    with pytest.raises(DriverError, match="identifies itself as 'toaster'"):
         Board(port, patience=0.3)
 
 
