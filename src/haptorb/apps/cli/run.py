@@ -226,7 +226,7 @@ def _run_with_console(
 
 @contextmanager
 def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> Iterator[None]:
-    """`servo` running, and closed on the way out; people are told why when the start takes long."""
+    """Run `servo` and close it on the way out; when the start takes long, say why."""
     hint = Timer(
         3.0, say, ["Starting ... The first start after an installation compiles code: about 15 s on two cores."]
     )

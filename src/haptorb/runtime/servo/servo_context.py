@@ -98,8 +98,8 @@ def _check_seconds(seconds: float) -> float:
 
 
 async def _complete(work: Callable[[], None]) -> None:
-    """`work` in a thread, to its end: a task that is cancelled meanwhile goes on only when it is done, because a servo
-    that half started must be closed."""
+    """`work` in a thread, to its end: a task that is cancelled waits until it is done, because a servo
+    that has half started must be closed."""
     task = asyncio.ensure_future(asyncio.to_thread(work))
     cancelled: asyncio.CancelledError | None = None
     while not task.done():

@@ -16,7 +16,7 @@ import numpy as np
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.memory.pose_block import PoseBlock, PoseRecord
 from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
-from haptorb.runtime.trackers.sender_clock import ANEW
+from haptorb.runtime.trackers.sender_clock import RESTART_SILENCE
 
 __all__ = ["REASONS", "PoseFilter"]
 
@@ -72,7 +72,7 @@ class PoseFilter:
 
     def _accept(self, raw: RawPose) -> None:
         why = "" if isfinite(raw.stamp) and isfinite(raw.arrival) else "not_finite"
-        if not why and raw.arrival - self._arrival > ANEW:
+        if not why and raw.arrival - self._arrival > RESTART_SILENCE:
             self._stamp = float("-inf")
         if not why and raw.valid:
             why = _find_fault(raw)

@@ -13,7 +13,7 @@ Two worlds:
 `Outlet`            conserves energy, for rendering: forces are the gradient of ½ Σ k δ² and friction opposes
                     sliding. Against (17) it has the part of F_X' that a tilted face must push (F_Y' tan ε_z), the
                     torque of the plug getting wider by tilting, and friction's couple. A bevelled end, so that the plug
-                    lets go and can be put back.
+                    comes out and can be put back.
 `PublishedOutlet`   (14)–(18) as corrected (E9, E10, signs), for comparison with the paper's Fig. 8. It is not a
                     gradient: a small closed loop can deliver energy, so it is marked not passive.
 """

@@ -1,4 +1,4 @@
-"""What a session will be like, said before it begins; and with what a study that has begun goes on."""
+"""The forecast of a session, printed before it begins; and the settings with which a study continues."""
 
 from __future__ import annotations
 

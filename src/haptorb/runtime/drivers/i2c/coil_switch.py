@@ -18,7 +18,7 @@ _TRIES = 2000  #: the same, for a clock that stands still
 _STARTING = 5.0  #: that a guardian's interpreter takes to start, at most [s]
 _LEAVING = 0.05  #: for one that was killed to be gone, when a person engages [s]
 _ENDING = 0.5  #: for a guardian to read the chip once more and end [s]
-_ANEW = 1.0  #: between two guardians [s]
+_RESTART = 1.0  #: between two guardians [s]
 
 
 @final
@@ -90,7 +90,7 @@ class CoilSwitch:
         again, so that a person who engages need not wait for it. Never waits."""
         if self.state is not CoilState.OFF:  # safety: i2c-reading-off
             self.switch_off()
-        elif self._is_guardian_gone() and self._clock() - self._started > _ANEW:
+        elif self._is_guardian_gone() and self._clock() - self._started > _RESTART:
             self._started = self._clock()
             with suppress(OSError):
                 self._watcher, self._leaving = self._port.watcher(), False
