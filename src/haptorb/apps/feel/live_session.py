@@ -151,9 +151,7 @@ class LiveSession:
             self._check_running()
             now = self._now
             if feeling and feeling != now.id:
-                raise InputError(
-                    "another design was chosen before this score arrived; the score was not stored. Rate again"
-                )
+                raise InputError("another design was chosen before this score arrived: not stored. Rate again")
             if isinstance(score, bool) or not isinstance(score, int) or not SCORES[0] <= score <= SCORES[1]:
                 low, high = SCORES
                 raise InputError(f"a score is a whole number from {low} to {high}; got {quote(score)}. Rate again")

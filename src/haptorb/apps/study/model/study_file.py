@@ -78,10 +78,7 @@ class Study(Part):
     ] = ""
     order_version: Annotated[
         Literal["", "2"],
-        m.Meaning(
-            "version of the rules for the order of trials; added by haptorb; a stored study without it keeps "
-            "the older rules"
-        ),
+        m.Meaning("version of the rules for the order of trials; added by haptorb; without it, the older rules apply"),
         m.Without("computed"),
     ] = ""
     model: Annotated[
