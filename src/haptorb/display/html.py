@@ -23,7 +23,7 @@ _RIGHT_CELL = "text-align:right;vertical-align:top;padding:0 1em 0 0"
 
 
 def facts_html(title: str, facts: Iterable[tuple[str, str]], more: str = "") -> str:
-    """A title, names with what is said of each, and `more` HTML below them.
+    """A title, a table of names and texts, and `more` HTML below it.
 
     >>> facts_html("omni", [("supply", "12 V")]).count("<td")
     1
@@ -33,7 +33,8 @@ def facts_html(title: str, facts: Iterable[tuple[str, str]], more: str = "") -> 
         f"<td style='{_LEFT_CELL}'>{escape(text)}</td></tr>"
         for name, text in facts
     )
-    return f"<div><strong>{escape(title)}</strong><table>{rows}</table>{more}</div>"
+    table = f"<table>{rows}</table>" if rows else ""
+    return f"<div><strong>{escape(title)}</strong>{table}{more}</div>"
 
 
 def table_html(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
