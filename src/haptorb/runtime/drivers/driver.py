@@ -24,7 +24,7 @@ class Driver(ABC):
 
     name: str  #: as in `--driver`
     simulated: bool  #: whether a person can be touched by it
-    lead: float = 0.0  #: how long before a tick it wants to be told that the tick is near [s]
+    lead: float = 0.0  #: how long before a tick it must be warned that the tick is near [s]
 
     @abstractmethod
     def open(self) -> None:

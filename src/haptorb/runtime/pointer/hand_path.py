@@ -1,4 +1,4 @@
-"""Where a program wants the hand: a pose, or a path of poses, checked before the loop hears of it."""
+"""The pose or path at which a program wants the hand, checked before the loop receives it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Does the calibration that is believed belong to the device that answers? What to say where they disagree."""
+"""Does the calibration in use belong to the device that responds? The message where they disagree."""
 
 from __future__ import annotations
 

@@ -60,4 +60,4 @@ def create_temporary() -> tuple[Path, int, FileLock]:
         claim = FileLock(name)
         if claim.there:
             return Path(name), descriptor, claim
-        os.close(descriptor)  # somebody who tidied up was faster
+        os.close(descriptor)  # another process removed it first

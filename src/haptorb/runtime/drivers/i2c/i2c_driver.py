@@ -34,15 +34,15 @@ _OVER_IN_A_ROW = 2
 _WARM_UP = 5.0
 _IDLE = 0.02  #: of zero duties, after which the chip is switched off and confirms it [s]
 
-_CONVERTED = 0.53e-3  #: before a current sensor is read, the middle of what it tells, on average [s]
+_CONVERTED = 0.53e-3  #: before a current sensor is read, the middle of the conversion that it reports, on average [s]
 
 
 @final
 class I2cDriver(Driver):
-    """Register by register, without firmware between: so the limits and the dead man's switches are here.
+    """Register by register, without firmware between: so the limits and the watchdogs are here.
 
-    A guardian process switches the PWM chip off when this one dies or hangs for 15 ms, and a monostable on the chip's
-    OE pin when both stand still; without the monostable `open` refuses, unless `watchdog` is False. Two readings of a
+    A guardian process switches the PWM chip off when this one ends or hangs for 15 ms, and a monostable on the
+    chip's OE pin when both hang; without the monostable `open` refuses, unless `watchdog` is False. Two readings of a
     current in a row above the device's limit by 5 %, or a chip that does not answer three times in a row, switch off
     and latch: `read` raises DriverError with the reason until `engage`, and tries to switch off until the chip confirms
     it.
@@ -160,8 +160,8 @@ class I2cDriver(Driver):
             raise
 
     def close(self) -> None:
-        """Coils off, then let go of the bus. May be called twice. DriverError if the PWM chip did not confirm within a
-        quarter of a second that they are: the bus is closed then, and the guardian goes on trying."""
+        """Coils off, then close the bus. May be called twice. DriverError if the PWM chip did not confirm within a
+        quarter of a second that they are off: the bus is then closed, and the guardian keeps trying."""
         bus, self._bus = self._bus, None
         thermometers, self._thermometers = self._thermometers, None
         self._engaged = False

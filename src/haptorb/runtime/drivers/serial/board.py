@@ -33,7 +33,7 @@ class Board:
 
     Opening waits until the firmware has answered (an Arduino restarts when its port is opened, which takes up to two
     seconds), at most `patience` [s], and leaves the coils off. `answer` [s] is how long any later answer may take;
-    `clock` tells the time of a question in `asked`.
+    `clock` gives the time of a request, for `asked`.
 
     Raises DriverError if the port cannot be opened, if nothing answers there, or if what answers is not haptorb's
     firmware with this version's protocol.
@@ -145,7 +145,7 @@ class Board:
         raise DriverError(f"the firmware at {self.path} does not respond; check the cable and the device's supply")
 
     def engage(self, duty_limit: float = 1.0, current_limit: float = 65.5) -> BoardState:
-        """Let the coils have current, within these limits; `refusal` tells if it was refused."""
+        """Let the coils have current, within these limits; `refusal` holds the reason if it was refused."""
         return self._state(lambda sequence: engage(sequence, duty_limit, current_limit))
 
     def switch_off(self) -> BoardState:
@@ -252,7 +252,7 @@ class Board:
             frame, _ = self._await_frame(STATE, self._sequence, self._answer)
             return frame is not None and BoardState.parse(frame.payload).mode is not BoardMode.ENGAGED
         except DriverError:
-            return False  # the line is dead: the firmware's own watchdog has switched off
+            return False  # the line is lost: the firmware's own watchdog has switched off
         finally:
             self._port.close()
 
