@@ -10,7 +10,7 @@
     ├── DriverError          hardware or simulation that does not respond correctly
     │   └── HostSilent       the hardware switched off because this computer was silent
     ├── RecordingError       a recording that cannot be written or read
-    ├── ServoError           the real-time process did not start, or died
+    ├── ServoError           the real-time process did not start, or ended unexpectedly
     │   └── WorldError       the loop runs, but a world's code failed or takes too long: coils off
     └── PlatformError        not available on this operating system (alternatives are stated)
 
@@ -103,7 +103,7 @@ class UnknownName(InputError):
         names = sorted(known)
         near = get_close_matches(name[:100], names, n=1, cutoff=0.5)
         hint = f"; did you mean '{near[0]}'?" if near else ""
-        colon = ":" if what.endswith("'") else ""  # two names side by side cannot be told apart
+        colon = ":" if what.endswith("'") else ""  # two names side by side cannot be distinguished
         super().__init__(f"unknown {what}{colon} {quote(name)}{hint} (known: {', '.join(names)})")
 
 
@@ -132,7 +132,7 @@ class RecordingError(HaptorbError):
 
 
 class ServoError(HaptorbError):
-    """The real-time process did not start, or it died."""
+    """The real-time process did not start, or ended unexpectedly."""
 
 
 class WorldError(ServoError):

@@ -1,6 +1,6 @@
 """A Dask cluster as a place to compute: a scheduler at an address, with workers that may come, go and die.
 
-Dask gives the jobs of a worker that died to another one, and a result that died with it is computed again. Each job
+Dask gives the jobs of a lost worker to another one, and a result lost with it is computed again. Each job
 checks the version of its worker, so that one that joins later cannot bring other numbers.
 """
 
@@ -98,7 +98,7 @@ def run_jobs(
 
 
 def _wait_for_one(client: Any, done: SimpleQueue[Any]) -> Any:
-    """A future that is done; RuntimeError if there is nobody to compute one."""
+    """A future that is done; RuntimeError without a worker to compute one."""
     deserted = None
     while True:
         try:

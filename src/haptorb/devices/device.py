@@ -42,7 +42,7 @@ class Heat:
     winding_to_body: float  #: conductance [W/K]
     body_to_air: float  #: conductance [W/K]
     ambient: float  #: [K]
-    warn: float  #: winding temperature at which the user is told [K]
+    warn: float  #: winding temperature at which the user is warned [K]
     derate: float  #: from here currents are reduced [K]
     stop: float  #: here the coils go off [K]
     coupling: HeatCoupling | None = None  #: None: no channel warms another
@@ -122,7 +122,7 @@ class Device(Presentable, ABC):
     coils: Coils
     supply: Supply
     limits: Limits
-    assumed: Mapping[str, str]  #: value → why it is believed, for what the source does not give
+    assumed: Mapping[str, str]  #: value → reason, for values that the source does not give
     digest: str  #: of everything in the file: recordings and calibrations name their device by it
 
     #: the models of coils and magnets that `wrench_map` knows, the default first

@@ -14,7 +14,7 @@ from haptorb.numerics.arrays import Array
 
 __all__ = ["curves_svg", "facts_html", "pre_html", "scroll_table_html", "table_html"]
 
-#: Okabe and Ito's colours: told apart by everybody
+#: Okabe and Ito's colours: distinguished with any colour vision
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 520, 130, 52, 22  #: of a picture, and room for its numbers [px]
 _POINTS = 200  #: places across a curve
@@ -75,7 +75,7 @@ def pre_html(text: str) -> str:
 def curves_svg(x: Array, curves: Sequence[tuple[str, Array]], x_title: str, y_title: str) -> str:
     """Curves over `x` (n,) as an SVG picture; each of `curves` is a name and (n,) values, in the units of the titles.
 
-    A curve with more points than the picture shows is drawn from the lowest to the highest of each stretch, so that no
+    A curve with more points than the picture shows is drawn from the lowest to the highest of each interval, so that no
     peak is lost. What is not finite is left out. Empty without two points to join.
 
     >>> curves_svg(np.array([0.0, 1.0]), [("force", np.array([0.0, 0.5]))], "s", "N").count("<polyline")
@@ -116,7 +116,7 @@ def curves_svg(x: Array, curves: Sequence[tuple[str, Array]], x_title: str, y_ti
 
 
 def _join_points(x: Array, y: Array) -> tuple[Array, Array]:
-    """The curve itself, or lowest and highest of each stretch of a long one; a stretch of NaN stays NaN."""
+    """The curve itself, or lowest and highest of each interval of a long one; an interval of NaN stays NaN."""
     stretch = -(-len(x) // _POINTS)
     if stretch < 2:
         return x, y

@@ -13,7 +13,7 @@ from haptorb.numerics.compiled import kernel
 
 __all__ = ["pack", "part"]
 
-_HEAD = 3  #: numbers told about each: where it begins, rows, columns
+_HEAD = 3  #: numbers about each: where it begins, rows, columns
 
 
 def pack(*parts: ArrayLike) -> Array:

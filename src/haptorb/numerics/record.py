@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 @dataclass_transform(frozen_default=True)
 def record(cls: type[T]) -> type[T]:
-    """Make `cls` a dataclass with slots that nobody may write to once it is made.
+    """Make `cls` a dataclass with slots that is read-only once it is made.
 
     >>> @record
     ... class Place:

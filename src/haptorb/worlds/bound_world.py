@@ -73,7 +73,7 @@ class BoundWorld:
         """
         if self.paused or self.failed:
             return self._still
-        # Whatever happens in there: half of a step is no memory to go on with.
+        # After any failure in there: half of a step is no memory to continue with.
         self.failed = True  # safety: half-a-step
         if self._takes_commands:
             self.world.take_command(self.memory, self.client)

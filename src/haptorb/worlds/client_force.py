@@ -10,7 +10,7 @@ __all__ = ["CLIENT_FORCE", "make_client_force"]
 
 CLIENT_FORCE = fields(
     ("force", "f8", (3,)),  # as the client commanded it, stator frame [N]
-    ("session", "f8"),  # number of its connection; 0: nobody has commanded anything yet
+    ("session", "f8"),  # number of its connection; 0: no command yet
     ("age", "f8"),  # of the command [s]
     ("lost", "f8"),  # since the connection was lost; 0: it is there [s]
 )

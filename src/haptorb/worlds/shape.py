@@ -12,7 +12,7 @@ __all__ = ["ROLES", "SHAPES", "Shape"]
 #: their own z axis; box half lengths; ellipsoid radii; a mesh has points
 SHAPES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3, "mesh": 0}
 
-#: what a shape is to the hand: what it holds, what else moves, what stands still, and where it should go
+#: what a shape is to the hand: what it holds, what else moves, what is fixed, and where it should go
 ROLES = ("held", "moves", "fixed", "path")
 
 

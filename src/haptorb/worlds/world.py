@@ -50,7 +50,7 @@ class World(Presentable, ABC):
     continuous: ClassVar[bool] = True  #: no jumps: a small step of the state is a small step of the wrench
     #: acts on a target that a device moves through modes, whose frame is not the stator's
     needs_target: ClassVar[bool] = False
-    #: part of the wrench that it asks of a tool; None: whatever part of its wrenches is not zero
+    #: part of the wrench that it asks of a tool; None: every part that is not zero
     asks: ClassVar[WrenchPart | None] = None
     remembers: ClassVar[bool] = False  #: a `DynamicWorld`: it has a memory, and renders more than a state
 

@@ -1,4 +1,4 @@
-"""`haptorb calibrate`, step by step: ask, measure, keep; refuse to go on when a step fails, and go on where it ended.
+"""`haptorb calibrate`, step by step: ask, measure, store; stop when a step fails, and resume where it ended.
 
 The driver is opened separately for every step, so that nothing is engaged while a person reads a prompt.
 """
@@ -47,8 +47,8 @@ class Dialog:
     """Who talks to the person.
 
     say   a line
-    ask   before a step; True: go on, False: not now, the steps so far are kept
-    bar   a context for a step of so many seconds, which gives what is to be told of time passing
+    ask   before a step; True: continue, False: not now, the steps so far are kept
+    bar   a context for a step of so many seconds, which returns a function to call as time passes
     """
 
     say: Callable[[str], None] = _say_nothing
@@ -81,7 +81,7 @@ def guide_calibration(
     """Take `steps` that were not taken yet, and write `out`; None if the person stopped, or if steps are still missing.
 
     Raises CalibrationError at the first step that fails: what was measured before it is kept beside `out`, and the same
-    call goes on there. The id of what was written is stored in the device, if it can keep one.
+    call resumes there. The id of what was written is stored in the device, if it can keep one.
     """
     pace, guide = pace or Pace(), guide or Dialog()
     progress = ProgressFile(out, device, driver.name)

@@ -1,10 +1,10 @@
 """Heat, measured: a coil is warmed as the paper did it, each after the other where they warm each other, and watched.
 
-Its resistance tells the winding's temperature, so a small current stays on in every coil that is watched. Zárate 2020,
+Its resistance gives the winding's temperature, so a small current stays on in every observed coil. Zárate 2020,
 Fig. 6: 30 % duty for three minutes.
 
-Minutes are long for a computer that must never be silent for 15 ms. Where it was, and the firmware switched off for
-that reason alone, the second is lost and the record goes on in the next: less heat went in, and that is written down.
+In minutes, a computer may once be silent for 15 ms. If it was, and the firmware switched off for that reason alone,
+the second is lost and the record continues in the next: less heat went in, and that is recorded.
 The person has agreed to current in the coils for all of the step, with the tool away; any other trip ends it.
 """
 

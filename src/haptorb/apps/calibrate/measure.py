@@ -39,7 +39,7 @@ _REPEATS = 0.02  #: odd and even readings may differ by this
 
 @dataclass(frozen=True)
 class Pace:
-    """Who tells the time and who waits; a simulation's time passes as fast as it is computed."""
+    """The clock and the waiting; a simulation's time passes as fast as it is computed."""
 
     clock: Callable[[], float] = monotonic
     wait: Callable[[float], None] = sleep
@@ -99,7 +99,7 @@ def compose_calibration(
 
 
 class DriverSession:
-    """One open driver, read and written at a steady rate; `advance` is told of every reading's time [s]."""
+    """One open driver, read and written at a steady rate; `advance` receives every reading's time [s]."""
 
     def __init__(
         self,

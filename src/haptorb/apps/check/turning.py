@@ -37,7 +37,7 @@ def turning_workspace(device: Device) -> Workspace:
     """Small turns of a tool about its magnet [rad]: units and grip; the poses are those of `steepest_turn`.
 
     A hand is met at the arm at which its fingers hold the tool: damping and stiffness times the arm squared.
-    InputError for a kind of device whose workspace tells no poses of a tool.
+    InputError for a kind of device whose workspace contains no poses of a tool.
     """
     grip = workspace(device).turning_grip
     if grip is None:

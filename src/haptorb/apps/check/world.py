@@ -37,7 +37,7 @@ class Setting:
 
     rate: float = 1000.0  #: of the servo [Hz]
     tracker_rate: float | None = None  #: [Hz]; None: a pose in every tick
-    latency: float = 0.0  #: age of a pose when it is told [s]
+    latency: float = 0.0  #: age of a pose when it is reported [s]
     grip: str = "light"
     hand: HandGrip = GRIPS["light"]  #: the hand alone
     bandwidth: float | None = None  #: of the filter behind field sensors, with the tracker `hall` [Hz]; None: no filter

@@ -219,7 +219,7 @@ def _run_with_console(
 
         with tell_missing_pose(servo), tell_part(servo):
             number = console.serve(open_browser=browser, until=look)
-        servo.check()  # a servo that died says why, and the exit code says that it did
+        servo.check()  # a servo that failed reports why, and sets the exit code
     _report(servo, json)
     return number or 0
 

@@ -124,7 +124,7 @@ class ConsoleSocketHub:
             await asyncio.sleep(0)  # however much one page says, the others have their turn
 
     def _handle_message(self, page: ConsolePage, message: Mapping[str, Any]) -> None:
-        """One message of a page: its pointer, or a command; a stop before all else, whoever says it and however."""
+        """One message of a page: its pointer, or a command; a stop before all else, from any page and in any form."""
         try:
             if (text := message.get("text")) is not None:
                 if asks_to_stop(text):  # safety: console-stop-first
@@ -224,7 +224,7 @@ class ConsoleSocketHub:
             self._painter.want(name, dict(values), now[2], self._version, self._send_map, self._report_map_failure)
 
     def _notice_refused(self) -> None:
-        """Tell everyone when somebody else speaks to the tracker, or it jumps: nothing else would show it."""
+        """Inform every page when another sender feeds the tracker, or it jumps: nothing else would show it."""
         counted = self._servo.tracker_refusals
         refused = {why: counted.get(why, 0) for why in _TELLING}
         news = [f"{refused[why] - n} poses {REASONS[why]}" for why, n in self._refused.items() if refused[why] > n]

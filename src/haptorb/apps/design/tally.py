@@ -1,4 +1,4 @@
-"""What a run has come to so far: how many candidates, which constraint refuses how many, and the best."""
+"""The state of a run: how many candidates, how many each constraint refuses, and the best."""
 
 from __future__ import annotations
 

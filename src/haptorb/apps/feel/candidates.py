@@ -29,7 +29,7 @@ from haptorb.worlds.snap_fit.root_load import RootLoad
 
 __all__ = ["Candidate", "Candidates", "load_designs", "own_candidate"]
 
-_MISTAKES = 40  #: told at once
+_MISTAKES = 40  #: reported at once
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def _material(name: str, design: DesignTable) -> tuple[float, float, bool]:
 
 
 def _mistakes_of_common(common: dict[str, Any]) -> list[str]:
-    """What is wrong in [common] by itself: told once, and not for every design."""
+    """Mistakes in [common] itself: reported once, and not for every design."""
     try:
         DesignTable.model_validate(common)
     except ValidationError as cause:

@@ -37,7 +37,7 @@ class PeakComparison:
     computed: float
     felt: float | None  #: None: the part was never moved this way
     causes: tuple[tuple[str, float], ...] = ()  #: what, and how much it adds to the felt peak [N]; they add up
-    hand: str = ""  #: what of it did not come to the hand, and why; empty if all of it did
+    hand: str = ""  #: the part of it that did not reach the hand, and why; empty if all of it did
 
     @property
     def agrees(self) -> bool:
@@ -122,7 +122,7 @@ def _explain_aside(row: Array) -> str:
 
 
 def _explain_hand(row: Array) -> str:
-    """What of the force at the part did not come to the handle; empty if all of it did, or nobody knows."""
+    """The part of the force that did not reach the handle; empty if all of it did, or if unknown."""
     asked, given, gain, saturated = (float(row[k]) for k in (_ASKED, _GIVEN, _GAIN, _SATURATED))
     if np.isnan(asked) or asked <= 0.0:
         return ""

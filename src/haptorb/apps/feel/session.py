@@ -174,7 +174,7 @@ class FeelSession:
         return {name: (len(s), sum(s) / len(s) if s else math.nan) for name, s in given.items()}
 
     def people(self) -> tuple[str, ...]:
-        """Everybody who rated, in the order of their first rating; "" for whoever gave no code."""
+        """Every person who rated, in the order of their first rating; "" for one without a code."""
         return tuple(dict.fromkeys(rating.person for rating in self.ratings()))
 
     def find_outdated(self) -> tuple[DesignRating, ...]:

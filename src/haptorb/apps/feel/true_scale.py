@@ -68,7 +68,7 @@ class TrueScale:
 
     @property
     def unknown_limits(self) -> ScaleLimits:
-        """The limits as long as nobody has computed them."""
+        """The limits until they are computed."""
         return ScaleLimits(hand_per_part=self.hand_per_part)
 
     def find_saturation(self, peak: float) -> float:

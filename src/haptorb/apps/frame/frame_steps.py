@@ -1,6 +1,7 @@
-"""What a person does to register a tracker's frame: the dome, every mark, and a roll; heard, and then judged together.
+"""What a person does to register a tracker's frame: the dome, every mark, and a roll; recorded, and then evaluated
+together.
 
-Nothing is switched on. A minute and a half in all, so a step that fails is begun again with the others.
+Nothing is switched on. It takes a minute and a half, so after a failed step all steps start again.
 """
 
 from __future__ import annotations
@@ -34,11 +35,11 @@ _DRAINED = 200  #: reads after which what waits is left waiting: a flood
 
 @dataclass(frozen=True)
 class Stroke:
-    """One thing to do with the tool while the tracker is heard."""
+    """One step with the tool while the tracker is recorded."""
 
     name: str
     asks: str  #: of the person, before it begins
-    seconds: float  #: how long it is heard
+    seconds: float  #: how long it is recorded
 
     def scale_time(self, pace: float) -> Stroke:
         """The same in `pace` times the time."""
@@ -81,7 +82,7 @@ def register_frame(
     bar: Bar,
     pace: float = 1.0,
 ) -> FrameRegistration | None:
-    """Hear every stroke and register; None if the person stopped.
+    """Record every stroke and register; None if the person stopped.
 
     Raises DriverError if nothing comes from the tracker, CalibrationError if what came determines no frame.
     """

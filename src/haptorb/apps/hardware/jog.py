@@ -19,7 +19,7 @@ GENTLE_CURRENT = 5.3  #: continuous current of every coil: 17 W in 0.6 Ω [A]
 
 _RATE = 250.0  #: of the duties [Hz]: the firmware switches off after 15 ms of silence
 _RAMP = 0.4  #: of the time goes up, as much down
-_ENOUGH = 0.1  #: current from which a resistance can be told [A]
+_ENOUGH = 0.1  #: current from which a resistance can be measured [A]
 _FACTOR = 1.6  #: resistance may be off by this before something is wrong
 
 
@@ -53,7 +53,7 @@ def jog(
     """Move `coil` of `device` to `duty` and back within `seconds` through `driver` (not open yet).
 
     Raises InputError for what is not gentle, DriverError if the current exceeds `current_limit` [A] or the device
-    gives up; the coils are off afterwards in any case.
+    stops; the coils are off afterwards in any case.
     """
     names = device.coils.names
     if coil not in names:

@@ -31,7 +31,7 @@ _CHIPS = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One place where a device might be; `driver` is what `--driver` wants, empty if nobody useful is there."""
+    """One place where a device might be; `driver` is the value for `--driver`, empty if no usable device is there."""
 
     place: str
     answers: bool

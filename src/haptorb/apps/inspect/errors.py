@@ -175,7 +175,7 @@ def report_errors(
     """The error budget of `device` for wrenches of `asked` [N or N·m]; InputError where its kind has none.
 
     asked, estimator: None for the kind's own choice. `samples` devices in each region of the workspace, from `seed`;
-    `report` is told the share that is done.
+    `report` receives the share that is done.
     """
     model = device.kind.require_part("errors", device.name, "`haptorb inspect --errors`")(
         device, asked, estimator, calibration

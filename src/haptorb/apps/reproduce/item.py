@@ -99,7 +99,7 @@ class Item:
 
     @property
     def is_surprise(self) -> bool:
-        """Whether it differs and nobody has said why.
+        """Whether it differs without an explanation.
 
         >>> Item("x", "bai2012", "Fig. 4", "R²", 1.0, 0.8, "1", 0.001, known="ten nodes do no better").is_surprise
         False

@@ -1,4 +1,4 @@
-"""What the servers of a run counted, as the run's report tells it."""
+"""What the servers of a run counted, for the run's report."""
 
 from __future__ import annotations
 

@@ -16,9 +16,9 @@ def find_device(path: Path, note: Mapping[str, str], name: str | None) -> tuple[
     """The device, and what a person should know about where it came from (else "").
 
     note  of the recording, on its device
-    name  of a device, or path of its file, that is taken whatever the recording says; None: what that says
+    name  of a device, or path of its file, that overrides the recording's; None: the recording's
 
-    Raises DeviceError or UnknownName for a `name` that is none, InputError where nobody says which device it was.
+    Raises DeviceError or UnknownName for a wrong `name`, InputError where the device is unknown.
     """
     if name is not None:
         device = load(name)

@@ -43,7 +43,7 @@ class Overview:
         self._asked = -math.inf  # when it was to give way
 
     def start(self) -> None:
-        """Begin, if it has not begun."""
+        """Start, unless it has started."""
         if self._started:
             return
         self._started = True
@@ -75,7 +75,7 @@ class Overview:
             self._trouble = "the process that computes the overview ended"
 
     def give_way(self) -> None:
-        """Rest for a moment, where a process is at work: somebody scrubs, which needs the processors more."""
+        """Pause a process at work for a moment: scrubbing needs the processors more."""
         process, now = self._process, time.monotonic()
         if process is None or process.stdin is None or self._done >= self._rows or now < self._asked + _OFTEN:
             return

@@ -21,7 +21,7 @@ from haptorb.version import __version__
 __all__ = ["PlayedRecording"]
 
 _NEAR = 2e-6  #: the page's times come as float32: a tick's own time must find it [s]
-_NEWEST = 64  #: characters of a version that are told
+_NEWEST = 64  #: characters of a version that are shown
 
 
 @final
@@ -67,7 +67,7 @@ class PlayedRecording:
 
     @property
     def render(self) -> str | None:
-        """Part of the wrench that was rendered whatever the world asked; None: what it asked."""
+        """Part of the wrench that was rendered, overriding the world; None: the world's."""
         return self._servo.render
 
     def _list_notices(self) -> list[str]:

@@ -19,7 +19,7 @@ from haptorb.errors import InputError
 
 __all__ = ["PORT", "Viewer"]
 
-PORT = 8767  #: unless told otherwise; the console's and the study's are others
+PORT = 8767  #: default; the console's and the study's are others
 _LOOK = 0.1  #: between two looks whether to end [s]
 
 
@@ -79,7 +79,7 @@ class Viewer:
     ) -> int | None:
         """Serve until `close`, SIGINT or SIGTERM (the signal's number is returned), or for `until` seconds.
 
-        `ready` is called once a browser gets an answer. Signals are only heard in the main thread.
+        `ready` is called once a browser gets a reply. Signals are received only in the main thread.
         """
         signals_seen: list[int] = []
 

@@ -1,4 +1,4 @@
-"""What joins the mover to the thing that the world acts on: directly, or through two modes and a clutch.
+"""What connects the mover to the body that the world acts on: directly, or through two modes and a clutch.
 
 A world renders a wrench for a state. For a stylus over a dome the two are the mover's own. A motor's rotor only turns,
 while its plug moves in six degrees of freedom: between them stands a linkage with the clutch in its hands, the one part
@@ -52,7 +52,7 @@ class WrenchSource(Protocol):
     """The part of a world that a linkage needs."""
 
     def wrench(self, state: State) -> Array:
-        """(6,) on the thing at `state` [N, N·m]."""
+        """(6,) on the body at `state` [N, N·m]."""
 
 
 @record
@@ -60,12 +60,12 @@ class RenderedWrench:
     """What one tick of a linkage gives.
 
     wrench        (6,) on the mover, stator frame [N, N·m]
-    thing         pose and motion of what the world acts on: the mover itself, or a motor's target in its primed frame
+    thing         pose and motion of the body that the world acts on: the mover, or a motor's target (primed frame)
     on_thing      (6,) wrench on it [N, N·m]
-    contacts      (n, 8) as `ContactWorld` gives them; none of another world, or if the linkage has none to tell
+    contacts      (n, 8) as `ContactWorld` gives them; none of another world, or of a linkage without contacts
     mode          0 direct, 1 translate, 2 rotate
     share         (2,) how firmly translation and rotation are joined, 0 to 1
-    engaged       whether the hand wants to move the thing
+    engaged       whether the hand's clutch is engaged
     """
 
     wrench: Array
@@ -94,7 +94,7 @@ class Linkage(ABC):
 
     @abstractmethod
     def set_clutch(self, engaged: bool) -> None:
-        """Take hold of the thing, or let it go, without a step of pose or wrench."""
+        """Couple to the target, or release it, without a step of pose or wrench."""
 
     @abstractmethod
     def set_torque_scale(self, scale: float) -> None:
@@ -141,7 +141,7 @@ class ModedLinkage(Linkage):
     position, attitude   where the target begins: X', Y', Z' [m] and ψ', λ', φ' [rad]; the plug fully home is at zero
     arm                  from the motor's centre to the hand on its handle [m]
 
-    Mode and clutch are told between two ticks and act in the next; the target's pose goes on from where it is, at any
+    Mode and clutch are set between two ticks and act in the next; the target's pose continues from where it is, at any
     moment and in any state (`Clutch`: the mapping is by increments, and the shares slide).
 
     >>> from haptorb.worlds.snap_fit.outlet import Outlet
@@ -231,7 +231,7 @@ class ModedLinkage(Linkage):
         self._aim()
 
     def set_clutch(self, engaged: bool) -> None:
-        """From the next tick on, the clutch takes hold or lets go."""
+        """From the next tick on, the clutch engages or releases."""
         self._engaged = bool(engaged)
         self._aim()
 
@@ -255,12 +255,13 @@ class ModedLinkage(Linkage):
 
 
 def make_direct_linkage(device: Device, gains: Gains | None) -> Direct:
-    """The linkage of a device whose mover is the thing itself. Raises InputError for gains: it has no modes."""
+    """The linkage of a device whose mover is the body that the world acts on. Raises InputError for gains: it has no
+    modes."""
     if gains is not None:
         raise InputError(f"gains are for two-mode devices; a {device.kind.title} such as '{device.name}' has no modes")
     return Direct()
 
 
 def make_moded_linkage(device: SphericalMotor, gains: Gains | None) -> ModedLinkage:
-    """The linkage of a motor, whose handle moves a target through two modes; with MOTOR_GAINS if not told others."""
+    """The linkage of a motor, whose handle moves a target through two modes; with MOTOR_GAINS by default."""
     return ModedLinkage(TwoModes(gains or MOTOR_GAINS), arm=device.rotor.handle_length)

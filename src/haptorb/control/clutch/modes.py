@@ -7,8 +7,8 @@ Bai 2012, eqs. (5)–(6), rotor angles (ψ, λ, φ), R = Rx(ψ) Ry(λ) Rz(φ), p
 
 (6b), not the text of phase 1, which swaps T_ψ and T_λ (erratum E6). Mind the printed order: ζ₁ is for λ, η₁ for ψ.
 
-T_ψ, T_λ, T_φ are what the torque vector does along the three Euler axes, and T_ψ', T_λ', T_φ' likewise at the target;
-with that T·ω = F·v' + T'·w' holds at any tilt, not only for small ones.
+T_ψ, T_λ, T_φ are the components of the torque vector along the three Euler axes, and T_ψ', T_λ', T_φ' those at the
+target; with that T·ω = F·v' + T'·w' holds at any tilt, not only for small ones.
 
 The clutch moves the target by *increments*: dX' = share · ζ̂ dq, and the torque is share · η̂ F with the same share. Both
 shares (one per mode) slide between 0 and 1, never jump; so switching, letting go and taking hold step neither pose nor
@@ -62,15 +62,15 @@ class TwoModes:
     """The mapping of one device to one target: pure functions of Clutch and State, nothing kept inside.
 
     gains   motion and torque gains
-    ramp    time in which the clutch takes hold, or lets go [s]
+    ramp    time in which the clutch engages, or releases [s]
     gap     longest time between two rotor states for which they count as one motion [s]; after a longer one the clutch
-            lets go at once and takes hold again from where the rotor then is
+            releases at once and engages again from where the rotor then is
 
     Raises InputError for a time that is not above zero.
 
     >>> modes = TwoModes()
     >>> clutch = modes.start(State.from_rotation(np.eye(3)))
-    >>> modes.torque(clutch, (1.0, 0, 0, 0, 0, 0)).tolist()       # it starts let go, and takes hold within `ramp`
+    >>> modes.torque(clutch, (1.0, 0, 0, 0, 0, 0)).tolist()       # it starts released, and engages within `ramp`
     [0.0, 0.0, 0.0]
     """
 
@@ -94,7 +94,7 @@ class TwoModes:
         position: ArrayLike = (0.0, 0.0, 0.0),
         attitude: ArrayLike = (0.0, 0.0, 0.0),
     ) -> Clutch:
-        """A clutch, let go, with the target at `position` (3,) [m], turned by `attitude` ψ', λ', φ' (3,) [rad].
+        """A clutch, released, with the target at `position` (3,) [m], turned by `attitude` ψ', λ', φ' (3,) [rad].
 
         Raises InputError for an attitude beyond ±80° of λ'.
         """

@@ -1,4 +1,4 @@
-"""Does a coil carry what it was told to carry? Measured currents against those that the applied voltages must give.
+"""Does a coil carry its set current? Measured currents against those that the applied voltages must give.
 
 A current sensor that reads nothing, a tenth or ten times as much makes everything behind it wrong: the heat that is
 observed, the resistance that is learned, the limit that is kept. So the readings are compared with a model of the coil

@@ -26,11 +26,11 @@ from haptorb.numerics.compiled import kernel
 
 __all__ = ["OWN_DAMPING", "damp_wrench", "restart_passivity"]
 
-OWN_DAMPING = 1.0  #: that the loosest hand is believed to have [N·s/m]
+OWN_DAMPING = 1.0  #: that the loosest hand is assumed to have [N·s/m]
 _DEBT = 1e-2  #: more is not remembered [J]
 _MOST = 10.0  #: damping that is ever injected [N·s/m]
 _LIGHTEST = 0.1  #: mass of the lightest hand [kg]: late damping beyond a quarter of m/delay would itself oscillate
-_PAUSE = 0.1  #: after a longer pause without a pose the count goes on from there [s]
+_PAUSE = 0.1  #: after a longer pause without a pose the count continues from there [s]
 _SOON = 1e-9  #: poses nearer to each other are one [s]
 _MOVED = 1e-9  #: [m]; less is no movement
 

@@ -68,7 +68,7 @@ class Protection:
 
     @property
     def tripped(self) -> bool:
-        """Whether the coils are off for a reason, until somebody engages."""
+        """Whether the coils are off for a reason, until a person engages."""
         return bool(self._state[0] == _TRIPPED)
 
     @property
@@ -96,7 +96,7 @@ class Protection:
         return True
 
     def start(self, estimate: Estimate) -> None:
-        """Engage with the first `estimate` that may be believed. Whatever was off for a reason stays off."""
+        """Engage with the first valid `estimate`. What was off for a reason stays off."""
         if self._state[0] == _OFF:  # safety: a-stop-before-the-first-pose-stands
             self._guard["fresh"] = estimate.valid and estimate.age <= self._guard["expiry"][0]
             self.engage()

@@ -1,4 +1,4 @@
-"""Torque of a spherical motor, and the heat that it costs, in the worst direction and orientation in the workspace.
+"""Torque of a spherical motor, and the heat that it takes, in the worst direction and orientation in the workspace.
 
 All are of the exact level: the torque of one magnet and one coil comes from zonal harmonics (`series_table`) or, where
 those do not hold, from the exact table. Of a zonotope {K i, |i| ≤ I} the greatest ball has the radius

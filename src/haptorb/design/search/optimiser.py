@@ -28,10 +28,10 @@ _TRIES = 100  #: generations of differential evolution without a new candidate, 
 
 @final
 class Optimiser:
-    """Proposes a generation of candidates, is told what each came to, proposes the next.
+    """Proposes a generation of candidates, receives their evaluations, proposes the next.
 
-    The same design, seed and population give the same candidates under the same numbers, whatever computed them and in
-    whatever order. The first generation is a Latin hypercube. No candidate is proposed twice.
+    The same design, seed and population give the same candidates under the same numbers, however and in whichever
+    order they were computed. The first generation is a Latin hypercube. No candidate is proposed twice.
 
     Raises InputError for a design without a parameter or an objective, or a population below 4.
     """
@@ -66,7 +66,7 @@ class Optimiser:
         return [(self._start + n, self.space.values(point)) for n, point in enumerate(self._generation.get("X"))]
 
     def tell(self, evaluations: Sequence[Evaluation]) -> None:
-        """What the candidates of the last `ask` came to, in any order; InputError unless it is all of them."""
+        """The evaluations of the candidates of the last `ask`, in any order; InputError unless it is all of them."""
         count = 0 if self._generation is None else len(self._generation)
         ordered = sorted(evaluations, key=lambda evaluation: evaluation.number)
         if not count or [evaluation.number for evaluation in ordered] != list(range(self._start, self._start + count)):

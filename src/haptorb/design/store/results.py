@@ -98,8 +98,8 @@ def open_results(
 ) -> Iterator[ResultsWriter]:  # fmt: skip
     """The run of `design` by `method` with `seed` and `settings`, in the file, or PostgreSQL database, `where`.
 
-    A run that is there already goes on; with `resume` false it is refused. Raises RecordingError if `where` holds
-    another design, was begun by another version of haptorb, or if another program writes the same run.
+    An existing run continues; with `resume` false it is refused. Raises RecordingError if `where` holds
+    another design, was started by another version of haptorb, or if another program writes the same run.
     """
     place = mask_password(where)
     engine = open_database(where, make=True)

@@ -1,4 +1,4 @@
-"""Whether a run that goes on would try the values that it has stored."""
+"""Whether a resumed run would try the values that it has stored."""
 
 from __future__ import annotations
 

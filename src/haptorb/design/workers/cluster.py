@@ -45,7 +45,7 @@ class ClusterWorkers:
         self._packed: bytes = cloudpickle.dumps(design)  # an objective of the user's own comes with its code
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
-        """What each candidate (number, values) came to, as they come, each once.
+        """The evaluation of each candidate (number, values), each once, as they arrive.
 
         Raises InputError when the cluster fails; what came before is good.
         """

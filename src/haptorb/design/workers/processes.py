@@ -30,7 +30,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLI
 
 
 def evaluate_all(design: Design, jobs: Iterable[Job], processes: int | None = None) -> Iterator[Evaluation]:
-    """What each candidate (number, values) came to, as they come; on all cores by default.
+    """The evaluation of each candidate (number, values), as they arrive; on all cores by default.
 
     As every program that starts processes, a script that calls this needs `if __name__ == "__main__":`.
     """
@@ -75,7 +75,7 @@ class ProcessWorkers:
         self._started = False  # with the first candidates: a run that is complete needs none
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
-        """What each candidate came to, as they come. InputError if a process is killed; what came before is good."""
+        """The evaluation of each candidate, as they arrive. InputError if a process is killed; earlier ones remain."""
         todo = [(number, dict(values)) for number, values in jobs]
         if todo and not self._started:
             _start_all(self._pool)
@@ -103,7 +103,7 @@ class ProcessWorkers:
 
 
 def _start_all(pool: ProcessPoolExecutor) -> None:
-    """Start the processes, which inherit that they do not hear ^C and have one thread each."""
+    """Start the processes, which inherit that they ignore ^C and have one thread each."""
     main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
     old = {name: os.environ.get(name) for name in _THREADS}

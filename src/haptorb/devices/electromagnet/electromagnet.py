@@ -100,7 +100,7 @@ class SphericalElectromagnet(Device):
     hall: FieldSensors
     thermometer_step: float  #: [K]
     thermometer_noise: float  #: [K]
-    windings: Windings | None = None  #: the coils' sizes, where somebody gave or assumed them
+    windings: Windings | None = None  #: the coils' sizes, where given or assumed
     moments_from: str = "device file"  #: where `moment_per_current` comes from: that, "windings" or "calibration"
     core_dynamics: CoreDynamics = field(default_factory=CoreDynamics)  #: eddy currents and remanence
     marks: Marks | None = None  #: places to touch with the tip, where there are any

@@ -211,7 +211,7 @@ class ElectromagnetFile(CommonFile):
         return self
 
     def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalElectromagnet:
-        """The device that this file describes; DeviceError with everything that cannot be, whatever `override`."""
+        """The device that this file describes; DeviceError with all mistakes, for any `override`."""
         device = self._build(assumed, digest)
         names, places = ((), np.empty((0, 3))) if device.marks is None else (device.marks.names, device.marks.positions)
         wrong = list_geometry_mistakes(device.core_radius, device.dome_radius, device.hall.positions, names, places)

@@ -1,4 +1,4 @@
-"""Places on a device that a person can touch with the tool's tip, and that somebody has measured."""
+"""Points on a device that a person can touch with the tool's tip, with known positions."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def usual_units(unit: str) -> tuple[str, ...]:
 def explain_unit(text: str, unit: str, is_unit: Callable[[str], bool]) -> str:
     """What is wrong with the unit `text` where SI `unit` is wanted, as the end of a message; empty without a unit.
 
-    is_unit: whether a single name is a unit that somebody else knows.
+    is_unit: whether a single name is a unit that pint knows.
 
     >>> explain_unit("milimeter", "m", lambda name: False)
     ": 'milimeter' is no unit, did you mean 'millimeter'? (units: mm, cm, m, µm, inch, mil)"

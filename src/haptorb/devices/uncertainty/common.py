@@ -1,7 +1,7 @@
 """Standard uncertainties that every kind of device has: of what turns a wanted current into a force.
 
 The classes are the sections of the device file and what a device carries: `ToolUncertainty()` has the defaults. Values
-are standard uncertainties in the sense of the GUM (JCGM 100): one standard deviation of what is believed of a value.
+are standard uncertainties in the sense of the GUM (JCGM 100): one standard deviation of the value's distribution.
 """
 
 from __future__ import annotations

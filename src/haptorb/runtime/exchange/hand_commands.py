@@ -69,7 +69,7 @@ class HandCommands(ABC):
     def hold(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
         """The simulated hand stays at `p` (3,) [m] with orientation `q` (4,), until `release` or another command.
 
-        A thread of this program repeats it every 5 ms: if the program dies, stops or hangs, the coils go off. On a
+        A thread of this program repeats it every 5 ms: if the program ends, stops or hangs, the coils go off. On a
         busy computer it may be late by a second. Raises as `point` does; InputError also if this program moves no
         simulated hand.
         """

@@ -71,7 +71,7 @@ class PointerTracker(Tracker):
         return Goal(goal.p, goal.q, max(goal.stamp, min(now, goal.stamp + patience)), goal.held)
 
     def pose(self, now: float) -> Pose:
-        """The pointer as the pose of a real tool: valid only while a person holds it, and as old as its last message."""
+        """The pointer as the pose of a real tool: valid only while a person holds it, aged as its last message."""
         return self._pose(self._find(now)[0], now)
 
     def _find(self, now: float) -> tuple[Goal, float]:

@@ -108,7 +108,7 @@ def start_module(
     """`python -m module arguments` in a session of its own; what it says on standard error goes to the end of `errors`.
 
     Ctrl-C in the terminal then reaches the parent alone, which ends its children in order. The process may ask to die
-    with its parent: it is started by a thread that lives as long as that.
+    with its parent: it is started by a thread that runs as long as the parent.
     """
     with errors.open("ab") as file:
         return start(

@@ -1,4 +1,4 @@
-"""A timer in the kernel that kills this process unless it is set again and again, whatever runs inside it.
+"""A timer in the kernel that kills this process unless it is set again in time, whatever runs inside it.
 
 No code of the process takes part in its end: not its signal handlers, which Python runs only between two of its own
 instructions, and not a thread, which would wait for the interpreter's lock. SIGKILL can neither be caught, nor blocked,

@@ -1,4 +1,4 @@
-"""What only Linux can do, and what a person is told elsewhere."""
+"""What only Linux can do, and the message on other systems."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ WORKS_ANYWHERE = (
     "`haptorb` inspect, devices, worlds, show, info, export, replay, view, check --world, design (all but show), "
     "reproduce, fit-multipole, train, estimators, guidance, study (all but run), calibrate (simulated) and frame; in "
     "Python all but haptorb.Servo and real drivers"
-)  #: told on other systems, and true there
+)  #: printed on other systems, and true there
 _NAMES = {"darwin": "macOS", "win32": "Windows"}
 
 

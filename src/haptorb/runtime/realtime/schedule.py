@@ -28,7 +28,7 @@ def check_rate(rate: float) -> float:
 
 @final
 class Schedule:
-    """Deadlines at origin + n / rate, whatever happens between them: the phase never changes.
+    """Deadlines at origin + n / rate, independent of what happens between them: the phase never changes.
 
     A deadline that passes while a tick still runs is skipped and counted. It is never made up for: a burst of late
     ticks would hit the coils with old commands.

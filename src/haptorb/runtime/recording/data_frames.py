@@ -1,6 +1,6 @@
 """A recording for pandas and xarray, with the unit of every number in `attrs`.
 
-Neither package is loaded, or needed, before somebody asks for this.
+Neither package is loaded, or needed, before the first call.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A stretch of a recording as CSV, Parquet or NumPy arrays; written in pieces, whole or not at all."""
+"""A part of a recording as CSV, Parquet or NumPy arrays; written in pieces, whole or not at all."""
 
 from __future__ import annotations
 

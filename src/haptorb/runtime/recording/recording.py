@@ -65,7 +65,7 @@ class Recording:
         if not self.fields:
             cut = "it was cut short before its first rows" if self.truncated else f"topic {TOPIC} is missing"
             raise RecordingError(f"{self.path} is not a haptorb recording: {cut}")
-        self.long = isinstance(source, ChunkIndex)  #: rows are read from the file when somebody asks for them
+        self.long = isinstance(source, ChunkIndex)  #: rows are read from the file on request
         self._source = source
         self._at: dict[str, slice] = {}
         start = 0
@@ -253,7 +253,7 @@ def _read_all(file: BinaryIO, contents: Contents) -> Array:
 def _open_file(path: Path) -> BinaryIO:
     """The file, if it begins like MCAP."""
     try:
-        file = open(path, "rb", opener=open_at_once)  # noqa: SIM115 (whoever asked for it closes it)
+        file = open(path, "rb", opener=open_at_once)  # noqa: SIM115 (the caller closes it)
     except OSError as cause:
         raise RecordingError(f"cannot read {path}: {cause.strerror}") from cause
     except ValueError as cause:  # a zero byte in its name

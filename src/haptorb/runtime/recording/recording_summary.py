@@ -23,7 +23,7 @@ _TRIPPED = 4  #: state of the guard
 
 
 class Summarized(Protocol):
-    """What is told of a recording."""
+    """The summary of a recording."""
 
     path: Path
     fields: tuple[Field, ...]
@@ -111,7 +111,7 @@ def draw_force(recording: Summarized) -> str:
 def measure_run(recording: Summarized) -> dict[str, float]:
     """Largest values and counts over all ticks, the unit [SI] at the end of each name; of the fields that are there.
 
-    NaN for what no tick tells.
+    NaN for what no tick contains.
     """
     known = {field.name for field in recording.fields}
     found = {}

@@ -30,7 +30,7 @@ __all__ = ["RecordedRun"]
 
 @final
 class RecordedRun:
-    """The notes of `recording`, as the things that they describe.
+    """The notes of `recording`, as the objects that they describe.
 
     device    as its file in the recording says
     rate      of the loop [Hz]

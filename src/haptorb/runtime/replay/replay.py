@@ -135,7 +135,7 @@ class Replay:
         report: Callable[[int], None] = lambda ticks: None,
         keep: Callable[[Array], None] = lambda rows: None,
     ) -> RunComparison:
-        """All ticks; `report` is told how many are done, `keep` is given rows (n, width), each number in its unit."""
+        """All ticks; `report` receives the number done, `keep` rows (n, width), each number in its unit."""
         table, layout = self._timetable, self._layout
         with without_collection():
             for first in range(0, len(table), _BLOCK):
@@ -189,7 +189,7 @@ class Replay:
         self._change = int(np.nan_to_num(block["world"][0, 0]))
 
     def _find_gaps(self) -> None:
-        """Where ticks were lost, nobody knows what the chain remembered."""
+        """Where ticks were lost, the chain's memory is unknown."""
         rows = self._rows
         self._blind, self._resume = find_gaps(rows.ticks, self._states)
         if len(gaps := np.flatnonzero(np.diff(rows.ticks) != 1)):
@@ -243,7 +243,7 @@ class Replay:
 
     def _change_world(self, change: float, command: int) -> None:
         """The world has changed up to number `change`; `command` says whether the last one was another version."""
-        if not change > self._change:  # NaN: nobody knows
+        if not change > self._change:  # NaN: unknown
             return
         for number in range(self._change + 1, int(change) + 1):
             world = self._choose_world(number)

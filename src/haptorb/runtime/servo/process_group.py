@@ -29,12 +29,12 @@ from haptorb.runtime.servo.output_reader import OutputReader
 __all__ = ["ProcessGroup"]
 
 _EVERY = 0.02  #: between two heartbeats [s]
-_STUCK = 1.0  #: without a tick the servo is told that it is stuck [s]
+_STUCK = 1.0  #: without a tick the servo is notified that it is stuck [s]
 _HUNG = 1.5  #: and so long without one it is killed [s]
-_STALLED = 1.0  #: without a look for rows the recorder is said to stand still [s]
+_STALLED = 1.0  #: without a look for rows the recorder counts as stalled [s]
 _START = 180.0  #: the first start on a machine compiles the kernels [s]
 _FIRST_CALL = 20.0  #: a world that compiles code of its own may take long, once [s]
-_FINISH = 1.5  #: to end as told before a signal is sent [s]
+_FINISH = 1.5  #: to end on request before a signal is sent [s]
 _DRAIN = 20.0  #: for the recorder to write what it has [s]
 _HANG = (
     "world '{}' hangs: the last tick began {:.1f} s ago and did not end; the process was killed. A world must "
@@ -64,7 +64,7 @@ class ProcessGroup:
         shared.words[Word.HEARTBEAT] = monotonic_ns()
         self._servo = standby.process
         self._hang = self._stall = ""
-        self._asked = False  # whether the servo was told that it is stuck
+        self._asked = False  # whether the servo was notified that it is stuck
         self.memory = MemoryGrowth(standby.process.pid)
         standby.give(shared.path)
         self._output = OutputReader(standby.process.stdout)

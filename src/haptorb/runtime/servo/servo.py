@@ -92,7 +92,7 @@ class Servo(ServoContext):
     calibration  file of `haptorb calibrate` (or a Calibration) for this device
     render     part of the world's wrench to render, "force", "torque" or "both"; None: the part that the world defines
     torque_arm  length that weights torque against force if both are rendered [m]; None: `whole_wrench.TORQUE_ARM`
-    watchdog   False: drive an I²C bus although nothing switches off when this computer stops; nobody may touch it
+    watchdog   False: drive an I²C bus although nothing switches off when this computer stops; do not touch the device
     grip       of the hand for which the coupling of a scene is chosen: "loose", "light", "firm", or
                "MASS,DAMPING,STIFFNESS"
     latency    of the tracker, for the same choice [s]; None: 5 ms (assumed) if it has its own process
@@ -141,7 +141,7 @@ class Servo(ServoContext):
         self._model = self.device.check_tick_model(model or self.models[0])
         self.calibration = (
             read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
-        )  #: what the controller believes of the device beside its file
+        )  #: the calibration that the controller uses beside the device file
         if self.calibration is not None:
             # refuses here what is another device's
             self.calibration.apply(electromagnet(self.device, "a calibration"))
@@ -150,7 +150,7 @@ class Servo(ServoContext):
         if gains is not None:
             linkage_of(self.device, gains)  # refuses here what does not fit
         self._choice = choice_of(self.device, render, torque_arm)  # refuses here what does not fit
-        self.render = render  #: part of the wrench that is rendered whatever the world asks; None: what it asks
+        self.render = render  #: part of the wrench to render, overriding the world; None: the world's
         first, self._world_file = choose_world(default_world(self.device) if world is None else world)
         self._coupling = CouplingSetting(
             self.device, self.rate, check_grip(grip), self.estimator, has_feed(self.tracker), latency

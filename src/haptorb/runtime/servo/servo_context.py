@@ -108,6 +108,6 @@ async def _complete(work: Callable[[], None]) -> None:
         except asyncio.CancelledError as cause:
             cancelled = cause
     if cancelled is not None:
-        task.exception()  # nobody else hears of it
+        task.exception()  # otherwise it is reported nowhere
         raise cancelled
     task.result()

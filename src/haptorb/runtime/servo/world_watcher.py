@@ -123,7 +123,7 @@ class WorldWatcher:
             hint.join()  # what it says comes before what follows
         self._world = new
         show(f"{path} was saved: world '{new.name}' is reloaded\n")
-        self.trouble = ""  # last: whoever waits for it finds the message shown
+        self.trouble = ""  # last: a waiting thread finds the message shown
 
     def _explain_wait(self, path: str) -> None:
         """The new code does not return, and while it runs nothing else is loaded."""

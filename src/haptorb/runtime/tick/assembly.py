@@ -72,7 +72,7 @@ def _choices(device: Device) -> dict[str, EstimatorChoice]:
 
 def check_estimator(device: Device, name: str | None) -> str:
     """`name` itself, or the default of `device` for None; UnknownName for what it cannot have, InputError for what it
-    cannot have yet, such as networks that nobody has trained."""
+    cannot have yet, such as networks before their training."""
     known = _choices(device)
     if name is None:
         return next(iter(known))
@@ -147,7 +147,7 @@ def assemble(
 ) -> Tick:
     """The chain that renders `world` on `device` at `rate` [Hz]; coils are off until its driver is opened.
 
-    What `calibration` measured is believed by everything but the simulated device, which stays what its file says. An
+    What `calibration` measured is used by everything but the simulated device, which keeps its file's values. An
     I²C bus needs a monostable on its PWM chip's OE pin, unless `watchdog` is False.
     """
     from haptorb.runtime.drivers.sim_driver import SimDriver  # the simulation is loaded only where it runs

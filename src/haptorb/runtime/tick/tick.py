@@ -1,4 +1,4 @@
-"""One tick of the loop: read → estimate → world → allocate → guard → write, and the row that tells it all.
+"""One tick of the loop: read → estimate → world → allocate → guard → write, and the row that records it all.
 
 The same seven lines run every device, simulated or real; nothing in them asks which one it is.
 """
@@ -49,7 +49,7 @@ _SINGLE = ("currents_age", "ahead", "world", "coil_state", "saturated", "part", 
 class Tick:
     """The chain for one device, world and driver; `step` runs it once and fills one row.
 
-    Whatever fails in it ends in coils off with a reason, never in an exception that leaves them on.
+    Any failure in it ends in coils off with a reason, never in an exception that leaves them on.
     """
 
     def __init__(
@@ -265,7 +265,7 @@ class Tick:
             return felt
         except TickTimeout:
             raise
-        # A world is the user's code: whatever it raises must end in coils off.
+        # A world is the user's code: any exception must end in coils off.
         except BaseException as cause:  # safety: world-exit-trips
             reason = Trip.MEMORY_NOT_FINITE if isinstance(cause, MemoryNotFinite) else Trip.WORLD_FAILED
             self._log.fail(TickFailure.MEMORY if reason is Trip.MEMORY_NOT_FINITE else TickFailure.WORLD)
@@ -288,7 +288,7 @@ class Tick:
         self.protection.trip(reason)
 
     def _switch_off(self, row: Array, now: float) -> None:
-        """What is left to do when the device does not answer: try to switch off, and say so in the row."""
+        """When the device does not respond: try to switch off, and record it in the row."""
         try:
             self._applied = self.driver.write(self._zeros)
         except HaptorbError:

@@ -112,9 +112,9 @@ class NatNetFeed(Feed):
             return RawPose(
                 tuple(float(x) for x in bodies[0].pos), tuple(float(x) for x in bodies[0].rot), stamp, arrival
             )
-        except Exception:  # whatever a parser makes of bytes that anybody may send
+        except Exception:  # a parser's failure on bytes that any program may send
             return RejectedPose("garbage")
 
     def close(self) -> None:
-        """Let go of the socket."""
+        """Close the socket."""
         self._socket.close()

@@ -14,7 +14,7 @@ __all__ = ["RESTART_SILENCE", "SenderClock"]
 
 RESTART_SILENCE = 0.25  #: after such a silence the sender may have restarted, with another clock [s]
 
-_COARSEST = 1e-4  #: a number so great that its steps are larger than this tells no time [s]
+_COARSEST = 1e-4  #: a number whose resolution is coarser than this is no clock [s]
 _WINDOW = 10.0  #: clocks drift by 100 µs in a second at the most: a millisecond in this time [s]
 
 

@@ -30,7 +30,7 @@ __all__ = [
 _DEAD = 0.2  #: share of the wanted current below which a coil counts as not connected
 _AMISS = 0.5  #: share of the greatest wanted current by which the current of a coil that switches is never wrong
 _SILENT = 0.2  #: share of the expected field below which a sensor does not answer
-_MOST_SILENT = 4  #: one of so many sensors may be silent
+_MOST_SILENT = 4  #: one of so many sensors may be missing
 _ALIKE = 0.8  #: cosine from which a coil's moment counts as being along another coil's axis
 
 
@@ -197,7 +197,7 @@ def check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Ar
 def check_switching(device: SphericalElectromagnet, wanted: Array, measured: Array, full: Array) -> None:
     """One reading: `wanted` and `measured` (m,) [A], `full` (m,) [A] the greatest currents that are wanted at all.
 
-    Raises CalibrationError that names a coil which does not conduct, or carries a current that nobody wants.
+    Raises CalibrationError that names a coil which does not conduct, or carries an unwanted current.
     """
     for name, want, flowing, most in zip(device.coils.names, wanted, measured, full, strict=True):
         if abs(want) >= _AMISS * most and abs(flowing) < _DEAD * abs(want):

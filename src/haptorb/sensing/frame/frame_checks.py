@@ -83,7 +83,7 @@ def check_pivot(stands: Sequence[Touches]) -> Pivot:
 
 
 def _list_misreadings(stands: Sequence[Touches]) -> dict[str, list[Array]]:
-    """The quaternions as they would be meant if somebody had mixed them up."""
+    """The quaternions as they would be meant if their order were mixed up."""
     first = [one.q[:, [1, 2, 3, 0]] for one in stands]
     return {
         "the quaternion's w came first (w x y z)": first,
@@ -174,7 +174,7 @@ def check_centre(by_dome: Array, by_marks: Array) -> None:
 
 
 def check_roll(found: Roll) -> None:
-    """The tool was turned far enough, about an axis that stood still."""
+    """The tool was turned far enough, about a fixed axis."""
     if found.angle < _ROLLED:
         raise CalibrationError(
             f"the tool was rolled by only {np.rad2deg(found.angle):.0f}°; its axis needs at least "

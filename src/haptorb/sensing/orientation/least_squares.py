@@ -45,10 +45,10 @@ class LeastSquaresOrientation(Estimator):
     lag             by which the angular velocity is late [s]; the orientation is not late
 
     field, usable and trusted are what the last update made of its readings: (k, 3) of the magnets alone [T], and (k,)
-    1.0 for every sensor that may be believed, and that fits the orientation, else 0.0.
+    1.0 for every sensor that is usable and fits the orientation, else 0.0.
 
     The estimate's `strength` is that of the rotor's magnets against the device file: the torque per ampere follows it.
-    It is not valid while too few sensors can be believed, or none of the orientations explains what they read.
+    It is not valid while too few sensors are usable, or none of the orientations explains their readings.
 
     Raises InputError for a lag outside 0 to 1 s, or a start that is no rotation.
     """

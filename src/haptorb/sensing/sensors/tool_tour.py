@@ -1,6 +1,6 @@
 """A tool that a person led over the dome, as the field sensors saw it: readings, first poses, and whether it went far.
 
-Which motion tells a sensor's errors apart: the tool on every side, near and far, upright and leaning. What was not
+Which motion separates a sensor's errors: the tool on every side, near and far, upright and leaning. What was not
 visited is named, because a person can go there.
 """
 

@@ -28,7 +28,7 @@ _MOST = 64 * 1024 * 1024  #: bytes
 
 
 def networks_path(motor: SphericalMotor) -> Path:
-    """Where the networks of `motor` are kept if nobody says otherwise: in the user's cache folder, by digest."""
+    """The default place of the networks of `motor`: in the user's cache folder, by digest."""
     return cache_folder() / "networks" / f"{motor.name}-{motor.digest[:16]}.network"
 
 

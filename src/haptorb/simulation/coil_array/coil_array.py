@@ -97,7 +97,7 @@ class SimulatedCoilArray(Simulation):
         self.place(self.device.rest_position, (0.0, 0.0, 0.0, 1.0))
 
     def cool(self) -> None:
-        """Coils at the ambient temperature at once; currents go on."""
+        """Coils at the ambient temperature at once; currents continue."""
         self._coils["winding"] = self._coils["body"] = self._coils["ambient"]
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:

@@ -45,7 +45,7 @@ class SimulatedElectromagnet(Simulation):
     """Coils, core, tool, dome and hand of `device`, in steps of at most `step` [s].
 
     specimen: number of the device among its like, from 0; the lasting errors of its sensors and its core are drawn from
-    the device file's distributions with it, so that the same number is the same device whatever the noise's seed.
+    the device file's distributions with it, so that the same number is the same device for any seed of the noise.
 
     held=False lets the tool go: no hand, and gravity acts on it. With a hand, the hand carries the tool's weight.
 
@@ -140,7 +140,7 @@ class SimulatedElectromagnet(Simulation):
         self.place((0.0, 0.0, self.device.contact_distance + _ABOVE), (0.0, 0.0, 0.0, 1.0))
 
     def cool(self) -> None:
-        """Coils at the ambient temperature at once; currents go on."""
+        """Coils at the ambient temperature at once; currents continue."""
         self._coils["winding"] = self._coils["body"] = self._coils["ambient"]
         self._state["core_temperature"] = self.device.coils.heat.ambient
 

@@ -118,7 +118,7 @@ class SimulatedMotor(Simulation):
         self._t = 0.0
 
     def cool(self) -> None:
-        """Coils at the ambient temperature at once; currents go on."""
+        """Coils at the ambient temperature at once; currents continue."""
         self._coils["winding"] = self._coils["body"] = self._coils["ambient"]
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:

@@ -36,7 +36,7 @@ _WIDTH = 0.30  # of the click
 _MEET = 0.80  # from here on a pressed key and a free one push alike
 _TURN = 0.88  # here it changes from one to the other
 _THICK = 2e-3  #: of the key, for the eye [m]
-_RETURN = 0.15  #: speed with which a key that nobody holds comes up [m/s]
+_RETURN = 0.15  #: speed with which a released key comes up [m/s]
 
 #: What the kernel goes by.
 _BUTTON = fields(

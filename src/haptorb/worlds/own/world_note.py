@@ -31,7 +31,7 @@ _DEEPEST = 12
 
 
 class _OwnCode(Exception):
-    """A value that is somebody's code."""
+    """A value that is a user's code."""
 
 
 def note_world(world: World) -> str:
@@ -91,7 +91,7 @@ def _encode(value: Any) -> Any:
 
 
 def _is_default(one: Field[Any], value: Any) -> bool:
-    """Whether a field that is no number, a height map perhaps, is as nobody has changed it."""
+    """Whether a field that is no number, a height map perhaps, has its default."""
     if one.default_factory is MISSING or not isinstance(value, np.ndarray):
         return False
     usual = one.default_factory()

@@ -16,7 +16,7 @@ from haptorb.worlds.path_guidance.path_checks import check_crossing, check_works
 __all__ = ["GuidancePath", "make_path"]
 
 _SPACING = 0.25e-3  #: between two stored places [m], finer than a hand can tell
-_SHORTEST = 5e-3  #: a shorter path guides nobody [m]
+_SHORTEST = 5e-3  #: a shorter path gives no guidance [m]
 _LONGEST = 2.0  #: [m]
 _MOST = 10_000  #: points that a person may give
 _SAME = 1e-6  #: two points nearer to each other are one [m]
@@ -121,7 +121,7 @@ def _interpolate(corners: Array, gone: Array, closed: bool, smooth: bool) -> Arr
     at = np.unique(np.concatenate([gone, np.linspace(0.0, gone[-1], 2 + int(gone[-1] / (0.5 * _SPACING)))]))
     straight = _resample(corners, gone, at)
     if smooth and len(corners) > 2:
-        from scipy.interpolate import CubicSpline  # loaded only where somebody gives points
+        from scipy.interpolate import CubicSpline  # loaded only where points are given
 
         straight = CubicSpline(gone, corners, bc_type="periodic" if closed else "natural")(at)
     lengths = np.linalg.norm(straight, axis=1, keepdims=True)

@@ -10,8 +10,8 @@ from haptorb.numerics.arrays import Array
 
 __all__ = ["check_crossing", "check_workspace"]
 
-_CLOSE = 1e-3  #: stretches nearer to each other cannot be told apart with a hand on the tool [m]
-_APART = 6e-3  #: along the path; nearer places belong to one stretch, also around a corner of 20 degrees [m]
+_CLOSE = 1e-3  #: parts nearer to each other cannot be distinguished with a hand on the tool [m]
+_APART = 6e-3  #: along the path; nearer places belong to one part, also around a corner of 20 degrees [m]
 _INSIDE = 0.5e-3  #: by which a path may lie below contact, where only a tilted tool gets [m]
 
 

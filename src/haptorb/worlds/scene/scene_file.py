@@ -48,7 +48,7 @@ class SceneFile:
         for name in _NAMED.findall(text):
             try:
                 found.append(_stamp(self.path.parent / name))
-            except OSError:  # a mesh in the folder of <compiler meshdir>, or missing: then loading says so
+            except OSError:  # a mesh in the folder of <compiler meshdir>, or missing: then loading reports it
                 continue
         return tuple(found)
 

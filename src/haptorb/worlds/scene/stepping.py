@@ -134,7 +134,7 @@ class SceneStepper:
             self._pushed[:] = 0.0
             if steps:
                 engine.mj_step1(model, data)
-            else:  # time stands still; what is felt of it does not
+            else:  # time stops; the rendering does not
                 engine.mj_fwdPosition(model, data)
                 engine.mj_fwdVelocity(model, data)
             held = self._couple(wish, couplings, LEVELS[level][1])

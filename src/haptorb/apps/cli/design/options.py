@@ -67,7 +67,7 @@ def keep_run(writer: ResultsWriter, found: Iterable[Evaluation], design: Design,
 
 
 def end_run(tally: Tally, into: str, json: bool) -> None:
-    """Tell what a run came to; exit code 1 if no design is valid."""
+    """Print the result of a run; exit code 1 if no design is valid."""
     from haptorb.files.sql_engine import mask_password
 
     if json:

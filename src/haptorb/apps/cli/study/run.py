@@ -129,7 +129,7 @@ def _run_in_browser(
 
 
 def _free_recording_path(db: str, session: int) -> Path:
-    """A name for this stretch of the session's recording that is not taken."""
+    """An unused name for this part of the session's recording."""
     from haptorb.files.sql_engine import url_of
 
     url = url_of(db)

@@ -27,11 +27,11 @@ def write_report(
 ) -> list[Path]:
     """Write the report of `results`, a file or database, to the HTML file `output`; the paths of all files written.
 
-    The `count` best designs are written beside it, as NAME.toml for `haptorb run`; all files or none. `report` is told
-    what is done now, how many steps were done, and of how many.
+    The `count` best designs are written beside it, as NAME.toml for `haptorb run`; all files or none. `report` is
+    called with what is done now, how many steps were done, and of how many.
 
     Raises RecordingError for results that cannot be read, InputError for an output that cannot be written: a device
-    file that somebody else wrote stays.
+    file from elsewhere stays.
     """
     if not 1 <= count <= MOST:
         raise InputError(f"the number of best designs must be from 1 to {MOST}; got {count}")

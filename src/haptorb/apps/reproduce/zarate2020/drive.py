@@ -1,6 +1,6 @@
 """Zárate 2020, eqs. (3), (4), (6): the current that is asked for, in a winding that has become 60 K warmer.
 
-At first the drive believes the cold winding's resistance. With the running estimate of eq. (6) the current is right
+At first the drive uses the cold winding's resistance. With the running estimate of eq. (6) the current is right
 again within 0.2 s; without it, it stays 15 to 20 % too small for as long as the coil is warm.
 """
 
@@ -58,7 +58,7 @@ class DriveCourse:
 def drive_course(
     device: SphericalElectromagnet, rise: float = _RISE, wanted: float = _WANTED, seconds: float = 0.5, seed: int = 0
 ) -> DriveCourse:
-    """`wanted` [A] from t = 0 in coils `rise` [K] warmer than the drive believes; currents read with noise."""
+    """`wanted` [A] from t = 0 in coils `rise` [K] warmer than the drive assumes; currents read with noise."""
     if not (0 < wanted <= device.coils.current_limit.min() and abs(rise) <= 120 and seconds > 0):
         raise InputError(
             f"needs a current the coils may carry and a rise to 120 K; got {wanted} A, {rise} K, {seconds} s"

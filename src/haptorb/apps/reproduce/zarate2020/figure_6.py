@@ -57,7 +57,7 @@ class ThermalCourse:
         return HeatRecord(self.t, power, inside, outside, device.coils.heat.ambient)
 
     def identify(self, device: Device) -> NetworkIdentification:
-        """The coil's values from the record, with the couplings of `device`, of which it tells nothing."""
+        """The coil's values from the record, with the couplings of `device`, which it does not determine."""
         return coil_identification(self.record(device), device.coils.heat)
 
 

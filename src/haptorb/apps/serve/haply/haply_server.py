@@ -148,7 +148,7 @@ class _EventDoor(Door):
 
     def __init__(self, access: Access) -> None:
         self.access, self.connections, self.room = access, set(), _CLIENTS
-        self.first: Callable[[], str] = str  #: what who has just come is told
+        self.first: Callable[[], str] = str  #: the first message to a new client
 
     def tell(self, name: str, category: str, level: str, data: dict[str, Any], message: str = "") -> None:
         """One event to all; who is slow to read misses it."""

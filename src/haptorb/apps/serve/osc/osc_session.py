@@ -69,7 +69,7 @@ class OscSession:
         return self._inbox.sockets
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         self._inbox.close()
 
     @property
@@ -202,7 +202,7 @@ class OscSession:
         self._send(data, program.answers_to)
 
     def _send(self, data: bytes, to: Sequence[Any]) -> bool:
-        with suppress(OSError):  # the way is full, or nobody is there: never wait
+        with suppress(OSError):  # the buffer is full, or the port closed: never wait
             self._socket.sendto(data, tuple(to))
             return True
         return False

@@ -54,7 +54,7 @@ class Analysis(NotebookReport):
     simulated: int  #: participants that are simulated
     trips: int  #: trials in which the device tripped
     repeated: int = 0  #: trials that were restarted before they were answered
-    on_simulated_device: int = 0  #: trials of people in which nobody felt a force
+    on_simulated_device: int = 0  #: trials of people on a simulated device, without a felt force
     on_unknown_device: int = 0  #: trials of people, stored by an older haptorb
     confusion: Confusion | None = None
     arrows: tuple[Arrow, ...] = ()
@@ -155,7 +155,7 @@ def analyse(
     study: Study, columns: Columns, progress: Callable[[int, int], None] | None = None, *,
     plans: Sequence[SessionPlan] = (), registration: Registration | None = None,
 ) -> Analysis:  # fmt: skip
-    """The analysis of `study` from its tidy `columns`; `progress` is told (people fitted, people in all).
+    """The analysis of `study` from its tidy `columns`; `progress` receives (people fitted, people in all).
 
     `plans` tell with which plan of the analysis each session began, `registration` with which one was filed.
     """

@@ -70,7 +70,7 @@ def effect_numbers(effect: NormalEffect) -> dict[str, Any]:
 def fit_curves(
     main: Columns, progress: Callable[[int, int], None] | None = None
 ) -> tuple[dict[str, ConditionCurves], list[str]]:
-    """By condition; and in words what could not be fitted. `progress` is told (people fitted, people in all)."""
+    """By condition; and in words what could not be fitted. `progress` receives (people fitted, people in all)."""
     names = [str(name) for name in dict.fromkeys(main["condition"].tolist())]
     codes = {name: np.unique(main["participant"][main["condition"] == name]).tolist() for name in names}
     total, done = sum(map(len, codes.values())), 0

@@ -1,4 +1,4 @@
-"""The analysis at the terminal: what the report tells, without its figures."""
+"""The analysis at the terminal: the report without its figures."""
 
 from __future__ import annotations
 

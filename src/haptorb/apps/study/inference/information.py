@@ -1,7 +1,7 @@
 """How much answers tell of what was asked: information transferred, in bits, from a confusion matrix (Miller & Nicely).
 
 T = H(answers) − H(answers | prompts). Counted from few answers as if shares were probabilities (plug-in), T is too
-large: chance alone makes answers look as if they followed prompts. Four formulations are told:
+large: by chance alone, answers seem to follow prompts. Four formulations are reported:
 
     bits          both entropies after Chao & Shen 2003: the share of answers not yet met is guessed from those met once
     miller_madow  the plug-in less (cells − rows − columns + 1)/(2 N ln 2), counting what is not empty (Miller 1955)
@@ -36,7 +36,7 @@ class Information:
     bits: float  #: corrected for few answers, 0 to `most`; NaN with fewer than two answers to a prompt on average
     low: float  #: 95 %, jackknife over people, Student's; NaN for one person, and where all are alike
     high: float
-    most: float  #: [bit] of the prompts, if every one were told apart
+    most: float  #: [bit] of the prompts, if every one were distinguished
     plug_in: float
     miller_madow: float
     chance: float  #: plug-in of shuffled answers, on average
@@ -63,7 +63,7 @@ def transfer_information(counts: ArrayLike, *, seed: int = 0) -> Information:
     most = float(_entropy(table.sum(axis=1)))
     low = high = math.nan
     if trials < 2 * int(np.count_nonzero(table.sum(axis=1))):
-        bits = math.nan  # an answer that was met once tells nothing of what was not met
+        bits = math.nan  # an answer that occurred once says nothing about those that did not occur
     if people > 1 and math.isfinite(bits):
         from scipy.special import stdtrit
 

@@ -16,7 +16,7 @@ from haptorb.numerics.arrays import Array
 __all__ = ["PersonFit", "central_interval", "find_median", "fit_people", "fit_person", "psychometric_fit"]
 
 Interval = tuple[float, float]
-_SAMPLES = 400  #: simulated repetitions of somebody's trials
+_SAMPLES = 400  #: simulated repetitions of a person's trials
 _FAR = 12.0  #: in log likelihood: repetitions are fitted at points of the grid that are at most so much worse
 _UNINFORMED = 0.7  #: posterior over prior standard deviation above which trials said little
 
@@ -60,7 +60,7 @@ def psychometric_fit(levels: ArrayLike, yes: ArrayLike, of: ArrayLike) -> Psycho
 
 
 def fit_people(grid: PsychometricGrid, *, seed: int = 0, samples: int = _SAMPLES) -> list[PersonFit | None]:
-    """Each person's fit, nobody else's answers used; None for whoever has not answered."""
+    """Each person's fit, without other people's answers; None for a person without answers."""
     people = range(len(grid.answered.of))
     return [
         fit_person(grid, n, seed=seed, samples=samples) if grid.answered.of[n].any() else None for n in people

@@ -41,13 +41,13 @@ from haptorb.worlds.world import World
 
 __all__ = ["Study", "read_study", "study_of"]
 
-#: left out of the digest where they are not used: studies that were begun before there were such things go on
+#: left out of the digest where they are not used: studies that began before these existed continue
 _LATER = ("mask", "questions", "model", "render", "world_digest", "published_layout", "order_version", "hand_deg")
 #: what "published" means today; a stored study without the key ran with 1 + 8 + 8 + 8
 _PUBLISHED = "1-4-8-12"
-#: how trials are ordered today; a stored study without the key is ordered as before, at random unless its file says so
+#: how trials are ordered today; a stored study without the key keeps the earlier order, at random by default
 _ORDER = "2"
-_MISTAKES = 20  #: told at once
+_MISTAKES = 20  #: reported at once
 _CODE = 1 << 20  #: bytes of a world's file
 _LEVELLED = ("constant", "staircase", "bayesian", "magnitude")
 
@@ -206,7 +206,7 @@ class Study(Part):
         return tuple(SetPoint(p.number, p.theta_deg, p.phi_deg) for p in self.set_points.points)
 
     def with_text(self, text: str, update: dict[str, Any]) -> Study:
-        """With other values under the keys of `update`, and the `text` that says so."""
+        """With other values under the keys of `update`, and the matching `text`."""
         found = self.model_copy(update=update)
         found._text = text
         return found

@@ -233,7 +233,7 @@ class RatingScale(Part):
 
 
 class Mask(Part):
-    """Noise on the participant's headphones, so that nobody hears the device; the participant's page plays it."""
+    """Noise on the participant's headphones, which masks the device; the participant's page plays it."""
 
     noise: Annotated[
         Literal["pink", "white"], m.Meaning("noise on the participant's headphones, so that nobody hears the device")

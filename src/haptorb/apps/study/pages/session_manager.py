@@ -1,7 +1,7 @@
 """Runs sessions one after another in a thread of its own: commands of the pages in, one state out.
 
 The thread may wait for the disk, a database far away, or a device that starts; the pages, the pen and Stop do not:
-Stop goes through `SessionManager.halt`, which asks nobody.
+Stop goes through `SessionManager.halt`, which waits for no other thread.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = ["SessionManager"]
 _TICK = 0.02  #: between two looks at the device [s]
 _WAITING = 100  #: commands that may wait at most: who sends more is no person
 
-#: asked of the reception by a page: tells the page what was wrong, or nothing
+#: for a request of a page to the reception: reports to the page what was wrong, or nothing
 Respond = Callable[[str], None]
 
 
@@ -81,11 +81,11 @@ class SessionManager:
 
     @property
     def dead(self) -> bool:
-        """Whether the thread has ended although nobody told it to: nothing that is asked would be done."""
+        """Whether the thread has ended without a request: no command would be executed."""
         return bool(self._died) and not self._thread.is_alive()
 
     def ask(self, command: dict[str, Any], respond: Respond) -> None:
-        """Obey `command` soon; `respond` hears what was wrong with it, if anything was."""
+        """Execute `command` soon; `respond` receives the mistake, if there is one."""
         if self._died:
             raise InputError(f"the study program has failed and is closing: {self._died}")
         if self._inbox.qsize() >= _WAITING:
@@ -94,7 +94,7 @@ class SessionManager:
 
     @property
     def now(self) -> str:
-        """The state, in one word; "paused" from the moment at which somebody stops."""
+        """The state, in one word; "paused" from the moment of a Stop."""
         conduct, sitting = self.conduct, self.sitting  # the thread may put them away meanwhile
         state = conduct.state if conduct is not None else self.state
         if self.halt.active and sitting is not None and state not in ("starting", "waiting", "failed", *OVER):
@@ -136,7 +136,7 @@ class SessionManager:
                 self.state, self.trouble = "failed", self._died
 
     def _try(self, do: Callable[[], None], respond: Respond | None) -> None:
-        """`do` it; whatever it raises is told, and this thread goes on. None: nobody asked, so the session ends."""
+        """`do` it; an exception is reported, and this thread continues. None: without a page, so the session ends."""
         try:
             do()
         except HaptorbError as mistake:
@@ -145,7 +145,7 @@ class SessionManager:
             if respond is None or isinstance(mistake, ServoError):
                 self._end(str(mistake))
         except BaseException as fault:  # safety: study-fault
-            # Nobody foresaw it, so nobody knows what the session is in: off, and it can be resumed.
+            # Unexpected, so the session's state is unknown: off, and it can be resumed.
             self.halt.stop(None)
             text = (
                 f"a fault in haptorb, please report it: {explain_fault(fault)}. Coils off; the session can be resumed"
@@ -227,7 +227,7 @@ class SessionManager:
             self.halt.attach(servo, asked)  # before it is open: Stop reaches it from here on
             servo.open()
             stage = TrialDevice(self.study, servo)
-            stage.hold()  # the first time loads kernels; afterwards the pen must never be silent that long
+            stage.hold()  # the first time loads kernels; afterwards the pen must never be without data that long
             self.stage = stage
             self._mark("session", {"session": sitting.id, "participant": sitting.code})
         except HaptorbError as failure:

@@ -34,7 +34,7 @@ _STOPS = re.compile(r'"do"\s*:\s*"(stop|pause|leave|abort)"')
 _PARTICIPANT = frozenset({"agree", "answer", "reply", "skip", "interval"})
 _EXPERIMENTER = frozenset({"begin", "pause", "stop", "resume", "repeat", "engage", "leave", "abort", "skip", "view"})
 _IN_TRIAL = ("running", "time is up")
-_UNTOLD = 20  #: mistakes that a page was not told of yet, at most
+_UNTOLD = 20  #: mistakes that were not yet sent to a page, at most
 _LARGEST = 10**6  #: draft of an answer
 
 
@@ -72,7 +72,7 @@ class StudySocketHub:
         while True:
             stage = self._reception.stage
             if stage is not None:
-                with suppress(Exception):  # the reception's thread notices by itself, and says so
+                with suppress(Exception):  # the reception's thread notices by itself, and reports it
                     stage.hold()
             await asyncio.sleep(REFRESH)
 
@@ -110,13 +110,13 @@ class StudySocketHub:
         (self._participants if page.participant else self._experimenters).append(page)
 
     def part(self, page: StudyPage) -> None:
-        """`page` went away. If it was the participant's, the coils go off, and stay off until somebody resumes."""
+        """`page` went away. If it was the participant's, the coils go off until the session is resumed."""
         if page.participant and self._participants[0] is page:  # safety: participant-gone
             self._reception.halt.stop("the participant's page was closed")
         (self._participants if page.participant else self._experimenters).remove(page)
 
     def hear(self, page: StudyPage, text: str) -> None:
-        """One message of `page`: Stop before anything else. Nothing that it may hold is raised, `page` is told."""
+        """One message of `page`: Stop before anything else. A wrong message raises nothing, `page` is informed."""
         try:
             if page.participant:
                 if asks_to_stop(text):  # safety: study-stop-first
@@ -135,7 +135,7 @@ class StudySocketHub:
         except HaptorbError as mistake:
             page.tell(str(mistake))
         # safety: study-message
-        except Exception as fault:  # whatever it holds, the page's next Stop must be heard
+        except Exception as fault:  # for any content, the page's next Stop must be received
             page.tell(f"this message cannot be processed: {type(fault).__name__}")
 
     async def _serve(self, page: StudyPage, about: Mapping[str, Any]) -> None:
@@ -193,7 +193,7 @@ class StudySocketHub:
         self.viewers.open(parts[-1], page.tell)
 
     async def _send(self, page: StudyPage, about: Mapping[str, Any]) -> None:
-        """Whatever is new to `page`, some 25 times a second."""
+        """Send what is new to `page`, some 25 times a second."""
         await page.socket.send_text(json.dumps({"event": "about", **about}))
         while True:
             for text in self._collect_messages(page):

@@ -1,4 +1,4 @@
-"""What each page is told: the participant nothing that would give an answer away, the experimenter everything."""
+"""What each page receives: the participant nothing that would reveal an answer, the experimenter everything."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def places(study: Study) -> list[dict[str, float]]:
 def for_participant(reception: SessionManager) -> dict[str, Any]:
     """State, task, progress; never what is prompted, nor which interval holds what.
 
-    stopped      who stopped, "" if nobody did or somebody has resumed since
-    unconfirmed  whether the coils are told to be off, and the device has not confirmed that
+    stopped      who stopped, "" if none did or the session was resumed since
+    unconfirmed  whether the coils were switched off, and the device has not confirmed it
     """
     conduct, sitting, stage, halt = reception.conduct, reception.sitting, reception.stage, reception.halt
     view: dict[str, Any] = {

@@ -1,7 +1,7 @@
 """What is decided before anybody takes part: how many people, which tests of what, and the smallest effect of interest.
 
 The plan stands in the study file. It says nothing about how trials run, so it is no part of the study's digest: it has
-one of its own, which every session keeps. A plan that changes after the first session is thereby found out.
+one of its own, which every session keeps. A plan that changes after the first session is so detected.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from haptorb.devices.schema import key as m
 
 __all__ = ["CLAIMS", "MEASURES", "AnalysisPlan", "HandAngle", "PlannedTest", "check_plan", "unit_of"]
 
-#: procedure → what may be compared, one value per person and condition; the first unless told
+#: procedure → what may be compared, one value per person and condition; the first by default
 MEASURES = {
     "identification": ("error", "accuracy", "upward-bias", "error-slope"),
     "localisation": ("error", "upward-bias", "error-slope"),
@@ -90,7 +90,7 @@ class AnalysisPlan(Part):
 
     @property
     def strictest_alpha(self) -> float:
-        """Level that a single test must reach whatever the others show; for power."""
+        """Level that a single test must reach regardless of the others; for power."""
         return self.alpha if self.correction == "none" else self.alpha / len(self.tests)
 
     @property

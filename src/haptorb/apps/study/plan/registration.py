@@ -1,7 +1,7 @@
 """A study and the plan of its analysis as one file with digests and a time: written before data exist, and filed.
 
 The database keeps the plan's digest with every session too. A registration adds what a database cannot prove: that the
-plan was there before it. Put it where its date is somebody else's, such as a public registry.
+plan was there before it. Deposit it where another party dates it, such as a public registry.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What the terminal shows in a session: the task, the set-points' numbers seen from above, and the answer so far.
 
-Of the simulated device, which nobody can feel, it shows pen and force besides; of a real one it does not.
+Of the simulated device, which cannot be felt, it also shows pen and force; of a real one it does not.
 """
 
 from __future__ import annotations

@@ -106,7 +106,7 @@ class StoredSession:
     ) -> None:  # fmt: skip
         """Keep `answer`: on the disk when this returns. InputError, and nothing kept, if it may not be answered so.
 
-        `driver` of the device tells whether it was simulated.
+        `driver` of the device shows whether it was simulated.
         """
         prompt = self.prompt
         after = self.procedure.record_answer(answer)
@@ -144,8 +144,8 @@ class StoredSession:
     def note(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
         """Keep that something happened, now or `at` that time of day: pause, abort, repeat ...
 
-        With `later`, what the database does not take now is kept with the next thing that it takes, or by `keep_late`,
-        and nothing is raised: what was done must not wait for the record of it.
+        With `later`, what the database does not take now is stored with the next entry that it takes, or by
+        `keep_late`, and nothing is raised: what was done must not wait for the record of it.
         """
         text = text.replace("\0", "").encode("utf-8", "backslashreplace").decode()  # a record is never refused
         self._late.append({"session": self.id, "kind": kind, "trial": self.number, "at": at or utc_now(), "text": text})
@@ -180,7 +180,7 @@ class StoredSession:
             raise _storage_error(cause) from cause
 
     def close(self) -> None:
-        """Let somebody else have the session; may be called twice."""
+        """Release the session for another station; may be called twice."""
         try:
             if self._late:
                 with self.engine.begin() as connection:
@@ -234,7 +234,7 @@ class StoredSession:
             return int(made[0]), drawn
 
     def _check_free(self, known: Iterable[str]) -> None:
-        """RecordingError if nobody new may have this code, beside the `known` ones."""
+        """RecordingError if a new person may not have this code, beside the `known` ones."""
         if not self.simulated and is_reserved(self.code):
             raise RecordingError(
                 f"participant code '{self.code}' is reserved for simulated participants: use another code"

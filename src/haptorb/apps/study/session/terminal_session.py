@@ -38,9 +38,9 @@ class View:
 
 @final
 class TerminalSession:
-    """Runs `sitting` to its end, or until somebody leaves; `show` draws a view, some ten times a second.
+    """Runs `sitting` to its end, or until the person leaves; `show` draws a view, some ten times a second.
 
-    `halt` knows the stage's servo, and which Stop stands; None: nobody but the keys stops.
+    `halt` knows the stage's servo, and which Stop is active; None: only the keys stop.
     """
 
     def __init__(

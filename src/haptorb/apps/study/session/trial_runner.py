@@ -1,4 +1,4 @@
-"""A session as it is run, whoever runs it: rests, trials, pauses, questions; commands in, state out, no keys, no page.
+"""A session, independent of its interface: rests, trials, pauses, questions; commands in, state out, no keys, no page.
 
 The terminal and the pages both drive this, so that both keep the same data. One thread calls it.
 """
@@ -23,19 +23,19 @@ _TRIAL = ("running", "time is up")
 
 
 def _ignore_event(kind: str, facts: dict[str, Any]) -> None:
-    """Who listens where nobody does."""
+    """A listener that does nothing."""
 
 
 @final
 class TrialRunner:
     """Runs `sitting` on `stage`. `tick` is to be called some fifty times a second.
 
-    A Stop is carried out by `halt`, at once; here it becomes the state "paused", whatever the state was, and a record.
-    A trial in which the device was off, for whatever reason, is not answered: it starts again when the device is on.
+    A Stop is carried out by `halt`, at once; here it becomes the state "paused", from any state, and a record.
+    A trial in which the device was off, for any reason, is not answered: it starts again when the device is on.
 
     state      question, pause (between trials), break, running, time is up, device off, paused, done, left, aborted
     recording  file that the tool's course goes to; its name is kept with every trial
-    mark       is told of everything that happens, as it happens: for streams to other equipment
+    mark       is called for every event, as it happens: for streams to other equipment
     halt       knows the stage's servo and who stopped it; None: one of its own
     """
 
@@ -113,7 +113,7 @@ class TrialRunner:
             self._note("pause", stopped.why, stopped.at)
 
     def answer(self, value: int | None) -> None:
-        """Keep the answer, durably, and go on. InputError, and the trial goes on, if it may not be answered so."""
+        """Store the answer, durably, and continue. A wrong answer is an InputError; the trial continues."""
         self.apply_stop()
         self._notice_off()
         if self.state == "device off":
@@ -162,14 +162,14 @@ class TrialRunner:
             self._mark("interval", {"trial": self.sitting.number + 1, "interval": which})
 
     def pause(self, why: str = "") -> None:
-        """Coils off until `resume`; a rest stands still meanwhile."""
+        """Coils off until `resume`; a rest is suspended meanwhile."""
         if self.state not in OVER:
             if not self.halt.active:
                 self.halt.stop(why)  # safety: study-pause
             self.apply_stop()
 
     def resume(self, asked: StopCount | None = None) -> None:
-        """Go on where `pause` was, in a trial at its beginning; the coils come back from zero.
+        """Continue where `pause` was, in a trial at its beginning; the coils come back from zero.
 
         InputError, and nothing changes, if Stop was given after `asked`; None: it is asked for now.
         """
@@ -206,7 +206,7 @@ class TrialRunner:
             self.state = "left"
 
     def abort(self, why: str = "") -> None:
-        """End for good. Coils off first of all, also if it cannot be kept."""
+        """End the session. Coils off first of all, even if the end cannot be stored."""
         if self.state not in OVER:
             self.halt.stop(None)
             self.apply_stop()
@@ -215,7 +215,7 @@ class TrialRunner:
             self.state = "aborted"
 
     def _continue(self) -> None:
-        """Whatever comes after an answer: a question, a rest, a trial or the end."""
+        """What follows an answer: a question, a rest, a trial or the end."""
         self.stage.rest()
         prompt = self.prompt
         if self.sitting.question is not None:

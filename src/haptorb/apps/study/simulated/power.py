@@ -94,7 +94,7 @@ def power(
     corrected), its number of people; without a plan the first two conditions, α = 0.05 and Student's test. `scheduler`
     is the address of a Dask cluster; the result does not depend on where it is computed.
 
-    Raises InputError for a study, condition or measure for which there is no such thing.
+    Raises InputError for a study, condition or measure without one.
     """
     plan = study.plan
     if plan is not None and measure is None and between is None:

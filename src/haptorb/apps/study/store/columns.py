@@ -160,7 +160,7 @@ def read_replies(engine: Engine, study: Study) -> dict[str, dict[str, str]]:
 def _correct(study: Study, number: NDArray[Any], interval: NDArray[Any], answers: NDArray[Any]) -> NDArray[Any]:
     right = {"identification": number, "staircase": interval, "bayesian": interval}.get(study.procedure)
     if right is None:
-        # Of constant stimuli either answer may be right: the curve tells; the rest has no right answer.
+        # Of constant stimuli either answer may be right: the curve decides; the rest has no right answer.
         return np.full(len(answers), np.nan)
     found: NDArray[Any] = np.equal(answers, right).astype(float)
     return found

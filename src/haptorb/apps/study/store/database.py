@@ -146,7 +146,7 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
 
 
 def lock(connection: Connection) -> None:
-    """No other study's program gets past here until the transaction that has just begun on `connection` ends."""
+    """No other study's program passes here until the transaction that has just begun on `connection` ends."""
     lock_database(connection, FAMILY)
 
 
@@ -169,7 +169,7 @@ def _version(connection: Connection, place: str | Path) -> int | None:
 
 @contextmanager
 def try_begin(engine: Engine) -> Iterator[Connection]:
-    """A transaction that gives up after 50 ms where another program holds the database."""
+    """A transaction that fails after 50 ms where another program holds the database."""
     with engine.connect() as connection:
         sqlite = engine.dialect.name == "sqlite"
         connection.exec_driver_sql("PRAGMA busy_timeout = 50" if sqlite else "SET LOCAL lock_timeout = 50")

@@ -25,7 +25,7 @@ def _questions(connection: Connection) -> None:
 
 
 def _driver(connection: Connection) -> None:
-    """2 → 3: how the device was driven in a trial; of older trials nobody knows."""
+    """2 → 3: how the device was driven in a trial; unknown for older trials."""
     connection.execute(text("ALTER TABLE trials ADD COLUMN driver VARCHAR(200)"))
 
 

@@ -116,7 +116,7 @@ class UnwatchedPort(Port):
         return self._bus
 
     def watcher(self) -> None:
-        """Nobody."""
+        """No guardian."""
         return
 
     def close(self) -> None:

@@ -64,7 +64,7 @@ class PersonMeasures:
     def compare(self, measure: str, between: tuple[str, str] | None) -> PersonValues:
         """`measure` in both conditions of `between`; None: over all conditions, against zero.
 
-        People without a value in either are left out: a condition that nobody met gives nobody.
+        People without a value in either are left out: a condition without data gives no people.
         """
         if measure == "choice" and between is not None:
             one = [_share_chosen(self._main, rows, *between) for rows in self._rows.values()]
@@ -92,7 +92,7 @@ class PersonMeasures:
 
 
 def list_thresholds(procedures: Mapping[str, Procedure]) -> dict[str, dict[str, float]]:
-    """Condition → participant's code → threshold, of adaptive `procedures` by code; a track that goes on has none."""
+    """Condition → participant's code → threshold, of adaptive `procedures` by code; an unfinished track has none."""
     found: dict[str, dict[str, float]] = {}
     for code, procedure in procedures.items():
         for part in getattr(procedure, "parts", ()):

@@ -111,7 +111,7 @@ def report_plan(
     sessions: Sequence[SessionPlan],
     registration: Registration | None = None,
 ) -> PlanReport | None:
-    """The report of the plan of `study`, as the database holds it; None where nobody ever had one.
+    """The report of the plan of `study`, as the database holds it; None where there never was one.
 
     `registration` is what was filed. In force is the plan with which the first session began. A plan that came later,
     or was altered, is remarked upon.
