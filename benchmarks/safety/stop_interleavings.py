@@ -29,7 +29,7 @@ import numpy as np
 
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.console import socket_hub as console_room
-from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.pages import socket_hub as study_room
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.control.protection.trip import GuardState, Trip

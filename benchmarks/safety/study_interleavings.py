@@ -25,7 +25,8 @@ import numpy as np
 
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.model.order import plan, procedure_of
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.pages.socket_hub import StudyPage, StudySocketHub
 from haptorb.control.protection.trip import CoilState, GuardState, Trip

@@ -17,7 +17,8 @@ from typing import Any
 import pytest
 from sqlalchemy import event, text
 
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.halt import StopSwitch
 from haptorb.apps.study.session.keys import Keyboard, name_keys
 from haptorb.apps.study.session.stored_session import StoredSession

@@ -26,6 +26,7 @@ export interface Task {
   numbers: number[];
   low?: number;
   high?: number;
+  decimal?: boolean; // any number above low, not only a whole one
 }
 
 export interface Question {

@@ -112,6 +112,9 @@ function answers(task: Task): void {
   show("typed", task.kind !== "place");
   show("typed-label", task.kind !== "place");
   typed.value = "";
+  typed.inputMode = task.decimal ? "decimal" : "numeric";
+  typed.className = task.decimal || (task.high ?? 0) >= 1000 ? "long" : "";
+  say("typed-label", task.decimal ? `Number above ${task.low ?? 0}` : "Number");
   for (const number of task.numbers) {
     const button = document.createElement("button");
     button.type = "button";
@@ -148,9 +151,10 @@ function intervals(task: Task): void {
   [...field.children].forEach((button, n) => button.setAttribute("aria-pressed", String(view.which === n + 1)));
 }
 
-function choose(number: number | null): void {
+/** The answer so far, by button or from what is typed, which stays as it was written. */
+function choose(number: number | null, written = false): void {
   chosen = number;
-  if (number !== null) typed.value = String(number);
+  if (number !== null && !written) typed.value = String(number);
   for (const button of element("answers").children) {
     button.setAttribute("aria-pressed", String((button as HTMLElement).dataset["number"] === String(number)));
   }
@@ -164,13 +168,15 @@ function allowed(number: number): boolean {
   const task = view.task;
   if (!task) return false;
   if (task.numbers.length) return task.numbers.includes(number);
+  if (task.decimal) return number > (task.low ?? 0) && number <= (task.high ?? 0);
   return number >= (task.low ?? 0) && number <= (task.high ?? 0);
 }
 
 typed.addEventListener("input", () => {
-  typed.value = typed.value.replace(/\D/g, "");
-  const number = typed.value === "" ? null : Number(typed.value);
-  choose(number !== null && allowed(number) ? number : null);
+  if (view.task?.decimal) typed.value = typed.value.replace(/,/g, ".").replace(/[^\d.]/g, "");
+  else typed.value = typed.value.replace(/\D/g, "");
+  const number = typed.value === "" ? null : Number(typed.value); // NaN, which nothing allows, for two points
+  choose(number !== null && allowed(number) ? number : null, true);
 });
 
 element("confirm").addEventListener("submit", (event) => {

@@ -11,7 +11,8 @@ import pytest
 from sqlalchemy import Connection, inspect
 
 from haptorb.apps.asking.prompt import Answer
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store import migrations
 from haptorb.apps.study.store.bids import write_bids

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import nct, t
 
 from haptorb.apps.study.analysis.analysis import analyse
-from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.simulated.power import power, power_of
 from haptorb.apps.study.simulated.power_person import simulate_value
 from haptorb.errors import InputError

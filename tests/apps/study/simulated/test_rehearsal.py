@@ -11,7 +11,8 @@ from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.analysis.error_by_latitude import LatitudeError
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import page
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.simulated.participant import PUBLISHED_ERRORS, Participant
 from haptorb.apps.study.simulated.rehearsal import rehearse, sit

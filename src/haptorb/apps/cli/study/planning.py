@@ -40,7 +40,8 @@ def check(
 ) -> None:
     """Check a study file: mistakes, order of the trials, duration, coil temperature, overlap of the maps, plan."""
     from haptorb.apps.study.model.order_summary import summarize_order
-    from haptorb.apps.study.model.study_file import read_study
+    from haptorb.apps.study.model.prompts import asks_places
+    from haptorb.apps.study.model.study_reader import read_study
 
     known = read_study(file)
     order = summarize_order(known, people)
@@ -59,7 +60,9 @@ def check(
         if not result.holds:
             raise typer.Exit(1)
         return
-    tell(f"{known.name}: {known.procedure} on '{known.device}', {len(known.points)} set-points")
+    first = known.points[0]
+    where = f"{len(known.points)} set-points" if asks_places(known) else f"everything at θ = {first.theta_deg:g} deg"
+    tell(f"{known.name}: {known.procedure} on '{known.device}', {where}")
     print_order(order)
     if known.plan is not None:
         tell(known.plan.sentence)
@@ -75,7 +78,7 @@ def simulate(
     seed: Annotated[int, typer.Option(help="Seed of the simulated participants.")] = 0,
 ) -> None:
     """Rehearse the study with SIMULATED participants. Their answers are not evidence about people."""
-    from haptorb.apps.study.model.study_file import read_study
+    from haptorb.apps.study.model.study_reader import read_study
     from haptorb.apps.study.simulated.rehearsal import rehearse
     from haptorb.apps.study.store.database import database
 
@@ -99,8 +102,8 @@ def power(
     measure: Annotated[
         str | None,
         typer.Option(
-            help="Measure: error, accuracy, rating, threshold, midpoint, choice, upward-bias or error-slope "
-            "(default: by plan or procedure)."
+            help="Measure: error, accuracy, rating, threshold, midpoint, choice, magnitude, exponent, upward-bias or "
+            "error-slope (default: by plan or procedure)."
         ),
     ] = None,
     pool: Annotated[int, typer.Option(help="Number of simulated participants to draw from.")] = 40,
@@ -127,7 +130,7 @@ def power(
 ) -> None:
     """Estimate how many participants a study needs, with simulated participants."""
     from haptorb.apps.study.inference.significance import check_test
-    from haptorb.apps.study.model.study_file import read_study
+    from haptorb.apps.study.model.study_reader import read_study
     from haptorb.apps.study.simulated.power import power as estimate_power
     from haptorb.cluster.cores import count_cores
 

@@ -46,7 +46,7 @@ def run(
 ) -> None:
     """Run sessions with a page for the participant and one for the experimenter. Resumes interrupted sessions."""
     from haptorb.apps.study.model.codes import check_code
-    from haptorb.apps.study.model.study_file import read_study
+    from haptorb.apps.study.model.study_reader import read_study
     from haptorb.apps.study.store.database import database
     from haptorb.runtime.realtime.linux import require_linux
 

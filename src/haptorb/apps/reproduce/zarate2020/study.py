@@ -14,7 +14,7 @@ from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.apps.reproduce.zarate2020.simulated_study import draw_study, simulate_study
 from haptorb.apps.study.model.order import plan
 from haptorb.apps.study.model.set_points import directions, list_published
-from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.simulated.participant import PUBLISHED_ERRORS
 
 __all__ = ["items"]

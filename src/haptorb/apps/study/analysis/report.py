@@ -9,14 +9,15 @@ from io import BytesIO
 from pathlib import Path
 from shlex import quote
 
-from haptorb.apps.study.analysis.accuracy import describe_accuracy
+from haptorb.apps.study.analysis.accuracy import describe_accuracy, list_wrong_answers
 from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.analysis.by_condition.condition_means import make_condition_table
 from haptorb.apps.study.analysis.by_condition.magnitude import make_magnitude_tables
 from haptorb.apps.study.analysis.by_condition.response_times import make_response_table
 from haptorb.apps.study.analysis.figures import figures
 from haptorb.apps.study.analysis.over_people.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.psychometric_tables import list_psychometric_notes, list_psychometric_tables
-from haptorb.apps.study.analysis.wording import format_percent, format_range, format_value
+from haptorb.apps.study.analysis.wording import format_p, format_percent, format_range, format_value
 from haptorb.apps.terminal import TextTable
 from haptorb.display.html import scroll_table_html
 from haptorb.errors import InputError, RecordingError
@@ -54,21 +55,24 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             "<h2>Identification</h2>",
             f"<p>Correct answers: <b>{format_percent(c.accuracy)}</b>, averaged over participants "
             f"({describe_accuracy(c)}). Chance is {format_percent(c.chance)}; "
-            f"probability of so many correct answers by guessing: p = {c.p_chance:.2g} (exact binomial).</p>",
+            f"probability of so many correct answers by guessing: {escape(format_p(c.p_chance))} (exact binomial).</p>",
             drawn["confusion"],
             drawn["answers"],
             scroll_table_html(
-                ["set-point", "θ [deg]", "φ [deg]", "correct", "95 % [%]", "wrong answers went to"],
+                ["set-point", "θ [deg]", "φ [deg]", "correct", "95 % [%]", "wrong answers to"],
                 [
                     [
                         n, f"{analysis.study.point(n).theta_deg:g}", f"{analysis.study.point(n).phi_deg:g}",
                         format_percent(c.matrix[i, i]), format_range(tuple(c.right_95[i]), ".1f", 100),
-                        ", ".join(f"{x.to} ({x.share:.0%} of {x.wrong})" for x in analysis.arrows if x.of == n),
+                        list_wrong_answers(analysis.arrows, n),
                     ]
                     for i, n in enumerate(c.numbers)
                 ],
             ),
         ]  # fmt: skip
+    if analysis.means:
+        table = make_condition_table(analysis.means)
+        body += [f"<h2>{escape(table.title)}</h2>", _convert_table(table)]
     if analysis.rings:
         rows = [
             [

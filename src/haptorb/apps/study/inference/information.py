@@ -70,15 +70,19 @@ def transfer_information(counts: ArrayLike, *, seed: int = 0) -> Information:
         without = np.array([_correct_information(table - one) for one in each])
         error = math.sqrt((people - 1) / people * float(np.sum((without - without.mean()) ** 2)))
         half = float(stdtrit(people - 1, 0.975)) * error
+        # What the jackknife would correct tells how far off the estimate may be besides its scatter.
+        other = people * bits - (people - 1) * float(without.mean())
         if error > 1e-12:  # people who all answer alike show no spread to go by
-            low, high = max(0.0, bits - half), min(most, bits + half)
+            low, high = max(0.0, min(bits, other) - half), min(most, max(bits, other) + half)
     plug_in = float(plug_in_information(table))
     cells, rows, columns = ((table > 0).sum(), (table.sum(axis=1) > 0).sum(), (table.sum(axis=0) > 0).sum())
     bias = float(cells - rows - columns + 1) / (2 * trials * math.log(2))
     shuffled = _shuffle(each, seed)
     p = (1 + int(np.sum(shuffled >= plug_in - 1e-12))) / (1 + _SHUFFLES)
     bits = bits if math.isnan(bits) else min(most, max(0.0, bits))
-    return Information(bits, low, high, most, plug_in, plug_in - bias, float(shuffled.mean()), p, trials, people)
+    return Information(
+        bits, low, high, most, plug_in, min(most, plug_in - bias), float(shuffled.mean()), p, trials, people
+    )
 
 
 def plug_in_information(counts: ArrayLike) -> Array:

@@ -1,16 +1,15 @@
-"""A study file (TOML): what is asked, of what, how often and in which order; refused before anyone sits down."""
+"""What a study file says: what is asked, of what, how often and in which order."""
 
 from __future__ import annotations
 
 from hashlib import sha256
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PrivateAttr, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from haptorb import worlds
 from haptorb.apps.study.model.set_points import SetPoint, list_equal_rings, list_published
-from haptorb.apps.study.model.study_checks import check_levels, check_study
+from haptorb.apps.study.model.study_checks import check_levels
 from haptorb.apps.study.model.study_parts import (
     Condition,
     Levels,
@@ -26,29 +25,19 @@ from haptorb.apps.study.model.study_parts import (
     Value,
 )
 from haptorb.apps.study.plan.analysis_plan import AnalysisPlan, HandAngle, check_plan
-from haptorb.apps.terminal import announce_wait
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.schema import key as m
-from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import InputError
-from haptorb.files.text_file import parse_toml, read_bytes, read_text
-from haptorb.worlds.own.failure import try_world
-from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
+from haptorb.worlds.own.world_file import is_world_file
 from haptorb.worlds.parameter import Parameter, parameters
 from haptorb.worlds.world import World
 
-__all__ = ["Study", "read_study", "study_of"]
+__all__ = ["Study"]
 
 #: left out of the digest where they are not used: studies that began before these existed continue
 _LATER = ("mask", "questions", "model", "render", "world_digest", "published_layout", "order_version", "hand_deg")
-#: what "published" means today; a stored study without the key ran with 1 + 8 + 8 + 8
-_PUBLISHED = "1-4-8-12"
-#: how trials are ordered today; a stored study without the key keeps the earlier order, at random by default
-_ORDER = "2"
-_MISTAKES = 20  #: reported at once
-_CODE = 1 << 20  #: bytes of a world's file
 _LEVELLED = ("constant", "staircase", "bayesian", "magnitude")
 
 
@@ -211,6 +200,12 @@ class Study(Part):
         found._text = text
         return found
 
+    def with_world(self, world: World) -> Study:
+        """With the `world` of its FILE.py:NAME."""
+        found = self.model_copy()
+        found._own = world
+        return found
+
     def point(self, number: int) -> SetPoint:
         """The set-point called `number`."""
         return next(point for point in self.points if point.number == number)
@@ -241,60 +236,3 @@ class Study(Part):
     def load_device(self) -> SphericalElectromagnet:
         """The device; InputError if it has no dome to find places on."""
         return electromagnet(load(self.device), "a study with set-points on a dome")
-
-
-def read_study(path: str | Path) -> Study:
-    """The study in the file `path`, with its world if that is in a file of its own, whose code is run.
-
-    Raises InputError saying what is wrong, where, and what was expected.
-    """
-    return study_of(read_text(path, "study file", InputError), str(path), Path(path).expanduser().parent)
-
-
-def study_of(text: str, where: str = "study", folder: Path | None = None, *, stored: bool = False) -> Study:
-    """The study that `text` (TOML) describes; `where` names it in messages.
-
-    folder   of the study file, where a world's file is looked for; None: no file is read and no code is run, as for
-             what a database holds
-    stored   it is what a database holds: nothing is added to it, so it means what it meant when it was run
-    """
-    try:
-        raw = parse_toml(text)
-    except ValueError as cause:
-        raise InputError(f"study file {where} is not TOML: {cause}") from cause
-    if not stored and "order_version" not in raw:
-        raw["order_version"], text = _ORDER, f'order_version = "{_ORDER}"\n{text}'
-    try:
-        study = Study.model_validate(raw)
-        study._text = text
-        if not stored and study.set_points.layout == "published" and not study.published_layout:
-            study = _add_key(study, "published_layout", _PUBLISHED)
-        if is_world_file(study.world):
-            if folder is None:
-                return study
-            study = _load_world(study, parse_world_file(study.world, folder))
-        check_study(study)
-    except ValidationError as cause:
-        mistakes = explain_mistakes(cause.errors(), Study, _MISTAKES)
-        lines = f" {mistakes[0]}" if len(mistakes) == 1 else "\n  ".join(["", *mistakes])
-        raise InputError(f"study file {where}:{lines}") from cause
-    except InputError as cause:
-        raise InputError(f"study file {where}: {cause}") from cause
-    return study
-
-
-def _load_world(study: Study, file: WorldFile) -> Study:
-    """`study` with the world in `file` and the digest of its code: sessions with other code are another study's."""
-    with announce_wait(f"World file {file.path} has not returned from loading and its first call"):
-        world = try_world(file.load(), study.load_device())
-    digest = sha256(read_bytes(file.path, _CODE, "world file", InputError)).hexdigest()
-    if study.world_digest not in ("", digest):
-        raise InputError(f"world_digest is not that of {file.path}: the file has changed; leave out the key")
-    found = study if study.world_digest else _add_key(study, "world_digest", digest)
-    found._own = world
-    return found
-
-
-def _add_key(study: Study, key: str, value: str) -> Study:
-    """`study` with a key of its own that its file does not have; it stands before the file's text in a database."""
-    return study.with_text(f'{key} = "{value}"\n{study.text}', {key: value})

@@ -264,8 +264,6 @@ class SessionManager:
 
     def _answer(self, conduct: TrialRunner, value: Any) -> None:
         prompt, number, seconds, repeats = conduct.prompt, conduct.sitting.number, conduct.seconds, conduct.repeats
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int)):
-            raise InputError(f"an answer is a whole number; got {value!r}")
         part = conduct.stage.course(str(self._recording.absolute()) if self._recording is not None else None)
         conduct.answer(value)
         trips = [str(trip.get("code")) for trip in conduct.trips if trip["trial"] == number]

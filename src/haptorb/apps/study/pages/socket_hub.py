@@ -15,6 +15,7 @@ from typing import Any, final
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from haptorb.apps.study.model.prompts import GREATEST
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.pages.trial_viewers import TrialViewers
 from haptorb.apps.study.pages.views import for_experimenter, for_participant, pen
@@ -35,7 +36,6 @@ _PARTICIPANT = frozenset({"agree", "answer", "reply", "skip", "interval"})
 _EXPERIMENTER = frozenset({"begin", "pause", "stop", "resume", "repeat", "engage", "leave", "abort", "skip", "view"})
 _IN_TRIAL = ("running", "time is up")
 _UNTOLD = 20  #: mistakes that were not yet sent to a page, at most
-_LARGEST = 10**6  #: draft of an answer
 
 
 @final
@@ -165,7 +165,7 @@ class StudySocketHub:
         elif do == "draft":
             sitting = reception.sitting
             value = command.get("value")
-            if value is None or (type(value) is int and abs(value) < _LARGEST):
+            if value is None or (type(value) in (int, float) and abs(value) <= GREATEST):
                 self._draft, self._draft_of = value, sitting.number if sitting is not None else -1
         elif do in _PARTICIPANT:  # safety: participant-steers
             reception.ask(command, page.tell)

@@ -131,11 +131,10 @@ def _task(study: Study, prompt: Prompt) -> dict[str, Any]:
         ask = "Which do you prefer?" if prompt.other else "Which one pushed harder?"
         return {"kind": "compare", "ask": ask, "numbers": [1, 2]}
     if prompt.high:
-        numbers = list(range(prompt.low, prompt.high + 1))
-        few = len(numbers) <= _MOST_BUTTONS
+        few = prompt.high - prompt.low < _MOST_BUTTONS and not prompt.decimal
         return {
-            "kind": "rate", "ask": ask_number(study), "numbers": numbers if few else [],
-            "low": prompt.low, "high": prompt.high,
+            "kind": "rate", "ask": ask_number(study), "low": prompt.low, "high": prompt.high, "decimal": prompt.decimal,
+            "numbers": list(range(prompt.low, prompt.high + 1)) if few else [],
         }  # fmt: skip
     if prompt.wants_number:
         return {"kind": "number", "ask": "Which place pushes?", "numbers": list(prompt.numbers)}

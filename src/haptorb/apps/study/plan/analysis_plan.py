@@ -26,10 +26,11 @@ MEASURES = {
     "staircase": ("threshold",),
     "bayesian": ("threshold",),
     "forced-choice": ("choice",),
+    "magnitude": ("magnitude", "exponent"),
 }
 #: measure that may be tested against zero, without a second condition → what it claims
 CLAIMS = {"upward-bias": "answers go higher", "error-slope": "error grows with θ"}
-_UNITS = {"error": "mm", "upward-bias": "deg", "error-slope": "mm/deg"}
+_UNITS = {"error": "mm", "upward-bias": "deg", "error-slope": "mm/deg", "magnitude": "log10"}
 
 HandAngle = Annotated[
     Annotated[Real, Field(ge=-360, le=360)] | None,
@@ -45,7 +46,7 @@ class PlannedTest(Part):
     measure: Annotated[
         str,
         m.Meaning("measure to test"),
-        m.Form("error, accuracy, rating, threshold, midpoint, choice, upward-bias or error-slope, by procedure"),
+        m.Form(", ".join(dict.fromkeys(one for known in MEASURES.values() for one in known)) + "; by procedure"),
     ]
     between: Annotated[
         tuple[Name, Name] | None,
@@ -55,7 +56,7 @@ class PlannedTest(Part):
     smallest_effect: Annotated[
         Annotated[Real, Field(gt=0)] | None,
         m.Meaning("smallest difference, of either sign, that would matter"),
-        m.Unit("that of the measure: mm, deg, mm/deg, that of the level, or shares and points as plain numbers"),
+        m.Unit("that of the measure: mm, deg, mm/deg, log10, that of the level, or shares and points as plain numbers"),
         m.Without("none is stated"),
     ] = None
 

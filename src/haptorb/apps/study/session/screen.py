@@ -66,7 +66,8 @@ class Screen:
                 if prompt.other:
                     task = f"interval {view.which} (Tab: the other). Which do you prefer? 1 or 2"
             elif prompt.high:
-                task = f"{ask_number(stage.study)} {prompt.low} to {prompt.high}"
+                span = f"any number above {prompt.low}" if prompt.decimal else f"{prompt.low} to {prompt.high}"
+                task = f"{ask_number(stage.study)} {span}"
             elif prompt.wants_number:
                 task = "Find the place that pushes; answer with its number"
             else:

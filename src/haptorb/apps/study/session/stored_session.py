@@ -14,7 +14,7 @@ from sqlalchemy.engine import Connection, Engine
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from haptorb.apps.asking.procedure import Procedure
-from haptorb.apps.asking.prompt import Answer, Prompt
+from haptorb.apps.asking.prompt import Answer, Prompt, read_value
 from haptorb.apps.study.model.codes import check_code, fold_code, is_reserved
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study
@@ -280,7 +280,7 @@ class StoredSession:
                     f"session {self.id}: trial {row.number + 1} does not match the plan; the data were changed"
                 )
             place = None if row.x is None else (row.x, row.y, row.z)
-            procedure = procedure.record_answer(Answer(row.answer, place, row.seconds))
+            procedure = procedure.record_answer(Answer(read_value(row.answer), place, row.seconds))
         return procedure, len(rows)
 
 

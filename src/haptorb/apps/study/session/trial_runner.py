@@ -112,7 +112,7 @@ class TrialRunner:
         for stopped in self.halt.take():
             self._note("pause", stopped.why, stopped.at)
 
-    def answer(self, value: int | None) -> None:
+    def answer(self, value: int | float | None) -> None:
         """Store the answer, durably, and continue. A wrong answer is an InputError; the trial continues."""
         self.apply_stop()
         self._notice_off()

@@ -179,11 +179,15 @@ class Participant:
         liking = min(1.0, self._strength(prompt)) + 0.1 * float(draw.standard_normal())
         return int(np.clip(round(prompt.low + liking * (prompt.high - prompt.low)), prompt.low, prompt.high))
 
-    def _estimate(self, prompt: Prompt, draw: np.random.Generator) -> int:
-        """A number for the strength: by a power law (Stevens 1957), on a scale of one's own, 100 for 1 N or so."""
+    def _estimate(self, prompt: Prompt, draw: np.random.Generator) -> float:
+        """A number for the strength: by a power law (Stevens 1957), on a scale of one's own, 100 for 1 N or so.
+
+        Of two digits, as most people answer.
+        """
         scale = 100.0 * float(np.exp(0.5 * np.random.default_rng([*self._seed, 2]).standard_normal()))
         felt = max(1e-3, self._strength(prompt) * (1 + self._noise * float(draw.standard_normal())))
-        return int(np.clip(round(scale * felt**self.traits.force_exponent), prompt.low, prompt.high))
+        estimate = min(float(f"{scale * felt**self.traits.force_exponent:.2g}"), float(prompt.high))
+        return estimate if prompt.decimal else max(prompt.low, round(estimate))
 
 
 def _move_on_sphere(way: Array, step: Array) -> Array:

@@ -64,7 +64,7 @@ class Power:
         what = f"{self.a} − {self.b} " if self.a else ""
         return (
             f"{needed} participants (95 %: {low} to {high}) detect {self.measure} {what}= {self.difference:.3g} ± "
-            f"{self.spread:.2g}{self.unit and f' {self.unit}'} with a probability of {self.wanted:.0%} at α = "
+            f"{self.spread:.2g}{self.unit and f' {self.unit}'} with a probability of {100 * self.wanted:.0f} % at α = "
             f"{self.alpha:.3g} ({_TEST_NAMES[self.test]}, two-sided){floor}; predicted with {self.pool} SIMULATED "
             "participants, which are not evidence about people"
         )
@@ -117,12 +117,7 @@ def _check_question(
     study: Study, measure: str | None, between: tuple[str, str] | None
 ) -> tuple[str, tuple[str, str] | None]:
     """`measure` and conditions, those of the study where they are not given; InputError for what it does not have."""
-    known = MEASURES.get(study.procedure, ())
-    if not known:
-        raise InputError(
-            f"procedure '{study.procedure}' has no measure per participant to compare; power is predicted for "
-            f"{', '.join(MEASURES)}"
-        )
+    known = MEASURES[study.procedure]
     measure = measure or known[0]
     if measure not in known:
         raise InputError(f"procedure '{study.procedure}' has no measure '{measure}'; known: {', '.join(known)}")

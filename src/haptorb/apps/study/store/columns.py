@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from sqlalchemy import func, select
 from sqlalchemy.engine import Engine
 
+from haptorb.apps.asking.prompt import read_value
 from haptorb.apps.study.model.older_study import list_older
 from haptorb.apps.study.model.set_points import angles_between
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.store.database import events, participants, replies, sessions, studies, trials
 from haptorb.errors import InputError, RecordingError
 
@@ -103,7 +105,7 @@ def tidy(engine: Engine, study: Study) -> Columns:
     for row in rows:
         if row.safety not in reasons:
             reasons[row.safety] = "|".join(_reasons(row.safety))
-    answers = _column(tuple(row.answer for row in rows))
+    answers = _column(tuple(read_value(row.answer) for row in rows))
     position = np.array([(row.x, row.y, row.z) for row in rows], dtype=float)  # None becomes NaN
     places = {p.number: p for p in study.points}
     number = np.array([prompt["set_point"] for prompt in prompts])

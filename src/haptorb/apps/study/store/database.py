@@ -81,7 +81,8 @@ trials = Table(
     Column("session", ForeignKey("sessions.id"), nullable=False),
     Column("number", Integer, nullable=False),  # from 0; with the session unique: nothing doubled
     Column("prompt", Text, nullable=False),  # JSON
-    Column("answer", Integer),
+    # Whole numbers but for magnitudes; `read_value` tells them. SQLite keeps any number in a column called INTEGER.
+    Column("answer", Float().with_variant(Integer(), "sqlite")),
     Column("x", Float), Column("y", Float), Column("z", Float),  # tool's magnet at the answer [m]
     Column("seconds", Float, nullable=False),
     Column("safety", Text, nullable=False, default="[]"),  # JSON: trips of the device during this trial

@@ -29,8 +29,14 @@ def _driver(connection: Connection) -> None:
     connection.execute(text("ALTER TABLE trials ADD COLUMN driver VARCHAR(200)"))
 
 
+def _decimal_answers(connection: Connection) -> None:
+    """3 → 4: answers that are no whole numbers. A column of SQLite takes them as it is."""
+    if connection.dialect.name != "sqlite":
+        connection.execute(text("ALTER TABLE trials ALTER COLUMN answer TYPE DOUBLE PRECISION"))
+
+
 #: version → the step that leads from it to the next
-STEPS: Mapping[int, Callable[[Connection], None]] = {1: _questions, 2: _driver}
+STEPS: Mapping[int, Callable[[Connection], None]] = {1: _questions, 2: _driver, 3: _decimal_answers}
 
 
 def migrate(connection: Connection, version: int) -> int:

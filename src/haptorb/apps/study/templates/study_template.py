@@ -7,7 +7,8 @@ from pathlib import Path
 from textwrap import wrap
 
 from haptorb import worlds
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.devices.schema.key_text import KeyText, list_keys
 from haptorb.errors import InputError, RecordingError, UnknownName, quote
 from haptorb.files.replace_file import replace_file

@@ -99,7 +99,7 @@ def _list_figures(analysis: Analysis) -> Iterator[_Entry]:
         yield (
             "magnitudes", drawn.draw_magnitudes,
             "Geometric means over participants of their estimates, each divided by the value of the participant's "
-            "power law at the reference; bars: Student's 95 % in the logarithm; lines: mean exponent.",
+            "power law at the reference in the first condition; bars: Student's 95 % (logarithm); lines: mean law.",
         )  # fmt: skip
     if analysis.times:
         yield (

@@ -38,6 +38,11 @@ def list_group_tables(analysis: Analysis) -> Iterator[TextTable]:
 
 def list_notes(analysis: Analysis) -> Iterator[str]:
     """What the tables rest on, a sentence or two each."""
+    if analysis.arrows:
+        yield (
+            "Wrong answers to: set-points that received a third or more of the wrong answers, how many of how many; "
+            "all conditions together."
+        )
     if (found := analysis.localisation) is not None:
         yield (
             f"Errors on the sphere: {found.answers}, as vectors in the tangent plane at the set-point; up: along the "
