@@ -1,4 +1,4 @@
-"""Pictures of the console: every state, both themes, three sizes; and of the study's pages, in a trial and a break.
+"""Pictures of the console: every state, both themes, five sizes; and of the study's pages, in a trial and a break.
 
     python scripts/screenshots.py [FOLDER [WORD ...]]
 
@@ -31,7 +31,13 @@ from haptorb.apps.console import Console
 from haptorb.control.protection.trip import GuardState, Trip
 
 ROOT = Path(__file__).resolve().parent.parent
-SIZES = {"laptop": (1280, 800), "projector": (1920, 1080), "tablet": (820, 1180)}
+SIZES = {
+    "laptop": (1280, 800),
+    "desktop": (1440, 900),
+    "projector": (1920, 1080),
+    "tablet": (820, 1180),
+    "phone": (390, 844),
+}
 FLAGS = [
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
     *("--disable-component-update", "--disable-sync", "--force-color-profile=srgb"),

@@ -6,6 +6,7 @@ import gc
 import os
 import re
 import shutil
+import signal
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterator
@@ -28,6 +29,10 @@ os.environ.pop("COLUMNS", None)
 # The matrices are small: a second thread of OpenBLAS waits in a loop, and on a busy machine for the first one's turn
 # (a Cholesky factor of 350 rows then takes 0.4 s instead of 4 ms). Before numpy is imported; children inherit it.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# A shell starts what runs in its background with Ctrl-C ignored, and programs under test would inherit that.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Six thousand tests and all packages are objects that stay: to look through them every 700 new ones took a tenth of
 # the time.

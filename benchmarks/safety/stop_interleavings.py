@@ -2,7 +2,7 @@
 
     python benchmarks/safety/stop_interleavings.py [--interleavings N] [--seed S]
 
-The real loop, chain, guard, console room, study reception and study pages run in one process on a clock that this
+The real loop, chain, guard, console hub, session manager and study pages run in one process on a clock that this
 program winds; pages are sockets of its own, a session of a study sits in memory. An interleaving is eight random deeds,
 no or a few ticks apart: Stop and engage by Python at once or with a stop count that was read earlier, by two pages of
 the console, by participant and experimenter of a study (resume, engage, repeat, pause); the study's thread lagging
@@ -29,7 +29,7 @@ import numpy as np
 
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.console import socket_hub as console_room
-from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.pages import socket_hub as study_room
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.control.protection.trip import GuardState, Trip

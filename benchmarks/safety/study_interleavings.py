@@ -2,7 +2,7 @@
 
     python benchmarks/safety/study_interleavings.py [--interleavings 20000] [--seed 1]
 
-No thread and no clock: the real room, reception, conduct and halt of a study, on a servo that keeps the servo's rules
+No thread and no clock: the real hub, session manager, runner and halt of a study, on a servo that keeps the servo's rules
 (a count of Stops, an engage that carries the count under which it was asked for, obeyed when the loop ticks) and a
 session on paper. Wherever the session's thread waits for the database or the servo, other things may happen in between:
 Stops of every page, Resume, Begin, trips, pages that go away, failures of the device. After every single step three
@@ -25,7 +25,8 @@ import numpy as np
 
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.model.order import plan, procedure_of
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.pages.socket_hub import StudyPage, StudySocketHub
 from haptorb.control.protection.trip import CoilState, GuardState, Trip

@@ -30,7 +30,8 @@ from sqlalchemy import text
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.pages.server import StudyServer
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.store.database import database

@@ -24,7 +24,8 @@ from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import write_report
 from haptorb.apps.study.inference.hierarchical import fit_population
 from haptorb.apps.study.inference.psychometric_grid import PsychometricGrid
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.database import database, trials
 

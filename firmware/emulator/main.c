@@ -4,7 +4,7 @@
  *   status            one line of counters and state
  *   mark              the time from which the next @off is also measured
  *   reset | brownout  pull the reset pin; sag the supply
- *   hang              the main loop stops for ever: only interrupts and the watchdog are left
+ *   hang              the main loop stops permanently: only interrupts and the watchdog are left
  *   pull | plug       close the pty, as if the cable were pulled; bring it back
  *   noise 0|1         the line carries random bytes instead of the host's
  *   absent CHIP | present CHIP      pca9685 ina219-x ina219-y ina219-z max11616 ds18b20-x -y -z

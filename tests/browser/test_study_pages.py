@@ -143,7 +143,7 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     # A page without the token is told so, and shows nothing.
     stranger = browser.new_page()
     stranger.goto(experimenter_page.url.split("#")[0])
-    stranger.get_by_text("needs the address that the terminal printed").first.wait_for()
+    stranger.get_by_text("the address that the terminal printed").first.wait_for()
     assert stranger.locator("#begin-panel").is_hidden()
     stranger.close()
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.apps.study.model.study_file import read_study
+from haptorb.apps.study.model.study_reader import read_study
 from haptorb.devices.loader import load
 from haptorb.errors import RecordingError
 from haptorb.runtime.recording.recording import Recording

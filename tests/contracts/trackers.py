@@ -70,7 +70,7 @@ class Pointer(Subject, PointerSource):
 
 
 class FeedSubject(Subject):
-    """A feed in this process, with its reception and its block."""
+    """A feed in this process, with its pose filter and its block."""
 
     def __init__(self, feed: Feed) -> None:
         self._feed, self._block = feed, block()

@@ -50,7 +50,7 @@ def test_e3_the_printed_coils_overlap_and_their_pairs_are_not_opposite(numbers) 
     assert off == pytest.approx([20.2] * 8 + [0.0] * 4, abs=0.01)
 
 
-def test_e3_half_a_step_in_the_other_column_mends_everything(numbers) -> None:
+def test_e3_half_a_step_in_the_other_column_fixes_everything(numbers) -> None:
     assert numbers(BAI, "table A.1", "ta1-em-nearest") == pytest.approx([33.9], abs=0.05)
     assert numbers(BAI, "table 2", "t2-opposite", "t2-opposite-printed") == pytest.approx([180.0, 159.8], abs=0.02)
 

@@ -32,7 +32,7 @@ export class Link {
     const { listener, token, patience } = this;
     this.worker = new Worker("/static/socket.js", { type: "module" });
     let begun = false;
-    // The file did not come; without it the page would wait for ever.
+    // The file did not come; without it the page would wait forever.
     this.worker.onerror = () => begun || setTimeout(() => this.open(), RETRY);
     this.worker.onmessage = ({ data }: MessageEvent<FromSocket>) => {
       begun = true;

@@ -254,7 +254,7 @@ class Console {
       case "role":
         this.control = event["control"] === true;
         at("watching").hidden = this.control;
-        at("watching").title = "Another page is in control. This one may still stop.";
+        at("watching").title = "Another page is in control. This one can still stop the device.";
         at<HTMLButtonElement>("cool").disabled = !this.control;
         this.grasp.enabled = this.control && this.session.steered;
         this.world.enable(this.control);

@@ -199,6 +199,6 @@ export async function session(): Promise<Session> {
   const headers = { authorization: `Bearer ${token()}` };
   const answer = await fetch("/api/session", { headers, signal: AbortSignal.timeout(PATIENCE) });
   if (answer.status === 403) throw new UnknownToken(await answer.text());
-  if (!answer.ok) throw new Error(`the server answered ${answer.status} to /api/session`);
+  if (!answer.ok) throw new Error(`the server responded with ${answer.status} to /api/session`);
   return (await answer.json()) as Session;
 }

@@ -1,4 +1,4 @@
-"""From a device file to a Device: found in the catalogue or by path, checked as a whole, every mistake named."""
+"""From a device file to a Device: found in the catalogue or by path, checked as a whole, with all mistakes reported."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _FOLDER = Path(__file__).parent / "catalogue"
 
 @dataclass(frozen=True)
 class DeviceTables:
-    """What a device file says, laid over the devices that it is based on, before any of it is checked.
+    """Tables of a device file merged with its base devices, before any check.
 
-    name    what mistakes are reported under
+    name    name for messages
     values  the tables
-    text    all text that went into them: the device's digest is made of it
+    text    complete text of all files: the device's digest is computed from it
     """
 
     name: str
@@ -46,8 +46,8 @@ def catalogue() -> dict[str, str]:
 def load(name: str | Path, *, override: bool = False) -> Device:
     """The device of that name in the catalogue, or in the TOML file at that path.
 
-    Raises UnknownName with the nearest name, or DeviceError naming file, key, value and what was expected. With
-    `override` a device whose parts overlap, or whose wiring cannot work, is built all the same, for study.
+    Raises UnknownName with the most similar name, or DeviceError with file, key, value and what was expected. With
+    `override` a device whose parts overlap, or whose wiring cannot work, is built anyway, for study.
 
     >>> load("omni").channels
     3
@@ -68,7 +68,7 @@ def _read(text: str) -> tuple[str, str]:
 
 
 def parse(content: str, name: str, *, override: bool = False) -> Device:
-    """The device that the TOML text `content` describes; `name` is what mistakes are reported under.
+    """The device that the TOML text `content` describes; `name` is the name for messages.
 
     Raises DeviceError with all mistakes of the text.
     """
@@ -76,7 +76,7 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
 
 
 def read_tables(name: str | Path) -> DeviceTables:
-    """The tables of the device of that name in the catalogue, or in the TOML file at that path; errors as of `load`."""
+    """The tables of the device of that name in the catalogue, or in the TOML file at that path; errors as `load`."""
     content, source = _read(str(name))
     return DeviceTables(source, *_load_with_base(content, source, 0))
 
@@ -112,9 +112,9 @@ def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
 
 
 def list_mistakes(tables: DeviceTables) -> list[tuple[list[str | int], str]]:
-    """(path, sentence) of each value that the file's class refuses; entries of lists count from 1 in a path.
+    """(path, sentence) of each invalid value; entries of lists count from 1 in a path.
 
-    Only what can be said of values one by one: overlaps and wiring are for `build_tables` to find.
+    Only checks of single values; `build_tables` finds overlaps and wiring errors.
     """
     from pydantic import ValidationError
 
@@ -131,7 +131,7 @@ def list_mistakes(tables: DeviceTables) -> list[tuple[list[str | int], str]]:
 
 
 def lay_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """`below` with what `above` says in its place: tables are joined, values and lists replaced.
+    """`below` overridden by `above`: tables are merged, values and lists replaced.
 
     >>> lay_over({"dome": {"radius": "30 mm", "friction": 0.1}}, {"dome": {"radius": "31 mm"}})
     {'dome': {'radius': '31 mm', 'friction': 0.1}}

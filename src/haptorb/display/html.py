@@ -14,7 +14,7 @@ from haptorb.numerics.arrays import Array
 
 __all__ = ["curves_svg", "facts_html", "pre_html", "scroll_table_html", "table_html"]
 
-#: Okabe and Ito's colours: told apart by everybody
+#: Okabe and Ito's colours: distinguished with any colour vision
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 520, 130, 52, 22  #: of a picture, and room for its numbers [px]
 _POINTS = 200  #: places across a curve
@@ -23,7 +23,7 @@ _RIGHT_CELL = "text-align:right;vertical-align:top;padding:0 1em 0 0"
 
 
 def facts_html(title: str, facts: Iterable[tuple[str, str]], more: str = "") -> str:
-    """A title, names with what is said of each, and `more` HTML below them.
+    """A title, a table of names and texts, and `more` HTML below it.
 
     >>> facts_html("omni", [("supply", "12 V")]).count("<td")
     1
@@ -33,7 +33,8 @@ def facts_html(title: str, facts: Iterable[tuple[str, str]], more: str = "") -> 
         f"<td style='{_LEFT_CELL}'>{escape(text)}</td></tr>"
         for name, text in facts
     )
-    return f"<div><strong>{escape(title)}</strong><table>{rows}</table>{more}</div>"
+    table = f"<table>{rows}</table>" if rows else ""
+    return f"<div><strong>{escape(title)}</strong>{table}{more}</div>"
 
 
 def table_html(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -74,7 +75,7 @@ def pre_html(text: str) -> str:
 def curves_svg(x: Array, curves: Sequence[tuple[str, Array]], x_title: str, y_title: str) -> str:
     """Curves over `x` (n,) as an SVG picture; each of `curves` is a name and (n,) values, in the units of the titles.
 
-    A curve with more points than the picture shows is drawn from the lowest to the highest of each stretch, so that no
+    A curve with more points than the picture shows is drawn from the lowest to the highest of each interval, so that no
     peak is lost. What is not finite is left out. Empty without two points to join.
 
     >>> curves_svg(np.array([0.0, 1.0]), [("force", np.array([0.0, 0.5]))], "s", "N").count("<polyline")
@@ -115,7 +116,7 @@ def curves_svg(x: Array, curves: Sequence[tuple[str, Array]], x_title: str, y_ti
 
 
 def _join_points(x: Array, y: Array) -> tuple[Array, Array]:
-    """The curve itself, or lowest and highest of each stretch of a long one; a stretch of NaN stays NaN."""
+    """The curve itself, or lowest and highest of each interval of a long one; an interval of NaN stays NaN."""
     stretch = -(-len(x) // _POINTS)
     if stretch < 2:
         return x, y

@@ -25,11 +25,11 @@ class CoilSimulation(Simulation):
         self._last_dt, self._t = 0.0, 0.0
 
     def cool(self) -> None:
-        """Coils at the ambient temperature at once; currents go on."""
+        """Coils at the ambient temperature at once; currents continue."""
         self._coils["winding"] = self._coils["body"] = self._coils["ambient"]
 
     def quantise(self, duties: Array) -> Array:
-        """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
+        """(m,) `duties` (m,) clipped to −1…1 and quantised by the chopper; NaN becomes zero."""
         out = np.empty(self.device.channels)
         chop(np.ascontiguousarray(duties, dtype=np.float64), self._steps_of_duty, out)
         return out

@@ -70,7 +70,7 @@ def list_steps(out: Path) -> list[str]:
     ("current", "message"),
     [
         (15.0, r"step 'fields': coil 'y' carries 15 A where 0 A should flow: it does not switch. Switch off .* supply"),
-        (0.0, r"step 'fields': coil 'y' carries 0 A instead of 15 A: the coil is unplugged.*the same command again"),
+        (0.0, r"step 'fields': coil 'y' carries 0 A instead of 15 A: the coil is unplugged.*repeat the command"),
     ],
     ids=["always on", "never on"],
 )

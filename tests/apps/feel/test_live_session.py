@@ -223,6 +223,6 @@ def test_the_true_scale_and_its_limits() -> None:
     assert find_limits(scale, designs, None).largest == 1.0
     already = find_limits(scale, designs, margin=0.6)
     assert already.largest == 1.0
-    assert "above what is possible" in already.reason
+    assert "above the largest possible one" in already.reason
     with pytest.raises(InputError, match="works for spherical motors"):
         TrueScale.of(load("omni"), MOTOR_GAINS)

@@ -17,7 +17,8 @@ from typing import Any
 import pytest
 from sqlalchemy import event, text
 
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.halt import StopSwitch
 from haptorb.apps.study.session.keys import Keyboard, name_keys
 from haptorb.apps.study.session.stored_session import StoredSession
@@ -370,11 +371,11 @@ def test_a_thread_that_dies_ends_the_server_with_the_coils_off(
     host.experimenter.state("failed")
     assert "thread ended" in host.experimenter.view["trouble"]
     assert host.servo.off
-    assert host.servo.told[-1] == "close"
+    assert host.servo.facts[-1] == "close"
     host.experimenter._listening.join(30)
     host.first._listening.join(30)
     _until(lambda: host.served.failures)
-    assert "enter the same code to resume" in str(host.served.failures[0])
+    assert "enter the same code to continue" in str(host.served.failures[0])
     assert not host.experimenter._listening.is_alive()
     with pytest.raises(InputError, match="has failed"):
         host.manager.ask({"do": "begin", "code": "P02"}, print)

@@ -135,7 +135,7 @@ def test_a_part_is_on_the_loops_clock_and_must_be_in_the_recording(made, tmp_pat
     with Viewer([made[0]], 0, span=(4.0, 5.0)) as viewer:
         assert viewer.opening["range"] == pytest.approx((1.0, 2.0))
         assert viewer.opening["at"] == pytest.approx(1.0)
-    with pytest.raises(InputError, match="has nothing from 90 s"):
+    with pytest.raises(InputError, match="has no ticks from 90 s"):
         Viewer([made[0]], 0, span=(90.0, 91.0))
     other = tmp_path / "other.mcap"
     make_recording(other, 0.2)

@@ -67,7 +67,7 @@ def test_a_path_beyond_the_workspace_is_refused_with_the_place():
     ("points", "message"),
     [
         ([(0, 0, 0.05)], "at least two points"),
-        ([(0, 0, 0.05), (0, 0, 0.05), (0.02, 0, 0.05)], "points 1 and 2 of the path are the same"),
+        ([(0, 0, 0.05), (0, 0, 0.05), (0.02, 0, 0.05)], "points 1 and 2 of the path are equal"),
         ([(0, 0, 0.05), (0, 0, np.nan)], "must be finite"),
         ([(0, 0, 50.0), (0, 20.0, 50.0)], "in metres"),
         ([(0, 0, 0), (0, 0.02, 0.05)], "centre"),
@@ -93,7 +93,7 @@ def test_a_file_gives_the_path_of_its_points(tmp_path):
     file.write_text("\ufeffx_mm,y_mm,z_mm\r\n-10,0,49\r\n0,0,50\r\n10,0,49\r\n", encoding="utf-8")  # as Excel writes it
     assert load_path(file).length == pytest.approx(0.0203, rel=0.02)
     for text, message in (
-        ("x,y,z\n", "line 1: the head must be"),
+        ("x,y,z\n", "line 1: the header must be"),
         ("x_mm,y_mm,z_mm\n1,2\n", "line 2: expected three numbers"),
         ("x_mm,y_mm,z_mm\n1,2,50\n1,nan,50\n", "line 3: expected three numbers"),
         ("x_mm,y_mm,z_mm\n1,2,50\n", "at least two points"),

@@ -29,7 +29,7 @@ declare global {
   }
 }
 
-const UNREACHED = { title: "No chooser answers here", text: "Start `haptorb design show RESULTS`, and open the address that it prints." };
+const UNREACHED = { title: "The program does not respond", text: "Start `haptorb design show RESULTS`, and open the address that it prints." };
 const BASE = -1; // what is asked for to have the base device
 
 async function ask<T>(path: string, body?: unknown): Promise<T> {

@@ -38,7 +38,7 @@ export class Scatter {
     [this.x, this.y] = [first, second];
     this.whole.addEventListener("change", () => this.draw());
     this.slider.append(this.layers.box);
-    this.slider.ariaLabel = designs.front.length > 1 ? "Designs of the Pareto front" : "Designs that were picked";
+    this.slider.ariaLabel = designs.front.length > 1 ? "Designs of the Pareto front" : "Selected designs";
     this.root.append(
       make("div", { className: "pickers" }, ...pickers, make("label", { className: "check" }, this.whole, " whole range")),
       this.slider,
@@ -91,7 +91,7 @@ export class Scatter {
     this.slider.ariaValueMin = "1";
     this.slider.ariaValueMax = String(Math.max(order.length, 1));
     this.slider.ariaValueNow = String(place < 0 ? 1 : place + 1);
-    this.slider.ariaValueText = this.marked < 0 ? "no design is marked; use the arrow keys" : describe(this.designs, this.marked);
+    this.slider.ariaValueText = this.marked < 0 ? "no design is selected; use the arrow keys" : describe(this.designs, this.marked);
   }
 
   private listen(): void {

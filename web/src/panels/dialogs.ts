@@ -5,8 +5,8 @@ import type { Scene, Session } from "../session";
 import { at, make } from "./dom";
 
 const FEEL = [
-  ["1 to 7", "rate the design that is felt"],
-  ["A, B", "feel what stands beside A or B"],
+  ["1 to 7", "rate the current design"],
+  ["A, B", "feel the design in slot A or B"],
   ["N", "next design in random order"],
 ] as const;
 
@@ -15,7 +15,7 @@ const ZOOM = [["plots", "mark a range or use the wheel to zoom"]] as const;
 
 type Keys = readonly (readonly [string, string])[];
 
-const STOP: Keys = [["Space, Esc", "STOP: coils off at once, wherever the focus is"]];
+const STOP: Keys = [["Space, Esc", "STOP: coils off at once, from anywhere in the page"]];
 
 /** `keys`: what they do to the device's mover; `first`: those that come before. */
 export function fill(session: Session, scene: DeviceScene, keys: Keys, first = STOP): void {
@@ -25,7 +25,7 @@ export function fill(session: Session, scene: DeviceScene, keys: Keys, first = S
     ...(session.feel ? FEEL : []),
     [`drag beside the ${scene.held}`, "turn the view; wheel or pinch zooms; 0 resets"],
     ...(first === STOP ? PAUSE : ZOOM),
-    ["Tab, Enter", "reach and press every button"],
+    ["Tab, Enter", "move to and press any button"],
     ["?", "this help"],
   ] as const;
   at("keys").append(...all.flatMap(([key, what]) => [make("dt", {}, key), make("dd", {}, what)]));

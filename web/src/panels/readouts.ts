@@ -42,7 +42,7 @@ export class Readouts {
     write(at("remaining"), Number.isNaN(left) ? "–" : duration(left) || "unlimited");
   }
 
-  /** Torque asked and given, and what holds it back: shown once a world asks for torque, or a person chose it. */
+  /** Torque asked and given, and what limits it: shown once a world asks for torque, or a person chose it. */
   private turn(sample: Sample): void {
     const part = sample.number("part");
     const asked = norm(sample.vector("asked", 3));
@@ -52,7 +52,7 @@ export class Readouts {
     write(at("torque-asked"), formatNumber(1000 * asked, 1));
     write(at("torque-given"), formatNumber(1000 * norm(sample.vector("given", 3)), 1));
     const held = this.session.saturations[sample.number("saturated")];
-    write(at("part"), `${this.session.parts[part] ?? ""}${held ? ` Held back by ${held}.` : ""}`.trim());
+    write(at("part"), `${this.session.parts[part] ?? ""}${held ? ` Limited by ${held}.` : ""}`.trim());
   }
 
   /** Where the mover is. */

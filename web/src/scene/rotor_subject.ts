@@ -20,8 +20,8 @@ export class RotorSubject implements Subject {
   readonly keys = [
     ["← → ↑ ↓", "tilt the handle by 1° (with Shift: 5°)"],
     ["Q, E", "spin the handle by 2° (with Shift: 10°); or the wheel during a drag"],
-    ["R, T", "the handle rotates what it holds, or translates it"],
-    ["hold C", "let go, to turn the handle back and reach further"],
+    ["R, T", "the handle rotates the object, or translates it"],
+    ["hold C", "release the clutch, to turn the handle back and reach further"],
   ] as const;
   readonly range: number;
   grasped = false;
@@ -48,7 +48,7 @@ export class RotorSubject implements Subject {
     this.rotor = new Rotor(mover, this.range, touch);
     this.goal = new Goal(touch);
     stage.canvas.ariaLabel =
-      "Motor with a handle. Arrow keys tilt it, Q and E spin it, R and T choose how it moves what it holds, holding C lets go, question mark lists all keys.";
+      "Motor with a handle. Arrow keys tilt it, Q and E spin it, R and T choose how it moves the object, holding C releases the clutch, question mark lists all keys.";
     this.asked = new Arrow(false, "--asked", 0.35, 7, touch);
     this.given = new Arrow(true, "--given", 0, 6, touch);
     stage.scene.add(this.rotor.stator, this.rotor.group, this.goal.group, this.given.mesh, this.asked.mesh);

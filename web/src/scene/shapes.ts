@@ -21,7 +21,7 @@ const MOVED = 2e-5; // m: less is no reason to draw
 const TURNED = 2e-3; // of a quaternion's parts
 
 const COLOURS = { held: "--held", moves: "--loose", fixed: "--base", path: "--map-ink", "": "--plug" };
-const WORDS = { held: "what you hold", moves: "moves", fixed: "stands still", path: "path" };
+const WORDS = { held: "held body", moves: "moves", fixed: "fixed body", path: "path" };
 
 /** How far a body may reach from its middle [m]. */
 const reach = ({ size, points }: Shape): number =>

@@ -1,5 +1,5 @@
 // The drawing surface: camera, light, and a renderer that draws only what changed. Where drawing is slow, what stands
-// still is drawn once and kept under the canvas, and only where something moves a small canvas over it is drawn anew.
+// still is drawn once and kept under the canvas, and a small canvas over it redraws only the moving parts.
 
 import {
   Color,

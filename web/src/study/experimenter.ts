@@ -54,7 +54,7 @@ const WORDS: Record<string, [string, string]> = {
   break: ["break", "good"],
   running: ["trial", "good"],
   "time is up": ["time is up, no answer yet", "warn"],
-  "device off": ["device off, the trial waits", "bad"],
+  "device off": ["device off, the trial is waiting", "bad"],
   paused: ["STOPPED, coils off", "bad"],
   done: ["done", "off"],
   left: ["ended, resumable", "off"],
@@ -82,7 +82,7 @@ const line = new Line<Everything>(
       document.title = `${facts.study}: experimenter`;
       say("study", facts.study);
       show("simulated", facts.simulated);
-      say("facts-below", `answers: ${facts.database ?? ""} · ${facts.foretold ?? ""}`);
+      say("facts-below", `answers: ${facts.database ?? ""} · ${facts.forecast ?? ""}`);
       if (!code.value && facts.code) code.value = facts.code;
     },
     view(next) {
@@ -207,7 +207,7 @@ function facts(): void {
     facts.push(["answer so far", v.draft === null ? "–" : `${v.draft} (not confirmed)`]);
     facts.push(["time in trial", `${v.seconds ?? 0} s`]);
   }
-  if (v.left) facts.push(["rest left", `${v.left} s`]);
+  if (v.left) facts.push(["rest remaining", `${v.left} s`]);
   if (v.question) facts.push(["question", v.question.text]);
   const list = element("facts");
   const key = JSON.stringify(facts);
@@ -237,11 +237,11 @@ function showAlarm(): void {
   if (stopped) {
     const coils = v.unconfirmed ? `The device has not confirmed that its coils are off. ${BY_HAND}` : v.state === "starting" ? "The device stays off after it starts." : "The coils are off.";
     say("alert-word", `Stopped ${v.stopped}.`);
-    say("alert-text", `${coils} Ask the participant whether to continue: then press Resume, or end the session below.`);
+    say("alert-text", `${coils} Ask the participant whether to continue; then press Resume, or end the session below.`);
     return;
   }
   say("alert-word", v.state === "failed" ? "The session ended." : "The device is off.");
-  say("alert-text", v.state === "failed" ? v.trouble : (v.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : "") + (last && last.trial === v.trial ? last.reason : "Switch it on again to continue.") + (v.state === "device off" ? " The trial then begins anew." : ""));
+  say("alert-text", v.state === "failed" ? v.trouble : (v.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : "") + (last && last.trial === v.trial ? last.reason : "Switch it on again to continue.") + (v.state === "device off" ? " The trial then starts again." : ""));
 }
 
 function safety(): void {
@@ -266,7 +266,7 @@ function log(): void {
   element("log").replaceChildren(
     ...[...answered].reverse().map((row) => {
       const line = document.createElement("tr");
-      const cells = [row.trial + 1, describePrompt(row), row.answer ?? "place", row.seconds.toFixed(1), [...row.safety, ...(row.repeats ? [`began anew ${row.repeats === 1 ? "once" : `${row.repeats} times`}`] : [])].join(", ")];
+      const cells = [row.trial + 1, describePrompt(row), row.answer ?? "place", row.seconds.toFixed(1), [...row.safety, ...(row.repeats ? [`restarted ${row.repeats === 1 ? "once" : `${row.repeats} times`}`] : [])].join(", ")];
       line.append(
         ...cells.map((cell) => {
           const made = document.createElement("td");

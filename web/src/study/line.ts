@@ -16,7 +16,7 @@ export interface About {
   limit: number;
   mask: { noise: "pink" | "white"; volume_db: number } | null;
   database?: string;
-  foretold?: string;
+  forecast?: string;
   code?: string;
 }
 
@@ -26,6 +26,7 @@ export interface Task {
   numbers: number[];
   low?: number;
   high?: number;
+  decimal?: boolean; // any number above low, not only a whole one
 }
 
 export interface Question {
@@ -53,7 +54,7 @@ export interface View {
   left?: number;
   off?: boolean;
   steered?: boolean;
-  /** how often this trial began anew */
+  /** how often this trial was restarted */
   repeats?: number;
   which?: number;
   practice?: boolean;

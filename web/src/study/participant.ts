@@ -112,6 +112,9 @@ function answers(task: Task): void {
   show("typed", task.kind !== "place");
   show("typed-label", task.kind !== "place");
   typed.value = "";
+  typed.inputMode = task.decimal ? "decimal" : "numeric";
+  typed.className = task.decimal || (task.high ?? 0) >= 1000 ? "long" : "";
+  say("typed-label", task.decimal ? `Number above ${task.low ?? 0}` : "Number");
   for (const number of task.numbers) {
     const button = document.createElement("button");
     button.type = "button";
@@ -148,13 +151,14 @@ function intervals(task: Task): void {
   [...field.children].forEach((button, n) => button.setAttribute("aria-pressed", String(view.which === n + 1)));
 }
 
-function choose(number: number | null): void {
+/** The answer so far, by button or from what is typed, which stays as it was written. */
+function choose(number: number | null, written = false): void {
   chosen = number;
-  if (number !== null) typed.value = String(number);
+  if (number !== null && !written) typed.value = String(number);
   for (const button of element("answers").children) {
     button.setAttribute("aria-pressed", String((button as HTMLElement).dataset["number"] === String(number)));
   }
-  say("sure", view.task?.kind === "place" ? "Here it is" : number === null ? "Answer" : `Answer ${number}`);
+  say("sure", view.task?.kind === "place" ? "Confirm position" : number === null ? "Answer" : `Answer ${number}`);
   // Not `disabled`: Enter must be able to say what is wrong with the number.
   element("sure").setAttribute("aria-disabled", String(view.task?.kind !== "place" && number === null));
   line.send({ do: "draft", value: number });
@@ -164,13 +168,15 @@ function isAllowed(number: number): boolean {
   const task = view.task;
   if (!task) return false;
   if (task.numbers.length) return task.numbers.includes(number);
+  if (task.decimal) return number > (task.low ?? 0) && number <= (task.high ?? 0);
   return number >= (task.low ?? 0) && number <= (task.high ?? 0);
 }
 
 typed.addEventListener("input", () => {
-  typed.value = typed.value.replace(/\D/g, "");
-  const number = typed.value === "" ? null : Number(typed.value);
-  choose(number !== null && isAllowed(number) ? number : null);
+  if (view.task?.decimal) typed.value = typed.value.replace(/,/g, ".").replace(/[^\d.]/g, "");
+  else typed.value = typed.value.replace(/\D/g, "");
+  const number = typed.value === "" ? null : Number(typed.value); // NaN, which nothing allows, for two points
+  choose(number !== null && isAllowed(number) ? number : null, true);
 });
 
 element("confirm").addEventListener("submit", (event) => {
@@ -235,7 +241,7 @@ function live(state: string): boolean {
 function describeStop(): string {
   const who = view.stopped === "by the participant" ? "You stopped the device." : `The device was stopped${view.stopped ? ` (${view.stopped})` : ""}.`;
   const coils = view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND}` : view.state === "starting" ? "It stays off after it starts." : "Its coils are off.";
-  return `${who} ${coils}\n\nNothing continues by itself. To continue, tell the experimenter: only they can press Resume. You may also end here.`;
+  return `${who} ${coils}\n\nNothing continues by itself. To continue, tell the experimenter: only they can press Resume. You may also end the session.`;
 }
 
 function describeState(state: string): [string, string] {
@@ -253,7 +259,7 @@ function describeState(state: string): [string, string] {
     case "break":
       return ["Break", ""];
     case "device off":
-      return ["Please wait", `The device is off; the experimenter sees why. ${view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : ""}When it is on again, this trial begins anew: answers do not count while it is off.`];
+      return ["Please wait", `The device is off; the experimenter sees why. ${view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : ""}When it is on again, this trial starts again: answers do not count while it is off.`];
     case "paused":
       return ["Stopped", describeStop()];
     case "question":

@@ -131,7 +131,7 @@ class Timeline {
     const trouble = this.overviews.map((one) => one?.trouble ?? "").find(Boolean) ?? "";
     const progress = at("progress");
     progress.hidden = !trouble && (done >= 1 || performance.now() - this.begun < LONG);
-    write(progress, trouble ? `overview: ${trouble}` : `overview: ${Math.floor(100 * done)} % looked through, the rest is a sketch`);
+    write(progress, trouble ? `overview: ${trouble}` : `overview: ${Math.floor(100 * done)} % read; the rest is coarse`);
   }
 
   private listMarks(): void {
@@ -153,7 +153,7 @@ class Timeline {
     const { time } = this.clock;
     const { marks } = this;
     const next = direction > 0 ? marks.find(({ t }) => t > time + 1e-4) : marks.filter(({ t }) => t < time - 1e-4).at(-1);
-    write(at("polite"), next ? `${next.text}, ${formatTime(next.t)}` : "No further mark.");
+    write(at("polite"), next ? `${next.text}, ${formatTime(next.t)}` : "No other mark.");
     if (next) this.go(next.t);
   }
 
@@ -371,13 +371,13 @@ const quantityOf = (name: string): Quantity => QUANTITIES.find((one) => one.name
 async function begin(): Promise<void> {
   const answer = await fetch("/api/view", { headers: { authorization: `Bearer ${token()}` } });
   if (answer.status === 403) throw new UnknownToken(await answer.text());
-  if (!answer.ok) throw new Error(`the server answered ${answer.status} to /api/view`);
+  if (!answer.ok) throw new Error(`the server responded with ${answer.status} to /api/view`);
   new Timeline((await answer.json()) as Opening);
 }
 
 addEventListener("hashchange", () => location.reload());
 
-const UNREACHED = { title: "No viewer answers here", text: "Start `haptorb view FILE`, and open the address that it prints." };
+const UNREACHED = { title: "The program does not respond", text: "Start `haptorb view FILE`, and open the address that it prints." };
 
 if (!token()) cover(UNKNOWN);
 else begin().catch((mistake: unknown) => cover(mistake instanceof UnknownToken ? UNKNOWN : UNREACHED));

@@ -18,7 +18,7 @@ from haptorb.apps.web.server import HOST, bind_socket, prioritize, server, signa
 
 __all__ = ["PORT", "Console"]
 
-PORT = 8765  #: unless told otherwise
+PORT = 8765  #: default
 
 
 @final
@@ -71,7 +71,7 @@ class Console:
     def serve(self, *, open_browser: bool = False, until: Callable[[], bool] = lambda: False) -> int | None:
         """Serve until `close`, SIGINT or SIGTERM (the signal's number is returned), `until()`, or the servo's end.
 
-        Signals are only heard in the main thread; the handlers of before are put back.
+        Signals are received only in the main thread; the former handlers are restored.
         """
         signals_seen: list[int] = []
 
@@ -91,7 +91,7 @@ class Console:
                 opened = True
                 threading.Thread(target=open_browser_at, args=(self.url,), daemon=True).start()
             if not self._servo.alive or until():
-                # One more moment, so that the page can say so before the socket closes.
+                # One more moment, so that the page can show it before the socket closes.
                 await asyncio.sleep(0.7 if not self._servo.alive else 0.0)
                 self._server.should_exit = True
                 break

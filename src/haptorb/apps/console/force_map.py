@@ -61,7 +61,7 @@ class ForceMapWorker:
             (name, values, model, version), self._wanted = self._wanted, None
             try:
                 self.force, self.saturated = await asyncio.to_thread(self._force_map, name, values, model, self._points)
-            except Exception as mistake:  # whatever a world's own code raises: the page says it, the loop goes on
+            except Exception as mistake:  # any exception of a world's own code: the page shows it, the loop continues
                 failed(f"the force map of '{name}' cannot be computed: {mistake}")
             else:
                 self.version = version

@@ -32,12 +32,12 @@ class ConsolePage:
         self.soon.set()
 
     async def send_events(self) -> None:
-        """Everything that was told; TimeoutError as in `send`."""
+        """Every message to the page; TimeoutError as in `send`."""
         while self.events:
             event = self.events.pop(next(iter(self.events)))
             async with asyncio.timeout(PATIENCE):
                 await self.socket.send_text(json.dumps(event, allow_nan=False, default=to_json))
-            await asyncio.sleep(0)  # if that went wrong, the server hears of it now
+            await asyncio.sleep(0)  # if that failed, the server sees it now
 
     async def send(self, frame: bytes) -> None:
         """One frame; TimeoutError if the page has not taken the earlier ones after five seconds."""

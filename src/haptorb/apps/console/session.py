@@ -79,7 +79,7 @@ def _word(trip: Trip, tracker: str) -> str:
 
 
 def session(servo: DescribedServo, started: str) -> dict[str, Any]:
-    """The JSON of /api/session but for `worlds_now`; `started` tells one run of the server from another."""
+    """The JSON of /api/session but for `worlds_now`; `started` distinguishes one run of the server from another."""
     device = servo.device
     heat = device.coils.heat
     return {

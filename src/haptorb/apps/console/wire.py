@@ -104,7 +104,7 @@ class Pointer:
     stamp: float  #: the page's clock at the pointer's event [ms]; NaN: a refresh that wants no answer
     p: Array  #: (3,) [m]
     q: Array | None  #: (4,) quaternion (x, y, z, w), or None: the device's own way of holding it
-    held: bool  #: True while a hand is on it, False when it was let go and rests there
+    held: bool  #: True while a hand is on it, False when it was released and rests there
 
 
 def pointer(message: bytes) -> Pointer:

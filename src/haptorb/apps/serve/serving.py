@@ -30,8 +30,8 @@ from haptorb.version import __version__
 __all__ = ["Serving"]
 
 _START = 30.0  #: longest wait for a server's process [s]
-_FINISH = 1.5  #: to end as told before it is killed [s]
-_ABOVE = 0.002  #: the dome, where a tool that nobody else holds is held [m]
+_FINISH = 1.5  #: to end on request before it is killed [s]
+_ABOVE = 0.002  #: the dome, where a tool that is not held otherwise is held [m]
 _LOOK = 0.02  #: between two looks for what servers request [s]
 
 
@@ -96,7 +96,7 @@ class Serving:
         self._watcher.start()
 
     def hold_tool(self) -> None:
-        """Without console nobody holds a simulated tool: it is held where it rests, so that clients have a cursor."""
+        """Without a console no hand holds a simulated tool: it is held at rest, so that clients have a cursor."""
         servo = self._servo
         if self._servers and servo.driver == "sim" and servo.tracker in ("pointer", "hall"):
             shell = servo.device.shell
@@ -119,7 +119,7 @@ class Serving:
             errors=self._errors(one), stdin=subprocess.PIPE, descriptors=tuple(prepared.descriptors),
         )  # fmt: skip
         assert one.process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # it is dead already: `start` says why
+        with contextlib.suppress(BrokenPipeError):  # it has ended already: `start` reports why
             one.process.stdin.write(pack(spec))
             one.process.stdin.close()
 
@@ -142,7 +142,7 @@ class Serving:
                 over = one.process is not None and one.process.poll() is not None
                 if over and self._servo.alive and not one.reported_end:
                     one.reported_end = True
-                    show(f"--serve {one.choice.kind} ended, the servo goes on: {self._explain_end(one)}\n")
+                    show(f"--serve {one.choice.kind} ended, the servo continues: {self._explain_end(one)}\n")
 
     def _take_request(self, one: _Server, requests: TextSlot) -> None:
         if requests.version == one.request_version:
@@ -154,7 +154,7 @@ class Serving:
             request = json.loads(text)
             self._servo.set_world(request["name"], request["values"])
         except HaptorbError as cause:
-            show(f"--serve {one.choice.kind}: a client's request was refused: {cause}\n")
+            show(f"--serve {one.choice.kind}: a client's command was refused: {cause}\n")
 
     def end(self) -> None:
         """End all servers. May be called twice."""
@@ -185,7 +185,7 @@ class Serving:
 
 
 def describe_run(servo: Servo) -> dict[str, Any]:
-    """What a server's process is told of the run, plain JSON types."""
+    """What a server's process needs to know of the run, plain JSON types."""
     return {
         "driver": servo.driver,
         "tracker": servo.tracker,

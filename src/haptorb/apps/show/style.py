@@ -1,4 +1,4 @@
-"""Colours of a drawing, told apart by every kind of colour vision, and the scale bar."""
+"""Colours of a drawing, distinguished with any colour vision, and the scale bar."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from haptorb.errors import InputError
 
 __all__ = ["PORT", "Viewer"]
 
-PORT = 8767  #: unless told otherwise; the console's and the study's are others
+PORT = 8767  #: default; the console's and the study's are others
 _LOOK = 0.1  #: between two looks whether to end [s]
 
 
@@ -79,7 +79,7 @@ class Viewer:
     ) -> int | None:
         """Serve until `close`, SIGINT or SIGTERM (the signal's number is returned), or for `until` seconds.
 
-        `ready` is called once a browser gets an answer. Signals are only heard in the main thread.
+        `ready` is called once a browser gets a reply. Signals are received only in the main thread.
         """
         signals_seen: list[int] = []
 
@@ -122,7 +122,7 @@ class Viewer:
         first, last = (min(max(time - one.start, 0.0), one.seconds) for time in span)
         if last <= first:
             raise InputError(
-                f"{one.name} has nothing from {span[0]:g} s to {span[1]:g} s: it is from {one.start:g} s to "
+                f"{one.name} has no ticks from {span[0]:g} s to {span[1]:g} s: it is from {one.start:g} s to "
                 f"{one.start + one.seconds:g} s"
             )
         return first, last

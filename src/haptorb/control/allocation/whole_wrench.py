@@ -103,7 +103,7 @@ class WholeWrenchAllocator(Allocator):
     current_limit   (m,) greatest magnitude per channel [A]
     resistance      (m,) of the channels as warm as they may be [Ω]
     power           greatest power Σ R i² that the supply gives [W]
-    greatest        force [N] and torque [N·m] on the mover: what comes along with what was asked is limited, too
+    greatest        largest force [N] and torque [N·m] on the mover; they also limit the accompanying part
     arm             1 N weighs as much as `arm` [m] × 1 N of torque, where both are asked
 
     A torque beyond the limits keeps its direction, as forces do. Force and torque together are the nearest that the
@@ -117,7 +117,7 @@ class WholeWrenchAllocator(Allocator):
     >>> (given[3:].round(6) + 0.0).tolist(), given[1].round(2).item()
     ([0.005, 0.0, 0.0], 0.27)
     >>> torque.allocate(over, (0, 0, 0, 0, 0, 0.005)).saturated.text
-    "the magnet's own axis, about which no current turns it"
+    "the magnet's own axis, about which there is no torque"
     """
 
     def __init__(

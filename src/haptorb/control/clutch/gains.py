@@ -59,7 +59,9 @@ class Gains:
         """
         factor = float(check_finite(factor, "factor"))
         if factor < 0:
-            raise InputError(f"factor must not be negative: the torques would push the wrong way; got {factor:g}")
+            raise InputError(
+                f"factor must not be negative: the torques would act in the wrong direction; got {factor:g}"
+            )
         move, turn = (three(factor * check_finite(part, "gains"), "gains") for part in self.torques)
         return replace(self, translate_torque=move, rotate_torque=turn)
 

@@ -1,4 +1,4 @@
-"""What joins the mover to the thing that the world acts on: directly, or through two modes and a clutch.
+"""What connects the mover to the body that the world acts on: directly, or through two modes and a clutch.
 
 A world renders a wrench for a state. For a stylus over a dome the two are the mover's own. A motor's rotor only turns,
 while its plug moves in six degrees of freedom: between them is a linkage with a clutch (`moded_linkage.py`). Besides
@@ -30,7 +30,7 @@ class WrenchSource(Protocol):
     """The part of a world that a linkage needs."""
 
     def wrench(self, state: State) -> Array:
-        """(6,) on the thing at `state` [N, N·m]."""
+        """(6,) on the body at `state` [N, N·m]."""
 
 
 @record
@@ -38,12 +38,12 @@ class RenderedWrench:
     """What one tick of a linkage gives.
 
     wrench        (6,) on the mover, stator frame [N, N·m]
-    thing         pose and motion of what the world acts on: the mover itself, or a motor's target in its primed frame
+    thing         pose and motion of the body that the world acts on: the mover, or a motor's target (primed frame)
     on_thing      (6,) wrench on it [N, N·m]
-    contacts      (n, 8) as `ContactWorld` gives them; none of another world, or if the linkage has none to tell
+    contacts      (n, 8) as `ContactWorld` gives them; none of another world, or of a linkage without contacts
     mode          0 direct, 1 translate, 2 rotate
     share         (2,) how firmly translation and rotation are joined, 0 to 1
-    engaged       whether the hand wants to move the thing
+    engaged       whether the hand's clutch is engaged
     """
 
     wrench: Array
@@ -72,7 +72,7 @@ class Linkage(ABC):
 
     @abstractmethod
     def set_clutch(self, engaged: bool) -> None:
-        """Take hold of the thing, or let it go, without a step of pose or wrench."""
+        """Couple to the target, or release it, without a step of pose or wrench."""
 
     @abstractmethod
     def set_torque_scale(self, scale: float) -> None:
@@ -80,7 +80,7 @@ class Linkage(ABC):
 
     @abstractmethod
     def restart(self) -> None:
-        """Forget where the thing is: it is at its beginning again, and the clutch engages again."""
+        """Reset the object to its initial pose, and engage the clutch again."""
 
 
 @final
@@ -113,7 +113,8 @@ class Direct(Linkage):
 
 
 def make_direct_linkage(device: Device, gains: Gains | None) -> Direct:
-    """The linkage of a device whose mover is the thing itself. Raises InputError for gains: it has no modes."""
+    """The linkage of a device whose mover is the body that the world acts on. Raises InputError for gains: it has no
+    modes."""
     if gains is not None:
         raise InputError(f"gains are for two-mode devices; a {device.kind.title} such as '{device.name}' has no modes")
     return Direct()

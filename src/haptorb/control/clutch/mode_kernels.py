@@ -10,7 +10,7 @@ import math
 from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel, tick_kernel
 
-__all__ = ["CLUTCH", "STEEPEST", "fill_rotor_wrench", "follow_rotor"]
+__all__ = ["CLUTCH", "STEEPEST", "advance_clutch", "fill_rotor_wrench", "follow_rotor"]
 
 STEEPEST = math.radians(80.0)  #: tilt λ at which Euler angles come too close to their pole, for rotor and target
 _HIGHEST = math.sin(STEEPEST)
@@ -54,7 +54,7 @@ def _slide(share: float, goal: float, step: float) -> float:
 
 
 @kernel
-def _advance_clutch(clutch: Records, R: Array, w: Array, dt: float) -> bool:
+def advance_clutch(clutch: Records, R: Array, w: Array, dt: float) -> bool:
     """Bring `clutch`, (1,) CLUTCH, to the rotor at R (3, 3), turning with w (3,) [rad/s], `dt` [s] later; the target
     follows.
 
@@ -114,8 +114,8 @@ def _fill_target_pose(clutch: Records, pose: Array) -> None:
 
 @tick_kernel
 def follow_rotor(clutch: Records, R: Array, w: Array, dt: float, pose: Array, share: Array) -> bool:
-    """`_advance_clutch` and `_fill_target_pose` at once; share (2,): how firmly translation and rotation are joined."""
-    if not _advance_clutch(clutch, R, w, dt):
+    """`advance_clutch` and `_fill_target_pose` at once; share (2,): how firmly translation and rotation are joined."""
+    if not advance_clutch(clutch, R, w, dt):
         return False
     _fill_target_pose(clutch, pose)
     share[0], share[1] = clutch[0].moving, clutch[0].turning

@@ -81,7 +81,7 @@ def _check_file(path: Path, place: str | Path, make: bool) -> None:
         raise RecordingError(f"{place} is a folder: name a file, such as results.sqlite")
     if not path.exists():
         if not make:
-            raise RecordingError(f"results file {place} does not exist: `haptorb design sweep` makes one")
+            raise RecordingError(f"results file {place} does not exist: `haptorb design sweep` creates one")
         if not path.absolute().parent.is_dir():
             raise RecordingError(f"{place}: there is no folder {path.parent}; make it first")
         return

@@ -66,7 +66,7 @@ class ProcessWorkers:
         self._started = False  # with the first candidates: a run that is complete needs none
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
-        """What each candidate came to, as they come. InputError if a process is killed; what came before is good."""
+        """The evaluation of each candidate, as they arrive. InputError if a process is killed; earlier ones remain."""
         todo = [(number, dict(values)) for number, values in jobs]
         if todo and not self._started:
             _start_all(self._pool)
@@ -85,8 +85,8 @@ class ProcessWorkers:
                     yield from future.result()
         except BrokenProcessPool as cause:
             raise InputError(
-                "a process that computed candidates was killed, perhaps for want of memory: the same command goes on, "
-                "--processes with fewer of them"
+                "a process that computed candidates was killed, perhaps because memory ran out: repeat the command "
+                "to continue, with fewer --processes"
             ) from cause
         finally:
             for future in running:
@@ -94,7 +94,7 @@ class ProcessWorkers:
 
 
 def _start_all(pool: ProcessPoolExecutor) -> None:
-    """Start the processes, which inherit that they do not hear ^C and have one thread each."""
+    """Start the processes, which inherit that they ignore ^C and have one thread each."""
     main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
     old = {name: os.environ.get(name) for name in _THREADS}

@@ -39,8 +39,8 @@ class Surface:
 
     dome_radius: float  #: [m]; 0: it is a plate
     height: float  #: of the plate over the origin [m]; of a dome 0
-    thickness: float  #: how far above contact forces are rendered [m]
-    half_angle: float  #: of a dome: greatest angle of the tool from the summit [rad]
+    thickness: float  #: height above contact up to which forces are rendered [m]
+    half_angle: float  #: of a dome: maximum angle of the tool from the summit [rad]
     half_width: tuple[float, float]  #: of a plate: greatest |x| and |y| of the mover [m]
     contact: DomeContact
 

@@ -47,7 +47,7 @@ def check_electronics(device: Device, driver: str, reader: str) -> Array:
         raise DriverError(f"{driver} serves {CHANNELS} coils; device '{device.name}' has {device.channels}")
     positions: Array | None = getattr(getattr(device, "hall", None), "positions", None)
     if positions is None or len(positions) != HALL_SENSORS:
-        raise DriverError(f"{reader} reads {HALL_SENSORS} Hall sensors; device '{device.name}' has others")
+        raise DriverError(f"{reader} reads {HALL_SENSORS} Hall sensors; device '{device.name}' has another number")
     return positions
 
 

@@ -46,7 +46,7 @@ class Phase(IntEnum):
 
     STARTING = 0
     RUNNING = 1
-    ENDED = 2  #: as it was told
+    ENDED = 2  #: as requested
     FAILED = 3  #: the status text says why
 
 
@@ -67,7 +67,7 @@ class Word(IntEnum):
     ENGAGE = 18  #: `engage_request`: count, and the stop count under which it was given
     QUIT = 19  #: 1: end
     MODE = 20  #: 0: as it is, else number of the mode from 1 on
-    CLUTCH = 21  #: 0: as it is, 1: engaged, 2: let go
+    CLUTCH = 21  #: 0: unchanged, 1: engaged, 2: released
     MODEL = 22  #: 0: as it is, else number of the device's model from 1 on
     COOL = 23  #: count: simulated coils at the ambient temperature
     POINTER = 24  #: and the ten after it
@@ -79,7 +79,7 @@ class Word(IntEnum):
     ORIGIN = 42  #: monotonic clock at which the loop's clock shows zero [ns]
     ROWS = 43  #: published
     TICKS = 44
-    MISSED = 45  #: deadlines skipped
+    MISSED = 45  #: deadlines missed
     ON_TIME = 46  #: ticks that began and ended within their period
     TRIPS = 47  #: count
     PEAK = 48  #: float: greatest force on the mover [N]
@@ -90,7 +90,7 @@ class Word(IntEnum):
     UNCOMPILED = 53  #: worlds of the catalogue whose code lies in no cache
     # recorder → host
     RECORDER = 56  #: a Phase
-    WRITTEN = 57  #: rows that are in the file, whatever happens to the recorder
+    WRITTEN = 57  #: rows that are in the file, even if the recorder fails
     LOST = 58  #: rows overwritten before they could be recorded
     TAKEN = 59  #: rows that it has fetched, and those that it lost
     # a tracker's process → servo, host
@@ -271,7 +271,7 @@ def _create_file(folder: Path) -> tuple[int, str, FileLock]:
         claim = FileLock(name)
         if claim.there:
             return descriptor, name, claim
-        os.close(descriptor)  # somebody who tidied up was faster
+        os.close(descriptor)  # another process removed it first
 
 
 def _size(layout: RowLayout) -> int:

@@ -104,7 +104,7 @@ def change_world(world: World, name: str, values: Mapping[str, Any], own: Mappin
         known = own[name]
     else:
         known = worlds.find_world(name)()
-    changed = known.replace(**values) if values else known  # to make it anew could take several ticks
+    changed = known.replace(**values) if values else known  # creating it could take several ticks
     return world if changed is plain else join_remote(changed, remote)
 
 

@@ -1,7 +1,7 @@
 """The forces that programs command, in shared memory: each server's process writes its own block, the loop reads all.
 
-A block says who commanded which force when. The loop judges by those times alone: whatever becomes of a server's
-process, its force ends as that of a client that fell silent.
+A block says who commanded which force when. The loop judges by those times alone: when a server's process ends, its
+force expires like that of a silent client.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ __all__ = ["RecordedRun"]
 
 @final
 class RecordedRun:
-    """The notes of `recording`, as the things that they describe.
+    """The notes of `recording`, as the objects that they describe.
 
     device    as its file in the recording says
     rate      of the loop [Hz]
@@ -70,7 +70,7 @@ class RecordedRun:
         made, here = self.software, {**list_versions(), **describe_machine()}
         apart = [name for name in here if made.get(name) != here[name]]
         if not any(name in made for name in apart):
-            return "another version, which does not say more"
+            return "another versionof unknown number"
         return ", ".join(f"{name} {made.get(name, 'unknown')} (here {here[name]})" for name in apart)
 
     def make_tick(
@@ -120,17 +120,17 @@ class RecordedRun:
             note = json.loads(text)
             name, values = str(note["name"]), dict(note.get("values", {}))
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as cause:
-            raise InputError("the recording does not say which world it is") from cause
+            raise InputError("the recording does not state the world") from cause
         if name in self._made:
             world = load_noted_world(str(self._made[name]))
         elif name in worlds.CATALOGUE:
             world = worlds.find_world(name)()
         else:
-            raise InputError("the recording does not say how it is made")
+            raise InputError("the recording does not state its source")
         plain, _ = split_remote(world)
         world = join_remote(plain.replace(**values) if values else plain, self.remote(change))
         if json.loads(description(world)) != note:
-            raise InputError("this version of haptorb describes it otherwise")
+            raise InputError("this version of haptorb describes it differently")
         return world
 
     def _read_descriptions(self, recording: Recording) -> dict[int, str]:
@@ -163,7 +163,7 @@ class RecordedRun:
         steps = np.diff(recording["t"][:1000])
         steps = steps[steps > 0]
         if not len(steps):
-            raise RecordingError(f"{self._path} cannot be replayed: it does not say its rate")
+            raise RecordingError(f"{self._path} cannot be replayed: it does not state its rate")
         return float(1.0 / np.median(steps))
 
     def _load_device(self) -> Device:
@@ -175,7 +175,7 @@ class RecordedRun:
             elif name in catalogue():
                 device = load(name)
             else:
-                raise RecordingError(f"{self._path} cannot be replayed: it does not carry the file of its device")
+                raise RecordingError(f"{self._path} cannot be replayed: it does not contain the device file")
         except RecordingError:
             raise
         except HaptorbError as cause:

@@ -1,4 +1,4 @@
-"""The file that a device was built from, so that a recording can carry it: found by its digest, never assumed."""
+"""The file from which a device was built, for the recording: found by its digest, never assumed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _CATALOGUE = Path(devices.__file__).parent / "catalogue"
 def text_of(device: Device, given: object = None) -> str:
     """The text of `device`'s file: the catalogue's, or that of `given` if that is its path; empty if neither fits.
 
-    `given` may be a name, and a file of that name that lies about something else, a port or a folder perhaps.
+    `given` may be a name; a file of that name may be something else, such as a port or a folder.
     """
     candidates = sorted(_CATALOGUE.glob("*.toml"))
     if isinstance(given, str | Path):

@@ -1,4 +1,4 @@
-"""What the processes beside the loop are told when they start, as plain JSON types."""
+"""The parameters of the processes beside the loop, as plain JSON types."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def recorder_spec(
 
 
 def notes(device: Device, text: str, run: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """What a recording says of its `device` (with the `text` of its file), of the `run`, and of who made it."""
+    """Metadata of a recording: its `device` (with the `text` of its file), the `run`, and the software."""
     return {
         "device": {
             "name": device.name,
@@ -61,7 +61,7 @@ def notes(device: Device, text: str, run: Mapping[str, str]) -> dict[str, dict[s
 
 
 def tracker_spec(shared: SharedMemory, tracker: Preparation, frame: TrackerFrame | None) -> dict[str, Any]:
-    """For `tracker_process`: what was prepared, and the `frame` between tracker and stator if there is one."""
+    """For `tracker_process`: the prepared tracker, and the `frame` between tracker and stator if there is one."""
     return {
         "shared": str(shared.path),
         "descriptor": tracker.descriptor,
@@ -72,7 +72,7 @@ def tracker_spec(shared: SharedMemory, tracker: Preparation, frame: TrackerFrame
 
 
 def describe_choices(gains: Gains | None, torque_arm: float | None, worlds: Iterable[World]) -> dict[str, str]:
-    """What a replay must know of the chain beside its names: `gains`, `torque_arm` [m], and how each world is made."""
+    """Further data for a replay: `gains`, `torque_arm` [m], and the source of each world."""
     made = {name_of(world): note_world(world) for world in worlds}
     return {
         "gains": "" if gains is None else json.dumps(asdict(gains)),

@@ -72,7 +72,7 @@ def _choices(device: Device) -> dict[str, EstimatorChoice]:
 
 def check_estimator(device: Device, name: str | None) -> str:
     """`name` itself, or the default of `device` for None; UnknownName for what it cannot have, InputError for what it
-    cannot have yet, such as networks that nobody has trained."""
+    cannot have yet, such as networks before their training."""
     known = _choices(device)
     if name is None:
         return next(iter(known))
@@ -105,7 +105,7 @@ def allocator_of(device: Device) -> Allocator:
 
 
 def choice_of(device: Device, render: str | None = None, torque_arm: float | None = None) -> WrenchChoice | None:
-    """Which part of a world's wrench `device` renders: `render`, or what the world asks for None.
+    """Which part of a world's wrench `device` renders: `render`, or the part that the world defines for None.
 
     torque_arm: where force and torque are both asked, 1 N weighs as much as this length [m] × 1 N of torque. None for a
     kind of device that has no choice. Raises UnknownName for a part that there is not, InputError for a choice that the
@@ -116,8 +116,8 @@ def choice_of(device: Device, render: str | None = None, torque_arm: float | Non
         if render is None and torque_arm is None:
             return None
         raise InputError(
-            f"device '{device.name}' ({device.kind.title}) has no choice of force or torque: it always renders what "
-            "its mover can feel; leave out render and torque arm"
+            f"device '{device.name}' ({device.kind.title}) has no choice of force or torque: it always renders every "
+            "component; leave out render and torque arm"
         )
     choice: WrenchChoice = device.kind.part("wrench_choice")(device, part, torque_arm)
     return choice
@@ -147,7 +147,7 @@ def assemble(
 ) -> Tick:
     """The chain that renders `world` on `device` at `rate` [Hz]; coils are off until its driver is opened.
 
-    What `calibration` measured is believed by everything but the simulated device, which stays what its file says. An
+    What `calibration` measured is used by everything but the simulated device, which keeps its file's values. An
     I²C bus needs a monostable on its PWM chip's OE pin, unless `watchdog` is False.
     """
     from haptorb.runtime.drivers.sim_driver import SimDriver  # the simulation is loaded only where it runs

@@ -1,4 +1,4 @@
-"""One tick of the loop: read → estimate → world → allocate → guard → write, and the row that tells it all.
+"""One tick of the loop: read → estimate → world → allocate → guard → write, and the row that records it all.
 
 The same seven lines run every device, simulated or real; nothing in them asks which one it is.
 """
@@ -49,7 +49,7 @@ _SINGLE = ("currents_age", "ahead", "world", "coil_state", "saturated", "part", 
 class Tick:
     """The chain for one device, world and driver; `step` runs it once and fills one row.
 
-    Whatever fails in it ends in coils off with a reason, never in an exception that leaves them on.
+    Any failure in it ends in coils off with a reason, never in an exception that leaves them on.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class Tick:
     def change_world(self, world: World) -> None:
         """Render `world` from the next tick on; the guard's slew limit takes the step out of the change.
 
-        In another kind of world the object begins anew; with other parameters it stays where it is, and a world with
+        In another kind of world the object is reset; with other parameters it stays where it is, and a world with
         memory keeps of it what its rule says.
         """
         self._go_over(world)
@@ -122,7 +122,7 @@ class Tick:
         fitted = world.for_device(self._device)
         check_world_period(fitted, self._dt)
         restarts = type(split_remote(fitted)[0]) is not type(split_remote(self.world)[0])
-        # A target that begins anew is not where a memory has it.
+        # A target that was reset is not where a memory has it.
         bound = bind_world(fitted, self._dt, None if restarts and self.linkage.modes else self._bound, self.client)
         if restarts:
             self.linkage.restart()
@@ -265,7 +265,7 @@ class Tick:
             return rendered
         except TickTimeout:
             raise
-        # A world is the user's code: whatever it raises must end in coils off.
+        # A world is the user's code: any exception must end in coils off.
         except BaseException as cause:  # safety: world-exit-trips
             reason = Trip.MEMORY_NOT_FINITE if isinstance(cause, MemoryNotFinite) else Trip.WORLD_FAILED
             self._log.fail(TickFailure.MEMORY if reason is Trip.MEMORY_NOT_FINITE else TickFailure.WORLD)
@@ -288,7 +288,7 @@ class Tick:
         self.protection.trip(reason)
 
     def _switch_off(self, row: Array, now: float) -> None:
-        """What is left to do when the device does not answer: try to switch off, and say so in the row."""
+        """When the device does not respond: try to switch off, and record it in the row."""
         try:
             self._applied = self.driver.write(self._zeros)
         except HaptorbError:

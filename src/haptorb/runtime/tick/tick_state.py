@@ -80,7 +80,7 @@ def unpack_state(text: str) -> bytes:
     try:
         return zlib.decompressobj().decompress(b64decode(text, validate=True), _LONGEST)
     except (ValueError, zlib.error) as cause:
-        raise RecordingError(f"a state in the recording is not one that haptorb wrote: {cause}") from cause
+        raise RecordingError(f"a state in the recording was not written by haptorb: {cause}") from cause
 
 
 def load_state(tick: Tick, state: bytes, memory: Array) -> None:
@@ -98,7 +98,8 @@ def load_state(tick: Tick, state: bytes, memory: Array) -> None:
             tick.part.allocator = choice.allocators[tick.part._part]
     except Exception as cause:  # anybody's bytes
         raise RecordingError(
-            f"the state that the recording begins with is not that of this chain ({type(cause).__name__}: {cause})"
+            "the state at the beginning of the recording does not fit this device and these parts "
+            f"({type(cause).__name__}: {cause})"
         ) from cause
 
 
@@ -123,7 +124,7 @@ def _is_record(value: Any) -> bool:
 def _restore(part: Any, state: dict[str, Any]) -> None:
     kind = type(part).__name__
     if kind != state["kind"]:
-        return  # another estimator or world stands in: it begins from its start
+        return  # another estimator or world replaces it: it starts from its initial state
     for name in _REMEMBERED.get(kind, ()):
         value, there = state[name if name in state else _EARLIER[name]], getattr(part, name.removesuffix("[]"))
         if isinstance(value, bytes):
@@ -143,5 +144,5 @@ class _PlainReader(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         """The class `name`, if it is one of those. Raises UnpicklingError otherwise."""
         if (module, name) not in _PLAIN:  # safety: plain-state
-            raise pickle.UnpicklingError(f"{module}.{name} is no part of a state")
+            raise pickle.UnpicklingError(f"{module}.{name} is not part of a state")
         return super().find_class(module, name)

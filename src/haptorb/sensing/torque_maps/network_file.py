@@ -28,7 +28,7 @@ _MOST = 64 * 1024 * 1024  #: bytes
 
 
 def networks_path(motor: SphericalMotor) -> Path:
-    """Where the networks of `motor` are kept if nobody says otherwise: in the user's cache folder, by digest."""
+    """The default place of the networks of `motor`: in the user's cache folder, by digest."""
     return cache_folder() / "networks" / f"{motor.name}-{motor.digest[:16]}.network"
 
 
@@ -73,7 +73,9 @@ def read_networks(path: Path) -> TrainedNetworks:
             raise InputError(f"'{path}' is not a network file of this version; run `haptorb train`")
         digest = head.pop("sha256")
         if digest != _digest(head, numbers):
-            raise InputError(f"network file '{path}' has been altered or cut short: its hash does not fit; train again")
+            raise InputError(
+                f"network file '{path}' has been changed or truncated: its hash does not match; train again"
+            )
         weights = np.frombuffer(numbers, dtype="<f8").astype(np.float64)
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in head["shapes"])])
         parts = [weights[ends[i] : ends[i + 1]].reshape(shape) for i, shape in enumerate(head["shapes"])]

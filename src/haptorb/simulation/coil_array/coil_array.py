@@ -28,7 +28,7 @@ from haptorb.simulation.parts.tool import fill_tool, read_tool
 __all__ = ["SimulatedCoilArray", "draw_coils"]
 
 _STEP = 2.5e-4  #: of the simulation [s]
-_OLD = 1_000_000  #: age of a map that must be computed anew [steps]
+_OLD = 1_000_000  #: age of a map at which it is computed again [steps]
 
 
 def draw_coils(device: CoilArray, specimen: int = 0) -> PlacedCoils:
@@ -89,7 +89,7 @@ class SimulatedCoilArray(CoilSimulation):
         """
         at, turned = vectors(p, "p"), check_finite(q, "q")
         if at.shape != (3,) or turned.shape != (4,) or not turned.any():
-            raise InputError(f"p must be a place, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}")
+            raise InputError(f"p must be a position, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}")
         tool, contact = self._tool, self.device.contact_height
         tool["p"] = lift(at, contact, self.device.surface.is_dome)
         tool["q"] = turned / np.linalg.norm(turned)

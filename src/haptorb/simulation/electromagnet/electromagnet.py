@@ -44,7 +44,7 @@ class SimulatedElectromagnet(CoilSimulation):
     """Coils, core, tool, dome and hand of `device`, in steps of at most `step` [s].
 
     specimen: number of the device among its like, from 0; the lasting errors of its sensors and its core are drawn from
-    the device file's distributions with it, so that the same number is the same device whatever the noise's seed.
+    the device file's distributions with it, so that the same number is the same device for any seed of the noise.
 
     held=False lets the tool go: no hand, and gravity acts on it. With a hand, the hand carries the tool's weight.
 
@@ -126,7 +126,7 @@ class SimulatedElectromagnet(CoilSimulation):
         self.place((0.0, 0.0, self.device.contact_distance + _ABOVE), (0.0, 0.0, 0.0, 1.0))
 
     def cool(self) -> None:
-        """Coils at the ambient temperature at once; currents go on."""
+        """Coils at the ambient temperature at once; currents continue."""
         super().cool()
         self._state["core_temperature"] = self.device.coils.heat.ambient
 
@@ -138,7 +138,7 @@ class SimulatedElectromagnet(CoilSimulation):
         at, turned = vectors(p, "p"), check_finite(q, "q")
         if at.shape != (3,) or turned.shape != (4,) or not turned.any() or not at.any():
             raise InputError(
-                f"p must be a place off the centre, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}"
+                f"p must be a position other than the centre, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}"
             )
         distance = float(np.linalg.norm(at))
         tool = self._tool

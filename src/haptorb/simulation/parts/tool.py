@@ -38,7 +38,7 @@ DOME = fields(
     ("friction", "f8"),  # [1]
 )
 
-#: The tool with whatever of the hand moves with it, the dome that it touches, and where the hand wants it.
+#: The tool with the part of the hand that moves with it, the dome that it touches, and the hand's goal for it.
 TOOL = fields(
     ("mass", "f8"),  # tool and hand [kg]
     ("weight", "f8"),  # of the tool, where no hand carries it [N]

@@ -1,4 +1,4 @@
-"""What one hook does at a moment: as compiled code fills it, and for those who draw it."""
+"""State of one hook at an instant: as compiled code fills it, and for drawing."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CONTACT = fields(
 
 
 class HookContact(NamedTuple):
-    """Where a hook is touched, with what force, and how far it is bent."""
+    """Contact point of a hook, force and deflection."""
 
     face: str  #: "rear", "top" or "front", "" where nothing touches
     point: Array  #: (3,) where it is touched [m]

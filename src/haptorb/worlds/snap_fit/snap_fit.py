@@ -1,15 +1,17 @@
-"""A snap-fit that goes together and comes apart: cantilever hooks and the part that slides over their wedges.
+"""A snap-fit: cantilever hooks and the part that slides over their wedges.
 
 Frame: X' points out of the socket (pulling apart is +X'), Y' towards one hook; `state` is the pose of the part's
-reference point o' (devices.State: p and R_SR in that frame), which is at the origin when the part is seated. Each hook
-is met by one edge of the part. Bai 2012, eqs. (10)–(13), Fig. 6.
+reference point o' (devices.State: p and R_SR in that frame), which is at the origin when the part is seated. Each
+hook is touched by one edge of the part. Bai 2012, eqs. (10)–(13), Fig. 6.
 
-What the hand meets on the way in: insertion over the front face, dwelling on the top, then the snap; on the way out the
-rear face, dwelling, and release down the front. No state is kept: where the edge is and which way it slides decide.
+The hand feels, during insertion: the front face, the top, then the snap; during removal: the rear face, the top,
+and the release down the front. There is no memory: the position of the edge and its direction of sliding
+determine the force.
 
-The hook has one way to bend: its surface at the wedge moves by δ·(κ, 1), κ = Ω₋/Ω₊, which is eq. (10) read as a
-mechanism, and stores U = E w δ²/(2 Ω₊(x)). So without friction f_y = E w δ/(Ω₊ ± tan γ Ω₋) as in (10), and the turn of
-the face by the bending, arctan(δ/x) in (11), comes out of Ω₊(x) as it must for energy to be conserved. Edges are
+The hook has one bending mode: its surface at the wedge moves by δ·(κ, 1), κ = Ω₋/Ω₊, which is eq. (10) as a
+mechanism, and stores U = E w δ²/(2 Ω₊(x)). So without friction f_y = E w δ/(Ω₊ ± tan γ Ω₋) as in (10), and the
+rotation of the face by the bending, arctan(δ/x) in (11), follows from Ω₊(x), as required for conservation of
+energy. Edges are
 rounded, so the force is continuous. Left out: tilt of the wedge across its width, inertia of the hook, wear.
 """
 
@@ -163,11 +165,12 @@ def _snap_fit(
 
 @dataclass(frozen=True)
 class SnapFit(ContactWorld, TargetWorld):
-    """Snap-fit: hooks bend, click in, and hold until they are pulled out with enough force.
+    """Snap-fit: hooks bend, snap in, and hold until they are pulled out with enough force.
 
-    Sizes as in `physics.Hook`. The default is a pair of ABS hooks of ordinary proportions (1.5 % strain at the root,
-    about what ABS bears in a joint opened often): a few newtons, which a motor of about 1 N·m renders through the modes
-    without scaling. Raises GeometryError if the hook cannot exist, cannot be pushed in, or cannot be pulled out.
+    Sizes as in `physics.Hook`. The default is a pair of ABS hooks of ordinary proportions (1.5 % strain at the
+    root, about the limit of ABS in a joint that is opened often): a few newtons, which a motor of about 1 N·m renders
+    through the modes without scaling. Raises GeometryError if the hook cannot exist, cannot be pushed in, or cannot be
+    pulled out.
 
     >>> world = SnapFit()
     >>> world.wrench(State.at((0.001, 0, 0), R_SR=np.eye(3), v=(0.05, 0, 0)))[0] < 0      # pulled: it holds back
@@ -253,7 +256,7 @@ class SnapFit(ContactWorld, TargetWorld):
 
     @property
     def root_load(self) -> RootLoad:
-        """What the root of a hook bears where it is bent most: at the nearer end of the top, or on the rear face."""
+        """Load at the root of a hook at its largest deflection: at the nearer end of the top, or on the rear face."""
         places = np.linspace(self.hook.base_length, self.hook.peak, 65)[1:]
         bent = np.maximum(self.hook.section(places) - self.hook.thickness - self.clearance, 0.0)
         return compute_root_load(self.hook, places, bent, compliance(self.hook, places, self.beam).plus, self.material)
@@ -264,7 +267,7 @@ class SnapFit(ContactWorld, TargetWorld):
         return (self.root_load.sentence,)
 
     def render_contacts(self, state: State) -> tuple[Array, Array]:
-        """(6,) the wrench, and (2, 8) the hooks, first the one at +Y': see `ContactWorld`."""
+        """(6,) the wrench, and (2, 8) the contacts of the hooks, first the one at +Y': see `ContactWorld`."""
         wrench, hooks = np.empty(6), np.zeros((2, 8))
         one = np.ascontiguousarray  # one layout: one compilation
         _snap_fit(
@@ -274,7 +277,7 @@ class SnapFit(ContactWorld, TargetWorld):
         return wrench, hooks
 
     def contacts(self, state: State) -> tuple[HookContact, ...]:
-        """What each hook does, first the one at +Y'."""
+        """State of each hook, first the one at +Y'."""
         found = []
         for bent, place, *rest in self.render_contacts(state)[1][: self.hooks].tolist():
             face = "" if bent == 0.0 else "rear" if place < self.hook.ramp_end else "top"

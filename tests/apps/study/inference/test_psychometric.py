@@ -113,7 +113,7 @@ def test_counts_are_those_of_the_trials() -> None:
     ("yes", "words"),
     [
         ([0, 0, 0, 1, 1, 1, 1], "too few trials for the spread"),
-        ([0, 0, 0, 25, 25, 25, 25], "upper limit only"),
+        ([0, 0, 0, 25, 25, 25, 25], "only an upper limit"),
         ([25, 25, 25, 25, 24, 25, 25], "below the levels shown"),
         ([0, 0, 0, 0, 0, 1, 2], "above the levels shown"),
     ],

@@ -17,7 +17,8 @@ from haptorb.apps.study.model.balance import balance_conditions, balance_interva
 from haptorb.apps.study.model.older_study import list_older
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.order_summary import summarize_order
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.simulated.forecast import forecast
 from haptorb.apps.study.store.columns import keep_older, tidy
@@ -194,8 +195,13 @@ def test_blocked_is_the_order_of_the_file_and_one_condition_is_random(procedure:
     assert main[0].condition == "one"
     if procedure != "forced-choice":
         alone = study_with(procedure, 'order = "counter-balanced"', "")
-        assert collect_prompts(alone, 0)
-        assert "order: random, each participant's own" in summarize_order(alone).sentences
+        asked, summary = list_main(collect_prompts(alone, 0)), summarize_order(alone)
+        assert "order: random, each participant's own" in summary.sentences
+        told = {"constant": [f"{p.level:g}" for p in asked], "identification": [str(p.set_point) for p in asked],
+                "staircase": [str(p.interval) for p in asked]}.get(procedure)  # fmt: skip
+        if told is not None:  # a track that ends early asks less than was drawn
+            assert list(summary.asked[0][: len(told)]) == told
+            assert summary.row(0).startswith(" ".join(told[:20]))
 
 
 @pytest.mark.parametrize("procedure", ["staircase", "bayesian", "constant"])

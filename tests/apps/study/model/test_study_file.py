@@ -11,7 +11,8 @@ from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.model.balance import balance_conditions
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.set_points import list_equal_rings, list_published
-from haptorb.apps.study.model.study_file import Study, read_study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import read_study, study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.simulated.forecast import forecast, load_squared, overlap
 from haptorb.apps.study.store.columns import keep_older

@@ -11,7 +11,8 @@ import pytest
 from sqlalchemy import Connection, inspect
 
 from haptorb.apps.asking.prompt import Answer
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store import migrations
 from haptorb.apps.study.store.bids import write_bids
@@ -95,7 +96,7 @@ def test_codes_are_those_that_people_use(identify: Study, tmp_path: Path) -> Non
     ]
     with pytest.raises(RecordingError, match=r"'p1' differs from 'P1' in capitals only"):
         StoredSession(engine, identify, "p1")
-    with pytest.raises(RecordingError, match="kept for simulated"):
+    with pytest.raises(RecordingError, match="reserved for simulated"):
         StoredSession(engine, identify, "SIM07")
 
 

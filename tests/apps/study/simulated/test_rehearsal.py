@@ -12,7 +12,8 @@ from haptorb.apps.study.analysis.error_by_latitude import LatitudeError
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import page
 from haptorb.apps.study.model.set_points import PUBLISHED_ERRORS
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.simulated.participant import Participant
 from haptorb.apps.study.simulated.rehearsal import answer_rest, rehearse

@@ -142,7 +142,7 @@ def test_a_folder_that_is_no_export_is_never_replaced(identify: Study, columns: 
     assert (home / "README").read_text(encoding="utf-8") != "changed"
     (home / "dataset_description.json").write_text('{"GeneratedBy": [{"Name": "fMRIPrep"}]}')
     before = list_files(home)
-    with pytest.raises(RecordingError, match="no export of haptorb"):
+    with pytest.raises(RecordingError, match="not an export of haptorb"):
         write_bids(identify, columns, home, overwrite=True)
     assert list_files(home) == before
     (tmp_path / "file").write_text("mine")

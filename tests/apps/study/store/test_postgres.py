@@ -12,7 +12,8 @@ import pytest
 from sqlalchemy import text
 
 from haptorb.apps.asking.prompt import Answer
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.columns import tidy
 from haptorb.apps.study.store.database import SCHEMA, database
@@ -30,7 +31,7 @@ import json, sys
 from haptorb.apps.study.store.database import database
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.session.stored_session import StoredSession
-from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.model.study_reader import study_of
 url, first, each, text = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4]
 engine, study = database(url), study_of(text)
 for person in range(each):
@@ -120,6 +121,7 @@ def test_an_older_schema_is_brought_forward(fresh: str, identify: Study) -> None
     with engine.begin() as connection:
         connection.execute(text("DROP TABLE replies"))
         connection.execute(text("ALTER TABLE trials DROP COLUMN driver"))
+        connection.execute(text("ALTER TABLE trials ALTER COLUMN answer TYPE INTEGER"))
         connection.execute(text("UPDATE haptorb_schema SET version = 1"))
     engine.dispose()
     engine = database(fresh)
@@ -128,6 +130,11 @@ def test_an_older_schema_is_brought_forward(fresh: str, identify: Study) -> None
         assert connection.execute(text("SELECT count(*) FROM replies")).scalar_one() == 0
     with StoredSession(engine, identify, "P01") as session:
         assert session.number == 1
+    loud = study_of('name = "m"\nprocedure = "magnitude"\n[levels]\nreference = 1.0\nvalues = [1.0, 2.0]\n')
+    with StoredSession(engine, loud, "P01") as session:
+        session.answer(Answer(2.5))
+    assert tidy(engine, loud)["answer"].tolist() == [2.5]
+    assert tidy(engine, identify)["answer"].dtype.kind == "i"  # whole numbers stay whole
     engine.dispose()
 
 

@@ -41,7 +41,7 @@ class DesignChoice:
 
     @property
     def folder(self) -> Path:
-        """Where ratings and traces go unless told otherwise: beside the file."""
+        """The default folder of ratings and traces: beside the file."""
         from haptorb.worlds.own.world_file import parse_world_file
 
         file = Path(self.file) if self.file else parse_world_file(self.worlds[0]).path

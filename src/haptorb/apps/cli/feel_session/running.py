@@ -71,7 +71,7 @@ def feel_without_console(
 def feel_with_console(
     live: LiveSession, choice: DesignChoice, device: str, scale: TrueScale, port: int, browser: bool
 ) -> int:
-    """Designs felt and rated in page and terminal until somebody finishes; the signal's number, or 0."""
+    """Designs felt and rated in page and terminal until the session is finished; the signal's number, or 0."""
     from haptorb.apps.console import Console
     from haptorb.apps.console.target import target_scene
     from haptorb.apps.feel.design_panel import DesignPanel

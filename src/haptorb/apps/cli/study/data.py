@@ -29,7 +29,7 @@ def participants(
     name: NameOption = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """List the codes that are taken, what has become of their sessions, and a code that is free."""
+    """List the codes in use, the states of their sessions, and a free code."""
     from haptorb.apps.study.model.codes import next_code
     from haptorb.apps.study.store.columns import read_study
     from haptorb.apps.study.store.database import database
@@ -102,7 +102,7 @@ def figures(
     double: Annotated[float, typer.Option(help="Width of a figure over both columns [mm].")] = 174.0,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
 ) -> None:
-    """Draw all figures for a paper: vector, for colour-blind readers too, fonts embedded, with captions."""
+    """Draw all figures for a paper: vector graphics, colour-blind safe, fonts embedded, with captions."""
     from haptorb.apps.study.analysis.drawings.figure_set import KINDS, write_figures
     from haptorb.apps.study.analysis.drawings.style import PaperSize
     from haptorb.apps.study.analysis.load_analysis import analysis_of

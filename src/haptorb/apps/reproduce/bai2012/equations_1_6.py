@@ -50,15 +50,15 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     )
     u = least.currents
     found = [
-        _AT.assume("1-cone", "how far the rotor's axis moves while φ alone turns", 0.0, _axis_spread(), "1", 1e-12,
-                   "XYZ is read as intrinsic angles so that this holds, as the working space demands",
+        _AT.assume("1-cone", "motion of the rotor's axis while only φ changes", 0.0, _axis_spread(), "1", 1e-12,
+                   "XYZ is read as intrinsic angles so that this is true, as the working space requires",
                    where="eq. (1)"),
         _AT.claim("2-linear", "torque by (2) against the force of all coils at once on the magnets' charges, relative",
                  0.0, np.linalg.norm(grouped @ currents - by_charges) / np.linalg.norm(by_charges), "1", 1e-4,
                  "the sum over charges is converged to that", where="eq. (2)"),
         _AT.claim("4-torque", "torque of the allocator's currents against the wanted one, relative", 0.0,
                  np.linalg.norm(K @ u - wanted) / np.linalg.norm(wanted), "1", 1e-12, where="eq. (4)"),
-        _AT.claim("4-least", "power of the allocator's currents over that of (4), the least", 1.0,
+        _AT.claim("4-least", "power of the allocator's currents over that of (4), the minimum", 1.0,
                  (u**2).sum() / (by_equation**2).sum(), "1", 1e-9, where="eq. (4)"),
         *_motions(),
         *_torques(),

@@ -37,9 +37,9 @@ _MORE_NODES, _COMPONENTS = 60, 40  #: of a network that takes all readings, thro
 _COARSER = (15, 15, 36)  #: orientations that it learns from: half as many as the paper, to be done in half the time
 _SHARES = (0.45, 0.75, 1.0)  #: of the time: training of the shared networks and of both of EM17's, then comparison
 _KNOWN = (
-    "K_Y hardly changes along the trajectory, so 2 % of its range is 0.2 % of K, and ten nodes cannot follow the field "
-    "of the whole workspace so closely. It takes more than the 60 nodes over all readings of the rows below, or least "
-    "squares, which come to it in every component; or other readings: those of Fig. 3 are not told by the text"
+    "K_Y hardly changes along the trajectory, so 2 % of its range is 0.2 % of K, and ten nodes cannot approximate "
+    "the field of the whole workspace so closely. The 60 nodes over all readings of the rows below, or least "
+    "squares, reach it in every component; so might other readings, as the text does not state those of Fig. 3"
 )
 _EXCELLENT = "'agrees excellently well': R² of 0.999, and an error of 2 % of the range, the width of a printed line"
 

@@ -122,7 +122,7 @@ def _smooth(s: float) -> float:
 def two_phases(
     device: str = "pmsm", estimator: str = "least-squares", seed: int = 0, report: Callable[[float], None] | None = None
 ) -> tuple[PhaseRecord, PhaseRecord]:
-    """Phase 1 and phase 2 on `device` with the named estimator; `report` is told the share that is done."""
+    """Phase 1 and phase 2 on `device` with the named estimator; `report` receives the share that is done."""
     known = motor(device)
     gains = Gains().scale(FORCE_SCALE)
     spin = TILT / gains.rotate[2]  # of the handle: 8°

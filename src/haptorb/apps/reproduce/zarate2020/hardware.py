@@ -40,7 +40,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  read_entry(device, "coils.resistance[0]"), "Ω", 0.01,
                  "'roughly'; 100 W / 12.9² A² = 0.601 Ω"),
         _AT.item("voltage", "supply", 12.0, read_entry(device, "supply.voltage"), "V"),
-        _AT.item("current", "greatest current of a coil: printed, and 12 V over 0.6 Ω", 24.0, supply.voltage / ohm, "A",
+        _AT.item("current", "peak current of a coil: printed, and 12 V over 0.6 Ω", 24.0, supply.voltage / ohm, "A",
                  1e-9, "Ohm's law", erratum="E15", corrected=20.0),
         _AT.item("limit", "current limit of the device file", 24.0,
                  read_entry(device, "coils.current_limit[0]"), "A", 1e-9, erratum="E15", corrected=20.0),

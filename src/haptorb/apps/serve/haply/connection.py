@@ -1,8 +1,9 @@
 """One connection on one of the two ports: a WebSocket that is answered at once, or a request over HTTP.
 
 Messages are answered where they arrive, without a task or a queue between. Two are answered in a row, then another
-connection has its turn; who does not read its answers is read no more, and let go after ten seconds. Who sends what
-nobody can read is read again a little later, who may not enter learns that a little later, and what follows a message
+connection has its turn; a client that does not read its replies is no longer read, and is closed after ten seconds.
+A client that sends unreadable messages is read again a little later, a refused one is told so a little later, and
+what follows a message
 that is too long is thrown away: none of them takes the processor from the others.
 """
 
@@ -31,7 +32,7 @@ _IN_A_ROW = 2  #: messages of one client that are answered before others have th
 _UNREAD = 65536  #: bytes of answers that may wait for a client that does not read
 _PATIENCE = 10.0  #: for a request, or for a client to read [s]
 _REST = 0.005  #: after a message that cannot be read [s]
-_REFUSAL = 0.05  #: before a refusal: whoever asks at once again does so twenty times a second [s]
+_REFUSAL = 0.05  #: before a refusal: a client that retries at once does so twenty times a second [s]
 _WASTE = 262144  #: bytes that are thrown away at once
 _FAREWELL = 1.0  #: for a client whose message was too long to read why [s]
 
@@ -76,7 +77,7 @@ class Connection(asyncio.BufferedProtocol):
         self._timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Somebody has connected."""
+        """A client has connected."""
         self._transport = cast(asyncio.Transport, transport)
         self._transport.set_write_buffer_limits(high=_UNREAD)
         self.peer = str((transport.get_extra_info("peername") or ("",))[0])
@@ -103,7 +104,7 @@ class Connection(asyncio.BufferedProtocol):
             self._read_head(data)
 
     def _read_head(self, data: bytes) -> None:
-        """Until the head of the first request is here nobody knows what it is."""
+        """Until the head of the first request has arrived, its kind is unknown."""
         self._head += data
         end = self._head.find(b"\r\n\r\n")
         if end < 0 and len(self._head) <= _HEAD:
@@ -169,7 +170,7 @@ class Connection(asyncio.BufferedProtocol):
             return
         self._parts.append(bytes(frame.data))
         if len(self._parts) > _PARTS:
-            self.end(1009, "a message comes in too many parts")
+            self.end(1009, "a message has too many fragments")
             return
         if frame.fin:
             self._waiting.append(b"".join(self._parts))
@@ -235,7 +236,7 @@ class Connection(asyncio.BufferedProtocol):
         self._transport.close()
 
     def pause_writing(self) -> None:
-        """The client does not read: nothing is read from it either, and after a while it is let go."""
+        """The client does not read: nothing is read from it either, and after a while it is closed."""
         self._paused = True
         self._transport.pause_reading()
         self._wait()

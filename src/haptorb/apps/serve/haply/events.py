@@ -1,4 +1,4 @@
-"""Events of that service: what happened to the device and its clients, for whoever listens on the second port."""
+"""Events of that service: what happened to the device and its clients, for listeners on the second port."""
 
 from __future__ import annotations
 

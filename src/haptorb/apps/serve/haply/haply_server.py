@@ -47,7 +47,7 @@ def prepare(where: str) -> ServerPreparation:
         raise
     place = f"[{host}]" if ":" in host else host
     numbers = [int(one.getsockname()[1]) for one in (main, events)]
-    remarks = (f"haply: clients on other computers must show this token: {token}",) if token else ()
+    remarks = (f"haply: clients on other computers must send this token: {token}",) if token else ()
     return ServerPreparation(
         {"token": token, "address": f"ws://{place}:{numbers[0]}"},
         f"ws://{place}:{numbers[0]}, events ws://{place}:{numbers[1]}",
@@ -149,7 +149,7 @@ class _EventEndpoint(Endpoint):
 
     def __init__(self, access: Access) -> None:
         self.access, self.connections, self.room = access, set(), _CLIENTS
-        self.first: Callable[[], str] = str  #: what who has just come is told
+        self.first: Callable[[], str] = str  #: the first message to a new client
 
     def tell(self, name: str, category: str, level: str, data: dict[str, Any], message: str = "") -> None:
         """One event to all; who is slow to read misses it."""

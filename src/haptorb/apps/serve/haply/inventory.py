@@ -36,8 +36,8 @@ class DeviceIds:
 
 @dataclass(frozen=True)
 class Settings:
-    """What clients may set of the device beside its space. Handedness, damping and gate are kept and told; they change
-    no force: the guard and the passivity control are this device's own."""
+    """What clients may set of the device beside its space. Handedness, damping and gate are stored and reported; they
+    change no force: the guard and the passivity control are this device's own."""
 
     handedness: str = "right"
     damping: float = 0.0

@@ -51,8 +51,8 @@ def _route(service: Service, method: str, words: list[str], query: Mapping[str, 
         return _route_config(service, method, words, query, body)
     if words and words[-1] in _CONFIG and len(words) < 3:
         service.tell("http-route-deprecated", "http", "warning", {"route": "/".join(words)[:100]})
-        return _refuse(404, f"'{words[-1]}' has another route now: /inverse3/0/config/{words[-1]}")
-    return _refuse(404, "no such route; there are /version, /devices, /sessions, /settings and /TYPE/ID/config/NAME")
+        return _refuse(404, f"'{words[-1]}' is now at another route: /inverse3/0/config/{words[-1]}")
+    return _refuse(404, "no such route; known: /version, /devices, /sessions, /settings and /TYPE/ID/config/NAME")
 
 
 def _route_config(
@@ -74,11 +74,11 @@ def _route_config(
         elif method == "DELETE" and name:
             _restore(service, session, name)
         elif method != "GET":
-            return _refuse(405, f"{method} is not for this route")
+            return _refuse(405, f"{method} is not allowed for this route")
     except HaptorbError as cause:
         return _refuse(400, str(cause))
     except (ValueError, RecursionError) as cause:
-        return _refuse(400, f"the body is no JSON: {str(cause)[:200]}")
+        return _refuse(400, f"the body is not JSON: {str(cause)[:200]}")
     config: dict[str, Any] = {"type": kind, "handedness": "right"}
     if kind == "inverse3":
         config = _describe_config(service, session)

@@ -1,4 +1,4 @@
-"""The protocol itself: one inventory for who connects, and one state message for every message, whatever it says."""
+"""The protocol itself: one inventory for a new client, and one state message in reply to every message."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Service:
         return self._write(session, config=True, inventory=True)
 
     def answer(self, session: Session, text: str | bytes) -> str:
-        """The one message in answer to a client's message: the state, whatever was said."""
+        """The one reply to a client's message: the state, whatever the message."""
         session.messages += 1
         self.cursor.look()
         try:
@@ -94,7 +94,7 @@ class Service:
             self.tell(
                 "device-busy", "device", "warning",
                 {"device_id": self.identity.device, "session_id": session.number, "holder": self.served.holder},
-                "another session commands this device; this one may watch",
+                "another session commands this device; this one only watches",
             )  # fmt: skip
 
     def _set_session(self, session: Session, given: object) -> None:
@@ -116,7 +116,7 @@ class Service:
         session.space = replace(session.space, transform=parse_transform(given, session.space.transform))
 
     def configure(self, session: Session | None, found: Mapping[str, Any]) -> None:
-        """What one client sets for itself, or, for None, somebody for all clients that connect from now on. Raises
+        """The settings of one client, or, for None, of all clients that connect from now on. Raises
         InputError for what cannot be; then nothing changes."""
         space = (self.space if session is None else session.space).configure(found)
         self.settings = self.settings.configure(found)
@@ -145,7 +145,7 @@ class Service:
         return json.dumps({"session_id": session.number, **state})
 
     def _write_state(self, space: Space, holder: int, buttons: dict[str, bool]) -> str:
-        """The state as everybody is told who sees the device through `space`, written once per tick."""
+        """The state as clients receive it that see the device through `space`, written once per tick."""
         if self._tick != self.cursor.tick:
             self._tick, self._texts = self.cursor.tick, {}
         # With the space itself kept beside the text, no other one can have its id within the tick.

@@ -1,7 +1,7 @@
 """Axes, mount and scale as that service's clients set them: where they see the cursor, and whither their forces point.
 
 The order is that of the service's documentation: the device's own frame (X to the right, Y forward, Z up), then the
-mount, then the transform of the workspace, then the basis, which names the axes anew.
+mount, then the transform of the workspace, then the basis, which permutes the axes.
 """
 
 from __future__ import annotations
@@ -123,7 +123,9 @@ def parse_basis(text: object) -> Basis:
     (1.0, -2.0, 3.0)
     """
     if not isinstance(text, str) or len(text) > 12:
-        raise InputError("a basis is a permutation of X, Y and Z, each with + or - before it if need be, such as 'XZY'")
+        raise InputError(
+            "a basis must be a permutation of X, Y and Z, each optionally preceded by + or -, such as 'XZY'"
+        )
     axes, signs, sign = list[int](), list[float](), 1.0
     for letter in text.upper():
         if letter in "+-":

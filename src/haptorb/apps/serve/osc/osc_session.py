@@ -69,7 +69,7 @@ class OscSession:
         return self._inbox.sockets
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         self._inbox.close()
 
     @property
@@ -103,10 +103,10 @@ class OscSession:
     def _command(self, program: _Program, force: tuple[float, ...], now: float) -> None:
         if not self._served.command(program.session, force):
             held = self._served.holder not in (0, program.session)
-            reason = "another program holds the device; its force counts" if held else "no such force can be rendered"
+            reason = "another program holds the device" if held else "no such force can be rendered"
             self._refuse(program, InputError(reason), now)
         elif not self._served.renders_force:
-            self._refuse(program, InputError("the world that is felt has no clients' force; choose 'remote'"), now)
+            self._refuse(program, InputError("the current world does not render clients' forces; choose 'remote'"), now)
 
     def _do(self, program: _Program, address: str, values: list[Any], now: float) -> tuple[float, ...] | None:
         """Do what a message asks; the force, if it asks for one: of several at once, the last counts."""
@@ -202,7 +202,7 @@ class OscSession:
         self._send(data, program.answers_to)
 
     def _send(self, data: bytes, to: Sequence[Any]) -> bool:
-        with suppress(OSError):  # the way is full, or nobody is there: never wait
+        with suppress(OSError):  # the buffer is full, or the port closed: never wait
             self._socket.sendto(data, tuple(to))
             return True
         return False

@@ -25,8 +25,8 @@ def analysis_of(
 ) -> Analysis:  # fmt: skip
     """The analysis of the study called `name` (the only one, if there is one) in the database at `place`.
 
-    `progress` is told (people fitted, people in all), where something is fitted. The plan of the study is compared with
-    the one of the `registration`.
+    `progress` receives (people fitted, people in all), where something is fitted. The plan of the study is compared
+    with the one of the `registration`.
     """
     engine = database(place, make=False)
     study = read_study(engine, name)

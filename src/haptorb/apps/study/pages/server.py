@@ -18,7 +18,7 @@ from haptorb.errors import ServoError
 
 __all__ = ["PORT", "StudyServer"]
 
-PORT = 8766  #: unless told otherwise; the console's is another
+PORT = 8766  #: default; the console's is another
 _LOOK = 0.05  #: between two looks whether the session manager runs [s]
 _SWITCH = 0.0005  #: for which another thread of this program may compute on while a Stop has come [s]
 _LAST_WORDS = 0.5  #: for the pages to show that it is not [s]
@@ -26,10 +26,10 @@ _LAST_WORDS = 0.5  #: for the pages to show that it is not [s]
 
 @final
 class StudyServer:
-    """Serves `manager` at `participant` and, to whoever knows the token in it, at `experimenter`.
+    """Serves `manager` at `participant` and, to clients with the token in it, at `experimenter`.
 
     port   0 takes any free one
-    more   what the experimenter's page shows besides: where answers are kept, what was foretold
+    more   what the experimenter's page shows besides: where answers are stored, and the forecast
     Raises InputError at once if the port cannot be had or the pages have not been built.
     """
 
@@ -82,12 +82,12 @@ class StudyServer:
         if dead:
             raise ServoError(
                 f"the thread that runs the sessions ended: {self._reception.trouble}; the coils are off, and all "
-                "answers are stored: start again and enter the same code to resume"
+                "answers are stored: start again and enter the same code to continue"
             )
         return signals_seen[0] if signals_seen else None
 
     async def _serve(self) -> bool:
-        """Serve until `close`, or until nobody is there who does what is asked; whether it was that."""
+        """Serve until `close`, or until the session's thread has ended; returns whether it was that."""
         serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))
         dead = False
         while not serving.done():

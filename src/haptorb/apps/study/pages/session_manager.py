@@ -1,7 +1,7 @@
 """Runs sessions one after another in a thread of its own: commands of the pages in, one state out.
 
 The thread may wait for the disk, a database far away, or a device that starts; the pages, the pen and Stop do not:
-Stop goes through `SessionManager.halt`, which asks nobody.
+Stop goes through `SessionManager.halt`, which waits for no other thread.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = ["SessionManager"]
 _TICK = 0.02  #: between two looks at the device [s]
 _WAITING = 100  #: commands that may wait at most: who sends more is no person
 
-#: asked of the manager by a page: tells the page what was wrong, or nothing
+#: for a request of a page to the manager: reports to the page what was wrong, or nothing
 Respond = Callable[[str], None]
 
 
@@ -81,20 +81,20 @@ class SessionManager:
 
     @property
     def dead(self) -> bool:
-        """Whether the thread has ended although nobody told it to: nothing that is asked would be done."""
+        """Whether the thread has ended without a request: no command would be executed."""
         return bool(self._died) and not self._thread.is_alive()
 
     def ask(self, command: dict[str, Any], respond: Respond) -> None:
-        """Obey `command` soon; `respond` hears what was wrong with it, if anything was."""
+        """Execute `command` soon; `respond` receives the mistake, if there is one."""
         if self._died:
-            raise InputError(f"the study program has failed and closes: {self._died}")
+            raise InputError(f"the study program has failed and is closing: {self._died}")
         if self._inbox.qsize() >= _WAITING:
             raise InputError("too many commands are waiting (is the database locked?): try again in a moment")
         self._inbox.put((command, self.halt.ask(), respond))
 
     @property
     def now(self) -> str:
-        """The state, in one word; "paused" from the moment at which somebody stops."""
+        """The state, in one word; "paused" from the moment of a Stop."""
         runner, session = self.runner, self.session  # the thread may put them away meanwhile
         state = runner.state if runner is not None else self.state
         if self.halt.active and session is not None and state not in ("starting", "waiting", "failed", *OVER):
@@ -136,7 +136,7 @@ class SessionManager:
                 self.state, self.trouble = "failed", self._died
 
     def _try(self, do: Callable[[], None], respond: Respond | None) -> None:
-        """`do` it; whatever it raises is told, and this thread goes on. None: nobody asked, so the session ends."""
+        """`do` it; an exception is reported, and this thread continues. None: without a page, so the session ends."""
         try:
             do()
         except HaptorbError as mistake:
@@ -145,7 +145,7 @@ class SessionManager:
             if respond is None or isinstance(mistake, ServoError):
                 self._end(str(mistake))
         except BaseException as fault:  # safety: study-fault
-            # Nobody foresaw it, so nobody knows what the session is in: off, and it can be resumed.
+            # Unexpected, so the session's state is unknown: off, and it can be resumed.
             self.halt.stop(None)
             text = (
                 f"a fault in haptorb, please report it: {explain_fault(fault)}. Coils off; the session can be resumed"
@@ -227,7 +227,7 @@ class SessionManager:
             self.halt.attach(servo, asked)  # before it is open: Stop reaches it from here on
             servo.open()
             trial_device = TrialDevice(self.study, servo)
-            trial_device.hold()  # the first time loads kernels; afterwards the pen must never be silent that long
+            trial_device.hold()  # the first time loads kernels; afterwards the pen must never be without data that long
             self.trial_device = trial_device
             self._mark("session", {"session": session.id, "participant": session.code})
         except HaptorbError as failure:
@@ -264,8 +264,6 @@ class SessionManager:
 
     def _answer(self, runner: TrialRunner, value: Any) -> None:
         prompt, number, seconds, repeats = runner.prompt, runner.session.number, runner.seconds, runner.repeats
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int)):
-            raise InputError(f"an answer is a whole number; got {value!r}")
         part = runner.trial_device.course(str(self._recording.absolute()) if self._recording is not None else None)
         runner.answer(value)
         trips = [str(trip.get("code")) for trip in runner.trips if trip["trial"] == number]
@@ -282,7 +280,7 @@ class SessionManager:
             self._streams.mark(kind, facts)
 
     def _end(self, trouble: str, state: str = "failed") -> None:
-        """Coils off, session given back; what was answered is on the disk already."""
+        """Coils off, session released; the answers are already on disk."""
         servo, session = self._servo, self.session
         self._servo = None
         if servo is not None:

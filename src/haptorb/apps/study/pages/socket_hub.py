@@ -15,6 +15,7 @@ from typing import Any, final
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from haptorb.apps.study.model.prompts import GREATEST
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.pages.trial_viewers import TrialViewers
 from haptorb.apps.study.pages.views import for_experimenter, for_participant, pen
@@ -34,8 +35,7 @@ _STOPS = re.compile(r'"do"\s*:\s*"(stop|pause|leave|abort)"')
 _PARTICIPANT = frozenset({"agree", "answer", "reply", "skip", "interval"})
 _EXPERIMENTER = frozenset({"begin", "pause", "stop", "resume", "repeat", "engage", "leave", "abort", "skip", "view"})
 _IN_TRIAL = ("running", "time is up")
-_UNTOLD = 20  #: mistakes that a page was not told of yet, at most
-_LARGEST = 10**6  #: draft of an answer
+_UNTOLD = 20  #: mistakes that were not yet sent to a page, at most
 
 
 @final
@@ -70,7 +70,7 @@ class StudySocketHub:
         while True:
             trial_device = self._manager.trial_device
             if trial_device is not None:
-                with suppress(Exception):  # the manager's thread notices by itself, and says so
+                with suppress(Exception):  # the manager's thread notices by itself, and reports it
                     trial_device.hold()
             await asyncio.sleep(REFRESH)
 
@@ -94,7 +94,7 @@ class StudySocketHub:
         # safety: experimenter-token
         if not secrets.compare_digest(given.encode("utf-8", "replace"), self._token.encode()):
             with suppress(RuntimeError):
-                await socket.close(1008, "this page needs the address that the terminal printed")
+                await socket.close(1008, "open this page with the address that the terminal printed")
             return
         page = StudyPage(socket, participant=False)
         self.enter(page)
@@ -108,13 +108,13 @@ class StudySocketHub:
         (self._participants if page.participant else self._experimenters).append(page)
 
     def part(self, page: StudyPage) -> None:
-        """`page` went away. If it was the participant's, the coils go off, and stay off until somebody resumes."""
+        """`page` went away. If it was the participant's, the coils go off until the session is resumed."""
         if page.participant and self._participants[0] is page:  # safety: participant-gone
             self._manager.halt.stop("the participant's page was closed")
         (self._participants if page.participant else self._experimenters).remove(page)
 
     def handle_message(self, page: StudyPage, text: str) -> None:
-        """One message of `page`: Stop before anything else. Nothing that it may hold is raised, `page` is told."""
+        """One message of `page`: Stop before anything else. A wrong message raises nothing, `page` is informed."""
         try:
             if page.participant:
                 if asks_to_stop(text):  # safety: study-stop-first
@@ -125,7 +125,7 @@ class StudySocketHub:
             command = read_command(text)
             do = command.get("do")
             if not isinstance(do, str):
-                raise InputError("a command must say what to do, as a text: do")
+                raise InputError("a command must state its action as text: do")
             if page.participant:
                 self._receive_participant(page, do, command)
             else:
@@ -133,7 +133,7 @@ class StudySocketHub:
         except HaptorbError as mistake:
             page.tell(str(mistake))
         # safety: study-message
-        except Exception as fault:  # whatever it holds, the page's next Stop must be heard
+        except Exception as fault:  # for any content, the page's next Stop must be received
             page.tell(f"this message cannot be processed: {type(fault).__name__}")
 
     async def _serve(self, page: StudyPage, about: Mapping[str, Any]) -> None:
@@ -165,7 +165,7 @@ class StudySocketHub:
         elif do == "draft":
             session = manager.session
             value = command.get("value")
-            if value is None or (type(value) is int and abs(value) < _LARGEST):
+            if value is None or (type(value) in (int, float) and abs(value) <= GREATEST):
                 self._draft, self._draft_of = value, session.number if session is not None else -1
         elif do in _PARTICIPANT:  # safety: participant-steers
             manager.ask(command, page.tell)
@@ -186,14 +186,14 @@ class StudySocketHub:
     def _view(self, page: StudyPage, trial: Any) -> None:
         """Have the recording of an answered trial of this session played."""
         if self._manager.now in _IN_TRIAL:
-            raise InputError("a trial runs: stop it, or wait for the pause after it, to look at a recording")
+            raise InputError("a trial is running: stop it, or wait for the pause after it, to play a recording")
         parts = [row.get("recording") for row in self._manager.log if row["trial"] == trial]
         if not parts or parts[-1] is None:
             raise InputError("this trial has no recording: it is not answered yet, or the session is not recorded")
         self.viewers.open(parts[-1], page.tell)
 
     async def _send(self, page: StudyPage, about: Mapping[str, Any]) -> None:
-        """Whatever is new to `page`, some 25 times a second."""
+        """Send what is new to `page`, some 25 times a second."""
         await page.socket.send_text(json.dumps({"event": "about", **about}))
         while True:
             for text in self._collect_messages(page):

@@ -1,4 +1,4 @@
-"""What each page is told: the participant nothing that would give an answer away, the experimenter everything."""
+"""What each page receives: the participant nothing that would reveal an answer, the experimenter everything."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def places(study: Study) -> list[dict[str, float]]:
 def for_participant(manager: SessionManager) -> dict[str, Any]:
     """State, task, progress; never what is prompted, nor which interval holds what.
 
-    stopped      who stopped, "" if nobody did or somebody has resumed since
-    unconfirmed  whether the coils are told to be off, and the device has not confirmed that
+    stopped      who stopped, "" if none did or the session was resumed since
+    unconfirmed  whether the coils were switched off, and the device has not confirmed it
     """
     runner, session, trial_device = manager.runner, manager.session, manager.trial_device
     halt = manager.halt
@@ -83,7 +83,7 @@ def for_participant(manager: SessionManager) -> dict[str, Any]:
 def for_experimenter(manager: SessionManager, pages: int, draft: Any) -> dict[str, Any]:
     """Everything: what is prompted, what is being answered, what the device did."""
     view = for_participant(manager) | {
-        "trouble": manager.trouble or ("the study program has failed and closes" if manager.dead else ""),
+        "trouble": manager.trouble or ("the study program has failed and is closing" if manager.dead else ""),
         "pages": pages,
         "draft": draft,
         "log": manager.log[-200:],
@@ -132,11 +132,10 @@ def _task(study: Study, prompt: Prompt) -> dict[str, Any]:
         ask = "Which do you prefer?" if prompt.other else "Which one pushed harder?"
         return {"kind": "compare", "ask": ask, "numbers": [1, 2]}
     if prompt.high:
-        numbers = list(range(prompt.low, prompt.high + 1))
-        few = len(numbers) <= _MOST_BUTTONS
+        few = prompt.high - prompt.low < _MOST_BUTTONS and not prompt.decimal
         return {
-            "kind": "rate", "ask": ask_number(study), "numbers": numbers if few else [],
-            "low": prompt.low, "high": prompt.high,
+            "kind": "rate", "ask": ask_number(study), "low": prompt.low, "high": prompt.high, "decimal": prompt.decimal,
+            "numbers": list(range(prompt.low, prompt.high + 1)) if few else [],
         }  # fmt: skip
     if prompt.wants_number:
         return {"kind": "number", "ask": "Which place pushes?", "numbers": list(prompt.numbers)}

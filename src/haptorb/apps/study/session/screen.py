@@ -1,6 +1,6 @@
 """What the terminal shows in a session: the task, the set-points' numbers seen from above, and the answer so far.
 
-Of the simulated device, which nobody can feel, it shows pen and force besides; of a real one it does not.
+Of the simulated device, which cannot be felt, it also shows pen and force; of a real one it does not.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ class Screen:
                 if prompt.other:
                     task = f"interval {view.which} (Tab: the other). Which do you prefer? 1 or 2"
             elif prompt.high:
-                task = f"{ask_number(trial_device.study)} {prompt.low} to {prompt.high}"
+                span = f"any number above {prompt.low}" if prompt.decimal else f"{prompt.low} to {prompt.high}"
+                task = f"{ask_number(trial_device.study)} {span}"
             elif prompt.wants_number:
                 task = "Find the place that pushes; answer with its number"
             else:
@@ -74,7 +75,11 @@ class Screen:
             parts += [Text(task, style="bold"), self._map()]
             if prompt.wants_number:
                 parts.append(Text.assemble("answer: ", (view.typed or "_", "bold reverse")))
-            notice = "abort for good? y aborts, any other key continues" if view.state == "abort?" else view.message
+            notice = (
+                "abort the session permanently? y aborts, any other key continues"
+                if view.state == "abort?"
+                else view.message
+            )
             if notice:
                 parts.append(Text(notice, style="bold yellow"))
         steer = "arrow keys move the pen · " if trial_device.steered else ""

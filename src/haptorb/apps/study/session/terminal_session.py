@@ -15,10 +15,10 @@ from haptorb.errors import InputError
 
 __all__ = ["TerminalSession", "View"]
 
-_TICK = 0.02  #: the pen's place is said anew so often [s]; a device forgets it after some 50 ms
+_TICK = 0.02  #: interval at which the pen's position is repeated [s]; it expires after some 50 ms
 _STEP = 3.0  #: an arrow key moves the pen by so much [deg]
 _STEER = {"up": (0.0, _STEP), "down": (0.0, -_STEP), "left": (-_STEP, 0.0), "right": (_STEP, 0.0)}
-_TYPED = 7  #: digits of a number at most; words may be longer
+_TYPED = 9  #: characters of a number at most; words may be longer
 
 
 @final
@@ -38,9 +38,9 @@ class View:
 
 @final
 class TerminalSession:
-    """Runs `session` to its end, or until somebody leaves; `show` draws a view, some ten times a second.
+    """Runs `session` to its end, or until the person leaves; `show` draws a view, some ten times a second.
 
-    `halt` knows the servo, and which Stop stands; None: nobody but the keys stops.
+    `halt` knows the servo, and which Stop is active; None: only the keys stop.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class TerminalSession:
             case "time is up":
                 return "time is up: please answer now"
             case "device off":
-                return "the device is off: please wait. e switches it on again; the trial then begins anew"
+                return "the device is off: please wait. e switches it on again; the trial then starts again"
         return ""
 
     def _handle_key(self, key: str) -> None:
@@ -111,7 +111,7 @@ class TerminalSession:
     def _handle_trial_key(self, key: str) -> None:
         runner, trial_device = self._runner, self._trial_device
         if key == "enter":
-            runner.answer(int(self._typed) if self._typed else None)
+            runner.answer(_read_number(self._typed) if self._typed else None)
             self._typed = self._message = ""
         elif key in _STEER and trial_device.steered:
             trial_device.steer(*_STEER[key])
@@ -125,9 +125,15 @@ class TerminalSession:
             self._typed, self._message = "", "trial restarted"
         elif key == "back":
             self._typed = self._typed[:-1]
-        elif key.isdigit() and key.isascii() and len(self._typed) < _TYPED:
+        elif ((key.isdigit() and key.isascii()) or key in self._points) and len(self._typed) < _TYPED:
             self._typed += key
             self._message = ""
+
+    @property
+    def _points(self) -> str:
+        """Keys of a decimal point, where there may be one."""
+        prompt = self._conduct.prompt
+        return ".," if prompt is not None and prompt.decimal and not set(".,") & set(self._typed) else ""
 
     def _handle_text_key(self, key: str) -> None:
         """A key while a question is answered in words; choices may be given by their number."""
@@ -145,3 +151,13 @@ class TerminalSession:
         elif key == "space" or len(key) == 1:
             self._typed += " " if key == "space" else key
             self._message = ""
+
+
+def _read_number(typed: str) -> int | float:
+    """The number that was typed; InputError for a point alone."""
+    if typed.isdecimal():
+        return int(typed)
+    try:
+        return float(typed.replace(",", "."))
+    except ValueError as cause:
+        raise InputError(f"answer must be a number; got '{typed}'") from cause

@@ -1,4 +1,4 @@
-"""A session as it is run, whoever runs it: rests, trials, pauses, questions; commands in, state out, no keys, no page.
+"""A session, independent of its interface: rests, trials, pauses, questions; commands in, state out, no keys, no page.
 
 The terminal and the pages both drive this, so that both keep the same data. One thread calls it.
 """
@@ -23,19 +23,19 @@ _TRIAL = ("running", "time is up")
 
 
 def _ignore_event(kind: str, facts: dict[str, Any]) -> None:
-    """Who listens where nobody does."""
+    """A listener that does nothing."""
 
 
 @final
 class TrialRunner:
     """Runs `session` on `trial_device`. `tick` is to be called some fifty times a second.
 
-    A Stop is carried out by `halt`, at once; here it becomes the state "paused", whatever the state was, and a record.
-    A trial in which the device was off, for whatever reason, is not answered: it begins anew when the device is on.
+    A Stop is carried out by `halt`, at once; here it becomes the state "paused", from any state, and a record.
+    A trial in which the device was off, for any reason, is not answered: it starts again when the device is on.
 
     state      question, pause (between trials), break, running, time is up, device off, paused, done, left, aborted
     recording  file that the tool's course goes to; its name is kept with every trial
-    mark       is told of everything that happens, as it happens: for streams to other equipment
+    mark       is called for every event, as it happens: for streams to other equipment
     halt       knows the servo and who stopped it; None: one of its own
     """
 
@@ -53,8 +53,8 @@ class TrialRunner:
         self.seconds = 0.0  #: time in this trial without pauses [s]
         self.trips: list[dict[str, Any]] = []  #: safety events of the session, with the trial each came in
         self._recording, self._mark, self._clock = recording, mark, clock
-        self.repeats = 0  #: how often this trial began anew
-        self._again = ""  # why it is to begin anew
+        self.repeats = 0  #: how often this trial was restarted
+        self._again = ""  # why it must start again
         self._during: list[dict[str, Any]] = []  # trips in this trial, however often it began
         self._until = 0.0  # end of a rest
         self._last = clock()
@@ -112,13 +112,13 @@ class TrialRunner:
         for stopped in self.halt.take():
             self._note("pause", stopped.why, stopped.at)
 
-    def answer(self, value: int | None) -> None:
-        """Keep the answer, durably, and go on. InputError, and the trial goes on, if it may not be answered so."""
+    def answer(self, value: int | float | None) -> None:
+        """Store the answer, durably, and continue. A wrong answer is an InputError; the trial continues."""
         self.apply_stop()
         self._notice_off()
         if self.state == "device off":
             raise InputError(
-                "the device is off, so this answer does not count: please wait, the trial begins anew when it is on"
+                "the device is off, so this answer does not count: please wait; the trial starts again when it is on"
             )
         prompt = self.prompt
         if self.state not in _TRIAL or prompt is None:
@@ -165,14 +165,14 @@ class TrialRunner:
             self._mark("interval", {"trial": self.session.number + 1, "interval": which})
 
     def pause(self, why: str = "") -> None:
-        """Coils off until `resume`; a rest stands still meanwhile."""
+        """Coils off until `resume`; a rest is suspended meanwhile."""
         if self.state not in OVER:
             if not self.halt.active:
                 self.halt.stop(why)  # safety: study-pause
             self.apply_stop()
 
     def resume(self, asked: StopCount | None = None) -> None:
-        """Go on where `pause` was, in a trial at its beginning; the coils come back from zero.
+        """Continue where `pause` was, in a trial at its beginning; the coils come back from zero.
 
         InputError, and nothing changes, if Stop was given after `asked`; None: it is asked for now.
         """
@@ -186,7 +186,7 @@ class TrialRunner:
         self._note("resume")
 
     def repeat(self) -> None:
-        """The trial from its beginning, with its time limit anew; that it was repeated is kept."""
+        """Start the trial again, with its full time limit; the repetition is stored."""
         self.apply_stop()
         if self.state not in _TRIAL or self.prompt is None:
             raise InputError(f"there is no trial to repeat now ({self.state})")
@@ -209,7 +209,7 @@ class TrialRunner:
             self.state = "left"
 
     def abort(self, why: str = "") -> None:
-        """End for good. Coils off first of all, also if it cannot be kept."""
+        """End the session. Coils off first of all, even if the end cannot be stored."""
         if self.state not in OVER:
             self.halt.stop(None)
             self.apply_stop()
@@ -218,7 +218,7 @@ class TrialRunner:
             self.state = "aborted"
 
     def _continue(self) -> None:
-        """Whatever comes after an answer: a question, a rest, a trial or the end."""
+        """What follows an answer: a question, a rest, a trial or the end."""
         self.trial_device.rest()
         prompt = self.prompt
         if self.session.question is not None:
@@ -262,7 +262,7 @@ class TrialRunner:
         self._mark("device off", {"trial": self.session.number + 1})
 
     def _notice_off(self) -> None:
-        """Keep new trips; a trial in which the device was off waits until it is on, then begins anew."""
+        """Keep new trips; a trial in which the device was off waits until it is on, then starts again."""
         fresh = [str(trip["code"]) for trip in self._record_trips() if trip["code"] != "NOT_WATCHED"]
         if self.state in _TRIAL and (fresh or self.trial_device.switched_off):  # safety: study-answer-off
             self._again = f"the device was off: {', '.join(fresh)}" if fresh else "the device was off"

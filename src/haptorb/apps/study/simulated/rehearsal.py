@@ -26,7 +26,7 @@ def rehearse(
 ) -> int:
     """Let simulated participants SIM01, SIM02 ... (from `first`) sit the study; returns trials answered.
 
-    `progress` is told (trials done, trials in all at most). A rehearsal that was interrupted is resumed.
+    `progress` receives (trials done, trials in all at most). A rehearsal that was interrupted is resumed.
     """
     if not 1 <= people <= 10_000 or seed < 0 or first < 1:
         raise InputError(f"people must be 1 to 10000, seed 0 or more, first 1 or more; got {people}, {seed}, {first}")

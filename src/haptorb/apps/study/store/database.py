@@ -79,7 +79,8 @@ trials = Table(
     Column("session", ForeignKey("sessions.id"), nullable=False),
     Column("number", Integer, nullable=False),  # from 0; with the session unique: nothing doubled
     Column("prompt", Text, nullable=False),  # JSON
-    Column("answer", Integer),
+    # Whole numbers but for magnitudes; `read_value` tells them. SQLite keeps any number in a column called INTEGER.
+    Column("answer", Float().with_variant(Integer(), "sqlite")),
     Column("x", Float), Column("y", Float), Column("z", Float),  # tool's magnet at the answer [m]
     Column("seconds", Float, nullable=False),
     Column("safety", Text, nullable=False, default="[]"),  # JSON: trips of the device during this trial
@@ -123,13 +124,13 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
 
 
 def lock(connection: Connection) -> None:
-    """No other study's program gets past here until the transaction that has just begun on `connection` ends."""
+    """No other study's program passes here until the transaction that has just begun on `connection` ends."""
     lock_database(connection, FAMILY)
 
 
 @contextmanager
 def try_begin(engine: Engine) -> Iterator[Connection]:
-    """A transaction that gives up after 50 ms where another program holds the database."""
+    """A transaction that fails after 50 ms where another program holds the database."""
     with engine.connect() as connection:
         sqlite = engine.dialect.name == "sqlite"
         connection.exec_driver_sql("PRAGMA busy_timeout = 50" if sqlite else "SET LOCAL lock_timeout = 50")

@@ -80,9 +80,9 @@ class ArrayAllocator(Allocator):
 
     current_limit   (m,) greatest magnitude per channel [A]
     resistance      (m,) of the channels as warm as they may be [Ω]
-    part            what is given; the rest of the wrench is left to come along
+    part            what is rendered; the rest of the wrench accompanies it
     power           greatest power Σ R i² that the supply gives [W]; more scales all currents
-    greatest        force [N] and torque [N·m] on the mover: what comes along with what was asked is limited, too
+    greatest        largest force [N] and torque [N·m] on the mover; they also limit the accompanying part
     arm             1 N weighs as much as `arm` [m] × 1 N of torque, where both cannot be given
 
     A force beyond the limits keeps its direction; of a torque or a whole wrench the nearest is given. Raises InputError

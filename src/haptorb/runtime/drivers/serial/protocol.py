@@ -72,7 +72,7 @@ def set_duties(sequence: int, steps: list[int]) -> Frame:
 def engage(sequence: int, duty_limit: float = 1.0, current_limit: float = 65.5) -> Frame:
     """The frame that engages the coils for a session, at most `duty_limit` [1] and `current_limit` [A].
 
-    The firmware never goes above its own limits, whatever is asked here.
+    The firmware never exceeds its own limits, whatever the host requests.
 
     Raises InputError for a duty that is not above 0 and at most 1, or a current not above 0 and at most 65.5 A.
     """

@@ -29,7 +29,7 @@ READING_BYTES = 36
 _SECOND = BLOCKS[1][0]
 _NO_TEMPERATURE = 0x7FFF
 _NO_HALL = 0xFFFF
-_REPEATED = 0x80  #: in the group's number: it has been told before
+_REPEATED = 0x80  #: in the group's number: it has been reported before
 _AXES = 3
 
 
@@ -44,7 +44,7 @@ BOARD_READING = fields(
     ("first", "i8"),  # number of the first Hall sensor
     ("count", "i8"),  # of Hall sensors
     ("hall", "f8", (_SECOND,)),  # of the converter's range, 0…1; NaN before the first reading
-    ("fresh", "?"),  # the Hall readings were not sent before
+    ("fresh", "?"),  # the Hall readings have not been reported before
     ("hall_age", "f8"),  # of them when this was sent [s]
     ("thermometer", "i8"),  # which one the temperature is of
     ("temperature", "f8"),  # [K]; NaN while it has none
@@ -64,7 +64,7 @@ class Reply(IntEnum):
 
 
 def make_reading() -> Records:
-    """(1,) BOARD_READING, zeros: nothing is driven, nothing is told."""
+    """(1,) BOARD_READING, zeros: nothing is driven, nothing is reported."""
     return np.zeros(1, BOARD_READING)
 
 
@@ -130,7 +130,7 @@ class Reading(NamedTuple):
     hall_axis     of the Hall readings: 0, 1, 2 for x, y, z; 0 for radial sensors
     hall_first    number of the first Hall sensor in `hall`
     hall          (4 or 5,) of the converter's range, 0…1; NaN before the first reading
-    hall_fresh    not sent before
+    hall_fresh    not reported before
     hall_age      of `hall` when this was sent [s]
     thermometer   which one `temperature` [K] is of; NaN while it has none
     age           of the oldest of the currents when this was sent [s]

@@ -31,12 +31,12 @@ _REFUSALS = {int(one): one for one in Refusal}
 
 
 def reason(value: int) -> Reason:
-    """The reason `value`; NONE for one that nobody knows."""
+    """The reason `value`; NONE for an unknown one."""
     return _REASONS.get(value, Reason.NONE)
 
 
 def board_mode(value: int) -> BoardMode:
-    """The state `value`; one that nobody knows is one in which nothing may be asked."""
+    """The state `value`; in an unknown one, no current may be requested."""
     return _STANDINGS.get(value, BoardMode.TRIPPED)
 
 

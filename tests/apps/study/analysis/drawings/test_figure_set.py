@@ -19,7 +19,7 @@ from haptorb.apps.study.analysis.drawings.figure_set import draw_figures, write_
 from haptorb.apps.study.analysis.drawings.style import COLOURS, DASHES, MARKERS, PaperSize
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.model.set_points import PUBLISHED_ERRORS
-from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.simulated.rehearsal import rehearse
 from haptorb.apps.study.store.database import database
 from haptorb.errors import InputError, RecordingError
