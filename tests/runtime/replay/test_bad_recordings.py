@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -259,6 +260,10 @@ def test_a_file_is_not_replaced_by_accident(tmp_path: Path) -> None:
         check_replay_file(tmp_path / "there.mcap", overwrite=False)
     with pytest.raises(RecordingError, match="folder"):
         check_replay_file(tmp_path / "no" / "there.mcap", overwrite=False)
+    os.mkfifo(tmp_path / "pipe")
+    replay = Replay(record_chain(tmp_path / "run.mcap", ticks=20))
+    with pytest.raises(RecordingError, match="not a regular file"), replay.write_to(tmp_path / "pipe"):
+        pass
 
 
 @pytest.mark.parametrize("planted", [None, 60, 222])
