@@ -128,8 +128,8 @@ def test_a_world_of_a_file_runs_as_long_as_the_file_is_the_same(tmp_path: Path) 
     assert replay.run().identical
     assert replay.remarks == []
     file.write_text(GROOVE.replace("* 20", "* 21"))
-    for word in ("changed", "gone"):
-        if word == "gone":
+    for word in ("changed", "missing"):
+        if word == "missing":
             file.unlink()
         replay = Replay(recording)
         found = replay.run()
