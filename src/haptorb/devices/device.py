@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
+from haptorb.devices.device_text import DeviceText
 from haptorb.devices.kind import DeviceKind, load_part
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
@@ -127,6 +128,9 @@ class Device(Presentable, ABC):
 
     #: the models of coils and magnets that `wrench_map` knows, the default first
     models: tuple[str, ...] = ()
+
+    #: what it was built from, if that was a file
+    text: DeviceText | None = field(default=None, repr=False, compare=False)
 
     @property
     def tick_models(self) -> tuple[str, ...]:

@@ -11,8 +11,9 @@ from html import escape
 import numpy as np
 
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.record import record
 
-__all__ = ["curves_svg", "facts_html", "pre_html", "scroll_table_html", "table_html"]
+__all__ = ["Link", "curves_svg", "facts_html", "pre_html", "scroll_table_html", "table_html"]
 
 #: Okabe and Ito's colours: distinguished with any colour vision
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
@@ -51,6 +52,20 @@ def table_html(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return f"<table><thead><tr>{line}</tr></thead><tbody>{body}</tbody></table>"
 
 
+@record
+class Link:
+    """A cell of a table: `text` that opens `to` in another tab."""
+
+    text: str
+    to: str
+
+
+def _fill_cell(cell: object) -> str:
+    if isinstance(cell, Link):
+        return f"<a href='{escape(cell.to)}' target='_blank' rel='noopener'>{escape(cell.text)}</a>"
+    return escape(str(cell))
+
+
 def scroll_table_html(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """A table for a report, whose style sheet gives "wide" a scroll bar: a narrow window scrolls the table, by keyboard
     too, and not the page.
@@ -59,7 +74,7 @@ def scroll_table_html(heads: Sequence[str], rows: Iterable[Sequence[object]]) ->
     '<tr><td>firm &amp; stiff</td><td>3</td></tr></table></div>'
     """
     top = "".join(f"<th>{escape(head)}</th>" for head in heads)
-    lines = ("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
+    lines = ("<tr>" + "".join(f"<td>{_fill_cell(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<div class='wide' tabindex='0'><table><tr>{top}</tr>{''.join(lines)}</table></div>"
 
 

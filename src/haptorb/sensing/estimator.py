@@ -96,6 +96,7 @@ class EstimatorSettings:
     model: str | None = None  #: of the device's model; None: the device's first
     offsets: Array | None = None  #: (k, 3) of the field sensors, where calibration found them [T]
     in_turns: bool = False  #: whether the driver reads a part of the field sensors in each tick
+    learned: bytes = b""  #: what it learned, as `EstimatorChoice.read_learned` has it; empty: what this computer has
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,7 @@ class EstimatorChoice:
     make: Callable[[Any, EstimatorSettings], Estimator]  #: from the device
     check: Callable[[Any], object] | None = None  #: before anything starts: InputError if it cannot be made
     axes: int = 1  #: that each of the device's field sensors must measure
+    read_learned: Callable[[Any], bytes] | None = None  #: the file with what it learned, beside the device's
 
 
 def tracker_only(device: Device) -> dict[str, EstimatorChoice]:

@@ -38,6 +38,18 @@ def test_who_is_silent_lets_the_device_go(bench, monkeypatch):
     assert bench.served.command(second, (0.2, 0.0, 0.0))
 
 
+def test_who_sends_zeros_to_be_answered_takes_nothing(bench):
+    watcher, program = bench.served.open_session(), bench.served.open_session()
+    assert bench.served.command(watcher, (0.0, 0.0, 0.0))
+    assert bench.served.holder == 0
+    assert bench.served.command(program, (0.0, 0.0, 0.5))
+    assert bench.served.command(watcher, (0.0, 0.0, 0.0))  # neither refused nor felt
+    assert bench.read_client()["force"].tolist() == [0.0, 0.0, 0.5]
+    assert bench.served.command(program, (0.0, 0.0, 0.0))  # in free space: it still holds the device
+    assert bench.served.holder == program
+    assert not bench.read_client()["force"].any()
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e308])
 def test_what_is_no_force_commands_nothing(bench, bad):
     session = bench.served.open_session()

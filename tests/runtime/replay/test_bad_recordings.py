@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -129,8 +130,8 @@ def test_a_world_of_a_file_runs_as_long_as_the_file_is_the_same(tmp_path: Path) 
     assert replay.run().identical
     assert replay.remarks == []
     file.write_text(GROOVE.replace("* 20", "* 21"))
-    for word in ("changed", "gone"):
-        if word == "gone":
+    for word in ("changed", "missing"):
+        if word == "missing":
             file.unlink()
         replay = Replay(recording)
         found = replay.run()
@@ -261,6 +262,10 @@ def test_a_file_is_not_replaced_by_accident(tmp_path: Path) -> None:
         check_replay_file(tmp_path / "there.mcap", overwrite=False)
     with pytest.raises(RecordingError, match="folder"):
         check_replay_file(tmp_path / "no" / "there.mcap", overwrite=False)
+    os.mkfifo(tmp_path / "pipe")
+    replay = Replay(record_chain(tmp_path / "run.mcap", ticks=20))
+    with pytest.raises(RecordingError, match="not a regular file"), replay.write_to(tmp_path / "pipe"):
+        pass
 
 
 @pytest.mark.parametrize("planted", [None, 60, 222])

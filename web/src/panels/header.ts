@@ -66,7 +66,7 @@ export class Header {
     // A hand that nobody tracks has no age.
     if (health.pose_age_ms) parts.push(`pose ${formatNumber(health.pose_age_ms, 0)} ms`);
     if (health.recording_trouble) parts.push("not recording");
-    write(at("loop"), parts.join(" · "));
+    write(at("loop"), parts.map((part) => part.replaceAll(" ", "\u00a0")).join(" · ")); // a unit stays with its number
   }
 
   /** Who is connected, and how often each asks. */
@@ -74,7 +74,8 @@ export class Header {
     const box = at("connected");
     box.hidden = connections.length === 0;
     if (box.hidden) return;
-    const one = (client: Connection["clients"][number]): string => `${client.name} ${formatNumber(client.rate_hz, 0)} Hz`;
+    // The rate first: a long name is cut off on a narrow screen.
+    const one = (client: Connection["clients"][number]): string => `${formatNumber(client.rate_hz, 0)} Hz ${client.name}`;
     const servers = connections.map((server) => {
       const [first] = [...server.clients].sort((a, b) => Number(b.holds) - Number(a.holds) || b.rate_hz - a.rate_hz);
       if (!first) return `${server.server}: nobody`;

@@ -94,7 +94,7 @@ class Player {
     this.subject = this.scene.subject(this.stage, session);
     this.shapes = this.target?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
     if (this.scene.colours === "currents") this.legend.coils(this.subject.range, session.scene.gives);
-    if (this.scene.colours === "none") this.legend.arrows();
+    this.legend.arrows(); // a world whose code is not here has no colours, but its force is drawn
     this.legend.device(session.scene);
     new Grasp(this.stage.canvas, this.subject, this.orbit, () => undefined).enabled = false;
     fill(session, this.scene, [], KEYS);

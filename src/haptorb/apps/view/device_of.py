@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from haptorb.devices.device import Device
+from haptorb.devices.device_text import DeviceText
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import HaptorbError, InputError
 
@@ -27,9 +28,9 @@ def find_device(path: Path, note: Mapping[str, str], name: str | None) -> tuple[
             device,
             "" if digest == device.digest else f"drawn as '{device.name}'; it was recorded with another device",
         )
-    if text := note.get("file", ""):
+    if text := DeviceText.from_note(note):
         try:
-            return parse(text, note.get("name", "of the recording")), ""
+            return parse(text.own, note.get("name", "of the recording"), bases=text.bases), ""
         except HaptorbError as cause:
             if note.get("name", "") not in catalogue():
                 raise InputError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from base64 import b64decode
 from collections.abc import Mapping
 from typing import Any, final
 
@@ -11,6 +12,7 @@ import numpy as np
 from haptorb import worlds
 from haptorb.control.clutch.gains import Gains
 from haptorb.devices.device import Device
+from haptorb.devices.device_text import DeviceText
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import HaptorbError, InputError, RecordingError
 from haptorb.runtime.drivers.driver import Driver
@@ -45,8 +47,10 @@ class RecordedRun:
         self._run: Mapping[str, str] = self._notes.get("run", {})
         self.device: Device = self._load_device()
         self.rate = self._number("rate_hz") or self._measure_rate(recording)
-        estimator = self._run.get("estimator", "")
-        self.estimator: str = estimator if estimator in estimators_of(self.device) else estimators_of(self.device)[0]
+        estimator, known = self._run.get("estimator", ""), estimators_of(self.device)
+        self.estimator: str = estimator if estimator in known else known[0]
+        if estimator not in ("", self.estimator):
+            self.remarks.append(f"estimator '{estimator[:60]}' is unknown to this version; '{self.estimator}' is used")
         self.model: str | None = self._run.get("model") or None
         if self.model is not None and self.model not in self.device.models:
             self.remarks.append(f"model '{self.model}' is unknown to this version; '{self.device.models[0]}' is used")
@@ -91,6 +95,7 @@ class RecordedRun:
             render=run.get("render") or None,
             torque_arm=self._number("torque_arm_m"),
             in_turns=run.get("driver", "sim") not in ("", "sim"),
+            learned=self._read_learned() if estimator in (None, self.estimator) else b"",
         )  # fmt: skip
 
     def describe_world(self, change: int) -> str:
@@ -152,6 +157,13 @@ class RecordedRun:
             found = {}
         return found if isinstance(found, dict) else {}
 
+    def _read_learned(self) -> bytes:
+        """What the run's estimator had learned; empty in recordings that do not carry it."""
+        try:
+            return b64decode(self._run.get("learned", ""), validate=True)
+        except ValueError:
+            return b""
+
     def _number(self, key: str) -> float | None:
         try:
             number = float(self._run.get(key, ""))
@@ -168,10 +180,10 @@ class RecordedRun:
 
     def _load_device(self) -> Device:
         noted = self._notes.get("device", {})
-        text, name, digest = noted.get("file", ""), noted.get("name", ""), noted.get("digest", "")
+        text, name, digest = DeviceText.from_note(noted), noted.get("name", ""), noted.get("digest", "")
         try:
             if text:
-                device = parse(text, f"the device in {self._path}")
+                device = parse(text.own, f"the device in {self._path}", bases=text.bases)
             elif name in catalogue():
                 device = load(name)
             else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from base64 import b64encode
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -16,6 +17,7 @@ from haptorb.errors import InputError
 from haptorb.runtime.exchange.shared_memory import SharedMemory
 from haptorb.runtime.exchange.world_change import name_of
 from haptorb.runtime.recording.software import describe_machine, list_versions
+from haptorb.runtime.tick.assembly import read_learned
 from haptorb.runtime.trackers.tracker_registry import Preparation
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
 from haptorb.worlds.own.world_note import note_world
@@ -24,7 +26,7 @@ from haptorb.worlds.world import World
 __all__ = ["check_seed", "describe_choices", "notes", "recorder_spec", "tracker_spec"]
 
 
-_LONGEST = 30_000  #: characters of how a world is made: the notes are handed over on a command line
+_LONGEST = 1_000_000  #: characters of how a world is made
 
 
 def recorder_spec(
@@ -43,18 +45,20 @@ def recorder_spec(
     }
 
 
-def notes(device: Device, text: str, run: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """Metadata of a recording: its `device` (with the `text` of its file), the `run`, and the software."""
+def notes(device: Device, run: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """Metadata of a recording: its `device` (with its file, if it has one), the `run` (with what its estimator learned,
+    in base64), and the software."""
+    learned = b64encode(read_learned(device, run["estimator"])).decode()
     return {
         "device": {
             "name": device.name,
             "digest": device.digest,
             "title": device.title,
             "source": device.source,
-            "file": text,
+            **(device.text.as_note() if device.text else {"file": ""}),
             "coils": json.dumps(device.coils.names),
         },
-        "run": dict(run),
+        "run": {**run, "learned": learned} if learned else dict(run),
         "versions": list_versions(),
         "machine": describe_machine(),
     }

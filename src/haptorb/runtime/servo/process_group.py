@@ -91,10 +91,15 @@ class ProcessGroup:
         return self._shared.phase is Phase.RUNNING and self._servo.poll() is None
 
     def record(self, spec: str, descriptor: int) -> None:
-        """Start the recorder with `spec` (JSON) and the open file `descriptor`."""
-        self._recorder = start_module(
-            "haptorb.runtime.processes.recorder_process", spec, errors=self._errors, descriptor=descriptor
-        )
+        """Start the recorder with `spec` (JSON), which a command line could be too short for, and the open file
+        `descriptor`."""
+        path = self._errors.with_name("recorder.json")
+        path.write_text(spec, encoding="utf-8")
+        with path.open("rb") as file:
+            self._recorder = start_module(
+                "haptorb.runtime.processes.recorder_process",
+                errors=self._errors, stdin=file.fileno(), descriptor=descriptor,
+            )  # fmt: skip
 
     def track(self, spec: str, descriptor: int | None) -> None:
         """Start the tracker's process with `spec` (JSON) and its open socket `descriptor`, if it has one."""

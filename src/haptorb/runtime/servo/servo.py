@@ -35,7 +35,6 @@ from haptorb.runtime.realtime.schedule import check_rate
 from haptorb.runtime.realtime.stale_files import FileLock, sweep
 from haptorb.runtime.recording.run_recording import RunRecording
 from haptorb.runtime.row import RowLayout
-from haptorb.runtime.servo.device_text import text_of
 from haptorb.runtime.servo.launch import check_seed, describe_choices, notes, recorder_spec, tracker_spec
 from haptorb.runtime.servo.process_group import ProcessGroup
 from haptorb.runtime.servo.servo_context import ServoContext
@@ -129,7 +128,6 @@ class Servo(ServoContext):
     ) -> None:
         require_linux("haptorb.Servo")
         self.device = device if isinstance(device, Device) else load(device)
-        self._device_text = text_of(self.device, device)
         self.layout = RowLayout.of(self.device)
         self.driver = check_driver(driver)
         self.tracker = check_tracker(tracker, self.driver)
@@ -293,4 +291,4 @@ class Servo(ServoContext):
             "first_world": description(self._plan.world),
             **describe_choices(self._gains, self._torque_arm, (self._plan.world, *self.own_worlds.values())),
         }
-        return notes(self.device, self._device_text, run)
+        return notes(self.device, run)

@@ -33,10 +33,9 @@ _SETTLED = 0.03  #: for which a file that is being written must stay as it is [s
 def choose_world(
     given: str | World | WorldFile | SceneFile | FileWithRemote | Callable[[State], Array],
 ) -> tuple[World, WorldFile | SceneFile | None]:
-    """The world `given` by name or object, and the file to watch if it comes from one; a function returns (6,) [N,
-    N·m].
+    """The world `given` by name or object, and the file to watch if it comes from one.
 
-    Raises UnknownName or InputError as `find_world`, `make_world` and `WorldFile.load` do.
+    A function as a world returns (6,) [N, N·m]. Raises UnknownName or InputError as `find_world`, `make_world` and `WorldFile.load` do.
     """
     if isinstance(given, str) and is_world_file(given):
         given = parse_world_file(given)

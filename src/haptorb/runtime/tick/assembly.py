@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from haptorb.control.allocation.allocator import Allocator
 from haptorb.control.allocation.wrench_choice import WrenchChoice
 from haptorb.control.clutch.gains import Gains
@@ -33,6 +35,7 @@ __all__ = [
     "linkage_of",
     "make_tick",
     "modes_of",
+    "read_learned",
 ]
 
 DRIVERS = ("sim",)
@@ -85,17 +88,32 @@ def check_estimator(device: Device, name: str | None) -> str:
 
 
 def estimator_of(
-    device: Device, name: str, model: str | None, offsets: Array | None = None, *, in_turns: bool = False
+    device: Device,
+    name: str,
+    model: str | None,
+    offsets: Array | None = None,
+    *,
+    in_turns: bool = False,
+    learned: bytes = b"",
 ) -> Estimator:
     """The estimator `name` of `device`, by its `model`; `offsets` (k, 3) [T] of its field sensors, if known.
 
-    in_turns: the driver reads a part of the field sensors in each tick. Raises UnknownName for an estimator that it
-    cannot have.
+    in_turns: the driver reads a part of the field sensors in each tick. learned: as `read_learned` has it, in place of
+    what this computer has. Raises UnknownName for an estimator that it cannot have.
     """
     known = _choices(device)
     if name not in known:
         raise UnknownName(f"estimator of device '{device.name}'", name, known)
-    return known[name].make(device, EstimatorSettings(model, offsets, in_turns))
+    return known[name].make(device, EstimatorSettings(model, offsets, in_turns, learned))
+
+
+def read_learned(device: Device, name: str) -> bytes:
+    """The file with what the estimator `name` of `device` learned, such as networks; empty for one that learns nothing,
+    or if there is none."""
+    read = _choices(device)[name].read_learned
+    with suppress(OSError):
+        return b"" if read is None else read(device)
+    return b""
 
 
 def allocator_of(device: Device) -> Allocator:
@@ -180,15 +198,18 @@ def make_tick(
     render: str | None = None,
     torque_arm: float | None = None,
     in_turns: bool = False,
+    learned: bytes = b"",
 ) -> Tick:
     """The chain behind `driver`, as `assemble` makes it; at `rate` [Hz].
 
-    in_turns: the driver reads a part of the field sensors in each tick.
+    in_turns: the driver reads a part of the field sensors in each tick. learned: as `read_learned` has it, in place of
+    what this computer has.
     """
     believed = device if calibration is None else calibration.apply(electromagnet(device, "a calibration"))
     offsets = None if calibration is None else calibration.offsets
-    known = check_estimator(device, estimator)
+    known = estimator if learned and estimator else check_estimator(device, estimator)
     return Tick(
-        believed, world, driver, estimator_of(believed, known, model, offsets, in_turns=in_turns),
+        believed, world, driver,
+        estimator_of(believed, known, model, offsets, in_turns=in_turns, learned=learned),
         allocator_of(device), 1.0 / rate, linkage_of(device, gains), choice=choice_of(device, render, torque_arm),
     )  # fmt: skip

@@ -73,7 +73,7 @@ def _check_heights(heights: ArrayLike) -> Array:
 
 
 def hills(size: int = 65) -> Array:
-    """(size, size) terrain with three mountains and two valleys, heights within −1…1, dimensionless."""
+    """(size, size) terrain with three mountains and two valleys, heights −1…1 [1]."""
     v, u = np.meshgrid(np.linspace(-1, 1, size), np.linspace(-1, 1, size), indexing="ij")
     places = (
         (0.35, 0.1, 0.22, 1.0),

@@ -6,6 +6,7 @@ import asyncio
 import socket
 from collections.abc import Callable
 from functools import partial
+from itertools import cycle
 from typing import Any, final
 
 from haptorb.apps.serve.access import Access, choose_serve_token
@@ -15,7 +16,7 @@ from haptorb.apps.serve.haply.http_exchange import HttpReply
 from haptorb.apps.serve.haply.routes import reply
 from haptorb.apps.serve.haply.service import Service
 from haptorb.apps.serve.haply.session import Session
-from haptorb.apps.serve.ports import LOOPBACK, check_port, open_port
+from haptorb.apps.serve.ports import LOOPBACK, OTHER_LOOPBACK, check_port, has_other_loopback, open_port
 from haptorb.apps.serve.preparation import ServerPreparation
 from haptorb.apps.serve.served_device import ServedDevice
 from haptorb.apps.serve.server_priority import ServerPriority
@@ -47,13 +48,38 @@ def prepare(where: str) -> ServerPreparation:
         raise
     place = f"[{host}]" if ":" in host else host
     numbers = [int(one.getsockname()[1]) for one in (main, events)]
+    opened = [main, events]
+    try:
+        opened += _open_other_loopback(host, numbers, (first, second))
+    except BaseException:
+        for one in opened:
+            one.close()
+        raise
     remarks = (f"haply: clients on other computers must send this token: {token}",) if token else ()
     return ServerPreparation(
         {"token": token, "address": f"ws://{place}:{numbers[0]}"},
         f"ws://{place}:{numbers[0]}, events ws://{place}:{numbers[1]}",
-        [main.detach(), events.detach()],
+        [one.detach() for one in opened],
         remarks,
     )
+
+
+def _open_other_loopback(host: str, numbers: list[int], asked: tuple[int, int]) -> list[socket.socket]:
+    """Both ports on ::1 too, where `localhost` leads many programs first; none where this computer has no ::1.
+
+    Raises InputError if another program has a port that was asked for: programs would reach it instead.
+    """
+    opened = list[socket.socket]()
+    try:
+        for number in numbers if host == LOOPBACK and has_other_loopback() else ():
+            opened.append(open_port(number, "--serve haply:PORT:EVENTS", host=OTHER_LOOPBACK))
+    except InputError:
+        for one in opened:
+            one.close()
+        if all(asked):
+            raise
+        return []
+    return opened
 
 
 def _split_address(where: str) -> tuple[str, list[str]]:
@@ -81,7 +107,7 @@ async def _serve(spec: dict[str, Any], sockets: list[socket.socket], served: Ser
     listeners.first = watcher.introduce
     servers = [
         await loop.create_server(partial(Connection, endpoint), sock=one)
-        for endpoint, one in zip(endpoints, sockets, strict=True)
+        for endpoint, one in zip(cycle(endpoints), sockets, strict=False)
     ]
     report, priority = 0.0, ServerPriority()
     while not served.over:

@@ -1,7 +1,8 @@
 """Axes, mount and scale as that service's clients set them: where they see the cursor, and whither their forces point.
 
-The order is that of the service's documentation: the device's own frame (X to the right, Y forward, Z up), then the
-mount, then the transform of the workspace, then the basis, which permutes the axes.
+The order is that of the service's documentation: from the device's own frame (X to the right, Y forward, Z up) through
+the basis, which names the axes, then the mount, then the transform of the workspace, both in the axes that the basis
+names.
 """
 
 from __future__ import annotations
@@ -114,6 +115,12 @@ class Basis:
         """The orientation `q` (x, y, z, w) in the client's axes: a turn's axis is mirrored with them."""
         x, y, z = self.name_axes(q[:3])
         return (self.hand * x, self.hand * y, self.hand * z, q[3])
+
+    def name_transform(self, transform: Transform) -> Transform:
+        """`transform` of the device's own frame, in the client's axes."""
+        i, j, k = self.axes
+        scale = (transform.scale[i], transform.scale[j], transform.scale[k])
+        return Transform(self.name_axes(transform.position), self.name_turn(transform.rotation), scale)
 
 
 def parse_basis(text: object) -> Basis:

@@ -51,6 +51,10 @@ OUTGOING = (
     Outgoing("/haptorb/torque", "modelled", "x y z", "N·m", "torque of the measured currents on the mover", first=3),
     Outgoing("/haptorb/force/asked", "asked", "x y z", "N", "force asked by the worlds, after the guard", last=3),
     Outgoing("/haptorb/torque/asked", "asked", "x y z", "N·m", "torque asked by the worlds, after the guard", first=3),
+    Outgoing("/haptorb/object/position", "object", "x y z", "m", "position of the object, a motor's target"),
+    Outgoing("/haptorb/object/orientation", "object_q", "x y z w", "1", "orientation of the object, quaternion"),
+    Outgoing("/haptorb/object/force", "object_wrench", "x y z", "N", "force of the worlds on the object", last=3),
+    Outgoing("/haptorb/object/torque", "object_wrench", "x y z", "N·m", "torque of the worlds on the object", first=3),
     Outgoing("/haptorb/buttons", "buttons", "a b c", "1", "1: the button is pressed", whole=True),
     Outgoing("/haptorb/guard", "guard", "n", "1", "0 off, 1 ramping, 2 running, 3 derated, 4 tripped", whole=True),
     Outgoing("/haptorb/trip", "trip", "n", "1", "code of the last trip, 0 for none", whole=True),
@@ -78,7 +82,7 @@ INCOMING = (
         "/haptorb/force",
         "x y z",
         "N",
-        "Force of the world `remote` on the mover. It fades out 50 ms after the last message.",
+        "Force of the world `remote` on the mover, or on a motor's target. It fades out 50 ms after the last message.",
     ),
 )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
+from collections.abc import Callable
 from html import escape
 from io import BytesIO
 from pathlib import Path
@@ -19,7 +20,7 @@ from haptorb.apps.study.analysis.group_tables import list_group_tables, list_not
 from haptorb.apps.study.analysis.psychometric_tables import list_psychometric_notes, list_psychometric_tables
 from haptorb.apps.study.analysis.wording import format_p, format_percent, format_range, format_value
 from haptorb.apps.terminal import TextTable
-from haptorb.display.html import scroll_table_html
+from haptorb.display.html import Link, scroll_table_html
 from haptorb.errors import InputError, RecordingError
 
 __all__ = ["page", "write_report"]
@@ -37,8 +38,11 @@ pre{white-space:pre-wrap;background:#f4f7f9;padding:1rem;font-size:13px}.quiet{c
 """
 
 
-def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
-    """The report as HTML, self-contained; `images` are its figures as PNG or SVG, drawn here if they are not given."""
+def page(analysis: Analysis, images: dict[str, bytes] | None = None, *, served: bool = False) -> str:
+    """The report as HTML, self-contained; `images` are its figures as PNG or SVG, drawn here if they are not given.
+
+    served: with links `play/N` to the recordings, for a server that plays them; else with commands that do
+    """
     drawn = {name: _image(data, name) for name, data in (images or _draw_figures(analysis, "png")).items()}
     body = [
         f"<h1>{escape(analysis.study.name)}</h1>",
@@ -123,7 +127,7 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
     for table in list_group_tables(analysis):
         body += [f"<h2>{escape(table.title)}</h2>", _convert_table(table)]
     body += [f"<p class='quiet'>{escape(note)}</p>" for note in list_notes(analysis)]
-    body += _list_recordings(analysis)
+    body += _list_recordings(analysis, served=served)
     body += ["<h2>Study file</h2>", f"<pre>{escape(analysis.study.text)}</pre>"]
     title = f"{analysis.study.name}{' (simulated)' if analysis.marked else ''}"
     return (
@@ -134,25 +138,36 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
     )
 
 
-def _list_recordings(analysis: Analysis) -> list[str]:
-    """How to look at each recorded trial: the command, for a page without a server cannot play it."""
+def _list_recordings(analysis: Analysis, *, served: bool) -> list[str]:
+    """How to look at each recorded trial: a link, or the command, for a page without a server cannot play it."""
     if not analysis.recorded:
         return []
-    rows = [
-        [code, trial, safety.replace("|", ", "), f"haptorb view {quote(part)}"]
-        for code, trial, safety, part in analysis.recorded
-    ]
+    rows = []
+    for number, (code, trial, safety, part) in enumerate(analysis.recorded):
+        play = Link("▶ play", f"play/{number}") if served else f"haptorb view {quote(part)}"
+        rows.append([code, trial, safety.replace("|", ", "), play])
+    how = "Each link plays one trial."
+    if not served:
+        how = (
+            "Each command plays one trial. Run it in the folder of the database and recordings. "
+            "<code>haptorb study analyse DATABASE --serve</code> shows this page with links instead."
+        )
     return [
         "<h2>Recordings</h2>",
-        "<p class='quiet'>Each command plays one trial. Run it in the folder of the database and recordings.</p>",
+        f"<p class='quiet'>{how}</p>",
         f"<details><summary>{len(rows)} trials</summary>",
-        scroll_table_html(["participant", "trial", "safety", "command"], rows),
+        scroll_table_html(["participant", "trial", "safety", "recording" if served else "command"], rows),
         "</details>",
     ]
 
 
-def write_report(analysis: Analysis, folder: str | Path, *, kind: str = "svg") -> Path:
-    """Write report.html, numbers.json and the figures (`kind` svg or png) into `folder`; returns the report's path."""
+def write_report(
+    analysis: Analysis, folder: str | Path, *, kind: str = "svg", serve: Callable[[str], None] | None = None
+) -> Path:
+    """Write report.html, numbers.json and the figures (`kind` svg or png) into `folder`; returns the report's path.
+
+    serve: is given the page with links to the recordings, for a server
+    """
     if kind not in ("svg", "png"):
         raise InputError(f"figures can be svg or png; got '{kind}'")
     folder = Path(folder)
@@ -166,6 +181,8 @@ def write_report(analysis: Analysis, folder: str | Path, *, kind: str = "svg") -
         (folder / "report.html").write_text(page(analysis, images), encoding="utf-8")
     except OSError as cause:
         raise RecordingError(f"{folder}: the report cannot be written ({cause.strerror})") from cause
+    if serve is not None:
+        serve(page(analysis, images, served=True))
     return folder / "report.html"
 
 
