@@ -1,4 +1,4 @@
-"""Errata E12 to E19, E26, E30, E31: what Zárate et al. 2020 print, against point dipoles, exact magnets and plain arithmetic."""
+"""Errata E12 to E19, E26, E30, E31: what Zárate et al. 2020 print, against dipoles, exact magnets, arithmetic."""
 
 from __future__ import annotations
 

@@ -59,10 +59,10 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         *_torques(),
         _AT.claim("6-power", "(6b): power lost between handle and target with η̂₁ = ζ̂₂, η̂₂ = ζ̂₁, η̂₃ = ζ̂₃, relative", 0.0,
                  _find_imbalance(), "1", 1e-12, erratum="E6", where="eq. (6b)"),
-        _AT.claim("6-text", "power at the handle over power at the target by the text's 'T_ψ (due to F_X') and T_λ (due "
-                 "to F_Y')', F_X' = F_Y', λ alone moves, ζ̂₁ = 0.4, ζ̂₂ = 0.7", 1.0, _find_power_by_text(), "1", 1e-12,
-                 "λ moves X' by (6a), and the text has F_Y' act on it: η̂₁ = ζ̂₂ stands where ζ̂₁ must", erratum="E6",
-                 corrected=0.7 / 0.4, where="§3.2"),
+        _AT.claim("6-text", "power at the handle over power at the target by the text's 'T_ψ (due to F_X') and T_λ "
+                 "(due to F_Y')', F_X' = F_Y', λ alone moves, ζ̂₁ = 0.4, ζ̂₂ = 0.7", 1.0, _find_power_by_text(), "1",
+                 1e-12, "λ moves X' by (6a), and the text has F_Y' act on it: η̂₁ = ζ̂₂ stands where ζ̂₁ must",
+                 erratum="E6", corrected=0.7 / 0.4, where="§3.2"),
         _AT.item("6-six", "independent motions of the target in the two modes", 6, _count_freedoms(), where="§2.1"),
     ]  # fmt: skip
     report(1.0)

@@ -41,7 +41,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  "'roughly'; 100 W / 12.9² A² = 0.601 Ω"),
         _AT.item("voltage", "supply", 12.0, read_entry(device, "supply.voltage"), "V"),
         _AT.item("current", "peak current of a coil: printed, and of the simulated coil at full duty, room "
-                 "temperature", 24.0, drive_fully(device)[0], "A", 0.01, "a coil's current builds up to 12 V over 0.6 Ω",
+                 "temperature", 24.0, drive_fully(device)[0], "A", 0.01, "it builds up to 12 V over 0.6 Ω",
                  erratum="E15", corrected=20.0),
         _AT.item("limit", "current limit of the device file", 24.0,
                  read_entry(device, "coils.current_limit[0]"), "A", 1e-9, erratum="E15", corrected=20.0),
