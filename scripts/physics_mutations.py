@@ -34,7 +34,7 @@ PRINT_ONLY = {
 _E1, _E7 = "bai2012 equations 1 to 6", "bai2012 equations 7 to 9"
 _T1, _T2, _T3, _A1 = "bai2012 table 1", "bai2012 table 2", "bai2012 table 3", "bai2012 table A.1"
 _B, _F6, _F7, _F8 = "bai2012 appendix B", "bai2012 figure 6", "bai2012 figure 7", "bai2012 figure 8"
-_TEXT = "bai2012 text"
+_F4, _TEXT = "bai2012 figure 4", "bai2012 text"
 _Z1, _Z3 = "zarate2020 equations 1 and 2", "zarate2020 equations 3 to 6"
 _Z2F, _Z3F, _HW, _P = "zarate2020 figure 2", "zarate2020 figure 3", "zarate2020 hardware", "zarate2020 forces"
 _SOURCES = "physics/sources/"
@@ -123,6 +123,8 @@ MUTATIONS = (
     Mutation(_CLUTCH, "fill_rotor_wrench", "Q_psi", 1.1, (_E1,)),
     Mutation(_CLUTCH, "fill_rotor_wrench", "Q_lam", -1, (_E1,)),
     Mutation(_CLUTCH, "fill_rotor_wrench", "Q_phi", 1.1, (_E1,)),
+    # the network that follows K of one coil
+    Mutation("apps/estimators/single_coil.py", "_take_readings", "per_reading", 1.1, (_F4,)),
     # the outlet
     Mutation(_OUTLET, "_outlet", "bent", 1.1, (_T3, _F7)),
     Mutation(_OUTLET, "_outlet", "fy", 1.1, (_F7,)),
