@@ -40,8 +40,8 @@ _COARSER = (15, 15, 36)  #: orientations that it learns from: half as many as th
 _SHARES = (0.3, 0.85, 1.0)  #: of the time: training of the shared networks and of both of EM17's, then comparison
 _KNOWN = (
     "K_Y hardly changes along the trajectory, so 2 % of its range is 0.2 % of K: ten nodes cannot follow the field of "
-    f"the whole workspace so closely. {_MORE_NODES} nodes over all readings do (rows below), and so does least squares. "
-    "The paper may have taken other readings than those around the coil: the text does not say which"
+    f"the whole workspace so closely. {_MORE_NODES} nodes over all readings can (rows below), and least squares can. "
+    "The paper may have taken other readings than those around the coil: its text does not say which"
 )
 _EXCELLENT = "'agrees excellently well': R² of 0.999, and an error of 2 % of the range, the width of a printed line"
 
