@@ -64,9 +64,10 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         *_torques(),
         _AT.claim("6-power", "(6b): power lost between handle and target with η̂₁ = ζ̂₂, η̂₂ = ζ̂₁, η̂₃ = ζ̂₃, relative", 0.0,
                  _find_imbalance(), "1", 1e-12, erratum="E6", where="eq. (6b)"),
-        _AT.claim("6-text", "power lost of a pull along X' by the text's 'T_ψ (due to F_X') and T_λ (due to F_Y')', "
-                 "relative", 0.0, _find_loss_by_text(), "1", 1e-12, "a pull along X' turns λ by (6a), and the text has "
-                 "its force act on ψ: all is lost", erratum="E6", corrected=1.0, where="§3.2"),
+        _AT.claim("6-text", "power at the handle over power at the target by the text's 'T_ψ (due to F_X') and T_λ "
+                 "(due to F_Y')', F_X' = F_Y', λ alone moves, ζ̂₁ = 0.4, ζ̂₂ = 0.7", 1.0, _find_power_by_text(), "1",
+                 1e-12, "λ moves X' by (6a), and the text has F_Y' act on it: η̂₁ = ζ̂₂ stands where ζ̂₁ must",
+                 erratum="E6", corrected=0.7 / 0.4, where="§3.2"),
         _AT.item("6-six", "independent motions of the target in the two modes", 6, _count_freedoms(), where="§2.1"),
     ]  # fmt: skip
     report(1.0)
@@ -164,12 +165,12 @@ def _torques() -> list[Item]:
 _UNLIKE = Gains(translate=(0.4, 0.7, 0.2))
 
 
-def _find_loss_by_text() -> float:
-    """Share of the target's power that the handle lacks: F_X' alone, λ alone, and the torques of the text's order."""
-    force = np.array([1.0, 0.0, 0.0])
+def _find_power_by_text() -> float:
+    """Power at the handle over power at the target: F_X' = F_Y', λ alone moves, and the torques in the text's order."""
+    force = np.array([1.0, 1.0, 0.0])
     target = float(force @ (_turn_handle(_UNLIKE, "translate", 1)[:3]))
     torque = _find_torque(_UNLIKE, "translate", np.concatenate([force, np.zeros(3)]))[[1, 0, 2]]
-    return 1.0 - float(torque[1]) / target
+    return float(torque[1]) / target
 
 
 def _find_imbalance() -> float:

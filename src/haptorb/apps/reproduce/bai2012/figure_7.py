@@ -70,7 +70,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.claim("18-falls", "phase 2: 1 if torque falls as the tilt falls (printed: rises)", -1.0,
                  float(all(a > b for a, b in pairwise(turning))) * 2 - 1, "1", 0.0,
                  "a direction", erratum="E20", corrected=1.0, where="§3.2"),
-        _AT.claim("16-sense", "side force by energy over (17)'s, ε_z counted counter-clockwise", 1.0, _sense(), "1",
+        _AT.claim("16-sense", "side force by energy over (17)'s, ε_z counted counter-clockwise", 1.0,
+                 _compare_sense(stiffness), "1",
                  0.05, "the sign counts; small angles", erratum="E23", corrected=-1.0, where="eqs. (16)–(18)"),
         _AT.claim("17-tilted", "share of the pull at 2° that (17) has and energy has not", 0.0,
                  (tilted[0] - missing[0]) / tilted[0], "1", 0.02, "h is assumed", erratum="E24",
@@ -99,8 +100,9 @@ def _plug(x: float, *, y: float = 0.0, tilt: float = 0.0, vx: float = 0.0) -> St
     return State(0.0, R, np.array([lift + x, y, 0.0]), np.zeros(3), np.array([vx, 0.0, 0.0]))
 
 
-def _sense() -> float:
-    """(17)'s side force, tilted counter-clockwise by a little, over minus the gradient of the springs' energy."""
+def _compare_sense(stiffness: float) -> float:
+    """Minus the gradient of the springs' energy, plug turned counter-clockwise by a little, over (17)'s side force for
+    that ε_z; both springs of `stiffness` [N/m]."""
     theta, step = 0.01, 1e-7
 
     def energy(y: float) -> float:
@@ -111,7 +113,8 @@ def _sense() -> float:
             total += 0.5 * (side * (start[1] + s / c * (_ARM - start[0])) - 0.5 * _WS) ** 2
         return total
 
-    return -(energy(step) - energy(-step)) / (2 * step) / (2 * math.tan(theta) * _ARM)
+    by_energy = -stiffness * (energy(step) - energy(-step)) / (2 * step)
+    return by_energy / float(PublishedOutlet().wrench(_plug(0.0, tilt=theta, vx=_FAST))[1])
 
 
 def _curl(world: World) -> float:

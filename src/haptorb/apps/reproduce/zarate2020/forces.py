@@ -19,7 +19,7 @@ from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.thermal import single_time_constant
 from haptorb.simulation.parts.coils import coil_step, cold_coils
 
-__all__ = ["items"]
+__all__ = ["drive_fully", "items"]
 
 _AT = Citation("zarate2020", "power", "§III")
 
@@ -58,12 +58,12 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  1e3 * per_ampere * sqrt(17.0 / ohm), "mN", 3.0, "1 %: 17 W and 48 mN/A have two digits; 48 mN/A is "
                  "an input (by the remanence), 258 mN is not"),
         _AT.item("peak", "peak force at full strength, coil at room temperature", 959.0,
-                 1e3 * per_ampere * _drive_fully(device)[0], "mN", 4.0, "two digits of 48; 24 A would give 1152 mN",
+                 1e3 * per_ampere * drive_fully(device)[0], "mN", 4.0, "two digits of 48; 24 A would give 1152 mN",
                  erratum="E15"),
-        _AT.item("peak-power", "power at full strength, coil at room temperature", 230.0, _drive_fully(device)[1], "W",
+        _AT.item("peak-power", "power at full strength, coil at room temperature", 230.0, drive_fully(device)[1], "W",
                  12.0, "5 %: 'roughly 0.6 Ω'"),
         _AT.note("fifteen", "full power over the averaged 17 W: 'peaks up to 15 × P_ave'",
-                 _drive_fully(device)[1] / 17.0),
+                 drive_fully(device)[1] / 17.0),
         _AT.assume("full", "seconds at full power, 240 W, from cold", 5.0, coils.time_to(rise, 240.0 * alone), "s",
                    0.1, "network fitted to the three endurances of one coil", where="§V"),
         _AT.assume("half", "seconds at half duty, a quarter of the power", 60.0, coils.time_to(rise, 60.0 * alone), "s",
@@ -110,5 +110,5 @@ def _heat_winding(device: SphericalElectromagnet, amperes: float) -> float:
     return _simulate_coil(device, amperes * float(device.coils.resistance[0]) / device.supply.voltage)[1]
 
 
-def _drive_fully(device: SphericalElectromagnet) -> tuple[float, float]:
+def drive_fully(device: SphericalElectromagnet) -> tuple[float, float]:
     return _simulate_coil(device, 1.0)
