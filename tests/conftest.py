@@ -11,12 +11,14 @@ import sys
 import threading
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 from failures import FAILED
+from oracles.fork_server import ForkServer
 from oracles.program_runner import ProgramRunner
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -192,6 +194,25 @@ def programs() -> Iterator[ProgramRunner]:
     runner = ProgramRunner()
     yield runner
     runner.close()
+
+
+@pytest.fixture(scope="session")
+def fork_server() -> Iterator[ForkServer]:
+    """What starts servo processes quickly, as long as `quick_starts` lets it."""
+    server = ForkServer()
+    yield server
+    server.close()
+
+
+@pytest.fixture(scope="module")
+def quick_starts(fork_server: ForkServer) -> Iterator[None]:
+    """Processes of servos that a file's tests start are copies of one that has loaded its packages: most of a second
+    less for each."""
+    from haptorb.runtime.realtime import process_starter
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(process_starter, "subprocess", SimpleNamespace(Popen=fork_server.start))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -171,32 +171,6 @@ def test_escape_stops_even_while_typing(live):
     screen.until("haptorb.status === 'stopped'")
 
 
-def test_page_that_goes_in_the_middle_of_a_drag_lets_go(live, browser):
-    screen, host = live
-    screen.until("haptorb.control && haptorb.status === 'running'")
-    x, y = screen.hold()
-    screen.page.mouse.move(x + 40, y)
-    screen.page.wait_for_timeout(300)
-    assert host.latest("guard")[0] == GuardState.RUNNING, host.ask("trips")
-    with suppress(Exception):  # the page dies without a goodbye
-        screen.page.goto("chrome://crash", timeout=3000)
-    end = time.monotonic() + 20
-    while host.latest("trip")[0] != Trip.POSE_EXPIRED:
-        assert time.monotonic() < end, "the pose never expired"
-        time.sleep(0.02)
-    assert host.latest("guard")[0] == GuardState.TRIPPED
-    time.sleep(0.2)
-    assert host.latest("wanted") == [0.0, 0.0, 0.0]
-
-    # Another page finds it tripped, says why, and can begin again.
-    again = type(screen)(browser.new_page(), host.url)
-    again.until("haptorb.status === 'tripped'")
-    again.page.get_by_role("button", name="Re-engage").click()
-    again.page.get_by_role("button", name="Coils on now").click()
-    again.until("haptorb.status === 'running'")
-    again.page.close()
-
-
 def test_sliders_act_at_once(live):
     screen, host = live
     page = screen.page
@@ -235,6 +209,32 @@ def test_impossible_value_is_said_and_taken_back(live):
     screen.page.get_by_role("alert").filter(has_text="must not be smaller").wait_for()
     assert host.ask("world")[1]["cut_off_deg"] == 54.0
     screen.until("document.getElementById('entry-cut_off_deg').value === '54'")
+
+
+def test_page_that_goes_in_the_middle_of_a_drag_lets_go(live, browser):
+    screen, host = live
+    screen.until("haptorb.control && haptorb.status === 'running'")
+    x, y = screen.hold()
+    screen.page.mouse.move(x + 40, y)
+    screen.page.wait_for_timeout(300)
+    assert host.latest("guard")[0] == GuardState.RUNNING, host.ask("trips")
+    with suppress(Exception):  # the page dies without a goodbye
+        screen.page.goto("chrome://crash", timeout=3000)
+    end = time.monotonic() + 20
+    while host.latest("trip")[0] != Trip.POSE_EXPIRED:
+        assert time.monotonic() < end, "the pose never expired"
+        time.sleep(0.02)
+    assert host.latest("guard")[0] == GuardState.TRIPPED
+    time.sleep(0.2)
+    assert host.latest("wanted") == [0.0, 0.0, 0.0]
+
+    # Another page finds it tripped, says why, and can begin again.
+    again = type(screen)(browser.new_page(), host.url)
+    again.until("haptorb.status === 'tripped'")
+    again.page.get_by_role("button", name="Re-engage").click()
+    again.page.get_by_role("button", name="Coils on now").click()
+    again.until("haptorb.status === 'running'")
+    again.page.close()
 
 
 def test_killed_servo_is_said_at_once(live):
