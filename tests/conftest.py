@@ -49,11 +49,11 @@ settings.load_profile("fixed")
 
 #: files, or folders whose files share what one of them made: begun first where several processes share the tests,
 #: because whoever gets one of these at the end keeps the others waiting. While one process compiles the kernels, the
-#: other looks at types, names and texts; documentation, papers and examples find the kernels compiled.
+#: other tests studies, which need few; documentation and examples find the kernels compiled.
 HEAVY = (
-    *("test_tools.py", "test_result.py", "test_public_names.py", "test_house.py", "test_names.py"),
-    *("test_docstrings.py", "test_docs.py", "reproduce", "test_examples.py"),
+    *("test_result.py", "study", "test_docs_code.py", "test_examples.py"),
     *("firmware", "test_safety.py", "test_console_page.py", "test_study_pages.py"),  # of those beside a clock
+    *("test_tools.py", "reproduce", "test_docs.py"),  # of those in the background
 )
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 CHROMIUM_FLAGS = [

@@ -22,8 +22,12 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
+import pytest
+
 import haptorb
 from haptorb import errors
+
+pytestmark = pytest.mark.background
 
 ROOMS = ("physics", "devices", "sensing", "control", "worlds", "simulation", "runtime")
 _SIZE = r"(?:[\w′']+|\.\.\.|\d+)"

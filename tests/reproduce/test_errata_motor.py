@@ -8,6 +8,8 @@ import pytest
 from haptorb.apps.reproduce.bai2012.table_2 import PAIRS
 from haptorb.devices.loader import load
 
+pytestmark = pytest.mark.background
+
 BAI = "bai2012"
 
 

@@ -11,6 +11,8 @@ from haptorb.apps.bench import magnetics, peers
 from haptorb.apps.bench.contest import Contest, Result, measure_fastest
 from haptorb.apps.cli import main
 
+pytestmark = pytest.mark.background
+
 pytest.importorskip("magpylib")
 pytest.importorskip("cfsem")
 
