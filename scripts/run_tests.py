@@ -1,6 +1,6 @@
 """Run the tests in calls of pytest: what only computes shares the processors, what runs beside a clock comes in threes,
-and what needs a browser as well, which draws on every processor, in twos. Clocks and pages leave much of the time of the
-processors. What computes for long and starts nothing that has a clock (the `background` marker: types, documentation,
+and what needs a browser as well, which draws on every processor, in twos. Clocks and pages leave much of the processors
+free. What computes for long and starts nothing that has a clock (the `background` marker: types, documentation,
 the papers' numbers) uses it, in a fourth call, which gives way to everybody.
 
     run_tests.py [--markers EXPRESSION] [pytest's arguments]
