@@ -46,7 +46,7 @@ def test_feel_the_dome_and_stop(live):
 
     # The map is the one that the simulated device would really give: push inside θ1, pull beyond, nothing from θ2:
     # the core's own pull is compensated.
-    screen.until("haptorb.felt([0, 0, 1]).force !== 0")
+    screen.until("Number.isFinite(haptorb.felt([0, 0, 1]).force) && haptorb.felt([0, 0, 1]).force !== 0")
     device, dome = load("omni"), Dome()
     angles = (0.0, 10.0, 26.0, 36.0, 50.0, 58.0, 70.0)
     points = np.array([direction(angle) for angle in angles]) * device.contact_distance
