@@ -56,9 +56,17 @@ HEAVY = (
     *("test_tools.py", "reproduce", "test_docs.py"),  # of those in the background
 )
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+# Each window's address bar has two pages of its own, which take a second to load and which nobody sees; the others are
+# what Playwright switches off, and would be on again.
+CHROMIUM_FEATURES = (
+    *("WebUIOmniboxPopup", "WebUIOmniboxAimPopup", "AimEnabled", "LensOverlay", "MediaRouter", "OptimizationHints"),
+    *("HttpsUpgrades", "HttpsFirstBalancedModeAutoEnable", "PaintHolding", "ThirdPartyStoragePartitioning"),
+    *("AvoidUnnecessaryBeforeUnloadCheckSync", "DestroyProfileOnBrowserClose", "AvoidCorsURLLoaderRestartOnRedirect"),
+    *("NetworkTimeServiceQuerying", "PreconnectToSearch"),
+)
 CHROMIUM_FLAGS = [
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
-    *("--disable-component-update", "--disable-sync"),
+    *("--disable-component-update", "--disable-sync", f"--disable-features={','.join(CHROMIUM_FEATURES)}"),
 ]
 FIRMWARE = {
     "avr-gcc": lambda: shutil.which("avr-gcc"),
