@@ -34,7 +34,6 @@ def main() -> None:
             case "world":
                 return servo.world
             case "restore":
-                servo.release()
                 servo.set_world("dome", values(Dome()))
                 servo.set_model(servo.models[0])
                 return servo.engage(servo.stops)
