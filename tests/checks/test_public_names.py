@@ -73,12 +73,13 @@ def callables(module: ModuleType) -> Iterator[tuple[str, Any, str]]:
                     yield f"{name}.{key}", function, told
 
 
-def _remarks(thing: type) -> list[str]:
+@cache
+def _remarks(thing: type) -> tuple[str, ...]:
     """The comments beside a class's fields: #: (3,) ... [m]."""
     try:
-        return re.findall(r"#: (.*)", inspect.getsource(thing))
+        return tuple(re.findall(r"#: (.*)", inspect.getsource(thing)))
     except (OSError, TypeError):
-        return []
+        return ()
 
 
 def arrays(function: Any) -> tuple[bool, bool]:
