@@ -14,6 +14,8 @@ from haptorb.apps.cli.program import app
 from haptorb.errors import PlatformError
 from haptorb.runtime.realtime.linux import WORKS_ANYWHERE, require_linux
 
+pytestmark = pytest.mark.background
+
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):

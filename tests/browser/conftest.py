@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -206,22 +206,72 @@ def kit() -> Any:
     return sys.modules[__name__]
 
 
-@pytest.fixture
-def live(browser: Any) -> Iterator[tuple[Screen, Host]]:
-    """The real thing: servo with the simulated Omni, console, page."""
-    for _ in range(3):
-        # A browser that starts on a busy machine can keep a host from its heart for half a second: its servo ends, and
-        # it with that. To wait a minute for such a page, as for any other, tells nothing.
-        host, page = Host(), browser.new_page(viewport=DESK)
-        try:
-            yield Screen(page, host.url.replace("#", "?detail=least#"), host.runs), host
-            return
-        except HostGone:
-            continue
-        finally:
+class LivePage:
+    """A host and a page of it, for tests that leave both alive: to start and load them takes longer than most tests."""
+
+    def __init__(self, browser: Any) -> None:
+        self.host = Host()
+        self._browser, self._pages = browser, list[Any]()
+        self._crashed = False
+        self.screen = self._open()
+
+    def _open(self) -> Screen:
+        self._pages.append(self._browser.new_page(viewport=DESK))
+        self._pages[-1].on("crash", self._note_crash)
+        return Screen(self._pages[-1], self.host.url.replace("#", "?detail=least#"), self.host.runs)
+
+    def _note_crash(self, page: Any) -> None:
+        self._crashed = True
+
+    def restore(self) -> None:
+        """A dome that runs, and a page that nobody has touched; another page where it has crashed."""
+        if self._crashed:
+            self.screen, self._crashed = self._open(), False
+        self.host.ask("restore")
+        self.screen.page.evaluate("document.activeElement.blur()")
+        shown = f"document.getElementById('entry-moment')?.value === '{values(Dome())['moment']:g}'"
+        self.screen.until(
+            f"haptorb.control && haptorb.status === 'running' && haptorb.value('model')[0] === 0 && {shown}"
+        )
+        self.screen.troubles.clear()
+
+    def close(self) -> None:
+        for page in self._pages:
             page.close()
-            host.close()
+        self.host.close()
+
+
+def open_live_page(browser: Any) -> LivePage:
+    """A browser that starts on a busy machine can keep a host from its heart for half a second: its servo ends, and it
+    with that. Then another one."""
+    for _ in range(3):
+        with suppress(HostGone):
+            return LivePage(browser)
     raise AssertionError("three hosts ended before their pages were up; their words are above")
+
+
+@pytest.fixture(scope="module")
+def live_pages() -> Iterator[list[LivePage]]:
+    """The host that a file's tests share, if it runs."""
+    pages: list[LivePage] = []
+    yield pages
+    while pages:
+        pages.pop().close()
+
+
+@pytest.fixture
+def live(browser: Any, live_pages: list[LivePage], request: pytest.FixtureRequest) -> Iterator[tuple[Screen, Host]]:
+    """The real thing: servo with the simulated Omni, console, page; others after a failure."""
+    if not live_pages:
+        live_pages.append(open_live_page(browser))
+    page, whole = live_pages[0], False
+    try:
+        page.restore()
+        yield page.screen, page.host
+        whole = not request.node.stash.get(FAILED, False) and page.host.runs()
+    finally:
+        if not whole:
+            live_pages.pop().close()
 
 
 @pytest.fixture

@@ -13,6 +13,8 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
+pytestmark = pytest.mark.background
+
 ROOT = Path(__file__).resolve().parents[2]
 MOST = 16  #: Python files in one folder
 LONGEST = 300  #: lines of a source file

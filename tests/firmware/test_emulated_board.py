@@ -232,9 +232,10 @@ def test_a_restarted_firmware_is_noticed(emulator: Any, driver: SerialDriver) ->
 def test_a_missing_sensor_is_named_with_its_address(emulator: Any, chip: str, part: str, known: float) -> None:
     emulator.tell(f"absent {chip}")
     emulator.tell("reset")
+    emulator.wait(known)
     try:
         with pytest.raises(DriverError, match=part):
-            SerialDriver(load("omni"), emulator.port, patience=1.0, warm_up=known).open()
+            SerialDriver(load("omni"), emulator.port, patience=1.0, warm_up=0.2).open()
     finally:
         emulator.tell(f"present {chip}")
         emulator.tell("reset")

@@ -15,6 +15,8 @@ from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.soft_sphere import SoftSphere
 from haptorb.worlds import Dome
 
+pytestmark = pytest.mark.background
+
 ZARATE = "zarate2020"
 
 

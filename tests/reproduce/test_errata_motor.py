@@ -9,6 +9,8 @@ from haptorb.apps.reproduce.bai2012.table_2 import PAIRS
 from haptorb.devices.loader import load
 from haptorb.devices.motor.layouts import PartRing
 
+pytestmark = pytest.mark.background
+
 BAI = "bai2012"
 
 

@@ -16,6 +16,8 @@ from websockets.sync.client import connect
 from haptorb.apps.console.socket_hub import MOST as PAGES
 from haptorb.apps.web import connection
 
+pytestmark = pytest.mark.realtime(retry=False)
+
 
 @pytest.fixture
 def hostile(root):

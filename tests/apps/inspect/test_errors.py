@@ -18,6 +18,8 @@ from haptorb.devices.state import State
 from haptorb.errors import DeviceError, InputError
 from oracles.command import run_command
 
+pytestmark = pytest.mark.background
+
 NARROW = """
 based_on = "omni"
 name = "narrow"

@@ -12,7 +12,7 @@ import pytest
 from haptorb.errors import InputError, ServoError
 from haptorb.runtime.servo.servo import Servo
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 
 HERE, THERE = (0.0, 0.03, 0.04), (0.0, -0.03, 0.04)
 

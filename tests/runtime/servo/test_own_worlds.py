@@ -12,7 +12,7 @@ import pytest
 from haptorb.errors import UnknownName, WorldError
 from haptorb.runtime.servo.servo import Servo
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 
 GROOVE = '''
 from dataclasses import dataclass

@@ -242,6 +242,7 @@ def test_the_servo_refuses_before_it_starts():
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_mode_and_clutch_reach_the_loop():
     with Servo("pmsm", record=False, estimator="tracker") as servo:
         servo.run(0.5)

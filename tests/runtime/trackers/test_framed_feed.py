@@ -84,6 +84,7 @@ def test_pose_velocity_and_turning_rate_are_the_stators_and_times_are_untouched(
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_the_loop_follows_a_tracker_in_its_own_frame() -> None:
     """The tool's magnet at (10, −5, 55) mm, tilted, told as a rigid body's pose a metre away in a turned frame."""
     port = free_port()

@@ -526,6 +526,7 @@ def test_a_recording_is_played_pose_by_pose(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_osc_through_a_running_servo(tmp_path: Path) -> None:
     port = free_port()
     with sending(port) as over, Servo("omni", tracker=f"osc:{port}", record=tmp_path / "run.mcap") as servo:
@@ -552,6 +553,7 @@ def test_osc_through_a_running_servo(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_a_trackers_process_that_dies_is_a_lost_tracker_with_a_reason() -> None:
     port = free_port()
     with sending(port), Servo("omni", tracker=f"osc:{port}", record=False) as servo:
@@ -566,6 +568,7 @@ def test_a_trackers_process_that_dies_is_a_lost_tracker_with_a_reason() -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_a_flood_of_messages_takes_neither_the_loop_nor_the_computer() -> None:
     port = free_port()
     with Servo("omni", tracker=f"osc:{port}", record=False) as servo:
@@ -584,6 +587,7 @@ def test_a_flood_of_messages_takes_neither_the_loop_nor_the_computer() -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_the_trackers_process_ends_with_the_servo() -> None:
     port = free_port()
     servo = Servo("omni", tracker=f"osc:{port}", record=False)

@@ -12,6 +12,8 @@ from haptorb.apps.study.simulated.power import power, power_of
 from haptorb.apps.study.simulated.power_person import simulate_value
 from haptorb.errors import InputError
 
+pytestmark = pytest.mark.background
+
 TWO = """
 name = "two"
 [set_points]

@@ -21,6 +21,8 @@ from haptorb.apps.study.store.columns import tidy
 from haptorb.apps.study.store.database import database
 from haptorb.errors import InputError
 
+pytestmark = pytest.mark.background
+
 #: as in the paper, whose controller inverts point dipoles; with the set-points that participants were calibrated with
 PUBLISHED = 'name = "published"\nmodel = "published"\n[set_points]\nlayout = "1-8-8-8"'
 

@@ -201,8 +201,9 @@ class Emulator:
         self.tell(f"pace {pace}")
 
     def wait(self, seconds: float) -> None:
-        """Wait until so much firmware time has passed."""
+        """Let so much firmware time pass, as fast as this computer can; later it runs at the pace that it had."""
         end = float(self.status()["t"]) + seconds
+        self.tell(f"skip {seconds}")
         while float(self.status()["t"]) < end:
             time.sleep(0.005)
 
