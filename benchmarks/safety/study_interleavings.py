@@ -2,13 +2,13 @@
 
     python benchmarks/safety/study_interleavings.py [--interleavings 20000] [--seed 1]
 
-No thread and no clock: the real hub, session manager, runner and halt of a study, on a servo that keeps the servo's rules
-(a count of Stops, an engage that carries the count under which it was asked for, obeyed when the loop ticks) and a
-session on paper. Wherever the session's thread waits for the database or the servo, other things may happen in between:
-Stops of every page, Resume, Begin, trips, pages that go away, failures of the device. After every single step three
-things must hold: the coils are not on if the last Stop came after the last request to switch on (Begin, Resume, Switch
-on), whoever came on began with the gain at zero, and nothing failed that nobody foresaw (such a session is over, so
-nothing could be switched on in it). Exit code 1 if that was ever broken.
+No thread and no clock: the real hub, session manager, runner and halt of a study, on a servo that keeps the servo's
+rules (a count of Stops, an engage that carries the count under which it was asked for, obeyed when the loop ticks)
+and a session on paper. Wherever the session's thread waits for the database or the servo, other things may happen in
+between: Stops of every page, Resume, Begin, trips, pages that go away, failures of the device. After every single
+step three things must hold: the coils are not on if the last Stop came after the last request to switch on (Begin,
+Resume, Switch on), whoever came on began with the gain at zero, and nothing failed that nobody foresaw (such a
+session is over, so nothing could be switched on in it). Exit code 1 if that was ever broken.
 """
 
 from __future__ import annotations

@@ -35,7 +35,9 @@ def choose_world(
 ) -> tuple[World, WorldFile | SceneFile | None]:
     """The world `given` by name or object, and the file to watch if it comes from one.
 
-    A function as a world returns (6,) [N, N·m]. Raises UnknownName or InputError as `find_world`, `make_world` and `WorldFile.load` do.
+    A function as a world returns (6,) [N, N·m].
+
+    Raises UnknownName or InputError as `find_world`, `make_world` and `WorldFile.load` do.
     """
     if isinstance(given, str) and is_world_file(given):
         given = parse_world_file(given)
