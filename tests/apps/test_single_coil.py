@@ -43,5 +43,5 @@ def test_an_error_over_the_mean_hides_what_one_over_the_range_shows():
 
 
 def test_a_coil_that_the_motor_does_not_have(pmsm):
-    with pytest.raises(InputError, match="24 of device 'pmsm'"):
+    with pytest.raises(InputError, match="there are 24 on device 'pmsm'"):
         train_coil(pmsm, 24)

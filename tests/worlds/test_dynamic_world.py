@@ -65,7 +65,7 @@ def test_a_memory_that_cannot_be_one_is_refused_before_it_runs(memory, words):
 
 def test_a_memory_needs_fields_with_names_of_their_own():
     for declared in ((), (MemoryField("n", "1", "a"), MemoryField("n", "1", "b"))):
-        with pytest.raises(InputError, match="a name of its own"):
+        with pytest.raises(InputError, match="its own name"):
             try_world(OwnMemory(declared=declared), OMNI)
     with pytest.raises(InputError, match="a name like 'place'"):
         MemoryField("two words", "m", "no")

@@ -118,7 +118,7 @@ def test_a_step_that_fails_is_named_and_nothing_after_it_is_taken(tmp_path: Path
     out = tmp_path / "omni.json"
     wrong = Bench(lambda s: replace(s, currents=0.1 * s.currents))
     with pytest.raises(
-        CalibrationError, match=r"step 'currents': .*shunt is wrong by a factor of ten.*the same command"
+        CalibrationError, match=r"step 'currents': .*shunt is wrong by a factor of ten.*repeat the command"
     ):
         through(wrong, out)
     assert not out.exists()

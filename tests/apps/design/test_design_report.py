@@ -151,7 +151,7 @@ def test_nothing_valid_cannot_be_shown(tmp_path, capsys):
         writer.add(replace(one, objectives={}, refused_by="mass", reason="no") for one in make_evaluations(9))
     code, _, err = run_command(capsys, "design", "show", str(tmp_path / "r.sqlite"))
     assert code == 2
-    assert "mass refuses 9" in err
+    assert "mass rejects 9" in err
 
 
 def test_ten_thousand_designs_are_read_and_their_page_made(tmp_path):

@@ -13,13 +13,13 @@ from haptorb.runtime.row import RowLayout
 
 
 class FakeServo:
-    """Remembers what it was told; its pen is where it was pointed."""
+    """Remembers its calls; its pen is where it was pointed."""
 
     def __init__(self) -> None:
         self.device = load("omni")
         self.layout = RowLayout.of(self.device)
         self.tracker, self.driver = "pointer", "sim"
-        self.told: list[Any] = []
+        self.calls: list[Any] = []
         self.trips: list[Trip] = []
         self.p = np.array([0.0, 0.0, 0.05])
         self.alive = True
@@ -27,7 +27,7 @@ class FakeServo:
         self.stops = 0
 
     def set_world(self, name: str, values: dict[str, Any] | None = None) -> None:
-        self.told.append((name, (values or {}).get("summit")))
+        self.calls.append((name, (values or {}).get("summit")))
 
     def point(self, p: np.ndarray) -> None:
         self.p = p
@@ -37,17 +37,17 @@ class FakeServo:
             raise ServoError("the servo ended: somebody pulled the plug")
 
     def open(self) -> None:
-        self.told.append("open")
+        self.calls.append("open")
 
     def close(self) -> None:
-        self.told.append("close")
+        self.calls.append("close")
 
     def trip(self, reason: Trip) -> None:
         self.off = True
         self.trips.append(reason)
 
     def stop(self) -> None:
-        self.told.append("stop")
+        self.calls.append("stop")
         self.stops += 1
         self.trip(Trip.STOPPED)
 
@@ -61,7 +61,7 @@ class FakeServo:
         return len(rows), rows[cursor:]
 
     def engage(self, stops: int | None = None) -> None:
-        self.told.append("engage")
+        self.calls.append("engage")
         if stops in (None, self.stops):
             self.off = False
 

@@ -188,9 +188,9 @@ def test_a_session_from_code_to_thanks(begun: tuple[StudyHost, Page, Page]) -> N
     assert columns["answer"].tolist() == [12, 1]
     assert columns["recording"][0].startswith("session-1.mcap#t=")
     assert read_replies(host.engine, host.study) == {"P01": {"tired": "4"}}
-    prompted = [told[1] for told in host.servo.told if told[0] == "dome"]
+    prompted = [call[1] for call in host.servo.calls if call[0] == "dome"]
     assert prompted == [host.study.point(int(n)).direction for n in columns["set_point"]]
-    experimenter.until(lambda page: host.servo.told[-1] == "close")
+    experimenter.until(lambda page: host.servo.calls[-1] == "close")
     with host.engine.connect() as connection:
         kinds = connection.execute(text("SELECT kind FROM events ORDER BY id")).scalars().all()
         assert connection.execute(text("SELECT ended FROM sessions")).scalar_one()
@@ -248,7 +248,7 @@ def test_a_participants_page_cannot_steer(begun: tuple[StudyHost, Page, Page], c
     participant.do(command, code="P09")
     participant.until(lambda page: any("may not" in mistake for mistake in page.mistakes))
     assert host.manager.now == "running"
-    assert not {"stop", "engage"} & {told for told in host.servo.told if isinstance(told, str)}
+    assert not {"stop", "engage"} & {call for call in host.servo.calls if isinstance(call, str)}
 
 
 @pytest.mark.parametrize("token", ["", "none", "x" * 22, '{"do": "abort"}'])
@@ -387,9 +387,9 @@ def test_a_trip_is_shown_marked_and_left_to_the_experimenter(begun: tuple[StudyH
 
 def test_repeat_abort_and_leave(begun: tuple[StudyHost, Page, Page]) -> None:
     host, participant, experimenter = begun
-    before = len([told for told in host.servo.told if told[0] == "dome"])
+    before = len([call for call in host.servo.calls if call[0] == "dome"])
     experimenter.do("repeat")
-    experimenter.until(lambda page: len([t for t in host.servo.told if t[0] == "dome"]) == before + 1)
+    experimenter.until(lambda page: len([t for t in host.servo.calls if t[0] == "dome"]) == before + 1)
     participant.do("answer", trial=0, value=1)
     participant.state("running", 1)
     experimenter.do("leave")
@@ -412,8 +412,8 @@ def test_who_does_not_agree_is_asked_nothing(host: StudyHost) -> None:
     participant.state("consent")
     participant.do("agree", agreed=False)
     participant.state("left")
-    assert host.servo.told[-1] == "close"
-    assert not [told for told in host.servo.told if told[0] == "dome"]
+    assert host.servo.calls[-1] == "close"
+    assert not [call for call in host.servo.calls if call[0] == "dome"]
 
 
 def test_a_device_that_dies_ends_the_session_resumably(begun: tuple[StudyHost, Page, Page]) -> None:

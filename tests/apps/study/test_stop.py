@@ -164,7 +164,7 @@ def test_ending_a_session_stops_before_the_database(host: StudyHost, end: str) -
         host.experimenter.do(end)
         _until(lambda: host.servo.off)
         assert waits.wait(30)
-        assert host.servo.told[-1] == "stop"
+        assert host.servo.calls[-1] == "stop"
     host.first.state({"leave": "left", "abort": "aborted"}[end])
 
 
@@ -178,7 +178,7 @@ def test_closing_the_server_stops_before_the_database(host: StudyHost) -> None:
         _until(lambda: host.servo.off)
         assert closing.is_alive()
     closing.join(30)
-    assert host.servo.told[-1] == "close"
+    assert host.servo.calls[-1] == "close"
 
 
 @pytest.mark.parametrize("state", ["consent", "running", "question", "break", "pause"])
@@ -351,7 +351,7 @@ def test_the_thread_outlives_a_fault_that_nobody_foresaw(host: StudyHost) -> Non
     host.first.until(lambda page: any("ZeroDivisionError" in mistake for mistake in page.mistakes))
     host.experimenter.state("failed")
     assert host.servo.off
-    assert host.servo.told[-1] == "close"
+    assert host.servo.calls[-1] == "close"
     _until(lambda: host.kinds()[-1][0] == "failed")
     host.experimenter.do("begin", code="P01")
     host.first.state("consent")
@@ -371,7 +371,7 @@ def test_a_thread_that_dies_ends_the_server_with_the_coils_off(
     host.experimenter.state("failed")
     assert "thread ended" in host.experimenter.view["trouble"]
     assert host.servo.off
-    assert host.servo.facts[-1] == "close"
+    assert host.servo.calls[-1] == "close"
     host.experimenter._listening.join(30)
     host.first._listening.join(30)
     _until(lambda: host.served.failures)

@@ -188,7 +188,7 @@ def identification():
         rings=(LatitudeError(36.0, 40, 12.34, 3.21, 10.5, 14.2),),
         comparisons=(ConditionComparison("error", "mm", "strong", "weak", -12.23, -15.1, -9.44, 6, 0.03125),),
     )  # fmt: skip
-    return show, ["[%]", "[mm]", "71.3 %", "65.2 to 77.1 %", "3e-12", "(58% of 12)", "12.34", "10.50 to 14.20",
+    return show, ["[%]", "[mm]", "71.3 %", "65.2 to 77.1 %", "3e-12", "4 (7 of 12)", "12.34", "10.50 to 14.20",
                   "error [mm]", "-12.2", "-15.1 to -9.44", "0.0312", "strong − weak"]  # fmt: skip
 
 

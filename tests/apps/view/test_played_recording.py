@@ -71,7 +71,7 @@ def test_a_file_that_was_cut_plays_what_is_there_and_says_so(tmp_path):
     path.write_bytes(whole[: len(whole) // 2])
     played = PlayedRecording(path)
     assert 100 < len(played) < 3000
-    assert any("no end" in notice for notice in played.notices)
+    assert any("truncated" in notice for notice in played.notices)
 
 
 def test_a_newer_version_is_played_with_a_notice(tmp_path):

@@ -104,7 +104,7 @@ def test_answers_with_the_rows_of_the_file(viewer, made):
         ({"do": "at", "t": 1}, "`n`"),
         ({"do": "world", "change": 0, "model": "wrong"}, "model"),
         ({"do": "engage"}, "unknown command"),
-        ({"do": 3}, "what to do"),
+        ({"do": 3}, "state its action"),
     ],
 )
 def test_a_wrong_question_gets_the_reason_and_the_next_one_an_answer(viewer, question, words):

@@ -85,10 +85,10 @@ def test_a_wrong_pose_is_believed_and_a_shifted_core_is_not(tool) -> None:
     rng, known = np.random.default_rng(4), OMNI.uncertainty
     point, z = tool.draw_point(1, rng), rng.standard_normal(3)
     expected = force_of(OMNI, point, p=point.p + known.place * z)
-    assert tool.wrench_error(point, perturb(tool, tracked_place=z)) == pytest.approx(expected)
+    assert tool.wrench_error(point, perturb(tool, tracked_position=z)) == pytest.approx(expected)
     moved = point._replace(p=point.p - known.core_place * z)
     expected = force_of(OMNI, moved, p=point.p)
-    assert tool.wrench_error(point, perturb(tool, place_of_core=z)) == pytest.approx(expected)
+    assert tool.wrench_error(point, perturb(tool, position_of_core=z)) == pytest.approx(expected)
 
 
 def test_a_turned_axis_is_believed(tool) -> None:

@@ -118,7 +118,7 @@ def test_another_design_version_or_wish(design: Design, tmp_path: Path, monkeypa
     with pytest.raises(RecordingError, match="are of design 'small'"), open_results(where, other, "sobol", 1):
         pass
     with (
-        pytest.raises(RecordingError, match="hold sobol with seed 1 already"),
+        pytest.raises(RecordingError, match="already contain sobol with seed 1"),
         open_results(where, design, "sobol", 1, resume=False),
     ):
         pass

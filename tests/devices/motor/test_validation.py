@@ -110,7 +110,7 @@ def test_python_is_told_pythons_option_and_the_command_line_its_own():
 def test_groups_with_missing_or_repeated_coils_are_named():
     assert "group 1 names EM33, but there are only 24" in refusal(("[1, 13]", "[1, 33]"))
     message = refusal(("[2, 14]", "[1, 14]"))
-    assert "EM1 is named 2 times" in message
+    assert "EM1 appears 2 times" in message
     assert "EM2 is in no group" in message
     assert "group 1 names EM0" in refusal(("[1, 13]", "[0, 13]"))
 

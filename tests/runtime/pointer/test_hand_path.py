@@ -21,7 +21,7 @@ def test_a_place_that_no_tool_can_have_is_refused_with_the_unit(p: Any) -> None:
 
 @pytest.mark.parametrize("p", [(0, 0, np.nan), (0, 0), "here", None, np.zeros((2, 3)), (0, np.inf, 0)])
 def test_what_is_no_place_is_refused_with_what_is_wanted(p: Any) -> None:
-    with pytest.raises(InputError, match=r"p must be the place of the tool's magnet, 3 finite numbers \[m\]; got"):
+    with pytest.raises(InputError, match=r"p must be the position of the tool's magnet, 3 finite numbers \[m\]; got"):
         check_pose(p)
 
 

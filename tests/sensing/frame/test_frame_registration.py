@@ -164,7 +164,7 @@ def test_what_people_mix_up_is_named(name: str, seed: int) -> None:
 def test_marks_in_another_order_are_named() -> None:
     _, touched = session(4)
     front, left, rear = (touched.marks[name] for name in OMNI.marks.names)
-    with pytest.raises(CalibrationError, match="another order: 'left' when 'front' was asked for, 'front' when 'left'"):
+    with pytest.raises(CalibrationError, match="another order: 'left' instead of 'front', 'front' instead of 'left'"):
         frame_registration(replace(touched, marks={"front": left, "left": front, "rear": rear}), OMNI)
     with pytest.raises(CalibrationError, match=r"'left' when 'front' was.*'rear' when 'left' was.*'front' when 'rear'"):
         frame_registration(replace(touched, marks={"front": left, "left": rear, "rear": front}), OMNI)

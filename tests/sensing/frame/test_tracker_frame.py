@@ -70,7 +70,7 @@ def test_the_text_is_read_back_and_the_file_is_written_whole(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("key", "value", "told"),
     [
-        ("format", "haptorb-calibration-1", "not a tracker's frame that this version reads"),
+        ("format", "haptorb-calibration-1", "not a tracker's frame that this version can read"),
         ("digest", 7, "must be a text"),
         ("simulated", "no", "true or false"),
         ("shift_m", [0.0, 1.0], r"shape \(3,\)"),

@@ -47,7 +47,7 @@ def test_a_tool_that_was_not_moved_enough_is_refused_with_what_to_do(tour):
         with pytest.raises(CalibrationError, match=message):
             calibrate_sensors(OMNI, coils, part_of(long, chosen))
     upright = replace(tour, axes=tour.places / np.linalg.norm(tour.places, axis=1)[:, None])
-    with pytest.raises(CalibrationError, match=r"leaned by 0°, at least 8°"):
+    with pytest.raises(CalibrationError, match=r"tilted by 0°, at least 8°"):
         calibrate_sensors(OMNI, coils, upright)
     with pytest.raises(CalibrationError, match="found in 30 readings only"):
         calibrate_sensors(OMNI, coils, part_of(tour, np.arange(30)))

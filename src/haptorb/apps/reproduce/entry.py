@@ -40,8 +40,8 @@ def read_entry(holder: Any, path: str, per: float = 1.0) -> Entry:
     >>> omni = load("omni")
     >>> read_entry(omni, "coils.resistance[0]")
     Entry(value=0.6, place='omni: coils.resistance[0]', assumed='')
-    >>> read_entry(omni, "tool.remanence").assumed.split(" of ")[0]
-    'what 48 mN/A at 50 mm asks'
+    >>> read_entry(omni, "tool.remanence").assumed.split(" for ")[0]
+    'follows from 48 mN/A at 50 mm'
     """
     return Entry(per * float(_follow(holder, path)), f"{_name(holder)}: {path}", _find_reason(holder, path))
 

@@ -61,7 +61,7 @@ class ToolPlace(ErrorSource[ArrayTrial]):
     """The position from the tracker."""
 
     def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("tracked place", format_quantity(standard, "m"), origin, 3)
+        super().__init__("tracked position", format_quantity(standard, "m"), origin, 3)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: ArrayTrial) -> None:

@@ -42,7 +42,7 @@ class TrackedPlace(ErrorSource[ToolTrial]):
     """The position from the tracker."""
 
     def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("tracked place", format_quantity(standard, "m"), origin, 3)
+        super().__init__("tracked position", format_quantity(standard, "m"), origin, 3)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: ToolTrial) -> None:

@@ -12,6 +12,7 @@ from haptorb.design.candidate import DesignCandidate
 from haptorb.design.design import Bound, Design, DesignGoal
 from haptorb.design.parameter import DesignParameter, ParameterPlace
 from haptorb.design.quantity import DesignQuantity
+from haptorb.devices.device_text import DeviceText
 from haptorb.devices.loader import DeviceTables
 from haptorb.errors import InputError
 
@@ -26,6 +27,7 @@ def write_record(design: Design) -> str:
         "base": design.base,
         "options": dict(design.options),
         "tables": {"name": tables.name, "values": tables.values, "text": tables.text},
+        "device": tables.file.as_note() if tables.file else {},
         "parameters": [
             {"name": one.name, "unit": one.unit, "low": one.low, "high": one.high, "step": one.step,
              "choices": [list(choice) for choice in one.choices],
@@ -42,6 +44,7 @@ def write_record(design: Design) -> str:
 def read_record(name: str, text: str, digest: str, record: str) -> Design:
     """The Design that `write_record` wrote. A user's own function is not there: computing it raises InputError."""
     raw: Mapping[str, Any] = json.loads(record)
+    file = DeviceText.from_note(raw.get("device", {}))
     return Design(
         name=name,
         title=raw["title"],
@@ -52,7 +55,7 @@ def read_record(name: str, text: str, digest: str, record: str) -> Design:
         options=raw["options"],
         text=text,
         digest=digest,
-        tables=DeviceTables(**raw["tables"]),
+        tables=DeviceTables(**raw["tables"], file=file),
         base_values=raw.get("base_values"),
     )
 

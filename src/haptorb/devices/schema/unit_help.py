@@ -62,7 +62,7 @@ def explain_unit(text: str, unit: str, is_unit: Callable[[str], bool]) -> str:
     is_unit: whether a single name is a unit that pint knows.
 
     >>> explain_unit("milimeter", "m", lambda name: False)
-    ": 'milimeter' is no unit, did you mean 'millimeter'? (units: mm, cm, m, µm, inch, mil)"
+    ": 'milimeter' is not a unit, did you mean 'millimeter'? (units: mm, cm, m, µm, inch, mil)"
     """
     if text == "":
         return ""

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from haptorb.control.clutch.modes import MODES
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.protection.trip import CoilState, GuardState, Trip
 from haptorb.errors import RecordingError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.recording import Recording
@@ -22,9 +22,9 @@ __all__ = ["SAMPLE_FIELDS", "PlayedRows"]
 #: without these a recording is replayed from what the estimator made of the samples
 SAMPLE_FIELDS = (
     "drive", "currents_age", "field_age", "pose_t", "pose_valid", "pose_p", "pose_r", "pose_v", "pose_w", "commands",
-    "torque_scale", "failures",
+    "torque_scale", "failures", "coil_state",
 )  # fmt: skip
-_NEEDED = ("tick", "t", "guard", "trip", "coil_state", "world", "valid", "age", "p", "q", "v", "w", "currents",
+_NEEDED = ("tick", "t", "guard", "trip", "world", "valid", "age", "p", "q", "v", "w", "currents",
            "boundary", "duties")  # fmt: skip
 _PIECE = 1024  #: rows that are read at once: whole rows are unpacked
 _ROOM = 512 * 1024 * 1024  #: bytes of rows that are unpacked once and kept; more are unpacked again, block by block
@@ -140,6 +140,7 @@ class PlayedRows:
             "pose_v": block["v"],
             "pose_w": block["w"],
             "torque_scale": np.ones((count, 1)),
+            "coil_state": np.full((count, 1), float(CoilState.UNKNOWN)),
             "failures": np.where(failed, float(TickFailure.READ), 0.0),
         }
         widths = {"target": 3, "target_q": 4, "given": 6}

@@ -192,7 +192,7 @@ def test_a_world_beside_the_study_file_is_used_and_never_loaded_out_of_a_databas
     stored = study_of(study.text)
     assert stored.digest == study.digest
     assert stored.level_unit == ""
-    with pytest.raises(InputError, match="out of a database"):
+    with pytest.raises(InputError, match="not from a database"):
         stored.make_world("base", 1)
     assert len((tmp_path / "ran").read_text()) == ran
     (folder / "hill.py").write_text(HILL + "\n# other code\n")

@@ -94,7 +94,7 @@ def test_codes_are_those_that_people_use(identify: Study, tmp_path: Path) -> Non
         "Ä3",
         "被験者12",
     ]
-    with pytest.raises(RecordingError, match=r"'p1' differs from 'P1' in capitals only"):
+    with pytest.raises(RecordingError, match=r"'p1' differs from 'P1' only in capitals"):
         StoredSession(engine, identify, "p1")
     with pytest.raises(RecordingError, match="reserved for simulated"):
         StoredSession(engine, identify, "SIM07")

@@ -91,10 +91,10 @@ def test_numbers_are_typed_and_kept_and_the_summit_is_the_prompted_one(short: St
     assert ran.how == "done"
     columns = tidy(database(tmp_path / "s.db"), short)
     assert columns["answer"].tolist() == [1, 12]
-    assert [told for told in ran.servo.told if told[0] == "dome"] == [
+    assert [call for call in ran.servo.calls if call[0] == "dome"] == [
         ("dome", short.point(int(n)).direction) for n in columns["set_point"]
     ]
-    assert ran.servo.told[-1] == ("nothing", None)
+    assert ran.servo.calls[-1] == ("nothing", None)
     assert columns["recording"][0].startswith("run.mcap#t=")
 
 
@@ -115,7 +115,7 @@ def test_leaving_keeps_what_was_answered_and_resumes_there(short: Study, tmp_pat
 def test_a_pause_switches_the_coils_off_and_is_no_safety_event(short: Study, tmp_path: Path) -> None:
     ran = run(short, tmp_path / "s.db", "space", "1", "space", "enter", "e", "1", "enter", "1", "enter")
     assert ran.how == "done"
-    assert [told for told in ran.servo.told if isinstance(told, str)] == ["stop", "engage"]
+    assert [call for call in ran.servo.calls if isinstance(call, str)] == ["stop", "engage"]
     assert tidy(database(tmp_path / "s.db"), short)["safety"].tolist() == ["", ""]
     with database(tmp_path / "s.db").connect() as connection:
         kinds = connection.execute(text("SELECT kind FROM events ORDER BY id")).scalars().all()
@@ -155,7 +155,7 @@ def test_no_answer_counts_while_the_device_is_off_and_the_trial_begins_anew(shor
     assert any(state == "device off" and "please wait" in message for state, _, message in ran.views)
     columns = tidy(database(tmp_path / "s.db"), short)
     assert (columns["answer"].tolist(), columns["repeats"].tolist()) == ([12, 1], [1, 0])
-    domes = [told for told in servo.told if told[0] == "dome"]
+    domes = [call for call in servo.calls if call[0] == "dome"]
     assert len(domes) == 3
     assert domes[0] == domes[1]  # the same trial, felt from its beginning
     with database(tmp_path / "s.db").connect() as connection:
@@ -212,7 +212,7 @@ def test_the_other_interval_is_felt_at_a_key(tmp_path: Path) -> None:
     )
     ran = run(study, tmp_path / "s.db", "tab", "1", "enter", "2", "enter")
     assert ran.how == "done"
-    assert len([told for told in ran.servo.told if told[0] == "dome"]) == 3
+    assert len([call for call in ran.servo.calls if call[0] == "dome"]) == 3
 
 
 @pytest.mark.realtime

@@ -93,7 +93,7 @@ def test_without_the_selector_the_sensors_have_one_axis() -> None:
         assert np.isfinite(field).all(axis=1).sum() in (4, 5)
     picky = I2cDriver(load("omni"), one.bus, thermometers=Thermometers, hall_axes=3, watchdog=False)
     one.bus.closed = False
-    with pytest.raises(DriverError, match=r"answers at 0x20 .* 1 axis"):
+    with pytest.raises(DriverError, match=r"responds at 0x20 .* 1 axis"):
         picky.open()
 
 

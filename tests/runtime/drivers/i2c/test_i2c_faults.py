@@ -286,7 +286,7 @@ def _monostable(chip: TCA9534) -> object:
         (no_trigger, "does not stay low"),
         (too_long, "low although nothing triggers|still low 30 ms after"),
         (too_short, "holds for 5.* ms, not"),
-        (not_there, "answers at 0x20"),
+        (not_there, "responds at 0x20"),
     ],
 )
 def test_without_a_working_monostable_it_does_not_open(script: ModuleType, fault: object, told: str) -> None:
@@ -308,7 +308,7 @@ def test_a_monostable_that_was_bridged_later_is_noticed_when_engaging(script: Mo
     bus.chips.chips[1].present = False
     driver.read(bus.now)
     driver.read(bus.now)
-    with pytest.raises(DriverError, match="does not answer"):
+    with pytest.raises(DriverError, match="does not respond"):
         driver.read(bus.now)
     bus.chips.chips[1].present = True
     tie_low(bus, chip)

@@ -304,7 +304,7 @@ def test_the_coils_state_is_what_the_firmware_says_and_unknown_without_a_word(ma
     driver.engage()
     ticks(driver, SOME, 2)
     board.mute = True
-    with pytest.raises(DriverError, match="no answer"):
+    with pytest.raises(DriverError, match="no response"):
         ticks(driver, SOME, 5)
     assert driver.coil_state is CoilState.UNKNOWN
     with pytest.raises(DriverError):

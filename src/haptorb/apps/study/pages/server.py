@@ -81,7 +81,7 @@ class StudyServer:
             sys.setswitchinterval(before)
         if dead:
             raise ServoError(
-                f"the thread that runs the sessions ended: {self._reception.trouble}; the coils are off, and all "
+                f"the thread that runs the sessions ended: {self._manager.trouble}; the coils are off, and all "
                 "answers are stored: start again and enter the same code to continue"
             )
         return signals_seen[0] if signals_seen else None

@@ -75,7 +75,7 @@ class TerminalSession:
         """What there is to say of the present state."""
         match self._runner.state:
             case "pause" | "break":
-                return f"{self._conduct.rest_left:.0f} s"
+                return f"{self._runner.rest_left:.0f} s"
             case "paused":
                 return "STOPPED: the coils are off. e continues, q ends for now, A aborts"
             case "time is up":
@@ -132,7 +132,7 @@ class TerminalSession:
     @property
     def _points(self) -> str:
         """Keys of a decimal point, where there may be one."""
-        prompt = self._conduct.prompt
+        prompt = self._runner.prompt
         return ".," if prompt is not None and prompt.decimal and not set(".,") & set(self._typed) else ""
 
     def _handle_text_key(self, key: str) -> None:
