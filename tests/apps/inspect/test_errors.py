@@ -68,7 +68,7 @@ def test_values_of_the_device_file_are_used(tmp_path, omni) -> None:
     assert shares["remanence"].standard == "0.1 %"
     assert shares["tracked position"].standard == "50 µm"
     wide = {share.name: share for share in omni.budget.shares}
-    assert shares["tracked position"].alone == pytest.approx(wide["tracked place"].alone / 6, rel=0.05)
+    assert shares["tracked position"].alone == pytest.approx(wide["tracked position"].alone / 6, rel=0.05)
     assert narrow.budget.bands[-1].size < omni.budget.bands[-1].size
 
 

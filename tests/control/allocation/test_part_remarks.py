@@ -16,7 +16,7 @@ def test_the_figures_are_those_of_the_dipole_model(name):
     device = load(name)
     choice = tool_choice(device)
     text = part_remarks(device, choice)[1]
-    torque, force = (float(found) for found in re.findall(r"([\d.]+) (?:mN·m|N of)", text))
+    torque, force = (float(found) for found in re.findall(r"([\d.]+) (?:mN·m|N\.)", text))
     over = device.wrench_map(State.at((0, 0, device.contact_distance)), "published")
     most = max(
         (over.matrix @ choice.allocators["torque"].allocate(over, np.r_[np.zeros(3), 10.0 * axis]).currents

@@ -72,7 +72,7 @@ def test_an_older_recording_replays_nearly(tmp_path: Path) -> None:
     assert replay.approximate
     assert "pose_p" in replay.missing
     apart = {one.field: one for one in found.bounds}
-    assert "asked" not in apart
+    assert "asked" not in apart or apart["asked"].largest < 1e-15  # its gain is computed again
     assert apart["wanted"].largest < 0.2 * apart["wanted"].greatest
     assert any("recorded wrench" in remark for remark in replay.remarks)
 

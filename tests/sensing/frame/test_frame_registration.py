@@ -166,7 +166,7 @@ def test_marks_in_another_order_are_named() -> None:
     front, left, rear = (touched.marks[name] for name in OMNI.marks.names)
     with pytest.raises(CalibrationError, match="another order: 'left' instead of 'front', 'front' instead of 'left'"):
         frame_registration(replace(touched, marks={"front": left, "left": front, "rear": rear}), OMNI)
-    with pytest.raises(CalibrationError, match=r"'left' when 'front' was.*'rear' when 'left' was.*'front' when 'rear'"):
+    with pytest.raises(CalibrationError, match=r"'left' instead of 'front'.*'rear' instead of 'left'.*'front' instead of 'rear'"):
         frame_registration(replace(touched, marks={"front": left, "left": rear, "rear": front}), OMNI)
 
 
