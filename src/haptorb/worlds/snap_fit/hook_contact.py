@@ -31,7 +31,7 @@ class HookContact(NamedTuple):
 
 
 def view_contacts(rows: Array) -> Records:
-    """(n,) CONTACT, in the units of its fields; the same memory as rows (n, 8)."""
+    """(n,) CONTACT, fields in [m] and [N]; the same memory as rows (n, 8)."""
     return np.ndarray(len(rows), CONTACT, rows)  # rows.view costs three times as much
 
 
