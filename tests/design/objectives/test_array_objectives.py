@@ -24,6 +24,16 @@ from haptorb.errors import InputError
 from haptorb.numerics.directions import cap_directions
 
 PLANAR, TETRAHEDRON = load("planar"), load("tetrahedron")
+_DISK = PLANAR.tool.magnets[0]
+#: one magnet has no torque about its axis
+PLATFORM = replace(
+    PLANAR,
+    tool=replace(
+        PLANAR.tool,
+        magnets=tuple(replace(_DISK, position=np.array([x, 0.0, 0.0]), axis=np.array([0.0, 0.0, up]))
+                      for x, up in ((-0.022, 1.0), (0.022, -1.0))),
+    ),
+)  # fmt: skip
 EXAMPLE = Path(__file__).parents[3] / "examples" / "design" / "tetrahedron.toml"
 
 
@@ -31,13 +41,17 @@ def of(name, device, base=None, **options):
     return quantity(name).compute(DesignCandidate(device, base or device, options))
 
 
-@pytest.mark.parametrize("device", [PLANAR, TETRAHEDRON], ids=["planar", "tetrahedron"])
+@pytest.mark.parametrize("device", [PLATFORM, TETRAHEDRON], ids=["platform", "tetrahedron"])
 def test_every_quantity_of_the_kind_is_a_finite_number(device):
     candidate = DesignCandidate(device, device, {"places": 9})
     names = quantity_names("coil-array")
     assert {"peak_force", "heat_per_force_squared", "force_isotropy", "spacing", "cost", "temperature"} <= set(names)
     for name in names:
-        assert np.isfinite(quantity(name).compute(candidate)), name
+        if "torque" in name and device is TETRAHEDRON:
+            with pytest.raises(InputError, match="no torque about the magnet's axis"):
+                quantity(name).compute(candidate)
+        else:
+            assert np.isfinite(quantity(name).compute(candidate)), name
 
 
 @pytest.mark.parametrize("power", [np.inf, 150.0], ids=["by current", "by power"])
@@ -71,7 +85,23 @@ def test_the_greatest_force_within_limits_and_power_is_that_of_a_fine_search():
     assert greatest_force(np.eye(2), np.ones(2), np.ones(2), np.inf) == pytest.approx([1.0, 1.0])
 
 
-def test_the_worst_heat_is_that_of_currents_that_make_the_force():
+def test_the_worst_heat_is_that_of_currents_that_make_the_wrench():
+    for part, device in (("force", TETRAHEDRON), ("torque", PLATFORM)):
+        point = replace(device.surface, half_width=(1e-9, 1e-9), half_angle=1e-9)
+        device = replace(device, surface=point)
+        at = device.contact_height * np.array([0.0, 0.0, 1.0])
+        here = device.wrench_map(State.at(at, axis=(0, 0, 1)), "exact")
+        free = ArrayAllocator(np.full(device.channels, 1e9), device.coils.resistance, part)
+        heats = []
+        for one in cap_directions(np.pi / 2, 300):
+            wrench = 1e-3 * (
+                np.concatenate([one, np.zeros(3)]) if part == "force" else np.concatenate([np.zeros(3), one])
+            )
+            currents = free.allocate(WrenchMap(here.matrix, np.zeros(6)), wrench).currents
+            heats.append(device.coils.resistance @ currents**2 * 1e6)
+        found = of(f"heat_per_{part}_squared", device, places=4)
+        assert found >= max(heats) * (1 - 1e-6)
+        assert found == pytest.approx(max(heats), rel=0.05)
     heat = of("heat_per_force_squared", TETRAHEDRON)
     assert of("supply_power", TETRAHEDRON, load=0.02) == pytest.approx(
         heat * 0.02**2 * (1 + TETRAHEDRON.coils.temperature_coefficient * (85 - 20)), rel=1e-6
@@ -92,6 +122,10 @@ def test_parts_and_gaps():
     assert of("copper", TETRAHEDRON) == pytest.approx(4 * 27.2e-3, rel=0.01)
     assert of("envelope_radius", TETRAHEDRON) == 30e-3
     assert of("magnet_volume", PLANAR) == pytest.approx(np.pi * 19e-3**2 * 12.5e-3)
+    coil = PLANAR.windings.coil(0)
+    density = 4.0 * 1000 / (30e-3 * 11e-3)  # 4 A in 1000 turns of 30 mm × 11 mm, at a hole of 5 mm
+    field = 4.0 * coil.field((5e-3, 0.0, 0.0))[2] + 0.625
+    assert of("coil_stress", PLANAR) == pytest.approx(density * field * 5e-3)
     crossed = replace(PLANAR.windings, position=PLANAR.windings.position * 0.9)
     assert find_spacing(crossed) == 0.0
 
