@@ -1,11 +1,15 @@
 """Force of a spherical electromagnet on a radial tool in contact, in the worst direction and place of the workspace.
 
-Those of a coil array, by the same names, are in `array_force`. All are of the exact model: the tool's magnet at its
-size. The forces {K i, |i| ≤ I} of three coils fill a parallelepiped, whose greatest ball has the radius min over k of
+Those of a coil array, by the same names, are in `array_force`. All are of the exact level: the tool's magnet at its
+size, and, where the windings decide the moments (`windings.fill`), windings and core at theirs: in contact their force
+is up to a third beside that of the point dipole for which the device file's own moments stand. The forces
+{K i, |i| ≤ I} of three coils fill a parallelepiped, whose greatest ball has the radius min over k of
 I_k/|row k of K⁻¹|.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,10 +19,13 @@ from haptorb.design.objectives.registry import describe, option
 from haptorb.devices.device import require
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State
+from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.directions import cap_directions
+from haptorb.physics.fast_fields.centred_coil import CentredCoil
+from haptorb.physics.sources.charged_ring import ChargedRing
 
-__all__ = ["QUANTITIES", "electromagnet_of", "find_heaviest"]
+__all__ = ["QUANTITIES", "electromagnet_of", "find_heaviest", "find_winding_force"]
 
 _PLACES = 40
 _ELECTROMAGNET, _ARRAY = "spherical-electromagnet", "coil-array"
@@ -38,12 +45,35 @@ def _maps(candidate: DesignCandidate) -> tuple[Array, Array, Array]:
         states = [State.at(device.contact_distance * place) for place in places]
         exact = [device.wrench_map(state, "exact") for state in states]
         return (
-            np.stack([one.force for one in exact]),
+            find_winding_force(device, states)
+            if device.moments_from == "windings"
+            else np.stack([one.force for one in exact]),
             np.stack([one.passive[:3] for one in exact]),
             np.stack([device.wrench_map(state, "published").force for state in states]),
         )
 
     return candidate.share("electromagnet: maps", compute)
+
+
+def find_winding_force(device: SphericalElectromagnet, states: Sequence[State]) -> Array:
+    """(n, 3, 3) force per ampere [N/A] on the tool's magnet, of the device's windings and core at their true size.
+
+    InputError for a device without windings.
+    """
+    windings, tool = device.windings, device.tool
+    if windings is None:
+        raise InputError(f"device '{device.name}' has no [windings]")
+    nearest = min(state.distance for state in states) - tool.length / 2
+    charges = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence).rows
+    at = np.stack([(state.R_SR @ charges[:3]).T + state.p for state in states])
+    out = np.empty((len(states), 3, device.channels))
+    for number, coil in enumerate(windings.coils):
+        turn = np.roll(
+            np.eye(3), 2 - number, axis=1
+        )  # columns: the coil's own axes, of which z is the stator's x, y or z
+        field = CentredCoil(coil, device.core, nearest).field(at @ turn) @ turn.T
+        out[:, :, number] = (charges[3][:, None] * field).sum(axis=1)
+    return out
 
 
 def find_heaviest(candidate: DesignCandidate) -> tuple[float, Array]:
