@@ -36,13 +36,17 @@ def electromagnet_of(candidate: DesignCandidate) -> SphericalElectromagnet:
     return require(candidate.device, SphericalElectromagnet, "this quantity")
 
 
+def _list_states(candidate: DesignCandidate) -> list[State]:
+    device = electromagnet_of(candidate)
+    places = cap_directions(device.workspace_half_angle, int(option(candidate, "places", _PLACES)))
+    return [State.at(device.contact_distance * place) for place in places]
+
+
 def _maps(candidate: DesignCandidate) -> tuple[Array, Array, Array]:
     """(n, 3, 3) force per ampere [N/A], (n, 3) force without current [N], (n, 3, 3) by the published model."""
 
     def compute() -> tuple[Array, Array, Array]:
-        device = electromagnet_of(candidate)
-        places = cap_directions(device.workspace_half_angle, int(option(candidate, "places", _PLACES)))
-        states = [State.at(device.contact_distance * place) for place in places]
+        device, states = electromagnet_of(candidate), _list_states(candidate)
         exact = [device.wrench_map(state, "exact") for state in states]
         return (
             find_winding_force(device, states)
@@ -109,6 +113,15 @@ def _continuous(candidate: DesignCandidate) -> float:
     return _ball(candidate, np.minimum(device.sustained_current_together, device.driven_current))
 
 
+def _radial(candidate: DesignCandidate) -> float:
+    device = electromagnet_of(candidate)
+    radii = np.stack([state.R_SR[:, 2] for state in _list_states(candidate)])
+    amperes = np.einsum("nij,nj->ni", np.linalg.inv(_maps(candidate)[0]), radii)  # of one newton along the radius
+    limit = np.minimum(device.sustained_current_together, device.driven_current)
+    supplied = np.sqrt(device.supply.power / (device.greatest_resistance * amperes**2).sum(axis=1))
+    return float(np.minimum((limit / np.abs(amperes)).min(axis=1), supplied).min())
+
+
 def _isotropy(candidate: DesignCandidate) -> float:
     values = np.linalg.svd(_maps(candidate)[0], compute_uv=False)
     return float((values[:, 2] / values[:, 0]).min())
@@ -133,6 +146,9 @@ QUANTITIES = (
     describe("continuous_force", "N", "maximise",
              f"Force with currents that may flow for ever in all coils, {_OVER}.",
              {_ELECTROMAGNET: _continuous, _ARRAY: array_force.find_continuous}),
+    describe("continuous_radial_force", "N", "maximise",
+             "Force along the radius alone, in contact, with currents that may flow for ever in all coils, at the "
+             "worst place of the workspace.", {_ELECTROMAGNET: _radial}),
     describe("force_isotropy", "", "maximise",
              "Smallest over greatest force per ampere by direction, in contact, at the worst place of the workspace.",
              {_ELECTROMAGNET: _isotropy, _ARRAY: array_force.find_isotropy}),
