@@ -2,7 +2,7 @@
 
     python benchmarks/design/scale.py [examples/design/motor-latitudes.toml] [--designs 200] [--processes 2]
                                       [--at-least 500] [--json]
-    python benchmarks/design/scale.py examples/design/omni-core.toml --designs 2000 --at-least 2000
+    python benchmarks/design/scale.py benchmarks/design/omni_scale.toml --designs 1000 --at-least 2000
 
 A sweep of so many designs by one process, then the same by more, as `haptorb design sweep` runs it, into a results
 file each; its processes are started and warm before the time begins: the first designs of a process compile nothing,
