@@ -134,14 +134,14 @@ def main() -> int:
         for name, value in found.items():
             print(f"{name:24} {value:.4g}" if isinstance(value, float) else f"{name:24} {value}")
     more = found[f"{options.processes}_processes"]
-    kept = (
+    in_limits = (
         more["valid_per_minute"] >= options.at_least
         and max(found["one_process"]["valid_seconds"], more["valid_seconds"]) <= EACH
         and found["efficiency"] >= EFFICIENCY
         and found["resume_seconds"] <= RESUME
         and found["memory_megabytes"] <= MEMORY
     )
-    return int(not kept)
+    return int(not in_limits)
 
 
 if __name__ == "__main__":

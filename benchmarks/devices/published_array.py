@@ -110,8 +110,8 @@ def main() -> int:
         for pair in pairs:
             print("one coil, {magnet_above_coil_m:.3f} m below: {map_n_per_a} N/A, by filaments differs by "
                   "{relative_difference:.1e}".format(**pair))  # fmt: skip
-    kept = reach[0]["along_x_m"] >= PUBLISHED[2] and reach[0]["along_y_m"] >= PUBLISHED[1]
-    return int(not kept or max(pair["relative_difference"] for pair in pairs) > 1e-3)
+    in_range = reach[0]["along_x_m"] >= PUBLISHED[2] and reach[0]["along_y_m"] >= PUBLISHED[1]
+    return int(not in_range or max(pair["relative_difference"] for pair in pairs) > 1e-3)
 
 
 if __name__ == "__main__":
