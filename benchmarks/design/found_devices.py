@@ -2,11 +2,11 @@
 
     python benchmarks/design/found_devices.py [DEVICE ...] [--orientations 6000] [--trial] [--every 3] [--json]
 
-All at the exact level; "as wound" is the Omni with the windings that its file assumes, at their true size, and without
-the moments that the paper prints, which stand for a point dipole. DEVICE: only these of the catalogue's found devices.
-Motors: the worst of `--orientations` orientations, and of the search downhill from the worst of them. --trial also lets
-the Hall tracker find the tool in the simulated devices, with the lasting errors of their sensors as a device file
-states them, uncalibrated, at every third of the 64 places of `sensing_error`: minutes.
+All with the exact model. "as wound" is the Omni with the windings that its file assumes, at their true size, instead of
+the point dipole with the moments that the paper prints. DEVICE: only these of the catalogue's found devices.
+Motors: the worst of `--orientations` orientations, improved by a local search. --trial also runs the Hall tracker on the
+simulated devices, with the lasting errors of the sensors that the device file states, without calibration, at every
+third of the 64 positions of `sensing_error`: minutes.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
-"""The planar array against what Berkelman et al. published of theirs; and its force per ampere by two formulations.
+"""Compare the planar array with published data on arrays of Berkelman et al., and its force per ampere in two ways.
 
     python benchmarks/devices/published_array.py [--json]
 
 Published: a single magnet over 16 coils moves in 30 × 90 × 120 mm (Berkelman and Dzadovsky 2010); 16 coils give a
 handle several newtons within approximately 25 mm of the display above them (Berkelman, Miyasaka and Anderson 2012).
-Sizes of coils and magnets, and a force per ampere, could not be read in either: `planar` assumes sizes.
+Neither source, as far as it could be read, states dimensions or a force per ampere: the dimensions of `planar` are assumed.
 
-Range: how far along x (y = 0) and y (x = 0) the coils carry the magnet's own weight without a torque, 4 A per coil at
-most. Force: in the worst of 2000 directions over the middle, with the supply of the device file and with one that gives
-what all coils take. Force per ampere: of one coil on the magnet above it and half a coil aside, by the product's map,
-and by the force of the magnet's closed field on the coil's filaments.
+Range: how far along x (y = 0) and y (x = 0) the coils carry the magnet's own weight without a torque, with at most 4 A
+per coil. Force: in the worst of 2000 directions over the middle, with the supply of the device file and with an unlimited
+one. Force per ampere: of one coil on the magnet above it and half a coil aside, from the product's wrench map, and from
+the magnet's field (closed form) on the coil's filaments.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def carries(device: CoilArray, place: tuple[float, float, float]) -> bool:
 
 
 def find_range(device: CoilArray) -> list[dict[str, float]]:
-    """At heights up to the published one: the span along x and along y in which the magnet is carried [m]."""
+    """For heights up to the published one: the span along x and along y in which the magnet is carried [m]."""
     rows = []
     for up in np.linspace(0.0, PUBLISHED[0], 4).tolist():
         z = device.contact_height + up
@@ -63,7 +63,7 @@ def find_range(device: CoilArray) -> list[dict[str, float]]:
 
 
 def find_forces(device: CoilArray) -> list[dict[str, float]]:
-    """By the magnet's distance from the coils' tops: force in the worst direction over the middle [N]."""
+    """For distances of the magnet from the tops of the coils: force in the worst direction over the middle [N]."""
     directions, coils, magnet = cap_directions(np.pi, 2000), device.coils, device.tool.magnets[0]
     rows = []
     for gap in (5e-3, 10e-3, 15e-3, 20e-3, 25e-3):
@@ -77,7 +77,7 @@ def find_forces(device: CoilArray) -> list[dict[str, float]]:
 
 
 def find_force_per_ampere(device: CoilArray) -> list[dict[str, Any]]:
-    """Of coil B2 on the magnet above it: by the map and by the filaments [N/A]."""
+    """Coil B2 on the magnet above it: from the map and from the filaments [N/A]."""
     magnet, number = device.tool.magnets[0], device.coils.names.index("B2")
     placed = place_coils(device.windings)[number]
     rows = []
@@ -106,9 +106,9 @@ def main() -> int:
             print("carried {above_contact_m:.3f} m above contact: {along_x_m:.3f} m by {along_y_m:.3f} m".format(**row))
         for row in forces:
             print("magnet {magnet_above_coils_m:.3f} m above the coils: {force_n:.2f} N in the worst direction, "
-                  "{force_any_supply_n:.2f} N with any supply".format(**row))  # fmt: skip
+                  "{force_any_supply_n:.2f} N with an unlimited supply".format(**row))  # fmt: skip
         for pair in pairs:
-            print("one coil, {magnet_above_coil_m:.3f} m below: {map_n_per_a} N/A, by filaments differs by "
+            print("one coil, {magnet_above_coil_m:.3f} m below: {map_n_per_a} N/A, from filaments different by "
                   "{relative_difference:.1e}".format(**pair))  # fmt: skip
     in_range = reach[0]["along_x_m"] >= PUBLISHED[2] and reach[0]["along_y_m"] >= PUBLISHED[1]
     return int(not in_range or max(pair["relative_difference"] for pair in pairs) > 1e-3)

@@ -29,7 +29,6 @@ import numpy as np
 from haptorb.apps.console import Console
 from haptorb.control.stability.coupling_choice import CouplingSetting, measure_margin
 from haptorb.control.stability.hand_grip import GRIPS
-from haptorb.control.stability.scene_trial import try_random_hand
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.runtime.servo.servo import Servo
@@ -37,6 +36,10 @@ from haptorb.worlds import Scene
 from haptorb.worlds.bound_world import bind_world
 from haptorb.worlds.scene.scene_file import SceneFile
 from haptorb.worlds.scene.scene_model import SHIPPED, find_scene_file
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
+
+from oracles.scene_trial import try_random_hand
 
 DEVICES = {"peg": "pmsm", "outlet": "pmsm", "boxes": "omni", "drawer": "pmsm"}
 PARTS = ("tick", "growth", "passivity")

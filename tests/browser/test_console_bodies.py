@@ -2,42 +2,22 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from haptorb.apps.console import Console
-from haptorb.devices.loader import load
 from haptorb.runtime.servo.servo import Servo
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 
-def kit() -> Any:
-    """What all tests of the page share."""
-    spec = importlib.util.spec_from_file_location("browser_kit", Path(__file__).with_name("conftest.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture
-def bowl(browser: Any) -> Iterator[tuple[Any, Servo]]:
-    """The Omni with a ball in a bowl. Its poses last a second: an overloaded test machine stutters."""
-    home = kit()
-    omni = load("omni")
-    servo = Servo(replace(omni, limits=replace(omni.limits, expiry=1.0)), "ball", record=False)
-    with Console(servo, 0) as console, servo, home.serve(console):
-        page = browser.new_page(viewport=home.DESK)
-        yield home.Screen(page, f"{console.origin}/?detail=least#{console.token}"), servo
-        page.close()
+def bowl(open_servo: Any) -> Iterator[tuple[Any, Servo]]:
+    """The Omni with a ball in a bowl."""
+    with open_servo("omni", "ball") as opened:
+        yield opened
 
 
 def test_a_ball_rolls_on_the_page_where_the_servo_has_it_and_leaves_with_its_world(bowl):

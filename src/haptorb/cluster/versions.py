@@ -1,7 +1,7 @@
-"""Which versions the computers of a cluster have: with others it might compute other numbers, or not understand jobs.
+"""Versions on the computers of a cluster: with different ones results could differ, or jobs could not be read.
 
-A scheduler hands jobs on without unpacking them, so only Dask and Python must be this computer's. A worker computes, so
-haptorb and the libraries that its numbers come from must be as well.
+A scheduler passes jobs without unpacking them, so only its Dask and Python must be the same as here. A worker computes,
+so haptorb and its numerical libraries must be the same, too.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def check_versions(client: Any, address: str) -> None:
 
 
 def list_versions() -> dict[str, str]:
-    """Package → version on this computer, of what decides the numbers that are computed."""
+    """Package → version on this computer, of all that determines results."""
     from importlib.metadata import version
 
     return {"haptorb": __version__, **{name: version(name) for name in _NUMBERS}}
@@ -43,20 +43,20 @@ def _refuse(whose: str, theirs: Mapping[str, str], here: Mapping[str, str], name
     for name in names:
         if theirs.get(name) != here.get(name):
             raise InputError(
-                f"{whose} {name} {theirs.get(name) or 'not at all'}, this computer has {here.get(name)}: install the "
+                f"{whose} {name} {theirs.get(name) or '(missing)'}, this computer has {here.get(name)}: install the "
                 "same version on all"
             )
 
 
 def _list_packages(computer: Mapping[str, Any]) -> dict[str, str]:
-    """Package → version, as Dask says of one computer; Python without its last number."""
+    """Package → version, as Dask reports for one computer; Python without the last number."""
     packages = {name: str(value) for name, value in computer["packages"].items() if value is not None}
     packages["Python"] = ".".join(packages.pop("python", "").split(".")[:2])
     return packages
 
 
 def _make_look() -> Any:
-    """A function that travels with its code: a worker may not have this module."""
+    """A function that is sent with its code: a worker may not have this module."""
 
     def look() -> str:
         from haptorb.version import __version__ as here

@@ -1,4 +1,4 @@
-"""What one set of values comes to: the device built, its constraints asked in order, then its objectives."""
+"""Evaluate one set of values: build the device, check its constraints in order, compute its objectives."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def find_base(design: Design) -> Device:
 
 
 def evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evaluation:
-    """What `values` come to; `number` is their place in the run.
+    """The evaluation of `values`; `number` is their place in the run.
 
     A candidate that makes no device, breaks a constraint, or of which a quantity cannot be computed, is refused with
     the reason. Constraints are computed in the order of the design file, up to the first that is broken.
@@ -88,7 +88,7 @@ def _evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evalu
 
 
 def _tell_device(cause: Exception) -> str:
-    """What makes the values no device, without the name that nobody gave it, and without advice for a single file."""
+    """Why the values do not form a device, without the internal name, and without advice for a single file."""
     lines = str(cause).replace("device 'candidate': ", "").splitlines()
     return "\n".join(line for line in lines if not line.endswith("override=True"))
 
@@ -99,12 +99,12 @@ def compute_quantity(quantity: DesignQuantity, candidate: DesignCandidate) -> tu
         found = float(quantity.compute(candidate))
     except HaptorbError as cause:
         return math.nan, _shorten(str(cause))
-    except Exception as cause:  # a user's own function may raise whatever it likes
+    except Exception as cause:  # a user's own function may raise any exception
         last = traceback.extract_tb(cause.__traceback__)[-1]
         place = f"{last.filename.rpartition('/')[2]}, line {last.lineno}"
         return math.nan, _shorten(f"{type(cause).__name__}: {cause} ({place})")
     if not math.isfinite(found):
-        return math.nan, f"is {found}, no finite number"
+        return math.nan, f"is {found}, not a finite number"
     return found, ""
 
 
@@ -118,11 +118,11 @@ def _break(bound: Bound, found: float) -> str:
 
 
 def _tell(value: float, unit: str) -> str:
-    """With the unit's prefix, and so many digits that a bound and what breaks it closely are told apart."""
+    """With a prefix and enough digits to distinguish a bound from a value just outside it."""
     return format_quantity(value, unit, 6)
 
 
 def _shorten(text: str) -> str:
-    """One line of at most 300 characters; lines of `text` are set apart by semicolons."""
+    """One line of at most 300 characters; lines of `text` are separated by semicolons."""
     line = "; ".join(" ".join(one.split()) for one in text.splitlines() if one.strip())
     return line if len(line) <= 300 else f"{line[:297]}..."

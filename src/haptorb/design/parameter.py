@@ -10,7 +10,7 @@ from haptorb.errors import InputError
 
 __all__ = ["WHOLE", "DesignParameter", "ParameterPlace", "list_entries"]
 
-WHOLE = "*"  #: the key of a place where a choice is a table that is laid over the whole device file
+WHOLE = "*"  #: key of a place whose choices are tables that replace values all over the device file
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class DesignParameter:
     """One free parameter: a range (`low` to `high`, in `unit`, perhaps in steps), or `choices` by label.
 
     A choice may be anything that the key takes: a number, a text, or a whole list of tables. At the place `WHOLE` it is
-    a table like a device file, so that one choice writes several keys.
+    a table of tables, so that one choice writes several keys.
     """
 
     name: str
@@ -51,7 +51,7 @@ class DesignParameter:
         for one, value in self.choices:
             if one == label:
                 return value
-        raise InputError(f"parameter '{self.name}': '{label}' is none of its choices: {', '.join(self.labels)}")
+        raise InputError(f"parameter '{self.name}': '{label}' is not one of its choices: {', '.join(self.labels)}")
 
     def list_keys(self) -> dict[str, None]:
         """Every key that the parameter may write, in order."""

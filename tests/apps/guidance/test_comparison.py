@@ -8,6 +8,8 @@ from haptorb.apps.cli.program import main
 from haptorb.apps.guidance import WAYS, compare_guidance
 from haptorb.devices.loader import load
 
+pytestmark = pytest.mark.background
+
 
 @pytest.fixture(scope="module")
 def found():

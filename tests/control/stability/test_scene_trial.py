@@ -6,10 +6,10 @@ import pytest
 
 from haptorb.control.stability.coupling_choice import CouplingSetting
 from haptorb.control.stability.hand_grip import GRIPS
-from haptorb.control.stability.scene_trial import try_random_hand
 from haptorb.devices.loader import load
 from haptorb.worlds import Scene
 from haptorb.worlds.scene.scene_model import SHIPPED
+from oracles.scene_trial import try_random_hand
 
 
 @pytest.mark.parametrize("name", SHIPPED)

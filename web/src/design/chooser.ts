@@ -3,14 +3,14 @@
 
 import { at, make, write } from "../panels/dom";
 import { cover, UNKNOWN } from "../panels/lock";
-import { Stranger, token } from "../session";
+import { UnknownToken, token } from "../session";
 import { describe, type Designs } from "./designs";
 import { Numbers } from "./numbers";
 import { Scatter } from "./scatter";
 
 const OFTEN = 400; // ms between two questions while a device starts
 const SELDOM = 2000; // ms otherwise: another page may choose, the program may end
-const SAID = 2; // objectives beside the name of the device that runs: all of them stand in the table
+const NAMED = 2; // objectives beside the name of the device that runs; the table has all of them
 const LOST = 3; // questions without an answer after which the program is gone
 
 /** What the program does now. */
@@ -30,13 +30,13 @@ declare global {
   }
 }
 
-const UNREACHED = { title: "No chooser answers here", text: "Start `haptorb design show RESULTS`, and open the address that it prints." };
+const UNREACHED = { title: "The program does not respond", text: "Start `haptorb design show RESULTS`, and open the address that it prints." };
 const BASE = -1; // what is asked for to have the base device
 
 async function ask<T>(path: string, body?: unknown): Promise<T> {
   const headers = { authorization: `Bearer ${token()}`, "content-type": "application/json" };
   const answer = await fetch(path, body === undefined ? { headers } : { method: "POST", headers, body: JSON.stringify(body) });
-  if (answer.status === 403) throw new Stranger(await answer.text());
+  if (answer.status === 403) throw new UnknownToken(await answer.text());
   if (!answer.ok) throw new Error((await answer.text()).trim());
   return (await answer.json()) as T;
 }
@@ -134,7 +134,7 @@ class Chooser {
 
   private show(now: Now): void {
     window.chooser.now = now;
-    const name = now.base ? `${this.designs.base}, the base device` : now.row >= 0 ? describe(this.designs, now.row, SAID) : "";
+    const name = now.base ? `${this.designs.base}, the base device` : now.row >= 0 ? describe(this.designs, now.row, NAMED) : "";
     const said = {
       none: "No device runs. Choose a design.",
       starting: `Starting ${name}. ${now.text}`,
@@ -166,5 +166,5 @@ if (!token()) cover(UNKNOWN);
 else
   ask<Designs>("/api/designs").then(
     (designs) => new Chooser(designs),
-    (mistake: unknown) => cover(mistake instanceof Stranger ? UNKNOWN : UNREACHED),
+    (mistake: unknown) => cover(mistake instanceof UnknownToken ? UNKNOWN : UNREACHED),
   );

@@ -22,7 +22,7 @@ export class TargetPane {
 
   constructor(scene: TargetScene | null, shapes: Shape[], best: Level) {
     this.stage = new Stage(at<HTMLCanvasElement>("target-scene"), best);
-    this.orbit = new Orbit(this.stage.camera, () => this.moved(), this.home);
+    this.orbit = new Orbit(this.stage.camera, () => this.updateScale(), this.home);
     this.target = new Target(this.stage);
     this.shapes = new Shapes(this.stage, UNIT, shapes, at("bodies"));
     this.build(scene);
@@ -31,7 +31,7 @@ export class TargetPane {
       canvas.setPointerCapture(event.pointerId);
       this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     });
-    canvas.addEventListener("pointermove", (event) => this.dragged(event));
+    canvas.addEventListener("pointermove", (event) => this.drag(event));
     for (const kind of ["pointerup", "pointercancel", "lostpointercapture"] as const) {
       canvas.addEventListener(kind, (event) => this.pointers.delete(event.pointerId));
     }
@@ -46,7 +46,7 @@ export class TargetPane {
     for (const button of document.querySelectorAll<HTMLElement>("[data-target-view]")) {
       button.addEventListener("click", views[button.dataset["targetView"]!]!);
     }
-    new ResizeObserver(() => this.moved()).observe(at("target"));
+    new ResizeObserver(() => this.updateScale()).observe(at("target"));
   }
 
   /** How much to draw. */
@@ -94,9 +94,9 @@ export class TargetPane {
     const to = (outline.at(-1)![0] + 10e-3) * UNIT;
     this.home.centre = [(from + to) / 2, -14, -22];
     this.home.distance = Math.max(300, 2.4 * (to - from));
-    const told = JSON.stringify(this.home);
-    if (told === this.framed) return; // a slider that moves nothing leaves the view as it was turned
-    this.framed = told;
+    const home = JSON.stringify(this.home);
+    if (home === this.framed) return; // a slider that moves nothing leaves the view as it was turned
+    this.framed = home;
     this.orbit.centre.set(...this.home.centre);
     this.orbit.reset();
   }
@@ -109,14 +109,14 @@ export class TargetPane {
     this.home.centre = [x, y - 0.25 * radius * UNIT, z - 0.45 * radius * UNIT];
     const narrow = at("target").clientWidth < 450; // a phone's, where buttons and numbers leave less between them
     this.home.distance = Math.max(250, (narrow ? 9 : 6.4) * radius * UNIT);
-    const told = JSON.stringify(this.home);
-    if (told === this.framed) return;
-    this.framed = told;
+    const home = JSON.stringify(this.home);
+    if (home === this.framed) return;
+    this.framed = home;
     this.orbit.centre.set(...this.home.centre);
     this.orbit.reset();
   }
 
-  private dragged(event: PointerEvent): void {
+  private drag(event: PointerEvent): void {
     const before = this.pointers.get(event.pointerId);
     if (!before) return;
     const now = { x: event.clientX, y: event.clientY };
@@ -133,7 +133,7 @@ export class TargetPane {
     this.orbit.zoom(Math.exp(event.deltaY * 0.001));
   }
 
-  private moved(): void {
+  private updateScale(): void {
     this.stage.touch();
     const pixels = (this.stage.scale(this.orbit.distance) * UNIT) / 1000;
     const millimetres = [1, 2, 5, 10].find((mm) => mm * pixels > 35) ?? 20;

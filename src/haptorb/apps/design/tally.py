@@ -1,4 +1,4 @@
-"""What a run has come to so far: how many candidates, which constraint refuses how many, and the best."""
+"""The state of a run: how many candidates, how many each constraint refuses, and the best."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Tally:
         """For a bar: the best so far, and the share of refused candidates."""
         parts = [f"best {goal.name} {self._format_best(goal)}" for goal in self.design.goals[:_MOST] if self.best]
         if self.count:
-            parts.append(f"{100 * self.refused.total() / self.count:.0f} % refused")
+            parts.append(f"{100 * self.refused.total() / self.count:.0f} % rejected")
         return ", ".join(parts)
 
     @property
@@ -76,7 +76,7 @@ class Tally:
         text = f"{self.count} designs: {self.valid} valid"
         if self.refused:
             whom = ", ".join(f"{count} by {name}" for name, count in self.refused.most_common())
-            text += f", {self.refused.total()} refused: {whom}"
+            text += f", {self.refused.total()} rejected: {whom}"
         return text
 
     @property
@@ -87,29 +87,29 @@ class Tally:
         name, count = self.refused.most_common(1)[0]
         share = f"{count} of {self.count} designs"
         if name == OBJECTIVE:
-            what, remedy = f"an objective has no number for {share}", "Correct the objective, or change the ranges"
+            what, remedy = f"an objective is not a number for {share}", "Correct the objective, or change the ranges"
         elif name == DEVICE:
-            what, remedy = f"the values of {share} make no device", "Change the ranges"
+            what, remedy = f"the values of {share} do not form a valid device", "Change the ranges"
         else:
-            what, remedy = f"constraint '{name}' refuses {share}", "Change the ranges, or relax the constraint"
+            what, remedy = f"constraint '{name}' rejects {share}", "Change the ranges, or relax the constraint"
         return f"no design is valid: {what}. {self._explain(name)}. {remedy}"
 
     @property
     def failures(self) -> str:
-        """Where designs are valid, but others have no number for an objective: how many, and why one of them; or ""."""
+        """If designs are valid, but an objective of others is not a number: how many, and one reason; or ""."""
         count = self.refused[OBJECTIVE]
         if not self.valid or not count:
             return ""
-        return f"an objective has no number for {count} designs. {self._explain(OBJECTIVE)}"
+        return f"an objective is not a number for {count} designs. {self._explain(OBJECTIVE)}"
 
     def _explain(self, by: str) -> str:
-        """The design that came nearest to keeping the constraint `by`, or the first of the most frequent reason."""
+        """The design closest to the constraint `by`, or the first with the most frequent reason."""
         if by in self._nearest:
             _, number, reason = self._nearest[by]
-            return f"Nearest is design {number}: {shorten(reason, _LONGEST, placeholder=' ...')}"
+            return f"The closest is design {number}: {shorten(reason, _LONGEST, placeholder=' ...')}"
         kind, often = self._reasons[by].most_common(1)[0]
         example = self._examples[by, kind]
-        others = f", and {often - 1} like it" if often > 1 else ""
+        others = f" ({often} alike)" if often > 1 else ""
         return f"Design {example.number}{others}: {shorten(example.reason, _LONGEST, placeholder=' ...')}"
 
     def list_best(self) -> list[tuple[str, str]]:

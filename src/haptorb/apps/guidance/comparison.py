@@ -184,7 +184,7 @@ def _find_valley(path: GuidancePath, run: Callable[[World], Trial], force: float
     """The valley whose mean force is `force` [N], and its trial.
 
     A valley that is too stiff for hand and tracker oscillates, and its force jumps. Where none has that force, it is
-    the valley with the least error, of whatever force.
+    the valley with the least error, at any force.
     """
     attempts: list[tuple[Trial, Guidance]] = []
     stiffness, (low, high) = _STRENGTHS["valley"] / _WIDTH, _STIFF
@@ -196,7 +196,7 @@ def _find_valley(path: GuidancePath, run: Callable[[World], Trial], force: float
         if abs(share - 1.0) <= _NEAR:
             return attempts[-1]
         low, high = (stiffness, high) if share < 1.0 else (low, stiffness)
-        # Towards an end that no trial has shown to be one the next step is not halfway, but as the force tells.
+        # Towards an end that no trial has confirmed, the next step is not halfway, but follows the force.
         guess = stiffness * max(share, 1e-3) ** -1.5
         stiffness = guess if low < guess < high else (low * high) ** 0.5
     return min(attempts, key=lambda one: one[0].error)

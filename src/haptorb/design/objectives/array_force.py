@@ -1,8 +1,8 @@
-"""Force or torque of a coil array on its tool, in the worst direction and place of the workspace, by its exact map.
+"""Force or torque of a coil array on its tool, in the worst direction and position in the workspace, from the exact wrench map.
 
 The tool is upright over a plate and radial over a dome, at `height` of the design file's table [evaluation] above
-contact. A force is that of the currents that make it with the least heat, whatever torque comes along, and a torque
-alike: the part of a wrench that `haptorb run --render` has. The forces {K i} of currents within their limits and the
+contact. A force is produced by the currents with the least heat, whatever the accompanying torque, and vice versa,
+as with `haptorb run --render`. The forces {K i} of currents within their limits and the
 supply's power are a convex set about zero; its greatest ball has the radius min over unit vectors n of max n·K i. The
 minimum is at the normal of a facet (a product of two columns of K), at a main axis of K R⁻¹ Kᵀ, or between them:
 directions all around and a search downhill find that.
@@ -99,7 +99,7 @@ def find_peak(candidate: DesignCandidate, part: Part = "force") -> float:
 
 
 def find_continuous(candidate: DesignCandidate, part: Part = "force") -> float:
-    """[N] with currents that may flow for ever in all coils."""
+    """[N] with continuous currents in all coils."""
     device = array_of(candidate)
     return _ball(candidate, np.minimum(device.sustained_current_together, device.driven_current), part)
 

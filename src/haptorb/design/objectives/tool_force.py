@@ -1,8 +1,8 @@
-"""Force of a spherical electromagnet on a radial tool in contact, in the worst direction and place of the workspace.
+"""Force of a spherical electromagnet on a radial tool in contact, in the worst direction and position in the workspace.
 
-Those of a coil array, by the same names, are in `array_force`. All are of the exact level: the tool's magnet at its
-size, and, where the windings decide the moments (`windings.fill`), windings and core at theirs: in contact their force
-is up to a third beside that of the point dipole for which the device file's own moments stand. The forces
+Those of a coil array, with the same names, are in `array_force`. All use the tool's magnet at its true size and, if the
+windings determine the moments (`windings.fill`), windings and core at theirs: in contact, their force differs by up to a
+third from that of a point dipole with the moments of the device file. The forces
 {K i, |i| ≤ I} of three coils fill a parallelepiped, whose greatest ball has the radius min over k of
 I_k/|row k of K⁻¹|.
 """
@@ -67,8 +67,8 @@ def _list_charges(device: SphericalElectromagnet, azimuth: int = 8) -> Array:
 
 
 def _find_dipole_force(device: SphericalElectromagnet, states: Sequence[State]) -> Array:
-    """(n, 3, 3) force per ampere [N/A] as the device's own exact model has it; without the table of the core's pull,
-    which takes longer than all the rest of a candidate."""
+    """(n, 3, 3) force per ampere [N/A] of the device's own exact model, without the table of the core's pull, which
+    takes longer than the rest of a candidate."""
     charges, per_moment = _list_charges(device), np.empty((len(states), 6, 3))
     for state, out in zip(states, per_moment, strict=True):
         dipole_on_charges(charges, np.ascontiguousarray(state.R_SR), np.ascontiguousarray(state.p), out)
@@ -106,9 +106,7 @@ def find_winding_force(device: SphericalElectromagnet, states: Sequence[State]) 
     at = np.stack([(state.R_SR @ charges[:3]).T + state.p for state in states])
     out = np.empty((len(states), 3, device.channels))
     for number, coil in enumerate(windings.coils):
-        turn = np.roll(
-            np.eye(3), 2 - number, axis=1
-        )  # columns: the coil's own axes, of which z is the stator's x, y or z
+        turn = np.roll(np.eye(3), 2 - number, axis=1)  # columns: the coil's axes; its z is the stator's x, y or z
         field = CentredCoil(coil, device.core, nearest).field(at @ turn) @ turn.T
         out[:, :, number] = (charges[3][:, None] * field).sum(axis=1)
     return out
@@ -170,26 +168,28 @@ def _model_error(candidate: DesignCandidate) -> float:
     return float(np.linalg.norm(exact @ np.linalg.inv(published) - np.eye(3), 2, axis=(1, 2)).max())
 
 
-_OVER = "on a radial tool (over a plate an upright one) in contact, in the worst direction and place of the workspace"
+_OVER = (
+    "on a radial tool (over a plate an upright one) in contact, in the worst direction and position in the workspace"
+)
 QUANTITIES = (
     describe("heat_per_force_squared", "W/N²", "minimise",
-             f"Least heat for a force, divided by its square, {_OVER}; coils at their reference temperature.",
+             f"Smallest heat for a force, divided by its square, {_OVER}; coils at their reference temperature.",
              {_ELECTROMAGNET: _heat, _ARRAY: array_force.find_heat}),
-    describe("peak_force", "N", "maximise", f"Force at full current, as far as the supply gives it, {_OVER}.",
+    describe("peak_force", "N", "maximise", f"Force at full current, within the supply's power, {_OVER}.",
              {_ELECTROMAGNET: _peak, _ARRAY: array_force.find_peak}),
     describe("continuous_force", "N", "maximise",
-             f"Force with currents that may flow for ever in all coils, {_OVER}.",
+             f"Continuous force in all coils, {_OVER}.",
              {_ELECTROMAGNET: _continuous, _ARRAY: array_force.find_continuous}),
     describe("continuous_radial_force", "N", "maximise",
-             "Force along the radius alone, in contact, with currents that may flow for ever in all coils, at the "
-             "worst place of the workspace.", {_ELECTROMAGNET: _radial}),
+             "Force along the radius alone, in contact, continuous in all coils, at the worst position in the "
+             "workspace.", {_ELECTROMAGNET: _radial}),
     describe("force_isotropy", "", "maximise",
-             "Smallest over greatest force per ampere by direction, in contact, at the worst place of the workspace.",
+             "Ratio of smallest to largest force per ampere over all directions, in contact, at the worst position.",
              {_ELECTROMAGNET: _isotropy, _ARRAY: array_force.find_isotropy}),
     describe("core_pull", "N", "minimise",
-             "Greatest pull of the core on a radial tool in contact, without current.",
+             "Largest pull of the core on a radial tool in contact, without current.",
              {_ELECTROMAGNET: _pull, _ARRAY: array_force.find_pull}),
     describe("force_model_error", "", "minimise",
-             "Greatest relative error of the published dipole model's force on a radial tool in contact.",
+             "Largest relative error of the published dipole model's force on a radial tool in contact.",
              {_ELECTROMAGNET: _model_error}),
 )  # fmt: skip

@@ -62,7 +62,7 @@ class RingSection(Section):
         q.Angle | None,
         BeforeValidator(lambda value: None if value == "even" else value),
         m.Meaning("longitude from one part to the next"),
-        m.Form('an angle, or "even": all around, 360° over count'),
+        m.Form('an angle, or "even": 360° divided by count'),
         m.Without("even"),
     ] = None
 
@@ -109,7 +109,7 @@ class MagnetsSection(Section):
     polarization: Annotated[q.Polarization, Positive, m.Meaning("polarization of one magnet")]
     polarity: Annotated[
         Polarity,
-        m.Meaning("which magnets point outward"),
+        m.Meaning("polarity of the magnets"),
         m.Form('"checkerboard", "in-phase" or a number from −1 to 1 per magnet, +1 outward'),
     ]
     rings: Annotated[Rings, m.Meaning("rings of magnets on the rotor")]
@@ -143,7 +143,7 @@ class ElectromagnetsSection(Section):
         q.Length, Positive, m.Meaning("inner radius of one winding"), m.Form("> 0, below outer_radius")
     ]
     length: Annotated[q.Length, Positive, m.Meaning("length of one winding along its axis")]
-    fill: Annotated[Share, m.Meaning("share of the winding's section that copper fills; resistance follows from it")]
+    fill: Annotated[Share, m.Meaning("fill factor of copper in the winding's cross-section; determines the resistance")]
     rings: Annotated[Rings, m.Meaning("rings of coils on the stator")]
     multipole: Annotated[
         MultipoleSection | None,
@@ -165,19 +165,19 @@ class SensorsSection(SensorQualitySection):
 
 
 class GroupsSection(Section):
-    """[groups]: which coils are wired in series; each group is one channel."""
+    """[groups]: coils wired in series; each group is one channel."""
 
     coils: Annotated[
         Annotated[tuple[Annotated[tuple[Coil, ...], Len(1, _MOST_PARTS)], ...], Len(1, _MOST_PARTS)] | None,
         BeforeValidator(lambda value: None if value == "antipodal" else value),
         m.Meaning("coils of each channel, by number, wired in series"),
-        m.Form('lists of coil numbers from 1, each coil once; or "antipodal": those that face each other'),
+        m.Form('lists of coil numbers from 1, each coil once; or "antipodal": pairs of opposite coils'),
     ]
     winding: Annotated[
         Literal["series-aiding", "series-opposed", "matched"],
         m.Meaning(
-            "whether the second coil of a group is wound as the first or the other way; matched: so that each adds "
-            "to the torque of the first"
+            "winding sense of the second coil of a group relative to the first; matched: such that each adds to the "
+            "torque of the first"
         ),
     ]
     antipodal: Annotated[

@@ -1,4 +1,4 @@
-"""Which coils of a motor are wired in series, and which way round: as its file says, or as its magnets ask for."""
+"""Coils of a motor in series, and their winding sense: from the file, or from positions and magnets."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from haptorb.numerics.arrays import Array
 
 __all__ = ["FACING", "grouping", "match_winding", "measure_facing", "pair_opposite"]
 
-FACING = np.radians(0.5)  #: how far from opposite a pair of coils may be and still count as facing
+FACING = np.radians(0.5)  #: how far from opposite a pair of coils may be and still count as opposite
 
 
 def measure_facing(first: Array, second: Array) -> float:
@@ -21,7 +21,7 @@ def measure_facing(first: Array, second: Array) -> float:
 
 
 def pair_opposite(layout: Layout) -> tuple[tuple[int, ...], ...]:
-    """Numbers from 1 of the parts that face each other across the centre, in pairs; a part that faces none is alone.
+    """Numbers from 1 of opposite parts, in pairs; a part without an opposite one is alone.
 
     >>> pair_opposite(Layout(1.0, np.array([[1.0, 0, 0], [0, 1.0, 0], [-1.0, 0, 0]])))
     ((1, 3), (2,))
@@ -38,9 +38,9 @@ def pair_opposite(layout: Layout) -> tuple[tuple[int, ...], ...]:
 
 
 def match_winding(groups: Array, single: Array) -> Array:
-    """`groups` (k, m) of coils all wound alike, with each turned over that works against the first of its group.
+    """`groups` (k, m) of coils all wound alike, with those reversed that act against the first of their group.
 
-    single  (n, 3, k) torque per ampere of every coil, in orientations all over the workspace [N·m/A]
+    single  (n, 3, k) torque per ampere of every coil, in orientations throughout the workspace [N·m/A]
 
     >>> match_winding(np.array([[1.0], [1.0]]), np.array([[[1.0, -2.0], [0, 0], [0, 0]]])).tolist()
     [[1.0], [-1.0]]
@@ -74,6 +74,6 @@ def grouping(groups: Sequence[Sequence[int]], count: int, winding: str) -> tuple
                 continue
             matrix[coil - 1, channel] = -1.0 if winding == "series-opposed" and place % 2 else 1.0
     used = Counter(coil for members in groups for coil in members)
-    wrong += [f"groups.coils: EM{coil} is named {many} times" for coil, many in sorted(used.items()) if many > 1]
+    wrong += [f"groups.coils: EM{coil} appears {many} times" for coil, many in sorted(used.items()) if many > 1]
     wrong += [f"groups.coils: EM{coil} is in no group" for coil in range(1, count + 1) if coil not in used]
     return matrix, wrong

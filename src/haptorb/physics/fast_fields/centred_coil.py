@@ -1,10 +1,10 @@
-"""The field of a coil about a soft sphere's centre, sphere included, outside both: zonal harmonics on the coil's axis.
+"""Field of a coil centred on a soft sphere, with the sphere's, outside both: zonal harmonics about the coil's axis.
 
 A loop at (ρ, z), s = √(ρ² + z²) from the centre, c = z/s, has on its axis the field Σ b_l x^(l−1) inside s, and
-Σ b_l s^(2l+1)/x^(l+2) outside, with b_l = μ0 N (1 − c²) P_l'(c)/(2 s^l) per ampere. The sphere of radius a answers the
-first with Σ b_l β_l (l+1)/l a^(2l+1)/x^(l+2) (`soft_sphere`). Off the axis e, at x r̂ from the centre,
+Σ b_l s^(2l+1)/x^(l+2) outside, with b_l = μ0 N (1 − c²) P_l'(c)/(2 s^l) per ampere. The sphere of radius a responds to
+the first with Σ b_l β_l (l+1)/l a^(2l+1)/x^(l+2) (`soft_sphere`). Off the axis e, at x r̂ from the centre,
 
-    B = Σ k_l (P_(l+1)'(r̂·e) r̂ − P_l'(r̂·e) e)/x^(l+2),    (l+1) k_l = what stands over x^(l+2) on the axis
+    B = Σ k_l (P_(l+1)'(r̂·e) r̂ − P_l'(r̂·e) e)/x^(l+2),    (l+1) k_l = coefficient of 1/x^(l+2) on the axis
 
 Source: Smythe, Static and Dynamic Electricity, §7.13. A winding is a Gauss sum of loops; of one that is symmetric
 about the centre the even degrees vanish. Terms fall as (s/x)^l.
@@ -26,7 +26,7 @@ from haptorb.physics.sources.soft_sphere import SoftSphere
 __all__ = ["CentredCoil"]
 
 _NODES = 12  #: of the Gauss sums over the winding's section, each way
-_LEFT_OUT = 1e-6  #: relative, of the first term that is left out
+_LEFT_OUT = 1e-6  #: relative, of the first neglected term
 _MOST = 151  #: degrees
 
 

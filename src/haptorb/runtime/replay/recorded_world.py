@@ -48,7 +48,7 @@ class RecordedTick:
         self._at = 0
 
     def load(self, block: Mapping[str, Array], *, whole: bool) -> None:
-        """The next ticks: field → (n, width), each in its unit [SI]; only the times if nobody asks for the `whole`."""
+        """The next ticks: field → (n, width), each in its unit [SI]; only the times unless the `whole` is requested."""
         n = len(block["t"])
         self._took = block["stages"][:, 2].tolist()
         if not whole:
@@ -76,7 +76,7 @@ class RecordedTick:
         return self._took[self._at]
 
     def render(self) -> Array:
-        """(6,) the recorded wrench on the thing [N, N·m]. Raises WorldFailed where the recorded world failed."""
+        """(6,) the recorded wrench on the mover [N, N·m]. Raises WorldFailed where the recorded world failed."""
         if self._failures[self._at] & _FAILED:
             raise WorldFailed("the world failed in the recording")
         return self._wrench[self._at]
@@ -100,8 +100,8 @@ class RecordedTick:
         room = next((field.width for field in recording.fields if field.name == "memory"), 0)
         if end > room:
             text = (
-                f"{recording.path} cannot be replayed: what a client commanded ends at number {end} of its world's "
-                f"memory, but the field 'memory' has room for {room}; replay the recorded wrench instead"
+                f"{recording.path} cannot be replayed: the clients' commands end at number {end} of the memory of "
+                f"the world, but the field 'memory' has only {room} numbers; replay the recorded wrench instead"
             )
             raise RecordingError(f"{text} with recorded_world=True", command=f"{text} with --world recorded")
 
@@ -119,7 +119,7 @@ class RecordedTick:
 
 @final
 class PlayedBudget:
-    """Sheds detail where the recorded run did: tells `budget` the time that the recorded world's step took."""
+    """Reduces detail where the recorded run did: passes the time of the recorded world's step to `budget`."""
 
     def __init__(self, budget: StepWatch, tick: RecordedTick) -> None:
         self._budget, self._tick = budget, tick

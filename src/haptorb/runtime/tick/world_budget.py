@@ -16,7 +16,7 @@ _MOST = 64.0  #: by so much that time grows with every return that did not last
 
 
 class StepWatch(Protocol):
-    """Who is told how long each step of a world took."""
+    """What receives the time of each step of a world."""
 
     def watch(self, bound: BoundWorld, took: float) -> None:
         """One step of `bound` took so long [s]."""
@@ -24,7 +24,7 @@ class StepWatch(Protocol):
 
 @final
 class WorldBudget:
-    """Watches the time of a world's steps in ticks of `dt` [s] and tells it to do less, or more again.
+    """Watches the time of a world's steps in ticks of `dt` [s] and makes it reduce its detail, or restore it.
 
     A step cannot be interrupted: the budget leaves more than half of a tick, so that a scene which grows heavier sheds
     detail before a tick is late.

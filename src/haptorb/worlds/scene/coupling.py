@@ -1,7 +1,7 @@
-"""The virtual coupling: a spring and a damper between where the mover is and a body of a scene, both limited.
+"""The virtual coupling: a spring and a damper between mover and a body of a scene, both limited.
 
-After Colgate, Stanley and Brown 1995 and Adams and Hannaford 1999: what the hand feels is the coupling, never the scene
-itself, so that a loop which is stable with the coupling against a wall is stable with any passive scene behind it.
+After Colgate, Stanley and Brown 1995 and Adams and Hannaford 1999: the hand feels the coupling, never the scene
+itself, so a loop that is stable with the coupling against a wall is stable with any passive scene.
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ def fill_coupling(
     couplings: Records, pose: Array, R: Array, motion: Array, place: Array, attitude: Array, moving: Array,
     share: float, wrench: Array,
 ) -> float:  # fmt: skip
-    """wrench (6,) becomes force [N] and torque about the body's origin [N·m] on the body; returns the energy [J].
+    """Fill wrench (6,) with the force [N] and torque about the body's origin [N·m] on the body; return the energy [J].
 
-    couplings (1,) COUPLING. Where the body should be: pose (3,) [m], R (3, 3), motion (6,) linear and angular. Where it
-    is: place (3,), attitude (9,) by rows, moving (6,) angular and linear as MuJoCo has it, in time that passes `share`
-    times as fast.
+    couplings (1,) COUPLING. Target of the body: pose (3,) [m], R (3, 3), motion (6,) linear and angular. Actual
+    pose: place (3,), attitude (9,) by rows, moving (6,) angular and linear as MuJoCo has it, in time that passes
+    `share` times as fast.
     """
     c = couplings[0]
     stretch, speed = np.empty(3), np.empty(3)

@@ -1,7 +1,7 @@
-"""One scene being stepped: MuJoCo's own data as a scratch pad, filled from a memory and read back into it.
+"""Stepping of one scene: MuJoCo's own data are a scratch pad, filled from a memory and read back into it.
 
-All that lasts is in the memory. So the same memory, state and dt give the same step, bit for bit, whatever this pad was
-used for before.
+All state is in the memory. So the same memory, state and dt give the same step, bit for bit, regardless of earlier
+use of this pad.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ _HUGE = 1e8  #: beyond it a coordinate or speed has no meaning
 
 
 class SceneExplosion(MemoryNotFinite):
-    """A scene has come into a state that is not finite, or beyond all measure."""
+    """The state of a scene is not finite, or exceeds all bounds."""
 
 
 def state_size(scene: SceneModel) -> int:
-    """How many numbers [1] the state of `scene` is."""
+    """Number of elements [1] of the state of `scene`."""
     engine = load_engine()
     return int(engine.mj_stateSize(scene.model, _list_kinds(engine)))
 
@@ -63,14 +63,14 @@ def _copy_poses(
 
 @final
 class SceneStepper:
-    """`scene` with the body of index `body` in the coupling; `drawn` (g,) are the shapes whose poses are told."""
+    """`scene` with the body of index `body` in the coupling; `drawn` (g,) are the shapes whose poses are reported."""
 
     def __init__(self, scene: SceneModel, body: int, drawn: Integers) -> None:
         self._engine, self._scene, self._model = load_engine(), scene, copy(scene.model)
         self._data = self._engine.MjData(self._model)
         self._kinds, self._body, self._drawn = _list_kinds(self._engine), body, drawn
         option = self._model.opt
-        # An explosion must end in coils off, not in a scene that begins anew by itself in the hand.
+        # A divergence must end with the coils off, not in a scene that restarts by itself in the hand.
         option.disableflags |= int(self._engine.mjtDisableBit.mjDSBL_AUTORESET)
         option.enableflags |= int(self._engine.mjtEnableBit.mjENBL_ENERGY)
         self._iterations = int(option.iterations)
@@ -78,15 +78,15 @@ class SceneStepper:
         self._place, self._attitude = data.xpos[body], data.xmat[body]
         self._centre, self._pushed = data.xipos[body], data.xfrc_applied[body]
         self._moving, self._wrench, self._total = np.zeros(6), np.zeros(6), np.zeros(6)
-        self._pose, self._motion, self._arm = np.zeros(3), np.zeros(6), np.zeros(3)
+        self._pose, self._motion = np.zeros(3), np.zeros(6)
         self._points, self._turns = data.geom_xpos, data.xquat
         self._bodies, self._own = self._model.geom_bodyid.astype(np.int64), self._model.geom_quat
         self._state = np.zeros(state_size(scene))
         self._level = -1
 
     def begin(self) -> tuple[Array, Array, Array, Array, Array]:
-        """The state (n,) at the beginning, places (g, 3) [m] and attitudes (g, 4) of what is drawn, and the place (3,)
-        and attitude (3, 3) of the body. The first keyframe, if the scene has one, is its beginning."""
+        """The initial state (n,), positions (g, 3) [m] and orientations (g, 4) of the drawn shapes, and position
+        (3,) and orientation (3, 3) of the body. If the scene has keyframes, the first one is the initial state."""
         engine, model, data = self._engine, self._model, self._data
         if model.nkey:
             engine.mj_resetDataKeyframe(model, data, 0)
@@ -99,7 +99,8 @@ class SceneStepper:
         return self._state.copy(), places, turns, self._place.copy(), self._attitude.reshape(3, 3).copy()
 
     def effective_inertia(self) -> tuple[float, float]:
-        """Least mass [kg] and moment of inertia [kg·m²] of the body at its origin, as the scene begins: of J M⁻¹ Jᵀ."""
+        """Smallest effective mass [kg] and moment of inertia [kg·m²] of the body at its origin, in the initial state:
+        from J M⁻¹ Jᵀ."""
         engine, model, data = self._engine, self._model, self._data
         self.begin()
         move, turn = np.zeros((3, model.nv)), np.zeros((3, model.nv))
@@ -115,10 +116,10 @@ class SceneStepper:
     def advance(
         self, lasting: Array, wish: tuple[Array, Array, Array], couplings: Records, steps: int, level: int
     ) -> tuple[Array, float]:
-        """(6,) mean force and torque on the body over `steps` steps of the scene [N, N·m], and the energy [J] that it
-        and the coupling hold as they begin. `lasting` (n,) becomes the state after them.
+        """(6,) mean force and torque on the body over `steps` steps of the scene [N, N·m], and the energy [J] of
+        scene and coupling before them. `lasting` (n,) becomes the state after them.
 
-        wish    where the body should be: place (3,) [m], attitude (3, 3), motion (6,) linear and angular
+        wish    target of the body: position (3,) [m], orientation (3, 3), motion (6,) linear and angular
         level   of detail, an index of `LEVELS`
 
         Raises SceneExplosion.
@@ -133,7 +134,7 @@ class SceneStepper:
             self._pushed[:] = 0.0
             if steps:
                 engine.mj_step1(model, data)
-            else:  # time stands still; what is felt of it does not
+            else:  # time stops; the rendering does not
                 engine.mj_fwdPosition(model, data)
                 engine.mj_fwdVelocity(model, data)
             held = self._couple(wish, couplings, LEVELS[level][1])
@@ -166,8 +167,8 @@ class SceneStepper:
         self._level = level
 
     def fill_poses(self, places: Array, turns: Array) -> None:
-        """places (g, 3) [m] and turns (g, 4), quaternions (x, y, z, w), become those of what is drawn, as the last step
-        began."""
+        """places (g, 3) [m] and turns (g, 4), quaternions (x, y, z, w), become those of the drawn shapes, at the
+        beginning of the last step."""
         _copy_poses(self._drawn, self._bodies, self._points, self._turns, self._own, places, turns)
 
     def _explain(self) -> str:
@@ -175,6 +176,6 @@ class SceneStepper:
         fastest = np.abs(np.nan_to_num(data.qvel, nan=np.inf, posinf=np.inf, neginf=np.inf)).argmax()
         name = model.body(int(model.dof_bodyid[int(fastest)])).name or "without a name"
         return (
-            f"the scene exploded: body '{name}' left all measure after {float(data.time):.3g} s of "
+            f"the scene diverged: body '{name}' left all bounds after {float(data.time):.3g} s of "
             "its time; make its timestep shorter, its contacts softer (solref), or its bodies heavier"
         )

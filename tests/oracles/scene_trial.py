@@ -1,6 +1,6 @@
 """What a random hand gets out of a scene: the energy that it put in, less what the scene holds, over minutes.
 
-Hand and mover are masses on springs and dampers whose middle wanders at random within `reach`; forces are held from
+Hand and mover are masses on springs and dampers whose middle wanders at random; forces are held from
 tick to tick, as the loop holds them, so what sampling makes out of nothing is in the figure. All six coordinates move
 at once where the scene has an attitude, which no motor's modes do: more than a device can ask.
 """
@@ -13,15 +13,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
+from haptorb.control.clutch.gains import MOTOR_GAINS
 from haptorb.control.stability.hand_grip import HandGrip
-from haptorb.control.stability.held_mover import hold_mover
 from haptorb.devices.device import Device
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
 from haptorb.worlds.bound_world import bind_world
 from haptorb.worlds.scene.scene import Scene
 
 __all__ = ["SceneTrial", "try_random_hand"]
+
+Springs = tuple[Array, Array, Array]  #: masses, dampers and springs
 
 _WANDER = 0.15  #: time constant of the hand's wish, twice [s]
 
@@ -43,20 +47,14 @@ class SceneTrial:
 def try_random_hand(
     scene: Scene, device: Device, hand: HandGrip, seconds: float, rate: float = 1000.0, seed: int = 0
 ) -> SceneTrial:
-    """Let a random `hand` alone hold the mover of `device` in `scene`, whose coupling was chosen, for `seconds` [s].
-
-    Raises InputError for a device that has neither tool nor rotor.
-    """
+    """Let a random `hand` alone hold the mover of `device` in `scene`, whose coupling was chosen, for `seconds` [s]."""
     fitted, dt, rng = scene.for_device(device), 1.0 / rate, np.random.default_rng(seed)
     bound = bind_world(fitted, dt)
     assert bound is not None
-    mover = hold_mover(device, hand)
-    springs = mover.springs
-    steps = [_solve(m, b, k, dt) for m, b, k in zip(mover.masses, mover.dampers, springs, strict=True)]
+    masses, dampers, springs = _hold_tool(device, hand) if device.name == "omni" else _hold_rotor(device, hand)
+    steps = [_solve(m, b, k, dt) for m, b, k in zip(masses, dampers, springs, strict=True)]
     on, push = np.array([one[0] for one in steps]), np.array([one[1] for one in steps])
-    x, wish, slow = mover.rest.copy(), np.zeros(6), np.zeros(6)
-    v = np.zeros(6)
-    x[3:] = 0.0
+    x, v, wish, slow = np.concatenate([device.rest_position, np.zeros(3)]), np.zeros(6), np.zeros(6), np.zeros(6)
     fade = math.exp(-dt / _WANDER)
     spread = 2.0 * math.sqrt((1 + fade) / (1 - fade))  # white noise, so that the wish has a deviation of 2
     put_in, lowest, greatest, first = 0.0, 0.0, 0.0, math.nan
@@ -68,13 +66,39 @@ def try_random_hand(
         greatest = max(greatest, math.sqrt(float(wrench[:3] @ wrench[:3])))
         wish += (1 - fade) * (spread * rng.standard_normal(6) - wish)
         slow += (1 - fade) * (wish - slow)
-        goal = mover.aim(slow)
+        goal = _aim(device, np.tanh(slow))
         force = wrench + springs * goal
         after = on[:, 0, 0] * x + on[:, 0, 1] * v + push[:, 0] * force
         v = on[:, 1, 0] * x + on[:, 1, 1] * v + push[:, 1] * force
         put_in -= float(wrench @ (after - x))
         x = after
     return SceneTrial(lowest, put_in, greatest)
+
+
+def _hold_tool(device: SphericalElectromagnet, hand: HandGrip) -> Springs:
+    """(6,) each, along and about the axes in which the scene is felt [kg, kg·m²], [N·s/m, N·m·s], [N/m, N·m]."""
+    return (
+        np.array([hand.with_mass(device.tool.mass).mass] * 3 + [1e-4] * 3),
+        np.array([hand.damping] * 3 + [device.hand.turn_damping] * 3),
+        np.array([hand.stiffness] * 3 + [device.hand.turn_stiffness] * 3),
+    )
+
+
+def _hold_rotor(device: SphericalMotor, hand: HandGrip) -> Springs:
+    """The same of a target that the handle moves by the default gains."""
+    arm, gains = device.rotor.handle_length, MOTOR_GAINS
+    inertia = float(device.rotor.inertia[0]) + hand.mass * arm**2
+    motion = np.array([*gains.translate, *gains.rotate]) ** 2
+    return inertia / motion, hand.damping * arm**2 / motion, hand.stiffness * arm**2 / motion
+
+
+def _aim(device: Device, wish: Array) -> Array:
+    """(6,) where the hand's own spring has its middle [m, rad], for a `wish` (6,) within ±1."""
+    if device.name != "omni":
+        return wish * np.array([0.009, 0.001, 0.001, 0.03, 0.03, 0.03])
+    u = np.array([math.sin(0.6 * wish[0]), math.sin(0.6 * wish[1]), 1.0])
+    u *= (device.contact_distance + 3e-3 * (1.0 + wish[2])) / np.linalg.norm(u)
+    return np.concatenate([u, np.zeros(3)])
 
 
 def _solve(m: float, b: float, k: float, dt: float) -> tuple[Array, Array]:
