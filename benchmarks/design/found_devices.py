@@ -4,9 +4,9 @@
 
 All with the exact model. "as wound" is the Omni with the windings that its file assumes, at their true size, instead of
 the point dipole with the moments that the paper prints. DEVICE: only these of the catalogue's found devices.
-Motors: the worst of `--orientations` orientations, improved by a local search. --trial also runs the Hall tracker on the
-simulated devices, with the lasting errors of the sensors that the device file states, without calibration, at every
-third of the 64 positions of `sensing_error`: minutes.
+Motors: the worst of `--orientations` orientations, improved by a local search. --trial also runs the Hall tracker on
+the simulated devices, with the lasting errors of the sensors that the device file states, without calibration, at
+every third of the 64 positions of `sensing_error`: minutes.
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@
 A sweep of so many designs by one process, then the same by more, as `haptorb design sweep` runs it, into a results
 file each; its processes are started and warm before the time begins: the first designs of a process compile nothing,
 but import and build the base device. Rejected designs count; "valid" is the number of the others, and
-"valid_seconds" the median processor time of one of them. The efficiency is the ratio of the rates, divided by the number of
-processes. It ends with code 1 if the valid designs a minute of the more processes are fewer than --at-least, the
+"valid_seconds" the median processor time of one of them. The efficiency is the ratio of the rates, divided by the
+number of processes. The exit code is 1 if several processes evaluate fewer valid designs a minute than --at-least, the
 efficiency is below 0.85, one valid design takes more than 0.15 s, or what follows takes more than 5 s or 1 GB.
 
 Then an optimiser's run of 10 000 evaluations of a formula is stored in a file, and another process opens the file and

@@ -4,12 +4,13 @@
 
 Published: a single magnet over 16 coils moves in 30 × 90 × 120 mm (Berkelman and Dzadovsky 2010); 16 coils give a
 handle several newtons within approximately 25 mm of the display above them (Berkelman, Miyasaka and Anderson 2012).
-Neither source, as far as it could be read, states dimensions or a force per ampere: the dimensions of `planar` are assumed.
+Neither source, as far as it could be read, states dimensions or a force per ampere: the dimensions of `planar` are
+assumed.
 
 Range: how far along x (y = 0) and y (x = 0) the coils carry the magnet's own weight without a torque, with at most 4 A
-per coil. Force: in the worst of 2000 directions over the middle, with the supply of the device file and with an unlimited
-one. Force per ampere: of one coil on the magnet above it and half a coil aside, from the product's wrench map, and from
-the magnet's field (closed form) on the coil's filaments.
+per coil. Force: in the worst of 2000 directions over the middle, with the supply of the device file and with an
+unlimited one. Force per ampere: of one coil on the magnet above it and half a coil aside, from the product's wrench
+map, and from the magnet's field (closed form) on the coil's filaments.
 """
 
 from __future__ import annotations

@@ -66,7 +66,7 @@ class OtherCluster:
         ("scheduler", "distributed", "7.0", "scheduler at 'tcp://a:1' has distributed 7.0, this computer has 8.0"),
         ("scheduler", "python", "3.10.1.final.0", "scheduler at 'tcp://a:1' has Python 3.10, this computer has 3.11"),
         ("workers", "numpy", "1.0", "workers at 'tcp://a:1' have numpy 1.0, this computer has"),
-        ("workers", "haptorb", None, "workers at 'tcp://a:1' have haptorb not at all, this computer has"),
+        ("workers", "haptorb", None, "workers at 'tcp://a:1' have haptorb (missing), this computer has"),
     ],
 )
 def test_another_version_is_refused_with_both(whose: str, package: str, version: str | None, message: str) -> None:

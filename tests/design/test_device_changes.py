@@ -123,11 +123,11 @@ supply = {{ voltage = "24 V" }}
     path.write_text(write_device_text(design, {"count": "three"}, "candidate"), encoding="utf-8")
     assert load(path).digest == three.digest
     for text, message in (
-        ('[parameters.a]\nchoices = ["12 V"]\nplaces = ["*"]\n', "every choice must be a table of its tables"),
+        ('[parameters.a]\nchoices = ["12 V"]\nplaces = ["*"]\n', "every choice must be a table of tables"),
         (f'[parameters.a]\nplaces = ["*"]\n{count.replace("count", "a").replace("voltage", "volts")}',
          "has no key 'supply.volts'"),
         (f'[parameters.a]\nchoices = ["9 V"]\nplaces = ["supply.voltage"]\n[parameters.count]\nplaces = ["*"]\n{count}',
-         "'supply.voltage' is written by 'a' as well"),
+         "'supply.voltage' is also written by 'a'"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=message):
             make(tmp_path, "tetrahedron", text)

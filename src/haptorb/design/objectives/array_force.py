@@ -1,11 +1,11 @@
-"""Force or torque of a coil array on its tool, in the worst direction and position in the workspace, from the exact wrench map.
+"""Force or torque of a coil array on its tool, in the worst direction and position, from the exact wrench map.
 
 The tool is upright over a plate and radial over a dome, at `height` of the design file's table [evaluation] above
-contact. A force is produced by the currents with the least heat, whatever the accompanying torque, and vice versa,
-as with `haptorb run --render`. The forces {K i} of currents within their limits and the
-supply's power are a convex set about zero; its greatest ball has the radius min over unit vectors n of max n·K i. The
-minimum is at the normal of a facet (a product of two columns of K), at a main axis of K R⁻¹ Kᵀ, or between them:
-directions all around and a search downhill find that.
+contact. A force is produced by the currents with the least heat, whatever the accompanying torque, and vice versa, as
+with `haptorb run --render`. The forces {K i} of currents within their limits and the supply's power are a convex set
+about zero; its greatest ball has the radius min over unit vectors n of max n·K i. The minimum is at the normal of a
+facet (a product of two columns of K), at a main axis of K R⁻¹ Kᵀ, or between them: directions all around and a local
+search find it.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Torque of a spherical motor, and the heat that it takes, in the worst direction and orientation in the workspace.
 
-Those of a coil array, by the same names, are in `array_force`. All are of the exact level: the torque of one magnet and
-one coil comes from zonal harmonics (`series_table`) or, where those do not hold, from the exact table. Of a zonotope
-{K i, |i| ≤ I} the greatest ball has the radius min over the facets' normals n of Σ |n·K_k| I_k, and every normal is a
-product of two columns of K.
+Those of a coil array, with the same names, are in `array_force`. All are of the exact level: the torque of one magnet
+and one coil comes from zonal harmonics (`series_table`) or, where those do not hold, from the exact table. Of a
+zonotope {K i, |i| ≤ I} the greatest ball has the radius min over the facets' normals n of Σ |n·K_k| I_k, and every
+normal is a product of two columns of K.
 """
 
 from __future__ import annotations
@@ -165,7 +165,8 @@ QUANTITIES = (
     describe("continuous_torque", "N·m", "maximise", f"Continuous torque in all channels, {_OVER}.",
              {_MOTOR: _continuous, _ARRAY: partial(array_force.find_continuous, part="torque")}),
     describe("torque_isotropy", "", "maximise",
-             "Ratio of smallest to largest torque per ampere over all directions, in the worst orientation or position.",
+             "Ratio of smallest to largest torque per ampere over all directions, in the worst orientation or "
+             "position.",
              {_MOTOR: _isotropy, _ARRAY: partial(array_force.find_isotropy, part="torque")}),
     describe("cogging", "N·m", "minimise",
              "Largest torque on the rotor without current over the workspace: the remainder of weight and "

@@ -1,10 +1,9 @@
 """Force of a spherical electromagnet on a radial tool in contact, in the worst direction and position in the workspace.
 
-Those of a coil array, with the same names, are in `array_force`. All use the tool's magnet at its true size and, if the
-windings determine the moments (`windings.fill`), windings and core at theirs: in contact, their force differs by up to a
-third from that of a point dipole with the moments of the device file. The forces
-{K i, |i| ≤ I} of three coils fill a parallelepiped, whose greatest ball has the radius min over k of
-I_k/|row k of K⁻¹|.
+Those of a coil array, with the same names, are in `array_force`. All use the tool's magnet at its true size and, if
+the windings determine the moments (`windings.fill`), windings and core at theirs: in contact, their force differs by up
+to a third from that of a point dipole with the moments of the device file. The forces {K i, |i| ≤ I} of three coils
+fill a parallelepiped, whose greatest ball has the radius min over k of I_k/|row k of K⁻¹|.
 """
 
 from __future__ import annotations
