@@ -58,7 +58,8 @@ def make_parameter(name: str, section: ParameterSection) -> DesignParameter:
             raise InputError(f"{where}.step must be greater than 0 and at most high - low; got {section.step}")
     places = tuple(_make_place(place, unit, f"{where}.places") for place in section.places)
     choices = _label(section.choices, where)
-    if any(place.key == WHOLE for place in places) and not all(isinstance(value, dict) for _, value in choices or [()]):
+    tables = bool(choices) and all(isinstance(value, dict) for _, value in choices)
+    if not tables and any(place.key == WHOLE for place in places):
         raise InputError(
             f"{where}.places has '{WHOLE}', the whole device file: so every choice must be a table of tables"
         )

@@ -43,8 +43,8 @@ class Tally:
             self.refused[by] += 1
             for bound in self.design.bounds:
                 if bound.name == by:
-                    mine = (measure_miss(one.constraints.get(by), bound), one.number, one.reason)
-                    self._nearest[by] = min(self._nearest.get(by, mine), mine)
+                    miss = (measure_miss(one.constraints.get(by), bound), one.number, one.reason)
+                    self._nearest[by] = min(self._nearest.get(by, miss), miss)
             self._reasons.setdefault(by, Counter())[kind] += 1
             example = self._examples.setdefault((by, kind), one)
             if one.number < example.number:

@@ -26,7 +26,8 @@ def pair_opposite(layout: Layout) -> tuple[tuple[int, ...], ...]:
     >>> pair_opposite(Layout(1.0, np.array([[1.0, 0, 0], [0, 1.0, 0], [-1.0, 0, 0]])))
     ((1, 3), (2,))
     """
-    left, pairs = list(range(len(layout))), []
+    left = list(range(len(layout)))
+    pairs: list[tuple[int, ...]] = []
     while left:
         first = left.pop(0)
         away = [measure_facing(layout.directions[first], layout.directions[other]) for other in left]
