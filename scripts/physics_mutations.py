@@ -10,6 +10,8 @@ SLOW = {"bai2012 figure 4", "bai2012 figure 8"}  #: parts that take minutes
 
 #: Physics files that no reproduced row stands on, and why
 REASONS = {
+    "physics/fast_fields/centred_coil.py": "serves searches for windings of electromagnets at their true size; the "
+    "papers print no force of these; checked against `Coil` and `soft_sphere`",
     "physics/fast_fields/sphere_answer.py": "serves arrays of coils, which no paper here describes; checked against "
     "`soft_sphere`",
     "physics/fast_fields/winding_table.py": "the same; checked against `Coil`",

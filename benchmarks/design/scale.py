@@ -2,13 +2,14 @@
 
     python benchmarks/design/scale.py [examples/design/motor-latitudes.toml] [--designs 200] [--processes 2]
                                       [--at-least 500] [--json]
-    python benchmarks/design/scale.py examples/design/omni-core.toml --designs 2000 --at-least 2000
+    python benchmarks/design/scale.py benchmarks/design/omni_scale.toml --designs 1000 --at-least 2000
 
 A sweep of so many designs by one process, then the same by more, as `haptorb design sweep` runs it, into a results
 file each; its processes are started and warm before the time begins: the first designs of a process compile nothing,
-but import and build the base device. Refused designs count: "valid" says how many were not. The efficiency is the ratio
-of the rates, divided by the number of processes. With --at-least it ends with code 1 if the valid designs a minute
-of the more processes are fewer.
+but import and build the base device. Rejected designs count; "valid" is the number of the others, and
+"valid_seconds" the median processor time of one of them. The efficiency is the ratio of the rates, divided by the
+number of processes. The exit code is 1 if several processes evaluate fewer valid designs a minute than --at-least, the
+efficiency is below 0.85, one valid design takes more than 0.15 s, or what follows takes more than 5 s or 1 GB.
 
 Then an optimiser's run of 10 000 evaluations of a formula is stored in a file, and another process opens the file and
 takes the optimiser through all of them. "own" is what the optimiser itself took to make the run.
@@ -25,6 +26,7 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from haptorb.apps.design.keep import keep_candidates
@@ -38,6 +40,7 @@ from haptorb.design.store import open_results
 from haptorb.design.workers.processes import open_processes
 
 MANY = 10_000
+EACH, EFFICIENCY, RESUME, MEMORY = 0.15, 0.85, 5.0, 1000.0  #: limits [s], 1, [s], [MB]
 
 
 def time_sweep(design: Design, count: int, processes: int, folder: str) -> dict[str, float]:
@@ -53,6 +56,7 @@ def time_sweep(design: Design, count: int, processes: int, folder: str) -> dict[
         found = writer.list_known().values()
     valid = sum(one.valid for one in found)
     return {"designs_per_minute": 60.0 * count / seconds, "valid_per_minute": 60.0 * valid / seconds,
+            "valid_seconds": median(one.seconds for one in found if one.valid),
             "processor_seconds_each": sum(one.seconds for one in found) / count}  # fmt: skip
 
 
@@ -129,7 +133,15 @@ def main() -> int:
     else:
         for name, value in found.items():
             print(f"{name:24} {value:.4g}" if isinstance(value, float) else f"{name:24} {value}")
-    return int(found[f"{options.processes}_processes"]["valid_per_minute"] < options.at_least)
+    more = found[f"{options.processes}_processes"]
+    in_limits = (
+        more["valid_per_minute"] >= options.at_least
+        and max(found["one_process"]["valid_seconds"], more["valid_seconds"]) <= EACH
+        and found["efficiency"] >= EFFICIENCY
+        and found["resume_seconds"] <= RESUME
+        and found["memory_megabytes"] <= MEMORY
+    )
+    return int(not in_limits)
 
 
 if __name__ == "__main__":

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from haptorb.cluster import dask_cluster
 from haptorb.cluster.dask_cluster import open_cluster
+from haptorb.cluster.versions import check_versions, list_versions
 from haptorb.errors import InputError
 
 distributed = pytest.importorskip("distributed")
@@ -28,3 +31,47 @@ def test_a_cluster_without_workers_says_how_to_start_some() -> None:
         open_cluster(made.scheduler_address),
     ):
         pass
+
+
+class OtherCluster:
+    """A client of a cluster some of whose computers have another version of something."""
+
+    def __init__(self, whose: str, package: str, version: str | None) -> None:
+        self._other = (whose, package, version)
+
+    def get_versions(self, packages: Any) -> dict[str, Any]:
+        same = {
+            **list_versions(),
+            "python": "3.11.2.final.0",
+            "dask": "8.0",
+            "distributed": "8.0",
+            "cloudpickle": "3.1",
+        }
+        whose, package, version = self._other
+
+        def tell(name: str) -> dict[str, Any]:
+            return {"packages": {**same, **({package: version} if whose == name else {})}}
+
+        return {"client": tell("client"), "scheduler": tell("scheduler"), "workers": {"w": tell("workers")}}
+
+    def run(self, look: Any, on_error: str) -> dict[str, Any]:
+        assert look() == list_versions()["haptorb"]
+        absent = self._other == ("workers", "haptorb", None)
+        return {"w": ImportError("No module named haptorb") if absent else look()}
+
+
+@pytest.mark.parametrize(
+    ("whose", "package", "version", "message"),
+    [
+        ("scheduler", "distributed", "7.0", "scheduler at 'tcp://a:1' has distributed 7.0, this computer has 8.0"),
+        ("scheduler", "python", "3.10.1.final.0", "scheduler at 'tcp://a:1' has Python 3.10, this computer has 3.11"),
+        ("workers", "numpy", "1.0", "workers at 'tcp://a:1' have numpy 1.0, this computer has"),
+        ("workers", "haptorb", None, "workers at 'tcp://a:1' have haptorb (missing), this computer has"),
+    ],
+)
+def test_another_version_is_refused_with_both(whose: str, package: str, version: str | None, message: str) -> None:
+    with pytest.raises(InputError) as told:
+        check_versions(OtherCluster(whose, package, version), "tcp://a:1")
+    assert message in str(told.value)
+    check_versions(OtherCluster("scheduler", "numpy", None), "tcp://a:1")  # which only hands jobs on
+    check_versions(OtherCluster("workers", "python", "3.11.9.final.0"), "tcp://a:1")

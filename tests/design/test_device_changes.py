@@ -103,6 +103,36 @@ places = ["magnets.rings.3.latitude"]
         build_device(design, {"rings": "two", "third": 37.5})
 
 
+def test_one_choice_may_write_several_tables(tmp_path: Path) -> None:
+    """The number of a coil array's coils: names, places and resistances go together."""
+    places = '["0 mm", "0 mm", "-20 mm"], ["19 mm", "0 mm", "7 mm"], ["-10 mm", "16 mm", "7 mm"]'
+    axes = "[0, 0, -1], [1, 0, 0.3], [-0.5, 0.8, 0.3]"
+    each = 'resistance = ["0.7 ohm", "0.7 ohm", "0.7 ohm"], inductance = ["1 mH", "1 mH", "1 mH"]'
+    count = f"""
+[parameters.count.choices.three]
+windings = {{ position = [{places}], axis = [{axes}], fill = 0.6 }}
+coils = {{ names = ["a", "b", "c"], {each}, current_limit = ["15 A", "15 A", "15 A"] }}
+[parameters.count.choices.four]
+supply = {{ voltage = "24 V" }}
+"""
+    design = make(tmp_path, "tetrahedron", f'[parameters.count]\nplaces = ["*"]\n{count}')
+    three, four = (build_device(design, {"count": label}) for label in ("three", "four"))
+    assert (three.channels, four.channels, three.supply.voltage, four.supply.voltage) == (3, 4, 12.0, 24.0)
+    assert "d" in three.assumed["windings.position"]
+    path = tmp_path / "found.toml"
+    path.write_text(write_device_text(design, {"count": "three"}, "candidate"), encoding="utf-8")
+    assert load(path).digest == three.digest
+    for text, message in (
+        ('[parameters.a]\nchoices = ["12 V"]\nplaces = ["*"]\n', "every choice must be a table of tables"),
+        (f'[parameters.a]\nplaces = ["*"]\n{count.replace("count", "a").replace("voltage", "volts")}',
+         "has no key 'supply.volts'"),
+        (f'[parameters.a]\nchoices = ["9 V"]\nplaces = ["supply.voltage"]\n[parameters.count]\nplaces = ["*"]\n{count}',
+         "'supply.voltage' is also written by 'a'"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=message):
+            make(tmp_path, "tetrahedron", text)
+
+
 def test_values_must_be_those_of_the_design(tmp_path: Path) -> None:
     design = make(tmp_path, "omni", OMNI)
     with pytest.raises(InputError, match="check 'a'"):

@@ -14,7 +14,7 @@ from haptorb.display.quantity_text import format_number, format_quantity, format
     [
         (0.0529, "N/A", "52.9 mN/A"), (1.0, "N", "1 N"), (0.999999, "N", "1 N"), (0.0, "m", "0 m"),
         (20.0, "A", "20 A"), (8000.0, "A/s", "8 kA/s"), (3.2e-6, "s", "3.2 µs"), (298.15, "K", "298 K"),
-        (2.407, "A·m²", "2.41 A·m²"), (0.02, "m²", "0.02 m²"), (4e-3, "kg", "0.004 kg"), (math.inf, "N", "inf N"),
+        (2.407, "A·m²", "2.41 A·m²"), (0.02, "m²", "0.02 m²"), (4e-3, "kg", "4 g"), (math.inf, "N", "inf N"),
         (math.nan, "N", "unknown N"), (-0.05, "N·m", "-50 mN·m"), (1e-30, "T", "1e-18 pT"), (5.0, "", "5"),
         (12.5, "rad/s", "12.5 rad/s"), (1000.0, "Hz", "1 kHz"),
     ],

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -15,8 +16,8 @@ from itertools import islice
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
+from haptorb.cluster.versions import check_versions, list_versions
 from haptorb.errors import HaptorbError, InputError
-from haptorb.version import __version__
 
 __all__ = ["count_threads", "open_cluster", "run_jobs"]
 
@@ -46,7 +47,9 @@ def open_cluster(address: str) -> Iterator[Any]:
             "tcp://127.0.0.1:8786"
         )
     try:
-        client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
+        with warnings.catch_warnings():  # `check_versions` rejects the versions that matter
+            warnings.simplefilter("ignore")
+            client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError, KeyError) as cause:
         raise InputError(
             f"no Dask scheduler responds at '{address}'; start one with `dask scheduler`, and give the address that it "
@@ -72,7 +75,7 @@ def run_jobs(
     Raises InputError when the cluster fails: its scheduler goes away, no worker has come for a minute, or the same job
     killed four of them. What the function raises is raised here.
     """
-    call = _make_call(function.__module__, function.__qualname__, __version__)
+    call = _make_call(function.__module__, function.__qualname__, list_versions())
     address = client.scheduler.address
     source, pending, done = iter(jobs), set[Any](), SimpleQueue[Any]()
     try:
@@ -110,18 +113,18 @@ def _wait_for_one(client: Any, done: SimpleQueue[Any]) -> Any:
                 raise RuntimeError(f"it has had no worker for {_DESERTED:.0f} s") from None
 
 
-def _make_call(module: str, name: str, version: str) -> Callable[[Any], Any]:
+def _make_call(module: str, name: str, versions: dict[str, str]) -> Callable[[Any], Any]:
     """A function that travels with its code, because a worker of another version may not know this module."""
 
     def call(job: Any) -> Any:
         from importlib import import_module
 
-        from haptorb.version import __version__ as here
-
-        if here != version:
-            raise RuntimeError(
-                f"a worker has haptorb {here}, this computer has {version}: install the same version on all"
-            )
+        for package, wanted in versions.items():
+            found = import_module("haptorb.version" if package == "haptorb" else package).__version__
+            if found != wanted:
+                raise RuntimeError(
+                    f"a worker has {package} {found}, this computer has {wanted}: install the same version on all"
+                )
         return getattr(import_module(module), name)(job)
 
     return call
@@ -131,25 +134,14 @@ def _check_cluster(client: Any, address: str) -> None:
     """InputError unless the cluster has workers, with the versions of this computer."""
     if not client.nthreads():
         raise InputError(f"the Dask scheduler at '{address}' has no workers: start some with `dask worker {address}`")
-
-    def find_version() -> str:
-        from haptorb.version import __version__ as here
-
-        return str(here)
-
     try:
-        client.get_versions(check=True)
-        versions = client.run(find_version)
-    except Exception as cause:  # what a worker of another version raises is its own
+        check_versions(client, address)
+    except HaptorbError:
+        raise
+    except Exception as cause:  # another version may raise anything
         raise InputError(
             f"the Dask cluster at '{address}' is not compatible with this computer: {_shorten(cause)}"
         ) from cause
-    others = sorted({version for version in versions.values() if version != __version__})
-    if others:
-        raise InputError(
-            f"the Dask workers at '{address}' have haptorb {', '.join(others)}, this computer has {__version__}: "
-            "install the same version on all"
-        )
 
 
 def _shorten(cause: Exception) -> str:

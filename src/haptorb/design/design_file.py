@@ -152,15 +152,15 @@ def _list_mistakes(design: Design) -> list[str]:
     writers: dict[str, str] = {}
     for parameter in design.parameters:
         tables = _make_tables(design, parameter) if not mistakes else design.base_tables
-        for place in parameter.places:
+        for key in parameter.list_keys():
             try:
-                check_key(tables, place.key)
+                check_key(tables, key)
             except InputError as cause:
                 mistakes.append(f"parameters.{parameter.name}.places: {cause}")
                 continue
-            other = writers.setdefault(place.key, parameter.name)
+            other = writers.setdefault(key, parameter.name)
             if other != parameter.name:
-                mistakes.append(f"parameters.{parameter.name}.places: '{place.key}' is also written by '{other}'")
+                mistakes.append(f"parameters.{parameter.name}.places: '{key}' is also written by '{other}'")
     if mistakes:
         return mistakes
     for parameter in design.parameters:
@@ -193,7 +193,7 @@ def _try_value(design: Design, parameter: DesignParameter, label: str, value: Va
     earlier = _list_earlier(design, parameter)
     values = {**{one.name: one.labels[0] for one in earlier}, parameter.name: value}
     tables = change_tables(replace(design, parameters=(*earlier, parameter)), values)
-    places = [split_key(place.key) for place in parameter.places]
+    places = [split_key(key) for key in parameter.list_keys()]
     found = []
     for path, sentence in list_mistakes(tables):
         if any(path[: len(place)] == place for place in places):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from haptorb.design.design import Design
 from haptorb.design.device_keys import split_key, write_key
 from haptorb.design.evaluation import Value
-from haptorb.design.parameter import DesignParameter, ParameterPlace
+from haptorb.design.parameter import WHOLE, DesignParameter, ParameterPlace, list_entries
 from haptorb.devices.device import Device
 from haptorb.devices.loader import DeviceTables, build_tables, lay_over
 from haptorb.errors import InputError
@@ -57,12 +57,11 @@ def _list_changes(design: Design, values: Mapping[str, Value], name: str) -> dic
     if missing:
         raise InputError(f"design '{design.name}': the values must belong to its parameters; check '{min(missing)}'")
     for parameter in design.parameters:
-        for place in parameter.places:
-            written = _write_value(parameter, place, values[parameter.name])
+        for key, written in _list_written(parameter, values[parameter.name]):
             try:
-                cut.append(write_key(whole, split_key(place.key), written, reason))
+                cut.append(write_key(whole, split_key(key), written, reason))
             except (LookupError, TypeError, ValueError, AttributeError) as cause:  # a choice made another list
-                raise InputError(f"'{place.key}' does not exist with these values") from cause
+                raise InputError(f"'{key}' does not exist with these values") from cause
     title = f"{base.values.get('title', design.base)}, {design.name}: {name}"
     changes: dict[str, Any] = {"based_on": design.base, "name": name, "title": title[:400]}
     for path in cut:
@@ -71,6 +70,16 @@ def _list_changes(design: Design, values: Mapping[str, Value], name: str) -> dic
             node, place_in = node[str(part)], place_in.setdefault(str(part), {})
         place_in[str(path[-1])] = node[str(path[-1])]
     return changes
+
+
+def _list_written(parameter: DesignParameter, value: Value) -> Iterator[tuple[str, Any]]:
+    """Keys of the device file, and what stands there for `value`."""
+    for place in parameter.places:
+        written = _write_value(parameter, place, value)
+        if place.key == WHOLE:
+            yield from list_entries(written)
+        else:
+            yield place.key, written
 
 
 def _write_value(parameter: DesignParameter, place: ParameterPlace, value: Value) -> Any:

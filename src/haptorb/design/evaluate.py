@@ -18,6 +18,7 @@ from haptorb.design.evaluation import Evaluation, Value
 from haptorb.design.quantity import DesignQuantity
 from haptorb.devices.device import Device
 from haptorb.devices.loader import build_tables
+from haptorb.display.quantity_text import format_quantity
 from haptorb.errors import HaptorbError
 
 __all__ = ["DEVICE", "OBJECTIVE", "compute_quantity", "evaluate", "find_base"]
@@ -63,7 +64,7 @@ def _evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evalu
     try:
         candidate = DesignCandidate(build_device(design, values), find_base(design), design.options)
     except (HaptorbError, ArithmeticError, ValueError) as cause:
-        by, reason = DEVICE, _shorten(str(cause).replace("device 'candidate': ", ""))
+        by, reason = DEVICE, _shorten(_tell_device(cause))
     else:
         for bound in design.bounds:
             found, reason = compute_quantity(bound.quantity, candidate)
@@ -86,6 +87,12 @@ def _evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evalu
     )  # fmt: skip
 
 
+def _tell_device(cause: Exception) -> str:
+    """Why the values do not form a device, without the internal name, and without advice for a single file."""
+    lines = str(cause).replace("device 'candidate': ", "").splitlines()
+    return "\n".join(line for line in lines if not line.endswith("override=True"))
+
+
 def compute_quantity(quantity: DesignQuantity, candidate: DesignCandidate) -> tuple[float, str]:
     """The number, and why there is none: one line, empty if it is finite."""
     try:
@@ -103,15 +110,19 @@ def compute_quantity(quantity: DesignQuantity, candidate: DesignCandidate) -> tu
 
 def _break(bound: Bound, found: float) -> str:
     """How `found` breaks `bound`; empty if it keeps it, to 1e-9 of the bound: the base device keeps its own values."""
-    unit = f" {bound.quantity.unit}" if bound.quantity.unit else ""
-    if bound.low is not None and found < bound.low - 1e-9 * abs(bound.low):
-        return f"{found:.6g}{unit} is below {bound.low:.6g}{unit}"
-    if bound.high is not None and found > bound.high + 1e-9 * abs(bound.high):
-        return f"{found:.6g}{unit} is above {bound.high:.6g}{unit}"
+    unit = bound.quantity.unit
+    for limit, sense, word in ((bound.low, -1.0, "below"), (bound.high, 1.0, "above")):
+        if limit is not None and sense * (found - limit) > 1e-9 * abs(limit):
+            return f"{_tell(found, unit)} is {word} {_tell(limit, unit)}"
     return ""
 
 
+def _tell(value: float, unit: str) -> str:
+    """With a prefix and enough digits to distinguish a bound from a value just outside it."""
+    return format_quantity(value, unit, 6)
+
+
 def _shorten(text: str) -> str:
-    """One line of at most 300 characters."""
-    line = " ".join(text.split())
+    """One line of at most 300 characters; lines of `text` are separated by semicolons."""
+    line = "; ".join(" ".join(one.split()) for one in text.splitlines() if one.strip())
     return line if len(line) <= 300 else f"{line[:297]}..."

@@ -50,7 +50,7 @@ class ParameterSection(Section):
         list[str | PlaceSection],
         Len(1, 100),
         m.Meaning("keys of the device file that receive the value"),
-        m.Form("1 to 100 keys of the device file"),
+        m.Form("1 to 100 keys of the device file; '*' for the whole file, where every choice is a table of tables"),
     ]
 
     @model_validator(mode="after")

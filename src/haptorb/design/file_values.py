@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from haptorb.design.file_schema import ParameterSection, PlaceSection
-from haptorb.design.parameter import DesignParameter, ParameterPlace
+from haptorb.design.parameter import WHOLE, DesignParameter, ParameterPlace
 from haptorb.devices.schema.units import convert
 from haptorb.errors import InputError, quote
 
@@ -57,7 +57,13 @@ def make_parameter(name: str, section: ParameterSection) -> DesignParameter:
         if step < 0 or step > high - low or (section.step is not None and step == 0):
             raise InputError(f"{where}.step must be greater than 0 and at most high - low; got {section.step}")
     places = tuple(_make_place(place, unit, f"{where}.places") for place in section.places)
-    return DesignParameter(name, places, unit, low, high, step, _label(section.choices, where))
+    choices = _label(section.choices, where)
+    tables = bool(choices) and all(isinstance(value, dict) for _, value in choices)
+    if not tables and any(place.key == WHOLE for place in places):
+        raise InputError(
+            f"{where}.places has '{WHOLE}', the whole device file: so every choice must be a table of tables"
+        )
+    return DesignParameter(name, places, unit, low, high, step, choices)
 
 
 def read_bound(value: str | float, unit: str, where: str, base: float | None) -> float:
@@ -95,6 +101,8 @@ def _read(value: str | float | None, unit: str | None, where: str) -> tuple[floa
 def _make_place(place: str | PlaceSection, unit: str, where: str) -> ParameterPlace:
     if isinstance(place, PlaceSection):
         return ParameterPlace(place.key, place.factor, _read(place.offset, unit, f"{where}.offset")[0])
+    if place.strip() == WHOLE:
+        return ParameterPlace(WHOLE)
     match = _PLACE.fullmatch(place)
     if match is None:
         raise InputError(f"{where} must be a key, '-key' or '0.5*key'; got {quote(place)}")

@@ -10,7 +10,9 @@ __all__ = ["format_number", "format_quantity", "format_vector", "scale_unit"]
 
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"}
 #: a unit that begins with one of these takes a prefix
-_PREFIXED = frozenset({"m", "s", "A", "N", "W", "V", "Ω", "H", "T", "J", "Hz"})
+_PREFIXED = frozenset({"m", "s", "A", "N", "W", "V", "Ω", "H", "T", "J", "Hz", "Pa", "rad"})
+#: a unit without a prefix of its own → the unit that is read below a tenth of it, and its power of ten
+_SMALLER = {"kg": ("g", -3), "m³": ("cm³", -6)}
 
 
 def format_number(value: float, digits: int = 3) -> str:
@@ -33,9 +35,11 @@ def format_quantity(value: float, unit: str, digits: int = 3) -> str:
 
     >>> format_quantity(0.0529, "N/A"), format_quantity(8000.0, "A/s"), format_quantity(298.15, "K")
     ('52.9 mN/A', '8 kA/s', '298 K')
+    >>> format_quantity(0.0181, "kg"), format_quantity(9.65e-5, "m³")
+    ('18.1 g', '96.5 cm³')
     """
-    power = _choose_power(abs(value), unit, digits)
-    return f"{format_number(value / 10.0**power, digits)} {_PREFIXES[power]}{unit}".rstrip()
+    power, shown = _choose_unit(abs(value), unit, digits)
+    return f"{format_number(value / 10.0**power, digits)} {shown}".rstrip()
 
 
 def format_vector(values: Iterable[float], unit: str, digits: int = 3) -> str:
@@ -46,11 +50,11 @@ def format_vector(values: Iterable[float], unit: str, digits: int = 3) -> str:
     """
     numbers = [float(value) for value in values]
     largest = max((abs(value) for value in numbers if math.isfinite(value)), default=0.0)
-    power = _choose_power(largest, unit, digits)
+    power, shown = _choose_unit(largest, unit, digits)
     scaled = [value / 10.0**power for value in numbers]
     # What is tiny beside the largest is rounding, and reads as zero.
     texts = [format_number(0.0 if abs(value) < 1e-9 * largest / 10.0**power else value, digits) for value in scaled]
-    return f"({', '.join(texts)}) {_PREFIXES[power]}{unit}".rstrip()
+    return f"({', '.join(texts)}) {shown}".rstrip()
 
 
 def scale_unit(size: float, unit: str) -> tuple[float, str]:
@@ -59,16 +63,23 @@ def scale_unit(size: float, unit: str) -> tuple[float, str]:
     >>> scale_unit(0.0123, "N·m"), scale_unit(0.0123, "mm²")
     ((1000.0, 'mN·m'), (1.0, 'mm²'))
     """
-    power = _choose_power(abs(size), unit, 3)
-    return 10.0**-power, f"{_PREFIXES[power]}{unit}"
+    power, shown = _choose_unit(abs(size), unit, 3)
+    return 10.0**-power, shown
 
 
-def _choose_power(size: float, unit: str, digits: int) -> int:
-    """The power of ten of the prefix; 0 for a unit that takes none, as a square does: mm² is not 1e-3 m²."""
+def _choose_unit(size: float, unit: str, digits: int) -> tuple[int, str]:
+    """The unit that suits `size` [unit], and its power of ten; `unit` itself, and 0, where it takes no prefix.
+
+    A square takes none: mm² is not 1e-3 m².
+    """
+    if unit in _SMALLER and 0.0 < size < 0.1:
+        shown, power = _SMALLER[unit]
+        return power, shown
     first = re.split("[/·²³]", unit, maxsplit=1)[0]
     if first not in _PREFIXED or unit[len(first) :].startswith(("²", "³")):
-        return 0
+        return 0, unit
     if not math.isfinite(size) or size == 0.0:
-        return 0
+        return 0, unit
     power = 3 * math.floor(math.log10(float(f"{size:.{digits}g}")) / 3)
-    return min(max(power, min(_PREFIXES)), max(_PREFIXES))
+    power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
+    return power, f"{_PREFIXES[power]}{unit}"

@@ -39,9 +39,21 @@ def test_a_range_without_a_valid_design_says_who_refuses_how_many(tmp_path: Path
     assert tally.list_best() == []
 
 
+def test_of_a_constraint_the_nearest_design_is_named(tmp_path: Path) -> None:
+    rows = [
+        Evaluation(n, {}, {}, {"room": room}, "room", f"{1e3 * room:g} mm is above 31 mm")
+        for n, room in enumerate((0.034, 0.0312, 0.033))
+    ]
+    assert "The closest is design 1: 31.2 mm is above 31 mm" in Tally(make_design(tmp_path), rows).advice
+
+
 def test_an_objective_that_fails_is_told_with_its_reason(tmp_path: Path) -> None:
     reason = "cost: ZeroDivisionError: division by zero (own.py, line 2)"
-    tally = Tally(make_design(tmp_path), [make_row(n, by="objective", reason=reason) for n in (5, 3, 4)])
+    rows = [make_row(n, by="objective", reason=reason) for n in (5, 3, 4)]
+    tally = Tally(make_design(tmp_path), rows)
     assert reason in tally.advice
-    assert "Design 3 " in tally.advice
+    assert "Design 3 (3 alike): " in tally.advice
     assert "constraint" not in tally.advice
+    assert tally.failures == ""
+    tally.add(make_row(6, 0.03))
+    assert (tally.advice, reason in tally.failures) == ("", True)

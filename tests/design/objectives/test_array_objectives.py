@@ -16,14 +16,29 @@ from haptorb.design.evaluate import evaluate
 from haptorb.design.objectives import quantity, quantity_names
 from haptorb.design.objectives.array_force import greatest_force
 from haptorb.design.sampling import sample
+from haptorb.devices.coil_array.coil_array import place_coils
 from haptorb.devices.coil_array.winding_gaps import find_spacing
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
 from haptorb.numerics.directions import cap_directions
+from haptorb.physics.interaction import wrench
+from haptorb.physics.sources.cylinder import CylinderMagnet
+from haptorb.physics.sources.dipole import MU0
+from haptorb.physics.sources.placement import PlacedSource
 
 PLANAR, TETRAHEDRON = load("planar"), load("tetrahedron")
+_DISK = PLANAR.tool.magnets[0]
+#: one magnet has no torque about its axis
+PLATFORM = replace(
+    PLANAR,
+    tool=replace(
+        PLANAR.tool,
+        magnets=tuple(replace(_DISK, position=np.array([x, 0.0, 0.0]), axis=np.array([0.0, 0.0, up]))
+                      for x, up in ((-0.022, 1.0), (0.022, -1.0))),
+    ),
+)  # fmt: skip
 EXAMPLE = Path(__file__).parents[3] / "examples" / "design" / "tetrahedron.toml"
 
 
@@ -31,31 +46,78 @@ def of(name, device, base=None, **options):
     return quantity(name).compute(DesignCandidate(device, base or device, options))
 
 
-@pytest.mark.parametrize("device", [PLANAR, TETRAHEDRON], ids=["planar", "tetrahedron"])
+@pytest.mark.parametrize("device", [PLATFORM, TETRAHEDRON], ids=["platform", "tetrahedron"])
 def test_every_quantity_of_the_kind_is_a_finite_number(device):
     candidate = DesignCandidate(device, device, {"places": 9})
     names = quantity_names("coil-array")
     assert {"peak_force", "heat_per_force_squared", "force_isotropy", "spacing", "cost", "temperature"} <= set(names)
     for name in names:
-        assert np.isfinite(quantity(name).compute(candidate)), name
+        if "torque" in name and device is TETRAHEDRON:
+            with pytest.raises(InputError, match="no torque about the magnet's axis"):
+                quantity(name).compute(candidate)
+        else:
+            assert np.isfinite(quantity(name).compute(candidate)), name
+
+
+def at_a_point(device, power=np.inf):
+    """`device` with a workspace that is one position, and a supply of `power`."""
+    point = replace(device.surface, half_width=(1e-9, 1e-9), half_angle=1e-9)
+    return replace(device, surface=point, supply=replace(device.supply, power=power))
 
 
 @pytest.mark.parametrize("power", [np.inf, 150.0], ids=["by current", "by power"])
-def test_the_allocator_gives_the_peak_force_in_every_direction_and_hardly_more_in_the_worst(power):
-    """At the one place of a plate's workspace whose corners have been drawn together."""
-    point = replace(PLANAR.surface, half_width=(1e-9, 1e-9))
-    device = replace(PLANAR, surface=point, supply=replace(PLANAR.supply, power=power))
-    ball = of("peak_force", device)
-    here = device.wrench_map(State.at((0.0, 0.0, device.contact_height), axis=(0, 0, 1)), "exact")
-    active = WrenchMap(here.matrix, np.zeros(6))
-    allocator = ArrayAllocator(device.driven_current, device.greatest_resistance, power=power)
-    given = [
-        allocator.allocate(active, np.concatenate([share * ball * direction, np.zeros(3)])).scale == 1.0
-        for share in (0.999, 1.02)
-        for direction in cap_directions(np.pi / 2, 400)
-    ]
-    assert all(given[:400])
-    assert not all(given[400:])
+def test_the_allocator_gives_the_peak_in_every_direction_and_hardly_more_in_the_worst(power):
+    for part, wide in (("force", PLANAR), ("torque", PLATFORM)):
+        device = at_a_point(wide, power)
+        ball = of(f"peak_{part}", device)
+        here = device.wrench_map(State.at((0.0, 0.0, device.contact_height), axis=(0, 0, 1)), "exact")
+        active = WrenchMap(here.matrix, np.zeros(6))
+        allocator = ArrayAllocator(device.driven_current, device.greatest_resistance, part, power=power)
+        rows = slice(0, 3) if part == "force" else slice(3, 6)
+        dense = cap_directions(np.pi / 2, 20_000)  # the worst direction of a torque is narrow
+        reach = np.abs(dense @ here.matrix[rows]) @ device.driven_current
+        directions = np.vstack([dense[:: len(dense) // 150], dense[np.argmin(reach)]])
+        wrenches = ball * np.eye(6)[rows]
+        low, high = (
+            max(np.abs(allocator.allocate(active, share * one @ wrenches).residual[rows]).max() for one in directions)
+            for share in (0.999, 1.02)
+        )
+        assert low < 1e-3 * ball, part
+        assert high > 5e-3 * ball, part
+
+
+def test_torque_quantities_agree_with_those_of_the_magnets_field_on_the_filaments():
+    """Third law: without the device's wrench map, and with a search over all directions."""
+    device = at_a_point(PLATFORM)
+    at = np.array([0.0, 0.0, device.contact_height + 8e-3])
+    torque = np.zeros((3, device.channels))
+    for magnet in device.tool.magnets:
+        source = CylinderMagnet(magnet.outer_radius, magnet.length, magnet.remanence * magnet.axis[2])
+        placed = PlacedSource(source, at + magnet.position, np.eye(3))
+        for k, coil in enumerate(place_coils(device.windings)):
+            on_coil = wrench(placed, coil.source, coil.position, coil.turn, about=at, precision=1e-3).value
+            torque[:, k] -= on_coil[3:]
+    values = np.linalg.eigvalsh((torque / device.coils.resistance) @ torque.T)
+    assert of("heat_per_torque_squared", device, height=8e-3) == pytest.approx(1 / values[0], rel=5e-3)
+    sizes = np.linalg.svd(torque, compute_uv=False)
+    assert of("torque_isotropy", device, height=8e-3) == pytest.approx(sizes[2] / sizes[0], rel=5e-3)
+    reach = np.abs(cap_directions(np.pi / 2, 20_000) @ torque)
+    for name, current in (
+        ("peak_torque", device.driven_current),
+        ("continuous_torque", np.minimum(device.sustained_current_together, device.driven_current)),
+    ):
+        assert of(name, device, height=8e-3) == pytest.approx((reach @ current).min(), rel=5e-3), name
+
+
+def test_the_stress_of_a_long_thin_winding_is_that_of_a_current_sheet():
+    """B = μ0 n I in a long solenoid, so the free turns of a sheet of thickness t have the stress μ0 (n I)² r/t."""
+    n = PLANAR.channels
+    sizes = {"inner_radius": 20e-3, "outer_radius": 20.05e-3, "length": 4.0, "turns": 4000.0}
+    windings = replace(PLANAR.windings, **{key: np.full(n, value) for key, value in sizes.items()})
+    tool = replace(PLANAR.tool, magnets=(replace(_DISK, remanence=1e-12),))
+    current = float(PLANAR.driven_current[0])
+    expected = MU0 * (1000.0 * current) ** 2 * 20e-3 / 0.05e-3
+    assert of("coil_stress", replace(PLANAR, windings=windings, tool=tool)) == pytest.approx(expected, rel=0.01)
 
 
 def test_the_greatest_force_within_limits_and_power_is_that_of_a_fine_search():
@@ -71,7 +133,22 @@ def test_the_greatest_force_within_limits_and_power_is_that_of_a_fine_search():
     assert greatest_force(np.eye(2), np.ones(2), np.ones(2), np.inf) == pytest.approx([1.0, 1.0])
 
 
-def test_the_worst_heat_is_that_of_currents_that_make_the_force():
+def test_the_worst_heat_is_that_of_currents_that_make_the_wrench():
+    for part, device in (("force", TETRAHEDRON), ("torque", PLATFORM)):
+        device = at_a_point(device, device.supply.power)
+        at = device.contact_height * np.array([0.0, 0.0, 1.0])
+        here = device.wrench_map(State.at(at, axis=(0, 0, 1)), "exact")
+        free = ArrayAllocator(np.full(device.channels, 1e9), device.coils.resistance, part)
+        heats = []
+        for one in cap_directions(np.pi / 2, 300):
+            wrench = 1e-3 * (
+                np.concatenate([one, np.zeros(3)]) if part == "force" else np.concatenate([np.zeros(3), one])
+            )
+            currents = free.allocate(WrenchMap(here.matrix, np.zeros(6)), wrench).currents
+            heats.append(device.coils.resistance @ currents**2 * 1e6)
+        found = of(f"heat_per_{part}_squared", device, places=4)
+        assert found >= max(heats) * (1 - 1e-6)
+        assert found == pytest.approx(max(heats), rel=0.05)
     heat = of("heat_per_force_squared", TETRAHEDRON)
     assert of("supply_power", TETRAHEDRON, load=0.02) == pytest.approx(
         heat * 0.02**2 * (1 + TETRAHEDRON.coils.temperature_coefficient * (85 - 20)), rel=1e-6
@@ -92,6 +169,10 @@ def test_parts_and_gaps():
     assert of("copper", TETRAHEDRON) == pytest.approx(4 * 27.2e-3, rel=0.01)
     assert of("envelope_radius", TETRAHEDRON) == 30e-3
     assert of("magnet_volume", PLANAR) == pytest.approx(np.pi * 19e-3**2 * 12.5e-3)
+    coil = PLANAR.windings.coil(0)
+    density = 4.0 * 1000 / (30e-3 * 11e-3)  # 4 A in 1000 turns of 30 mm × 11 mm, at a hole of 5 mm
+    field = 4.0 * coil.field((5e-3, 0.0, 0.0))[2] + 0.625
+    assert of("coil_stress", PLANAR) == pytest.approx(density * field * 5e-3)
     crossed = replace(PLANAR.windings, position=PLANAR.windings.position * 0.9)
     assert find_spacing(crossed) == 0.0
 

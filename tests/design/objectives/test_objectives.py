@@ -9,9 +9,12 @@ from haptorb.design.candidate import DesignCandidate
 from haptorb.design.objectives import quantity, quantity_names
 from haptorb.design.objectives.orientations import find_worst, spread_angles
 from haptorb.design.objectives.sensing import pen_distance
+from haptorb.design.objectives.tool_force import find_winding_force
+from haptorb.devices.coil_array.parts import PlacedCoils
 from haptorb.devices.electromagnet.shell_capability import shell_capability
 from haptorb.devices.loader import load
 from haptorb.devices.motor.validation import workspace_sample
+from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
 from haptorb.physics.sources.coil import COPPER_DENSITY
 
@@ -77,6 +80,26 @@ def test_forces_of_the_omni_agree_with_its_card():
     assert of("continuous_force", OMNI) <= card.lasting_tangential_all_warm * (1 + 1e-9)
     assert of("core_pull", OMNI) == pytest.approx(card.passive_pull, rel=1e-6)
     assert of("force_model_error", OMNI) == pytest.approx(card.dipole_error, rel=0.02)
+
+
+def test_the_force_of_windings_is_that_of_a_coil_array_of_them():
+    """By tables of their field and solid harmonics of the core, where the quantity sums zonal harmonics."""
+    device, array = load("omni-small-core"), load("tetrahedron")
+    sizes = (getattr(device.windings, key) for key in ("turns", "inner_radius", "outer_radius", "length"))
+    coils = replace(
+        array.coils, names=("x", "y", "z"), **{key: getattr(array.coils, key)[:3] for key in
+                                               ("resistance", "inductance", "current_limit")}
+    )  # fmt: skip
+    same = replace(array, windings=PlacedCoils(np.zeros((3, 3)), np.eye(3), *sizes), coils=coils, core=device.core)
+    states = [
+        State.at(device.contact_distance * np.array(place)) for place in ((0, 0, 1), (0.6, 0, 0.8), (0.48, -0.64, 0.6))
+    ]
+    found = find_winding_force(device, states)
+    for one, state in zip(found, states, strict=True):
+        assert one == pytest.approx(same.wrench_map(state, "exact").force, abs=2e-5 * np.abs(found).max())
+    # by the dipoles of the same moments it would be another force
+    ratio = np.linalg.norm(found[0], axis=0) / np.linalg.norm(device.wrench_map(states[0], "exact").force, axis=0)
+    assert ratio[2] < 0.75 < 1.05 < ratio[0]
 
 
 def test_sizes_gaps_and_masses_are_those_of_the_files():

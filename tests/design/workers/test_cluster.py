@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from haptorb.cluster import dask_cluster
+from haptorb.cluster import dask_cluster, versions
 from haptorb.design.design import Design
 from haptorb.design.design_file import parse_design
 from haptorb.design.evaluate import evaluate
@@ -105,8 +105,8 @@ def test_one_of_three_workers_is_killed_and_nothing_is_lost_or_doubled(design: D
 def test_workers_of_another_version_are_refused_with_both(
     design: Design, cluster: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    here = dask_cluster.__version__
-    monkeypatch.setattr(dask_cluster, "__version__", "99.0")
+    here = versions.__version__
+    monkeypatch.setattr(versions, "__version__", "99.0")
     message = rf"have haptorb {here}, this computer has 99\.0: install the same version"
     with pytest.raises(InputError, match=message), open_cluster_workers(design, cluster.scheduler_address):
         pass

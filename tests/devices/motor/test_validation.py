@@ -8,7 +8,7 @@ import pytest
 import haptorb
 from haptorb.devices import loader
 from haptorb.devices.loader import parse
-from haptorb.devices.motor.validation import grouping
+from haptorb.devices.motor.wiring import grouping
 from haptorb.errors import DeviceError
 
 
@@ -119,6 +119,20 @@ def test_grouping_gives_signs():
     matrix, wrong = grouping([[1, 3], [2]], 3, "series-opposed")
     assert not wrong
     np.testing.assert_array_equal(matrix, [[1, 0], [0, 1], [-1, 0]])
+
+
+def test_wiring_that_follows_from_places_and_magnets_is_that_of_the_file():
+    pmsm, three = haptorb.load("pmsm"), haptorb.load("pmsm-three-rings")
+    for base in (pmsm, three):  # one of them opposed, the other aiding
+        text = f'based_on = "{base.name}"\nname = "own"\n[groups]\ncoils = "antipodal"\nwinding = "matched"\n'
+        np.testing.assert_array_equal(parse(text, "own").groups, base.groups)
+    rings = '[{{ latitude = "{lat} deg", count = {n}, first = "0 deg", step = "even" }}]'
+    text = 'based_on = "pmsm"\nname = "own"\n[electromagnets]\nrings = {}\n[groups]\ncoils = "antipodal"\n'
+    with pytest.raises(DeviceError, match="rank 2"):  # nine coils around the equator face none
+        parse(text.format(rings.format(lat=0, n=9)), "own")
+    even = 'based_on = "pmsm"\nname = "own"\n[sensors]\nrings = ' + rings.format(lat=0, n=16)
+    longitudes = np.degrees(np.arctan2(*parse(even, "own").sensor_layout.directions[:3, 1::-1].T))
+    assert longitudes == pytest.approx([0, 22.5, 45])
 
 
 def test_no_gap_between_rotor_and_stator_is_caught():

@@ -60,7 +60,7 @@ def test_the_kinds_that_were_wrong() -> None:
     assert (motor["sensors.cross"].value, motor["sensors.cross"].unit) == ("number", "1")
     assert motor["groups.coils"].value == "list of 1 to 48 lists of 1 to 48 whole numbers"
     assert motor["groups.antipodal"].value == "true or false"
-    assert motor["groups.winding"].range == '"series-aiding", "series-opposed"'
+    assert motor["groups.winding"].range == '"series-aiding", "series-opposed", "matched"'
     assert motor["magnets.multipole.strengths"].unit == "A·m"
     magnet = {key.path: key for key in list_keys(kind_of_name("spherical-electromagnet").part("file"))}
     assert magnet["hall.positions"].value == "list of 0 to 100 lists of 3 lengths"

@@ -32,7 +32,12 @@ def refusal(text: str) -> list[str]:
         (PMSM, 'tilt = "22.5 deg"', 'tilt = "95 deg"', ["workspace.tilt must be less than 90 deg; got '95 deg'"]),
         (PMSM, 'latitude = "-15 deg"', 'latitude = "-95 deg"', ["magnets.rings.1.latitude must be at least -90 deg"]),
         (PMSM, "antipodal = true", 'antipodal = "yes"', ["groups.antipodal must be true or false; got 'yes'"]),
-        (PMSM, '"series-opposed"', '"series-oposed"', ["groups.winding must be 'series-aiding' or 'series-opposed'"]),
+        (
+            PMSM,
+            '"series-opposed"',
+            '"series-oposed"',
+            ["groups.winding must be 'series-aiding', 'series-opposed' or 'matched'"],
+        ),
         (OMNI, "[38.891, 38.891, 0.0]", "[38.891, 38.891]", ["hall.positions.6 must have at least 3 entries; got 2"]),
         (
             OMNI,

@@ -10,6 +10,7 @@ import { Scatter } from "./scatter";
 
 const OFTEN = 400; // ms between two questions while a device starts
 const SELDOM = 2000; // ms otherwise: another page may choose, the program may end
+const NAMED = 2; // objectives beside the name of the device that runs; the table has all of them
 const LOST = 3; // questions without an answer after which the program is gone
 
 /** What the program does now. */
@@ -133,7 +134,7 @@ class Chooser {
 
   private show(now: Now): void {
     window.chooser.now = now;
-    const name = now.base ? `${this.designs.base}, the base device` : now.row >= 0 ? describe(this.designs, now.row) : "";
+    const name = now.base ? `${this.designs.base}, the base device` : now.row >= 0 ? describe(this.designs, now.row, NAMED) : "";
     const said = {
       none: "No device runs. Choose a design.",
       starting: `Starting ${name}. ${now.text}`,

@@ -47,11 +47,11 @@ export function formatValue(column: Column, value: number | null): string {
 /** Title and unit, as an axis has it. */
 export const titleOf = ({ title, unit }: Column): string => (unit ? `${title} [${unit}]` : title);
 
-/** One line on a design: its name, why it was picked, its objectives. */
-export function describe(designs: Designs, row: number): string {
+/** One line on a design: its name, why it was picked, its objectives, or the first `most` of them. */
+export function describe(designs: Designs, row: number, most = Infinity): string {
   const pick = designs.picks.findIndex((one) => one.row === row);
   const why = pick < 0 ? (designs.front.includes(row) ? " (on the front)" : "") : ` (no. ${pick + 1}: ${designs.picks[pick]!.reason})`;
-  const goals = designs.columns.filter(({ kind }) => kind === "objective");
+  const goals = designs.columns.filter(({ kind }) => kind === "objective").slice(0, most);
   return `${designs.names[row]}${why}: ${goals.map((one) => `${one.title} ${formatValue(one, valueAt(one, row))}`).join(", ")}`;
 }
 

@@ -8,6 +8,7 @@ import { Layers } from "./layers";
 const MARGIN = { left: 74, right: 18, top: 12, bottom: 46 };
 const NEAR = 40; // px from the pointer within which a design is marked
 const PREFER = 0.6; // a point of the front counts as so much nearer
+const BESIDE: [number, number][] = [[6, -6], [6, 16], [-14, -6], [-14, 16], [20, 5]]; // possible positions of a pick's number, in px
 
 export class Scatter {
   readonly root = make("div", { className: "scatter" });
@@ -189,8 +190,13 @@ export class Scatter {
     context.lineWidth = 3;
     context.strokeStyle = css("--panel");
     context.fillStyle = css("--text");
+    const taken: [number, number][] = [];
     this.designs.picks.forEach(({ row }, k) => {
-      const [px, py] = [this.places[2 * row]! + 6, this.places[2 * row + 1]! - 6];
+      const [x, y] = [this.places[2 * row]!, this.places[2 * row + 1]!];
+      const around = BESIDE.map(([dx, dy]): [number, number] => [x + dx, y + dy]);
+      const free = around.find(([a, b]) => taken.every(([c, d]) => Math.abs(a - c) > 11 || Math.abs(b - d) > 13));
+      const [px, py] = free ?? around[0]!;
+      taken.push([px, py]);
       context.strokeText(String(k + 1), px, py);
       context.fillText(String(k + 1), px, py);
     });

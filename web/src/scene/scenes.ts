@@ -6,6 +6,7 @@ import { PlaceReadouts } from "../panels/place_readouts";
 import type { DomeScene, MotorScene, PlateScene, Session } from "../session";
 import { AxesSubject } from "./axes_subject";
 import type { DeviceScene } from "./device_scene";
+import { partsOf } from "./parts";
 import { PlateSubject } from "./plate_subject";
 import { RotorSubject } from "./rotor_subject";
 import { ToolSubject } from "./tool_subject";
@@ -47,11 +48,14 @@ const PLATE: DeviceScene = {
   radial: false,
   colours: "currents",
   home: (session) => {
-    // As far away as the coils and the space over them reach.
-    const { contact_height, thickness, half_width } = session.scene as PlateScene;
-    const reach = Math.hypot(...half_width) * MM + 30;
+    // As far away as the coils and the space over them reach, and about the middle of both.
+    const scene = session.scene as PlateScene;
+    const coils = partsOf(scene, "coil");
+    const across = coils.map(({ position: [x, y], outer_radius }) => Math.hypot(x, y) + outer_radius);
+    const bottom = Math.min(0, ...coils.map(({ position: [, , z], length, outer_radius }) => z - Math.max(length / 2, outer_radius / 2)));
+    const reach = Math.max(Math.hypot(...scene.half_width) * MM + 30, Math.max(...across) * MM + 20);
     const distance = (innerWidth < 600 ? 4.3 : 3.3) * reach; // a telephone upright is narrower than high
-    return { azimuth: -62, elevation: 34, distance, centre: [0, 0, (contact_height + thickness / 4) * MM] };
+    return { azimuth: -62, elevation: 34, distance, centre: [0, 0, ((bottom + scene.contact_height + scene.thickness) / 2) * MM] };
   },
   subject: (stage, session) => new PlateSubject(stage, session.scene as PlateScene, session.limits),
   readings: (session) => new PlaceReadouts(session),

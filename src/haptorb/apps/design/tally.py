@@ -10,6 +10,7 @@ from typing import final
 from haptorb.design.design import Design, DesignGoal
 from haptorb.design.evaluate import DEVICE, OBJECTIVE
 from haptorb.design.evaluation import Evaluation, Value
+from haptorb.design.search.violation import measure_miss
 from haptorb.display.quantity_text import format_number, format_quantity
 
 __all__ = ["Tally"]
@@ -29,6 +30,7 @@ class Tally:
         self.best: dict[str, Evaluation] = {}
         self._reasons: dict[str, Counter[str]] = {}
         self._examples: dict[tuple[str, str], Evaluation] = {}  # the first of each kind of reason
+        self._nearest: dict[str, tuple[float, int, str]] = {}  # of each constraint: miss, number, reason
         for one in found:
             self.add(one)
 
@@ -36,8 +38,13 @@ class Tally:
         """Count one more candidate."""
         self.count += 1
         if not one.valid:
-            by, kind = one.refused_by, one.reason.partition(": ")[0]
+            by, parts = one.refused_by, one.reason.split(": ")
+            kind = ": ".join(parts[: 2 if by == OBJECTIVE else 1])
             self.refused[by] += 1
+            for bound in self.design.bounds:
+                if bound.name == by:
+                    miss = (measure_miss(one.constraints.get(by), bound), one.number, one.reason)
+                    self._nearest[by] = min(self._nearest.get(by, miss), miss)
             self._reasons.setdefault(by, Counter())[kind] += 1
             example = self._examples.setdefault((by, kind), one)
             if one.number < example.number:
@@ -74,12 +81,10 @@ class Tally:
 
     @property
     def advice(self) -> str:
-        """Where no design is valid: what refuses the most, the whole reason of one, and what to do; empty otherwise."""
+        """Where no design is valid: what refuses the most, and what to do; empty otherwise."""
         if self.valid or not self.count:
             return ""
         name, count = self.refused.most_common(1)[0]
-        kind, often = self._reasons[name].most_common(1)[0]
-        example = self._examples[name, kind]
         share = f"{count} of {self.count} designs"
         if name == OBJECTIVE:
             what, remedy = f"an objective is not a number for {share}", "Correct the objective, or change the ranges"
@@ -87,8 +92,25 @@ class Tally:
             what, remedy = f"the values of {share} do not form a valid device", "Change the ranges"
         else:
             what, remedy = f"constraint '{name}' rejects {share}", "Change the ranges, or relax the constraint"
-        reason = shorten(example.reason, _LONGEST, placeholder=" ...")
-        return f"no design is valid: {what}. Design {example.number} ({often} alike): {reason}. {remedy}"
+        return f"no design is valid: {what}. {self._explain(name)}. {remedy}"
+
+    @property
+    def failures(self) -> str:
+        """If designs are valid, but an objective of others is not a number: how many, and one reason; or ""."""
+        count = self.refused[OBJECTIVE]
+        if not self.valid or not count:
+            return ""
+        return f"an objective is not a number for {count} designs. {self._explain(OBJECTIVE)}"
+
+    def _explain(self, by: str) -> str:
+        """The design closest to the constraint `by`, or the first with the most frequent reason."""
+        if by in self._nearest:
+            _, number, reason = self._nearest[by]
+            return f"The closest is design {number}: {shorten(reason, _LONGEST, placeholder=' ...')}"
+        kind, often = self._reasons[by].most_common(1)[0]
+        example = self._examples[by, kind]
+        others = f" ({often} alike)" if often > 1 else ""
+        return f"Design {example.number}{others}: {shorten(example.reason, _LONGEST, placeholder=' ...')}"
 
     def list_best(self) -> list[tuple[str, str]]:
         """(objective, text) of the best design for each objective."""

@@ -1,12 +1,16 @@
-"""Force of a coil array on its tool, in the worst direction and place of the workspace, by the array's exact map.
+"""Force or torque of a coil array on its tool, in the worst direction and position, from the exact wrench map.
 
 The tool is upright over a plate and radial over a dome, at `height` of the design file's table [evaluation] above
-contact. The forces {K i} of currents within their limits and the supply's power are a convex set about zero; its
-greatest ball has the radius min over unit vectors n of max n·K i. The minimum is at the normal of a facet (a product of
-two columns of K), at a main axis of K R⁻¹ Kᵀ, or between them: directions all around and a search downhill find that.
+contact. A force is produced by the currents with the least heat, whatever the accompanying torque, and vice versa, as
+with `haptorb run --render`. The forces {K i} of currents within their limits and the supply's power are a convex set
+about zero; its greatest ball has the radius min over unit vectors n of max n·K i. The minimum is at the normal of a
+facet (a product of two columns of K), at a main axis of K R⁻¹ Kᵀ, or between them: directions all around and a local
+search find it.
 """
 
 from __future__ import annotations
+
+from typing import Literal
 
 import numpy as np
 
@@ -15,6 +19,7 @@ from haptorb.design.objectives.registry import option
 from haptorb.devices.coil_array.coil_array import CoilArray
 from haptorb.devices.device import require
 from haptorb.devices.state import State
+from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.directions import cap_directions
 
@@ -22,6 +27,8 @@ __all__ = [
     "array_of", "find_continuous", "find_heat", "find_heaviest", "find_isotropy", "find_peak", "find_pull",
     "greatest_force",
 ]  # fmt: skip
+
+Part = Literal["force", "torque"]  #: of a wrench
 
 _PLACES = 40
 _RIM = 12  #: places on the rim of a dome's workspace, where arrays are weakest
@@ -50,20 +57,28 @@ def _list_states(candidate: DesignCandidate) -> list[State]:
 
 
 def _maps(candidate: DesignCandidate) -> tuple[Array, Array]:
-    """(n, 3, m) force per ampere [N/A] and (n, 3) force without current [N] at the n places."""
+    """(n, 6, m) wrench per ampere [N/A, N·m/A] and (n, 6) wrench without current [N, N·m] at the n places."""
 
     def compute() -> tuple[Array, Array]:
         device = array_of(candidate)
         maps = [device.wrench_map(state, "exact") for state in _list_states(candidate)]
-        return np.stack([one.force for one in maps]), np.stack([one.passive[:3] for one in maps])
+        return np.stack([one.matrix for one in maps]), np.stack([one.passive for one in maps])
 
     return candidate.share("array: maps", compute)
 
 
-def find_heaviest(candidate: DesignCandidate) -> tuple[float, Array]:
+def _find_map(candidate: DesignCandidate, part: Part) -> Array:
+    """(n, 3, m) of force or torque; InputError for the torque of a tool that has none about one axis."""
+    if part == "torque" and len(array_of(candidate).tool.magnets) == 1:
+        raise InputError("a tool with one magnet has no torque about the magnet's axis: give it a second one")
+    K = _maps(candidate)[0]
+    return K[:, :3] if part == "force" else K[:, 3:]
+
+
+def find_heaviest(candidate: DesignCandidate, part: Part = "force") -> tuple[float, Array]:
     """Greatest of the least heats for a force [W/N²] at the reference temperature, and the squares (m,) of the currents
-    [A²/N²] that make it: in the worst direction and place; infinite where a direction has no force."""
-    K, resistance = _maps(candidate)[0], array_of(candidate).coils.resistance
+    [A²/N²] that make it: in the worst direction and place; infinite where a direction has no force. Torques alike."""
+    K, resistance = _find_map(candidate, part), array_of(candidate).coils.resistance
     values, axes = np.linalg.eigh((K / resistance) @ K.transpose(0, 2, 1))
     worst = int(np.argmin(values[:, 0]))
     least, most = float(values[worst, 0]), float(values[worst, 2])
@@ -73,36 +88,36 @@ def find_heaviest(candidate: DesignCandidate) -> tuple[float, Array]:
     return 1.0 / least, currents**2
 
 
-def find_heat(candidate: DesignCandidate) -> float:
+def find_heat(candidate: DesignCandidate, part: Part = "force") -> float:
     """[W/N²], see `find_heaviest`."""
-    return find_heaviest(candidate)[0]
+    return find_heaviest(candidate, part)[0]
 
 
-def find_peak(candidate: DesignCandidate) -> float:
+def find_peak(candidate: DesignCandidate, part: Part = "force") -> float:
     """[N] at full current, as far as the supply gives it."""
-    return _ball(candidate, array_of(candidate).driven_current)
+    return _ball(candidate, array_of(candidate).driven_current, part)
 
 
-def find_continuous(candidate: DesignCandidate) -> float:
+def find_continuous(candidate: DesignCandidate, part: Part = "force") -> float:
     """[N] with continuous currents in all coils."""
     device = array_of(candidate)
-    return _ball(candidate, np.minimum(device.sustained_current_together, device.driven_current))
+    return _ball(candidate, np.minimum(device.sustained_current_together, device.driven_current), part)
 
 
-def find_isotropy(candidate: DesignCandidate) -> float:
+def find_isotropy(candidate: DesignCandidate, part: Part = "force") -> float:
     """Smallest over greatest force per ampere by direction, at the worst place; 0 with fewer than three coils."""
-    K = _maps(candidate)[0]
+    K = _find_map(candidate, part)
     values = np.linalg.svd(K, compute_uv=False)
     return float((values[:, 2] / values[:, 0]).min()) if K.shape[2] >= 3 else 0.0
 
 
 def find_pull(candidate: DesignCandidate) -> float:
     """[N] greatest force without current; 0 without a core."""
-    return float(np.linalg.norm(_maps(candidate)[1], axis=1).max())
+    return float(np.linalg.norm(_maps(candidate)[1][:, :3], axis=1).max())
 
 
-def _ball(candidate: DesignCandidate, limit: Array) -> float:
-    device, K = array_of(candidate), _maps(candidate)[0]
+def _ball(candidate: DesignCandidate, limit: Array, part: Part) -> float:
+    device, K = array_of(candidate), _find_map(candidate, part)
     resistance, power = device.greatest_resistance, device.supply.power
 
     def reach(normals: Array, at: Array) -> Array:

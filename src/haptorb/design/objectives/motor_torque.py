@@ -1,18 +1,20 @@
 """Torque of a spherical motor, and the heat that it takes, in the worst direction and orientation in the workspace.
 
-All are of the exact level: the torque of one magnet and one coil comes from zonal harmonics (`series_table`) or, where
-those do not hold, from the exact table. Of a zonotope {K i, |i| ≤ I} the greatest ball has the radius
-min over the facets' normals n of Σ |n·K_k| I_k, and every normal is a product of two columns of K.
+Those of a coil array, with the same names, are in `array_force`. All are of the exact level: the torque of one magnet
+and one coil comes from zonal harmonics (`series_table`) or, where those do not hold, from the exact table. Of a
+zonotope {K i, |i| ≤ I} the greatest ball has the radius min over the facets' normals n of Σ |n·K_k| I_k, and every
+normal is a product of two columns of K.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
 from haptorb.design.candidate import DesignCandidate
+from haptorb.design.objectives import array_force
 from haptorb.design.objectives.orientations import find_worst, spread_angles
 from haptorb.design.objectives.registry import describe, option
 from haptorb.devices.device import require
@@ -30,7 +32,7 @@ from haptorb.physics.sources.cylinder import CylinderMagnet
 __all__ = ["QUANTITIES", "find_heaviest", "motor_of", "torque_per_ampere"]
 
 _ORIENTATIONS = 400
-_MOTOR = "spherical-motor"
+_MOTOR, _ARRAY = "spherical-motor", "coil-array"
 
 
 def motor_of(candidate: DesignCandidate) -> SphericalMotor:
@@ -153,18 +155,19 @@ def _count(candidate: DesignCandidate) -> int:
     return int(option(candidate, "orientations", _ORIENTATIONS))
 
 
-_OVER = "in the worst direction and orientation in the workspace"
+_OVER = "in the worst direction, and the worst orientation or position in the workspace"
 QUANTITIES = (
     describe("heat_per_torque_squared", "W/(N·m)²", "minimise",
              f"Smallest heat for a torque, divided by its square, {_OVER}; coils at their reference temperature.",
-             {_MOTOR: _heat}),
+             {_MOTOR: _heat, _ARRAY: partial(array_force.find_heat, part="torque")}),
     describe("peak_torque", "N·m", "maximise", f"Torque at full current available in every direction, {_OVER}.",
-             {_MOTOR: _peak}),
-    describe("continuous_torque", "N·m", "maximise",
-             f"Continuous torque in all channels, {_OVER}.", {_MOTOR: _continuous}),
+             {_MOTOR: _peak, _ARRAY: partial(array_force.find_peak, part="torque")}),
+    describe("continuous_torque", "N·m", "maximise", f"Continuous torque in all channels, {_OVER}.",
+             {_MOTOR: _continuous, _ARRAY: partial(array_force.find_continuous, part="torque")}),
     describe("torque_isotropy", "", "maximise",
-             "Ratio of smallest to largest torque per ampere over all directions, in the worst orientation.",
-             {_MOTOR: _isotropy}),
+             "Ratio of smallest to largest torque per ampere over all directions, in the worst orientation or "
+             "position.",
+             {_MOTOR: _isotropy, _ARRAY: partial(array_force.find_isotropy, part="torque")}),
     describe("cogging", "N·m", "minimise",
              "Largest torque on the rotor without current over the workspace: the remainder of weight and "
              "regulator.", {_MOTOR: _cogging}),

@@ -10,6 +10,7 @@ import numpy as np
 
 from haptorb.design.candidate import DesignCandidate
 from haptorb.design.objectives import array_force, motor_torque, tool_force
+from haptorb.design.objectives.array_force import array_of
 from haptorb.design.objectives.motor_torque import motor_of
 from haptorb.design.objectives.parts import windings_of
 from haptorb.design.objectives.registry import describe, option
@@ -47,11 +48,11 @@ def _power(candidate: DesignCandidate) -> float:
     return float(_channel_powers(candidate).sum())
 
 
-def _hoop(coil: Coil, current: float, extra: float = 0.0) -> float:
-    """J B r [Pa] at the inner radius, with the coil's own field there and `extra` [T]."""
+def _hoop(coil: Coil, current: float, extra: float = 0.0, mirror: float = 1.0) -> float:
+    """J B r [Pa] at the inner radius, with the coil's own field there, `mirror` times, and `extra` [T]."""
     density = coil.turns * current / (coil.length * (coil.outer_radius - coil.inner_radius))
     own = float(coil.field((coil.inner_radius, 0.0, 0.0))[2]) * current
-    return abs(density * (abs(own) + extra) * coil.inner_radius)
+    return abs(density * (mirror * abs(own) + extra) * coil.inner_radius)
 
 
 def _motor_stress(candidate: DesignCandidate) -> float:
@@ -67,6 +68,16 @@ def _winding_stress(candidate: DesignCandidate) -> float:
     return max(_hoop(coil, current, field * current) for coil, current, field in both)
 
 
+def _array_stress(candidate: DesignCandidate) -> float:
+    device = array_of(candidate)
+    coils, currents = device.windings, device.driven_current
+    # the tool's magnets as a motor's; a soft core mirrors at most the coil's own field
+    magnets = 0.5 * max(magnet.remanence for magnet in device.tool.magnets)
+    mirror = 2.0 if device.core is not None else 1.0
+    sizes = np.column_stack([coils.turns, coils.inner_radius, coils.outer_radius, coils.length, currents])
+    return max(_hoop(Coil(*size[:4]), size[4], magnets, mirror) for size in np.unique(sizes, axis=0).tolist())
+
+
 _LOAD = "with the load of [evaluation] applied continuously in the worst direction and position"
 QUANTITIES = (
     describe("temperature", "K", "minimise", f"Temperature of the hottest winding {_LOAD}.",
@@ -76,5 +87,5 @@ QUANTITIES = (
     describe("coil_stress", "Pa", "minimise",
              "Hoop stress of a free turn at the inner radius, J B r, at full current, with an upper bound of the "
              "field there.",
-             {_MOTOR: _motor_stress, _ELECTROMAGNET: _winding_stress}),
+             {_MOTOR: _motor_stress, _ELECTROMAGNET: _winding_stress, _ARRAY: _array_stress}),
 )  # fmt: skip

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from haptorb.design.design import Bound
 from haptorb.design.evaluation import Evaluation
 
-__all__ = ["measure_violation"]
+__all__ = ["measure_miss", "measure_violation"]
 
 
 def measure_violation(evaluation: Evaluation, bounds: Sequence[Bound]) -> float:
@@ -18,12 +18,13 @@ def measure_violation(evaluation: Evaluation, bounds: Sequence[Bound]) -> float:
     """
     if evaluation.valid:
         return 0.0
-    total = sum(_miss(evaluation.constraints.get(bound.name), bound) for bound in bounds)
+    total = sum(measure_miss(evaluation.constraints.get(bound.name), bound) for bound in bounds)
     named = any(bound.name == evaluation.refused_by for bound in bounds)
     return total + (0.0 if named and total > 0.0 else 1.0)
 
 
-def _miss(value: float | None, bound: Bound) -> float:
+def measure_miss(value: float | None, bound: Bound) -> float:
+    """How far `value` [SI] is from keeping `bound`, 0 (kept) to 1 (not computed)."""
     if value is None or value != value:
         return 1.0
     for limit, short in ((bound.low, -1.0), (bound.high, 1.0)):

@@ -58,11 +58,18 @@ class RingSection(Section):
     ]
     count: Annotated[Count, m.Meaning("number of parts on the ring"), m.Form("≥ 1, on all rings together at most 48")]
     first: Annotated[q.Angle, m.Meaning("longitude of the first part")]
-    step: Annotated[q.Angle, m.Meaning("longitude from one part to the next")]
+    step: Annotated[
+        q.Angle | None,
+        BeforeValidator(lambda value: None if value == "even" else value),
+        m.Meaning("longitude from one part to the next"),
+        m.Form('an angle, or "even": 360° divided by count'),
+        m.Without("even"),
+    ] = None
 
     def build(self) -> PartRing:
         """As the layout has it."""
-        return PartRing(self.latitude, self.count, self.first, self.step)
+        step = 2 * np.pi / self.count if self.step is None else self.step
+        return PartRing(self.latitude, self.count, self.first, step)
 
 
 def _check_count(rings: tuple[RingSection, ...]) -> tuple[RingSection, ...]:
@@ -161,14 +168,17 @@ class GroupsSection(Section):
     """[groups]: coils wired in series; each group is one channel."""
 
     coils: Annotated[
-        tuple[Annotated[tuple[Coil, ...], Len(1, _MOST_PARTS)], ...],
-        Len(1, _MOST_PARTS),
+        Annotated[tuple[Annotated[tuple[Coil, ...], Len(1, _MOST_PARTS)], ...], Len(1, _MOST_PARTS)] | None,
+        BeforeValidator(lambda value: None if value == "antipodal" else value),
         m.Meaning("coils of each channel, by number, wired in series"),
-        m.Form("lists of coil numbers from 1, each coil once"),
+        m.Form('lists of coil numbers from 1, each coil once; or "antipodal": pairs of opposite coils'),
     ]
     winding: Annotated[
-        Literal["series-aiding", "series-opposed"],
-        m.Meaning("winding sense of the second coil of a group relative to the first"),
+        Literal["series-aiding", "series-opposed", "matched"],
+        m.Meaning(
+            "winding sense of the second coil of a group relative to the first; matched: such that each adds to the "
+            "torque of the first"
+        ),
     ]
     antipodal: Annotated[
         bool,

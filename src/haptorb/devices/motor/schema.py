@@ -27,7 +27,8 @@ from haptorb.devices.motor.rotor_schema import (
     WorkspaceSection,
 )
 from haptorb.devices.motor.spherical_motor import Rotor, SphericalMotor
-from haptorb.devices.motor.validation import findings, grouping
+from haptorb.devices.motor.validation import findings, workspace_sample
+from haptorb.devices.motor.wiring import grouping, match_winding, pair_opposite
 from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.limit_checks import list_limit_mistakes
@@ -103,12 +104,16 @@ class MotorFile(Section):
 
     def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalMotor:
         """The device that this file describes; DeviceError with all findings unless they are overridden."""
-        count = sum(ring.count for ring in self.electromagnets.rings)
-        groups, wrong = grouping(self.groups.coils, count, self.groups.winding)
+        coils = layout(self.electromagnets.distance, self.electromagnets.rings)
+        members = pair_opposite(coils) if self.groups.coils is None else self.groups.coils
+        groups, wrong = grouping(members, len(coils), self.groups.winding)
         if wrong:
             raise DeviceError("\n".join(f"device '{self.name}': {line}" for line in wrong))
         motor = self._motor(assumed, digest, groups)
-        found = findings(motor, self.groups.coils, antipodal=self.groups.antipodal)
+        if self.groups.winding == "matched":
+            single = motor.torque_characteristic(workspace_sample(motor.workspace_tilt, 3, 24), "dipole")
+            motor = replace(motor, groups=match_winding(groups, single))
+        found = findings(motor, members, antipodal=self.groups.antipodal)
         if found and not override:
             lines = "\n".join(f"device '{self.name}': {line}" for line in found)
             text = f"{lines}\ncorrect the file, or study it as it is"

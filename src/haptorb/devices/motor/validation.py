@@ -6,13 +6,13 @@ wrongly, pairs that do not face each other, and groups wired so that the motor c
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from haptorb.devices.motor.layouts import Layout
+from haptorb.devices.motor.wiring import FACING, measure_facing
 from haptorb.errors import GeometryError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.rotations import rotation_from_euler
@@ -20,37 +20,10 @@ from haptorb.numerics.rotations import rotation_from_euler
 if TYPE_CHECKING:
     from haptorb.devices.motor.spherical_motor import SphericalMotor
 
-__all__ = ["WORST_CONDITION", "findings", "grouping", "workspace_sample"]
+__all__ = ["WORST_CONDITION", "findings", "workspace_sample"]
 
 WORST_CONDITION = 100.0  #: a motor that is a hundred times weaker about some axis cannot be used there
 _CHORDS = 2048  #: steps of a table of the pair's torque between no chord and a diameter
-_FACING = np.radians(0.5)  #: how far from opposite a pair of coils may be and still count as facing
-
-
-def grouping(groups: Sequence[Sequence[int]], count: int, winding: str) -> tuple[Array, list[str]]:
-    """(count, m) current of every coil per ampere of every channel, and what is wrong with the groups.
-
-    "series-opposed": every second coil of a group is wound the other way.
-
-    >>> grouping([[1, 2]], 2, "series-opposed")[0].tolist()
-    [[1.0], [-1.0]]
-    >>> grouping([[1, 5]], 2, "series-aiding")[1]
-    ['groups.coils: group 1 names EM5, but there are only 2 electromagnets', 'groups.coils: EM2 is in no group']
-    """
-    matrix = np.zeros((count, len(groups)))
-    wrong = []
-    for channel, members in enumerate(groups):
-        for place, coil in enumerate(members):
-            if not 1 <= coil <= count:
-                wrong.append(
-                    f"groups.coils: group {channel + 1} names EM{coil}, but there are only {count} electromagnets"
-                )
-                continue
-            matrix[coil - 1, channel] = -1.0 if winding == "series-opposed" and place % 2 else 1.0
-    used = Counter(coil for members in groups for coil in members)
-    wrong += [f"groups.coils: EM{coil} appears {many} times" for coil, many in sorted(used.items()) if many > 1]
-    wrong += [f"groups.coils: EM{coil} is in no group" for coil in range(1, count + 1) if coil not in used]
-    return matrix, wrong
 
 
 def findings(motor: SphericalMotor, groups: Sequence[Sequence[int]], *, antipodal: bool) -> list[str]:
@@ -113,8 +86,8 @@ def _list_not_facing(layout: Layout, groups: Sequence[Sequence[int]]) -> list[st
         if len(members) != 2:
             continue
         i, j = members
-        away = np.pi - np.arccos(np.clip(layout.directions[i - 1] @ layout.directions[j - 1], -1.0, 1.0))
-        if away > _FACING:
+        away = measure_facing(layout.directions[i - 1], layout.directions[j - 1])
+        if away > FACING:
             pairs.append(f"EM{i} and EM{j} ({np.degrees(away):.1f}° off)")
     if not pairs:
         return []

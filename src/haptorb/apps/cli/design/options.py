@@ -78,6 +78,8 @@ def end_run(tally: Tally, into: str, json: bool) -> None:
     else:
         tell(f"{tally.sentence}; in {mask_password(into)}")
         print_facts(make_console(), tally.list_best())
+    if tally.failures:
+        say(tally.failures)
     if not tally.valid:
         say(tally.advice)
         raise typer.Exit(1)
