@@ -144,7 +144,7 @@ class RowLayout:
                 1,
                 "1",
                 "what failed in the tick, a sum: 1 reading, 2 writing, 4 engaging the driver, 8 the world, 16 its "
-                "memory, 32 the allocation",
+                "memory, 32 the allocation; 64 its world sheds detail from the next tick on, 128 takes some back",
             ),
             # the last: a row of whatever room is filled as far as it goes
             Field("memory", self.memory, "SI", "memory of the world; names and units are noted with the world"),

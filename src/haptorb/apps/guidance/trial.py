@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptorb.apps.check.late_tracker import LateTracker
-from haptorb.apps.guidance.noisy_tracker import NoisyTracker
+from haptorb.apps.check.noisy_tracker import NoisyTracker
 from haptorb.apps.guidance.person import Habits, Person, place_across
 from haptorb.control.stability.hand_grip import HandGrip
 from haptorb.devices.electromagnet.electromagnet import Hand, SphericalElectromagnet
