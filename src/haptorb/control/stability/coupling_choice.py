@@ -96,9 +96,7 @@ def couple_world(world: World, device: Device, loop: SampledLoop, hand: HandGrip
 
 
 @lru_cache(maxsize=64)
-def _find_greatest_damping(
-    loop: SampledLoop, hand: HandGrip, square: float, stiffness: float, damping: float
-) -> float:
+def _find_greatest_damping(loop: SampledLoop, hand: HandGrip, square: float, stiffness: float, damping: float) -> float:
     """The damper up to which the coupling may grow while a scene's time goes slower, as stable as it must be."""
     if not (square and stiffness and damping):
         return 0.0

@@ -1,9 +1,9 @@
 """How fast a scene's own time passes: as fast as the loop's, or slower while its steps take too long.
 
-The pace goes over smoothly. With a step of it, what moves in the scene would change its speed as the hand sees it within
-a tick, and the hand would feel a knock. The coupling is softer at a slower pace. Where its spring is stretched, a rising
-pace would put energy into it; so the pace rises only as far as the coupling's damper has taken that energy out before
-(a tank, as in Ferraguti, Secchi and Fantuzzi 2013).
+The pace goes over smoothly. With a step of it, what moves in the scene would change its speed as the hand sees it
+within a tick, and the hand would feel a knock. The coupling is softer at a slower pace. Where its spring is stretched,
+a rising pace would put energy into it; so the pace rises only as far as the coupling's damper has taken that energy out
+before (a tank, as in Ferraguti, Secchi and Fantuzzi 2013).
 """
 
 from __future__ import annotations
