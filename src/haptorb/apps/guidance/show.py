@@ -40,19 +40,25 @@ def print_guidance(found: GuidanceComparison, console: Console) -> None:
     grips = tuple(dict.fromkeys(row.grip for row in found.rows))
     ways = tuple(way for way in WAYS if any(key[1] == way for key in found.drift))
     rest = TextTable(
-        (Column("grip", kind="key"), *(Column(way, "mm") for way in ways), Column("plan/valley", "1")),
-        "Way of a hand at rest in 5 s; and the plan's error over the valley's",
+        (Column("grip", kind="key"), *(Column(way, "mm") for way in ways), Column("error", "1"), Column("force", "%")),
+        "Way of a hand at rest in 5 s; the plan's error over the valley's, and by how much their forces differ",
     )
     for grip in grips:
-        rest.add_row(grip, *(f"{1e3 * found.drift[grip, way]:.2f}" for way in ways), f"{found.find_ratio(grip):.2f}")
+        rest.add_row(
+            grip,
+            *(f"{1e3 * found.drift[grip, way]:.2f}" for way in ways),
+            f"{found.find_ratio(grip):.2f}",
+            f"{100 * found.find_inequality(grip):.1f}",
+        )
     print_text(console, "")
     print_table(console, rest)
     print_text(
         console,
         "\nError: mean deviation across the path. Force: mean that is asked for. The valley (world guidance) is as "
-        "stiff as it must be to use the mean force of the plan (world path_guidance); where a valley of that "
-        "force oscillates, it is the valley with the least error. The plan takes the hand for 30 % lighter and "
-        "less damped than it is. Spring: to a point that goes along by the clock.",
+        "stiff as it must be to use the mean force of the plan (world path_guidance). Where a valley of that "
+        "force oscillates, it is the valley with the least error, and the plan has a wider tolerance, to use no "
+        "more force than that. The plan takes the hand for 30 % lighter and less damped than it is. Spring: to a "
+        "point that goes along by the clock.",
     )
 
 
