@@ -27,7 +27,7 @@ _HUGE = 1e8  #: beyond it a coordinate or speed has no meaning
 
 
 class SceneExplosion(MemoryNotFinite):
-    """A scene has come into a state that is not finite, or beyond all measure."""
+    """A scene has come into a state that is not finite, or far too large."""
 
 
 def state_size(scene: SceneModel) -> int:
@@ -221,6 +221,6 @@ class SceneStepper:
         fastest = np.abs(np.nan_to_num(data.qvel, nan=np.inf, posinf=np.inf, neginf=np.inf)).argmax()
         name = model.body(int(model.dof_bodyid[int(fastest)])).name or "without a name"
         return (
-            f"the scene exploded: body '{name}' left all measure after {float(data.time):.3g} s of "
-            "its time; make its timestep shorter, its contacts softer (solref), or its bodies heavier"
+            f"the scene exploded: place or speed of body '{name}' is not finite, or far too large, after "
+            f"{float(data.time):.3g} s of its time; make its timestep shorter, its contacts softer (solref), or its bodies heavier"
         )
