@@ -113,8 +113,8 @@ def test_the_scene_goes_on_when_the_coupling_is_changed_and_begins_anew_when_it_
 def set_moving(level: int, axis: int) -> Array:
     """(n,) force [N] or torque [N·m] about `axis` on a hand that takes the peg along for 50 ms, and then rests."""
     scene = Scene(
-        "peg", stiffness=4010.0, damping=26.2, turn_stiffness=14.0, turn_damping=0.03, greatest_damping=52.4,
-        turn_greatest_damping=0.06,
+        "peg", stiffness=4010.0, damping=26.2, turn_stiffness=14.0, turn_damping=0.03, slow_damping=52.4,
+        slow_turn_damping=0.06,
     )  # fmt: skip
     bound, felt = bind(scene, "pmsm"), np.zeros(4000)
     bound.memory["detail"] = level
@@ -146,7 +146,7 @@ def test_a_body_does_not_swing_in_slower_time(axis: int) -> None:
 @pytest.mark.parametrize("level", range(1, 5))
 def test_with_less_detail_a_plug_is_not_thrown_about(level: int) -> None:
     """Pulled out and pushed in again within 2 s, it never takes much more than the 12 N of full detail."""
-    scene = Scene("outlet", stiffness=5000.0, damping=28.2, greatest_damping=56.4)
+    scene = Scene("outlet", stiffness=5000.0, damping=28.2, slow_damping=56.4)
     bound, largest = bind(scene, "pmsm"), 0.0
     for n in range(2000):
         phase = 1e-3 * np.pi * n

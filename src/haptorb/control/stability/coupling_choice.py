@@ -90,13 +90,13 @@ def couple_world(world: World, device: Device, loop: SampledLoop, hand: HandGrip
     turned = (held.turn, fitted.turn_stiffness, fitted.turn_damping)
     moved = (held.move * world.scale**2, fitted.stiffness, fitted.damping)
     return world.replace(
-        greatest_damping=world.greatest_damping or _round(_find_greatest_damping(loop, held.grip, *moved)),
-        turn_greatest_damping=world.turn_greatest_damping or _round(_find_greatest_damping(loop, held.grip, *turned)),
+        slow_damping=world.slow_damping or _round(_find_slow_damping(loop, held.grip, *moved)),
+        slow_turn_damping=world.slow_turn_damping or _round(_find_slow_damping(loop, held.grip, *turned)),
     )
 
 
 @lru_cache(maxsize=64)
-def _find_greatest_damping(loop: SampledLoop, hand: HandGrip, square: float, stiffness: float, damping: float) -> float:
+def _find_slow_damping(loop: SampledLoop, hand: HandGrip, square: float, stiffness: float, damping: float) -> float:
     """The damper up to which the coupling may grow while a scene's time goes slower, as stable as it must be."""
     if not (square and stiffness and damping):
         return 0.0

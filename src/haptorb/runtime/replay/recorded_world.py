@@ -45,7 +45,7 @@ class RecordedTick:
         self._at = 0
 
     def load(self, block: Mapping[str, Array], *, whole: bool) -> None:
-        """The next ticks: field → (n, width), each in its unit [SI]; only what failed if nobody asks for the `whole`."""
+        """The next ticks: field → (n, width), each in its unit [SI]; only failures if nobody asks for the `whole`."""
         n = len(block["t"])
         self._failures = np.nan_to_num(block["failures"][:, 0]).astype(int).tolist()
         self._at = 0

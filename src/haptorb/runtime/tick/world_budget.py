@@ -10,10 +10,11 @@ from haptorb.worlds.bound_world import BoundWorld
 
 __all__ = ["StepWatch", "WorldBudget"]
 
-_SHARE = 0.4  #: of a tick that a world may take; the rest of the tick needs about 0.2 ms
+_SHARE = 0.4  #: of a tick that a world may take, on average; the rest of the tick needs about 0.2 ms
 _EASY = 0.15  #: of a tick: below, there is time for more
-_AGAIN = 8  #: ticks within which a second one over the budget counts: a single one may be a fault of the page tables
-_CALM = 1.0  #: without a longer step, before one level of detail comes back [s]
+_MEAN = 8.0  #: steps over which the average reaches
+_MOST_OF_ONE = 2.0  #: ticks that a single step counts at most: one that the computer interrupted says nothing
+_CALM = 1.0  #: with such an average, before one level of detail comes back [s]
 _MOST = 64.0  #: by so much that time grows with every return that did not last
 _NOTHING = TickFailure(0)
 
@@ -33,14 +34,14 @@ class WorldBudget:
     """Watches the time of a world's steps in ticks of `dt` [s] and tells it to do less, or more again.
 
     A step cannot be interrupted: the budget leaves more than half of a tick, so that a scene which grows heavier sheds
-    detail before a tick is late. What counts is the processor's time. A step that waits because the computer does
-    something else is no faster with less detail, and a hand would feel the scene change for nothing.
+    detail before ticks are late. What counts is the processor's time, on average: a step that waits because the
+    computer does something else is no faster with less detail, and a hand would feel the scene change for nothing.
     """
 
     def __init__(self, dt: float) -> None:
-        self._budget, self._easy = _SHARE * dt, _EASY * dt
+        self._budget, self._easy, self._most = _SHARE * dt, _EASY * dt, _MOST_OF_ONE * dt
         self._wait = round(_CALM / dt)
-        self._since, self._calm, self._patience = _AGAIN, 0, 1.0
+        self._mean, self._calm, self._patience = 0.0, 0, 1.0
         self._begun = 0.0
 
     def begin(self) -> None:
@@ -53,18 +54,14 @@ class WorldBudget:
 
     def judge(self, bound: BoundWorld, took: float) -> TickFailure:
         """A step of `bound` took so much of the processor's time [s]."""
-        self._since += 1
-        if took > self._budget:
-            self._calm = 0
-            if self._since >= _AGAIN:
-                self._since = 0
-                return _NOTHING
+        self._mean += (min(took, self._most) - self._mean) / _MEAN
+        if self._mean > self._budget:
+            self._mean, self._calm = 0.0, 0
             self._patience = min(2.0 * self._patience, _MOST)
-            self._since = _AGAIN
             before = bound.numbers.copy()
             bound.world.lighten(bound.memory)  # safety: overrun-sheds-detail
             return TickFailure.LESS_DETAIL if (bound.numbers != before).any() else _NOTHING
-        if took > self._easy:
+        if self._mean > self._easy:
             self._calm = 0
             return _NOTHING
         self._calm += 1

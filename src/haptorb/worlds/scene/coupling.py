@@ -5,7 +5,7 @@ itself, so that a loop which is stable with the coupling against a wall is stabl
 
 In a scene whose time passes s times as fast, bodies are felt 1/s² times as heavy. With the same coupling the damping
 ratio of the body in it would fall to s times what it was, and what is felt would swing. So the damper grows to 1/s of
-itself, up to `greatest_damping`; from there on the spring gives way, by (s d/b)² for the damper d that there is instead
+itself, up to `slow_damping`; from there on the spring gives way, by (s d/b)² for the damper d that there is instead
 of b. The damping ratio is always that of full pace, and what a hand feels is never stiffer.
 """
 
@@ -22,7 +22,7 @@ __all__ = ["COUPLING", "fill_coupling", "fit_to_pace"]
 COUPLING = fields(
     ("stiffness", "f8"), ("damping", "f8"), ("greatest", "f8"),  # [N/m], [N·s/m], [N]
     ("turn_stiffness", "f8"), ("turn_damping", "f8"), ("turn_greatest", "f8"),  # [N·m/rad], [N·m·s/rad], [N·m]
-    ("greatest_damping", "f8"), ("turn_greatest_damping", "f8"),  # at a slower pace [N·s/m], [N·m·s/rad]
+    ("slow_damping", "f8"), ("slow_turn_damping", "f8"),  # at a slower pace [N·s/m], [N·m·s/rad]
 )  # fmt: skip
 
 
@@ -96,7 +96,7 @@ def fill_coupling(
     for i in range(3):
         stretch[i] = pose[i] - place[i] - ahead * moving[3 + i]
         speed[i] = motion[i] - pace * moving[3 + i]
-    stiffness, damping = fit_to_pace(c.stiffness, c.damping, c.greatest_damping, pace)
+    stiffness, damping = fit_to_pace(c.stiffness, c.damping, c.slow_damping, pace)
     energy, power = _limit(wrench[:3], stretch, speed, stiffness, damping, c.greatest)
     if c.turn_stiffness == 0.0:
         wrench[3:] = 0.0
@@ -105,6 +105,6 @@ def fill_coupling(
     for i in range(3):
         stretch[i] -= ahead * moving[i]
         speed[i] = motion[3 + i] - pace * moving[i]
-    stiffness, damping = fit_to_pace(c.turn_stiffness, c.turn_damping, c.turn_greatest_damping, pace)
+    stiffness, damping = fit_to_pace(c.turn_stiffness, c.turn_damping, c.slow_turn_damping, pace)
     more = _limit(wrench[3:], stretch, speed, stiffness, damping, c.turn_greatest)
     return energy + more[0], power + more[1]

@@ -53,8 +53,8 @@ class Scene(DynamicWorld):
     turn_stiffness: float = parameter(0.0, "N·m/rad", 0, 200, "of the coupling about each axis; 0: chosen, or none")
     turn_damping: float = parameter(0.0, "N·m·s/rad", 0, 10, "of the coupling about each axis")
     turn_greatest: float = parameter(0.0, "N·m", 0, 20, "greatest torque of the coupling; 0: the device's")
-    greatest_damping: float = parameter(0.0, "N·s/m", 0, 2000, "to which damping grows while time is slow; 0: not")
-    turn_greatest_damping: float = parameter(0.0, "N·m·s/rad", 0, 100, "to which turn_damping grows while time is slow")
+    slow_damping: float = parameter(0.0, "N·s/m", 0, 2000, "to which damping grows while time is slow; 0: not")
+    slow_turn_damping: float = parameter(0.0, "N·m·s/rad", 0, 100, "to which turn_damping grows while time is slow")
     scale: float = parameter(1.0, "1", 0.01, 100, "metres in the scene for a metre of the mover")
     anchored: bool = False  #: the mover begins where the scene has the body: a motor's target
 
