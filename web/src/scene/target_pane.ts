@@ -109,11 +109,13 @@ export class TargetPane {
   private frameShapes(): void {
     const { centre, radius } = this.shapes.extent;
     const free = at("target-free");
-    const least = Math.max(60, Math.min(free.clientWidth, free.clientHeight));
+    const [width, height] = [Math.max(60, free.clientWidth) / 2, Math.max(60, free.clientHeight) / 2];
     this.stage.centre = { x: free.offsetLeft + free.clientWidth / 2, y: free.offsetTop + free.clientHeight / 2 };
     const turned = this.orbit.distance / this.home.distance;
     this.home.centre = centre.map((one) => one * UNIT) as Home["centre"];
-    this.home.distance = this.stage.fit(0.85 * radius * UNIT, least / 2); // seen from the side it is smaller
+    // Seen from the side it is flat; what is held moves sideways, as a drawer does.
+    const reach = radius * UNIT;
+    this.home.distance = Math.max(this.stage.fit(1.25 * reach, width), this.stage.fit(0.65 * reach, height));
     const told = JSON.stringify(this.home);
     if (told === this.framed) return;
     const other = this.orbit.centre.toArray().some((one, i) => one !== this.home.centre[i]);

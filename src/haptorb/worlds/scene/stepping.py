@@ -222,5 +222,6 @@ class SceneStepper:
         name = model.body(int(model.dof_bodyid[int(fastest)])).name or "without a name"
         return (
             f"the scene exploded: place or speed of body '{name}' is not finite, or far too large, after "
-            f"{float(data.time):.3g} s of its time; make its timestep shorter, its contacts softer (solref), or its bodies heavier"
+            f"{float(data.time):.3g} s of its time; make its timestep shorter, its contacts softer (solref), or its "
+            "bodies heavier"
         )
