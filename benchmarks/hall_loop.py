@@ -70,7 +70,7 @@ def measure(runs: int, seconds: float, rate: float, tracker: str) -> dict[str, A
         "without a trip": sum(not report["trips"] for report in reports),
         "until the first trip [s]": [round(one, 2) for one in held],
         "reasons": [report["trips"][0]["code"] for report in reports if report["trips"]],
-        "ticks in time [%]": [round(100 * report["success_rate"], 1) for report in reports],
+        "ticks on time [%]": [round(100 * report["success_rate"], 1) for report in reports],
         "peak force, median [N]": round(median(report["peak_force_n"] for report in reports), 3),
     }
 

@@ -1,11 +1,13 @@
 """The tool by the field sensors, tried: simulated devices, calibrated as `haptorb calibrate` does, over the shell.
 
-    python benchmarks/sensing_accuracy.py [--specimens 3] [--places 16] [--dead 5] [--json]
+    python benchmarks/sensing_accuracy.py [--specimens 3] [--places 16] [--dead 5] [--earth] [--turned] [--json]
 
 Nothing here is from the formulas of `haptorb inspect --sensing`. Each specimen has its own lasting errors, drawn from
 the device file's distributions, and a tool magnet 1 % stronger than the file says. Three trackers read the same
 simulation: one that knows nothing of the errors, one with the step `magnetic` only, one with `fields` and `sensors`.
---dead N lets sensor N fail before the calibration.
+--dead N lets sensor N fail before the calibration. --earth adds the earth's field, 0.05 mT, which dips by 60°, to what
+all sensors read, concentrated by the core; with --turned the device is turned by 180° about the vertical between its
+calibration and its use.
 """
 
 from __future__ import annotations
@@ -14,11 +16,12 @@ import argparse
 import json
 import math
 import tempfile
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from haptorb.apps.calibrate.dialog import check_steps, guide_calibration
@@ -28,30 +31,84 @@ from haptorb.apps.reproduce.zarate2020.hall_trial import clamp_tool, shell_place
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
-from haptorb.devices.state import rotation_to_axis
+from haptorb.devices.state import State, rotation_to_axis
 from haptorb.numerics.arrays import Array
+from haptorb.physics.sources import dipole
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.sample import Sample
 from haptorb.sensing.tool.tool_position import HallTracker
 from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
+from haptorb.simulation.simulation import Simulation
 
 STRONGER = 1.01  #: of the tool's magnet, relative to the file
+EARTH = 0.05e-3 * np.array([0.5, 0.0, -np.sqrt(0.75)])  #: [T]
 STEPS = ("rest", "currents", "magnetic", "fields", "tool", "sensors")
 SETTLED, TICKS = 60, 120
 
 
-def simulate(device: SphericalElectromagnet, seed: int, specimen: int, dead: int) -> SimulatedElectromagnet:
-    """Device number `specimen`, with sensor `dead`, from 1, failed; 0: none."""
+class UniformField(Simulation):
+    """An electromagnet in a field (3,) [T] that is the same everywhere, but for the core, which concentrates it."""
+
+    def __init__(self, simulation: SimulatedElectromagnet, field: Array) -> None:
+        self.device, self.simulation = simulation.device, simulation
+        device = simulation.device
+        moment = 4 * np.pi * device.core_radius**3 * field / dipole.MU0  # permeability infinite
+        at = device.hall.positions
+        self._field = field + dipole.field(np.broadcast_to(moment, at.shape), at)
+
+    def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
+        """What is read, the uniform field included."""
+        read = self.simulation.sample(t, pose_stamp, pose_valid)
+        alive = read.field.any(axis=1, keepdims=True)
+        return Sample(read.t, read.currents, read.temperatures, read.field + alive * self._field, read.pose)
+
+    def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
+        """As without it."""
+        self.simulation.advance(dt, duties, goal_p, goal_q)
+
+    def truth(self) -> Array:
+        """As without it."""
+        return self.simulation.truth()
+
+    def state(self) -> State:
+        """As without it."""
+        return self.simulation.state()
+
+    def quantise(self, duties: Array) -> Array:
+        """As without it."""
+        return self.simulation.quantise(duties)
+
+    def place(self, p: ArrayLike, q: ArrayLike) -> None:
+        """As without it."""
+        self.simulation.place(p, q)
+
+    def reset(self, seed: int = 0) -> None:
+        """As without it."""
+        self.simulation.reset(seed)
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is tried: `dead` sensor, from 1 (0: none), and the uniform field (3,) [T] in calibration and use."""
+
+    dead: int
+    before: Array
+    after: Array
+
+
+def simulate(device: SphericalElectromagnet, seed: int, specimen: int, dead: int, uniform: Array) -> UniformField:
+    """Device number `specimen`, with sensor `dead`, from 1, failed (0: none), in the `uniform` field (3,) [T]."""
     stronger = replace(device, tool=replace(device.tool, remanence=STRONGER * device.tool.remanence))
     world = SimulatedElectromagnet(stronger, seed, specimen=specimen)
     if dead:
         world.fail([dead - 1])
-    return world
+    return UniformField(world, uniform)
 
 
-def calibrate(device: SphericalElectromagnet, specimen: int, dead: int) -> Calibration:
+def calibrate(device: SphericalElectromagnet, specimen: int, case: Case) -> Calibration:
     """What the guided calibration finds of it."""
-    driver = SimDriver(simulate(device, specimen, specimen, dead), 2e-3, seed=specimen)
+    driver = SimDriver(simulate(device, specimen, specimen, case.dead, case.before), 2e-3, seed=specimen)
     hold_tool(driver, device, "away")
     with tempfile.TemporaryDirectory() as folder:
         found = guide_calibration(
@@ -63,13 +120,13 @@ def calibrate(device: SphericalElectromagnet, specimen: int, dead: int) -> Calib
 
 def read(
     believed: SphericalElectromagnet, offsets: Array | None, device: SphericalElectromagnet, duty: float,
-    places: Array, specimen: int, dead: int,
+    places: Array, specimen: int, case: Case,
 ) -> Array:  # fmt: skip
     """(n, 3) mean squares of the errors of place [m²] and axis [rad²], and share of ticks in which it was found."""
     out = np.full((len(places), 3), np.nan)
     still = clamp_tool(device)
     for row, p in zip(out, places, strict=True):
-        world = simulate(still, specimen, specimen, dead)
+        world = simulate(still, specimen, specimen, case.dead, case.after)
         q = Rotation.from_matrix(rotation_to_axis(p)).as_quat()
         world.place(p, q)
         tracker, squares = HallTracker(believed, offsets=offsets), []
@@ -85,14 +142,14 @@ def read(
     return out
 
 
-def measure(device: SphericalElectromagnet, specimens: int, count: int, dead: int) -> list[dict[str, Any]]:
+def measure(device: SphericalElectromagnet, specimens: int, count: int, case: Case) -> list[dict[str, Any]]:
     """One row for each tracker and current."""
     every, weights = shell_places(device)
     chosen = np.unique(np.linspace(0, len(every) - 1, count).round().astype(int))
     places, share = every[chosen], weights[chosen] / weights[chosen].sum()
     gathered: dict[tuple[str, float], list[Array]] = {}
     for specimen in range(specimens):
-        found = calibrate(device, specimen, dead)
+        found = calibrate(device, specimen, case)
         moments = replace(device, moment_per_current=found.moment_per_current)
         trackers = {
             "not calibrated": (device, None),
@@ -101,7 +158,7 @@ def measure(device: SphericalElectromagnet, specimens: int, count: int, dead: in
         }
         for name, (believed, offsets) in trackers.items():
             for duty in (0.0, 1.0):
-                errors = read(believed, offsets, device, duty, places, specimen, dead)
+                errors = read(believed, offsets, device, duty, places, specimen, case)
                 gathered.setdefault((name, duty), []).append(errors)
     rows = []
     for (name, duty), errors in gathered.items():
@@ -127,9 +184,13 @@ def main() -> None:
     parser.add_argument("--specimens", type=int, default=3)
     parser.add_argument("--places", type=int, default=16)
     parser.add_argument("--dead", type=int, default=0)
+    parser.add_argument("--earth", action="store_true")
+    parser.add_argument("--turned", action="store_true")
     parser.add_argument("--json", action="store_true")
     words = parser.parse_args()
-    rows = measure(electromagnet(load("omni")), words.specimens, words.places, words.dead)
+    field = EARTH if words.earth else np.zeros(3)
+    case = Case(words.dead, field, field * (-1.0, -1.0, 1.0) if words.turned else field)
+    rows = measure(electromagnet(load("omni")), words.specimens, words.places, case)
     if words.json:
         print(json.dumps(rows, indent=1))
         return

@@ -2,8 +2,8 @@
 What does a dome feel like?
 ===========================
 
-The force map of Zárate et al. 2020 with half width 18° and cut-off 54°: what the world asks of a tool that slides down
-the dome, and what the simulated device really gives.
+The force map of Zárate et al. 2020 with half width 18° and cut-off 54°: the force that the world asks for while a tool
+slides down the dome, and the force that the simulated device gives.
 """
 
 import matplotlib.pyplot as plt
@@ -36,7 +36,8 @@ figure.tight_layout()
 
 # %%
 # The asked force changes sign at θ₁ = 18° and is exactly zero from θ₂ = 54° on. A controller that inverts the exact
-# model gives what is asked. One that inverts the paper's point dipoles does not know the core's pull, which is left.
+# model gives the force asked for. One that inverts the paper's point dipoles does not know the core's pull, which
+# remains.
 zero = np.degrees(angle[np.argmax(radial < 0)])
 assert abs(zero - 18.0) <= 0.25
 assert not asked[angle >= np.radians(54.0)].any()

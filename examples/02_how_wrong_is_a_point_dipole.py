@@ -2,8 +2,8 @@
 How wrong is a point dipole?
 ============================
 
-The tool's magnet is a ring of 24 mm length. How much stronger than a point of the same moment is it pulled, and at
-which distance would a point do?
+The tool's magnet is a ring of 24 mm length. How much larger is the force on it than on a point dipole of the same
+moment, and from which distance is a point dipole good enough?
 """
 
 import matplotlib.pyplot as plt

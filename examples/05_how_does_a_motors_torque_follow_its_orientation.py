@@ -26,8 +26,8 @@ axes[0].legend()
 figure.tight_layout()
 
 # %%
-# The table holds the exact model to a millionth. The published multipole model is some 4 % too strong. A pair of
-# dipoles does not do at all: magnets and coils are 11 mm apart and 32 mm wide.
+# The table holds the exact model to a millionth. The published multipole model gives about 4 % too much. A pair of
+# dipoles is far off: magnets and coils are 11 mm apart and 32 mm wide.
 peak = np.abs(K["table"]).max(axis=0)
 print(f"peak {peak[1]:.5f} N·m/A about Y, {peak[2]:.5f} about Z")
 ratio = float((K["published"] * K["table"]).sum() / (K["table"] ** 2).sum())

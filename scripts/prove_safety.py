@@ -143,6 +143,7 @@ RULES = [
         "never",
         "tests/runtime/replay/test_bad_recordings.py::test_a_state_that_is_none_is_refused_and_runs_no_code",
     ),
+    ("report-token", "no token, no recording", "never", "tests/apps/study/test_trial_viewers.py"),
     ("serve-token", "from another computer a server needs the token", "never", ACCESS_TESTS),
     ("dead-sensors", "dead sensors are no weak magnets", "never", ORIENTATION_TESTS),
     ("readings-possible", "readings that cannot be are left out", "always", MAP_TESTS),

@@ -1,6 +1,7 @@
 """Run the tests in calls of pytest: what only computes shares the processors, what runs beside a clock comes in threes,
-and what needs a browser as well, which draws on every processor, in twos. Beside these two the types are checked, in
-the time that clocks and pages leave: a fourth call, which gives way to everybody.
+and what needs a browser as well, which draws on every processor, in twos. Clocks and pages leave much of the processors
+free. What computes for long and starts nothing that has a clock (the `background` marker: types, documentation,
+the papers' numbers) uses it, in a fourth call, which gives way to everybody.
 
     run_tests.py [--markers EXPRESSION] [pytest's arguments]
 
@@ -26,14 +27,14 @@ BY_GROUP = ["--dist", "loadscope", "--no-loadscope-reorder"]
 SHARED = ["-n", "logical", "--maxprocesses", "4", *BY_GROUP]
 #: loops at 1 kHz, and one emulated board at a time: each needs a fraction of a processor and mostly waits
 IN_THREES = ["-n", "3", *BY_GROUP]
-#: a page draws with a third of two processors; the rest of a test waits for it
+#: a page draws with a third of two processors, and the rest of a test waits for it; in the background, mypy is one half
 IN_TWOS = ["-n", "2", *BY_GROUP]
 #: in turn, the last one beside all but the first
 CALLS: tuple[tuple[str, list[str]], ...] = (
     ("not realtime and not background", SHARED),
     ("realtime and not browser", IN_THREES),
     ("realtime and browser", IN_TWOS),
-    ("background", []),
+    ("background", IN_TWOS),
 )
 NO_TESTS = 5  #: pytest's exit code where nothing was chosen: another call may have had something
 ORDER = ("failed", "passed", "skipped", "xfailed", "xpassed", "warning", "error", "rerun")

@@ -1,4 +1,4 @@
-"""Pictures of the console: every state, both themes, three sizes; and of the study's pages, in a trial and a break.
+"""Pictures of the console: every state, both themes, five sizes; and of the study's pages, in a trial and a break.
 
     python scripts/screenshots.py [FOLDER [WORD ...]]
 
@@ -31,7 +31,13 @@ from haptorb.apps.console import Console
 from haptorb.control.protection.trip import GuardState, Trip
 
 ROOT = Path(__file__).resolve().parent.parent
-SIZES = {"laptop": (1280, 800), "projector": (1920, 1080), "tablet": (820, 1180)}
+SIZES = {
+    "laptop": (1280, 800),
+    "desktop": (1440, 900),
+    "projector": (1920, 1080),
+    "tablet": (820, 1180),
+    "phone": (390, 844),
+}
 FLAGS = [
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
     *("--disable-component-update", "--disable-sync", "--force-color-profile=srgb"),
@@ -217,9 +223,9 @@ def _study(browser: Any, folder: Path, who: str, moment: str, theme: str, path: 
         for one, page in pages.items():
             page.goto(urls[one])
             _until(page, "!!study.view && study.view.state === 'waiting'")
-        desk, page = pages["experimenter"], pages["participant"]
-        desk.get_by_label("Code, never a name").fill("P01")
-        desk.keyboard.press("Enter")
+        experimenter, page = pages["experimenter"], pages["participant"]
+        experimenter.get_by_label("Code, never a name").fill("P01")
+        experimenter.keyboard.press("Enter")
         _until(page, "study.view.state === 'consent'")
         for key in _MOMENTS[moment]:
             page.keyboard.press(key)

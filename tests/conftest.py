@@ -6,16 +6,19 @@ import gc
 import os
 import re
 import shutil
+import signal
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 from failures import FAILED
+from oracles.fork_server import ForkServer
 from oracles.program_runner import ProgramRunner
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -28,6 +31,10 @@ os.environ.pop("COLUMNS", None)
 # The matrices are small: a second thread of OpenBLAS waits in a loop, and on a busy machine for the first one's turn
 # (a Cholesky factor of 350 rows then takes 0.4 s instead of 4 ms). Before numpy is imported; children inherit it.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# A shell starts what runs in its background with Ctrl-C ignored, and programs under test would inherit that.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Six thousand tests and all packages are objects that stay: to look through them every 700 new ones took a tenth of
 # the time.
@@ -42,16 +49,24 @@ settings.load_profile("fixed")
 
 #: files, or folders whose files share what one of them made: begun first where several processes share the tests,
 #: because whoever gets one of these at the end keeps the others waiting. While one process compiles the kernels, the
-#: other looks at types, names and texts; documentation, papers and examples find the kernels compiled.
+#: other tests studies, which need few; documentation and examples find the kernels compiled.
 HEAVY = (
-    *("test_tools.py", "test_result.py", "test_public_names.py", "test_house.py", "test_names.py"),
-    *("test_docstrings.py", "test_docs.py", "reproduce", "test_examples.py"),
+    *("test_result.py", "study", "test_docs_code.py", "test_examples.py"),
     *("firmware", "test_safety.py", "test_console_page.py", "test_study_pages.py"),  # of those beside a clock
+    *("test_tools.py", "reproduce", "test_docs.py"),  # of those in the background
 )
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+# Each window's address bar has two pages of its own, which take a second to load and which nobody sees; the others are
+# what Playwright switches off, and would be on again.
+CHROMIUM_FEATURES = (
+    *("WebUIOmniboxPopup", "WebUIOmniboxAimPopup", "AimEnabled", "LensOverlay", "MediaRouter", "OptimizationHints"),
+    *("HttpsUpgrades", "HttpsFirstBalancedModeAutoEnable", "PaintHolding", "ThirdPartyStoragePartitioning"),
+    *("AvoidUnnecessaryBeforeUnloadCheckSync", "DestroyProfileOnBrowserClose", "AvoidCorsURLLoaderRestartOnRedirect"),
+    *("NetworkTimeServiceQuerying", "PreconnectToSearch"),
+)
 CHROMIUM_FLAGS = [
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
-    *("--disable-component-update", "--disable-sync"),
+    *("--disable-component-update", "--disable-sync", f"--disable-features={','.join(CHROMIUM_FEATURES)}"),
 ]
 FIRMWARE = {
     "avr-gcc": lambda: shutil.which("avr-gcc"),
@@ -187,6 +202,25 @@ def programs() -> Iterator[ProgramRunner]:
     runner = ProgramRunner()
     yield runner
     runner.close()
+
+
+@pytest.fixture(scope="session")
+def fork_server() -> Iterator[ForkServer]:
+    """What starts servo processes quickly, as long as `quick_starts` lets it."""
+    server = ForkServer()
+    yield server
+    server.close()
+
+
+@pytest.fixture(scope="module")
+def quick_starts(fork_server: ForkServer) -> Iterator[None]:
+    """Processes of servos that a file's tests start are copies of one that has loaded its packages: most of a second
+    less for each."""
+    from haptorb.runtime.realtime import process_starter
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(process_starter, "subprocess", SimpleNamespace(Popen=fork_server.start))
+        yield
 
 
 @pytest.fixture(scope="session")

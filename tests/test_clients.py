@@ -67,7 +67,7 @@ def run_client(name: str, *options: str) -> str:
 
 def test_the_hand_is_led(run: ServedRun) -> None:
     said = run_client("lead_the_hand.py", "--address", f"ws://localhost:{run.port('haply')}", "--seconds", "2")
-    rate, way = re.fullmatch(r"(\d+) forces a second; the tool went ([\d.]+) mm .*", said.strip()).groups()
+    rate, way = re.fullmatch(r"(\d+) forces a second; the tool moved up to ([\d.]+) mm .*", said.strip()).groups()
     assert int(rate) > 30
     assert float(way) > 1.0
 

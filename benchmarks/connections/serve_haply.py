@@ -139,7 +139,7 @@ def measure_end(servo: Servo, port: int, number: signal.Signals) -> float:
 
 
 def measure_hostile(servo: Servo, port: int, seconds: float) -> dict[str, Any]:
-    """50 connections of which 10 are hostile: ticks in time, and what the others notice."""
+    """50 connections of which 10 are hostile: ticks on time, and what the others notice."""
     quiet = run_client("paced", port, 2.0)
     before, started = servo.report(), time.monotonic()
     say("50 connections, 10 hostile")

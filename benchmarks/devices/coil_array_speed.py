@@ -1,4 +1,4 @@
-"""A planar array of 100 coils: time of its exact wrench map and of its allocation, error of the map, ticks in time.
+"""A planar array of 100 coils: time of its exact wrench map and of its allocation, error of the map, ticks on time.
 
     python benchmarks/devices/coil_array_speed.py [--seconds 10] [--poses 400]
 
@@ -7,7 +7,7 @@ The array is the catalogue's `planar` with 10 × 10 coils at the same pitch. Pos
 force, torque and both, of random direction and up to what the coils nearly give, so that limits are met. The error is
 the greatest difference of a column from the same map with 3200 charges, relative to the greatest column. Then the servo
 runs the array simulated at 1 kHz in a wall and records: with the tool at rest, and moving at up to 0.4 m/s. Late ticks
-are listed with the time of each stage. Exit code 1 beyond 150 µs, 60 µs, or below 0.999 of ticks in time in either run.
+are listed with the time of each stage. Exit code 1 beyond 150 µs, 60 µs, or below 0.999 of ticks on time in either run.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def main() -> int:
 
 
 def run_servo(device: CoilArray, seconds: float, moves: bool) -> float:
-    """Share of ticks in time, with the tool pressed 6 mm into a wall, or going to and fro in front of it and in it."""
+    """Share of ticks on time, with the tool pressed 6 mm into a wall, or going to and fro in front of it and in it."""
     rest, cursor, read = device.rest_position, 0, []
     wall = Wall(normal=(0.0, 0.0, 1.0), offset=float(rest[2]), stiffness=200.0)
     with Servo(device, world=wall, driver="sim") as servo:
@@ -142,7 +142,7 @@ def run_servo(device: CoilArray, seconds: float, moves: bool) -> float:
     computing = report["compute_us"]
     name, share = ("moves" if moves else "at rest"), 100 * report["success_rate"]
     print(
-        f"servo, tool {name:8s}   {share:.3f} % of {report['ticks']} ticks in time, computing p50 "
+        f"servo, tool {name:8s}   {share:.3f} % of {report['ticks']} ticks on time, computing p50 "
         f"{computing['p50']:.0f} µs, p99 {computing['p99']:.0f} µs, peak force {report['peak_force_n']:.2f} N, trips "
         f"{report['trip_count']}"
     )

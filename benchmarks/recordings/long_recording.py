@@ -1,10 +1,12 @@
 """An hour of a device at 1 kHz as one recording: how long it takes to open, to tell of and to cut a piece out of.
 
-    python benchmarks/recordings/long_recording.py [--hours 1] [--folder DIR] [--json]
+    python benchmarks/recordings/long_recording.py [FILE] [--hours 1] [--folder DIR] [--json]
 
 The rows are those of a simulated Omni with its dome world and field sensors, recorded for some seconds and then written
-again and again with later times. Each figure is taken in a process of its own; the file is in the page cache, as it was
-just written. Memory is the greatest of the whole process, the interpreter and its libraries included.
+again and again with later times, into FILE if one is named, which is used again if it is there. Each figure is taken in
+a process of its own; the file is in the page cache, as it was just written, or is read once before. The time of a task
+counts from its first import, that of a command from before Python's start. Memory is the greatest of the whole process,
+the interpreter and its libraries included.
 """
 
 from __future__ import annotations
@@ -30,6 +32,20 @@ _TASKS = {
     "last tick": "Recording(path)['t'][-1]",
     "info": "list_facts(Recording(path))",
 }
+_COMMANDS = {
+    "haptorb info": "['info', path]",
+    "haptorb export": "['export', path, '-o', path + '.csv', '--force', '--end', '10 s', '--fields', 't,p']",
+}
+_MEMORY = 'print("measured", 1024 * int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]))'
+_COMMAND_FRAME = f"""
+import contextlib, re, sys
+path = sys.argv[1]
+sys.argv = ["haptorb", *{{words}}]
+from haptorb.apps.cli import main
+with contextlib.suppress(SystemExit):
+    main()
+{_MEMORY}
+"""
 _FRAME = """
 import re, sys, time
 path, n = sys.argv[1], int(sys.argv[2])
@@ -82,23 +98,47 @@ def measure(path: Path, rows: int) -> list[dict[str, float | str]]:
     return found
 
 
+def measure_commands(path: Path) -> list[dict[str, float | str]]:
+    """Seconds and bytes of each command, the median of three."""
+    found: list[dict[str, float | str]] = []
+    for name, words in _COMMANDS.items():
+        runs = []
+        for _ in range(3):
+            start = time.perf_counter()
+            done = subprocess.run(
+                [sys.executable, "-c", _COMMAND_FRAME.format(words=words), str(path)],
+                check=True, capture_output=True, text=True,
+            )  # fmt: skip
+            runs.append([time.perf_counter() - start, float(done.stdout.rpartition("measured ")[2])])
+        seconds, memory = np.median(np.array(runs), axis=0)
+        found.append({"task": name, "seconds": float(seconds), "memory_bytes": float(memory)})
+    return found
+
+
 def main() -> None:
     """Measure, and print for people or machines."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("file", type=Path, nargs="?", help="recording to look at; made if it is not there")
     parser.add_argument("--hours", type=float, default=1.0)
     parser.add_argument("--folder", type=Path)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
-        path = Path(folder, "long.mcap")
+        path = options.file or Path(folder, "long.mcap")
         start = time.perf_counter()
-        rows = write_hours(path, options.hours)
+        if path.exists():
+            rows = len(Recording(path))
+            with path.open("rb") as file:
+                while file.read(1 << 24):
+                    pass
+        else:
+            rows = write_hours(path, options.hours)
         wrote, size = time.perf_counter() - start, path.stat().st_size
-        found = measure(path, rows)
+        found = measure(path, rows) + measure_commands(path)
     if options.json:
         print(json.dumps({"rows": rows, "bytes": size, "seconds_to_write": wrote, "tasks": found}, indent=1))
         return
-    print(f"{rows} rows, {size / 1e9:.2f} GB, written in {wrote:.0f} s")
+    print(f"{rows} rows, {size / 1e9:.2f} GB, written or read in {wrote:.0f} s")
     for one in found:
         print(f"{one['task']:14} {one['seconds']:6.2f} s  {float(one['memory_bytes']) / 1e6:6.0f} MB")
 

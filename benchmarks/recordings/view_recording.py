@@ -6,7 +6,8 @@ Chromium draws without a graphics processor. The pointer moves once in each fram
 own mouse is slower than the page. `opens` counts from the command to the picture with its numbers; of it,
 `answers` to the address that the command prints, `shows` in the browser. A pointer is dragged along the timeline from
 end to end, again and again: `frames` are those in which another tick was drawn. `steps` are of the arrow key, held.
-Memory is the greatest of the server's process, then of those that it started (overview, force map), each alone.
+Memory is the greatest of the server's process, then of those that it started (overview, force map), each alone; and of
+all of them together, where a page that several share counts once, looked at after each step.
 """
 
 from __future__ import annotations
@@ -46,6 +47,18 @@ def children(process: int) -> dict[str, int]:
             words = Path(f"/proc/{child}/cmdline").read_text().split("\0")
             found[next((one for one in words if "haptorb" in one), words[0])] = peak_memory(int(child))
     return found
+
+
+def count_together(process: int) -> int:
+    """Memory of a process and of all that it started now, shared pages once [bytes]; 0 for one that has ended."""
+    try:
+        found = re.search(r"^Pss:\s+(\d+)", Path(f"/proc/{process}/smaps_rollup").read_text(), re.MULTILINE)
+        started = [
+            int(one) for line in Path(f"/proc/{process}/task").glob("*/children") for one in line.read_text().split()
+        ]
+    except OSError:
+        return 0
+    return (1024 * int(found[1]) if found else 0) + sum(map(count_together, started))
 
 
 def wait_until(page: Page, expression: str, seconds: float = 120.0) -> None:
@@ -126,10 +139,13 @@ def watch(page: Page, scrub: float, found: dict[str, Any], server: int) -> dict[
         "document.getElementById('slider').dispatchEvent(new KeyboardEvent('keydown', "
         "{ key: 'ArrowRight', bubbles: true }))"
     )
+    together = [count_together(server)]
     found["scrub_frames_per_s"] = count_frames(page, drag, scrub)
     others = children(server)
+    together.append(count_together(server))
     wait_until(page, "timeline.overview === 1", 600.0)
     found["overview_at"] = time.perf_counter()
+    together.append(count_together(server))
     found["scrub_frames_per_s_after_overview"] = count_frames(page, drag, scrub)
     page.mouse.up()
     page.evaluate("timeline.go(0.3 * Number(document.getElementById('slider').ariaValueMax))")
@@ -138,6 +154,7 @@ def watch(page: Page, scrub: float, found: dict[str, Any], server: int) -> dict[
     found["step_frames_per_s"] = count_frames(page, key, scrub / 2)
     page.keyboard.press("Space")
     found["play_frames_per_s"] = count_frames(page, "", scrub / 2)
+    found["together_memory_bytes"] = max(*together, count_together(server))
     return others
 
 

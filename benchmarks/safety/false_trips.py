@@ -106,7 +106,7 @@ class Judge:
     def summarize(self) -> str:
         """One line."""
         return (
-            f"{self.ticks} ticks, {100 * (1 - self.missed / self.ticks):.3f} % in time, {self.trips} trips, "
+            f"{self.ticks} ticks, {100 * (1 - self.missed / self.ticks):.3f} % on time, {self.trips} trips, "
             f"{self.false} of them false; this program was held up for {1e3 * self._held_up:.0f} ms at most"
         )
 

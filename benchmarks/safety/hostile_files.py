@@ -39,7 +39,7 @@ from haptorb.apps.calibrate.steps import STEPS, calibration_of
 from haptorb.apps.cli.world_option import parse_settings
 from haptorb.apps.feel.candidates import load_designs
 from haptorb.apps.feel.session import FeelSession
-from haptorb.apps.study.model.study_file import read_study
+from haptorb.apps.study.model.study_reader import read_study
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, HaptorbError, RecordingError
 from haptorb.runtime.exchange.world_change import change_world, parse_request, request

@@ -2,7 +2,7 @@
 
     python benchmarks/safety/stop_interleavings.py [--interleavings N] [--seed S]
 
-The real loop, chain, guard, console room, study reception and study pages run in one process on a clock that this
+The real loop, chain, guard, console hub, session manager and study pages run in one process on a clock that this
 program winds; pages are sockets of its own, a session of a study sits in memory. An interleaving is eight random deeds,
 no or a few ticks apart: Stop and engage by Python at once or with a stop count that was read earlier, by two pages of
 the console, by participant and experimenter of a study (resume, engage, repeat, pause); the study's thread lagging
@@ -29,7 +29,7 @@ import numpy as np
 
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.console import socket_hub as console_room
-from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.pages import socket_hub as study_room
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.control.protection.trip import GuardState, Trip
@@ -221,8 +221,8 @@ class Trial:
         self.console = console_room.ConsoleSocketHub(self.host, None)
         self.pages: list[Socket] = []
         study = study_of('name = "stop"\n[trials]\nrepetitions = 2')
-        self.reception = SessionManager(None, study, lambda file: self.host, sit=Sitting)  # type: ignore[arg-type]
-        self.study = study_room.StudySocketHub(self.reception, "token", {}, {})
+        self.manager = SessionManager(None, study, lambda file: self.host, open_session=Sitting)  # type: ignore[arg-type]
+        self.study = study_room.StudySocketHub(self.manager, "token", {}, {})
         self.participant = study_room.StudyPage(SimpleNamespace(), participant=True)  # type: ignore[arg-type]
         self.experimenter = study_room.StudyPage(SimpleNamespace(), participant=False)  # type: ignore[arg-type]
         self.study.enter(self.participant)
@@ -295,25 +295,25 @@ class Trial:
 
     def participant_stop(self) -> None:
         self.stop_given()
-        self.study.hear(self.participant, '{"do": "stop"}')
+        self.study.handle_message(self.participant, '{"do": "stop"}')
 
     def experimenter_pause(self) -> None:
         self.stop_given()
-        self.study.hear(self.experimenter, '{"do": "pause"}')
+        self.study.handle_message(self.experimenter, '{"do": "pause"}')
 
     def experimenter_resume(self) -> None:
         self.engage_given()
-        self.study.hear(self.experimenter, '{"do": "resume"}')
+        self.study.handle_message(self.experimenter, '{"do": "resume"}')
 
     def experimenter_engage(self) -> None:
         self.engage_given()
-        self.study.hear(self.experimenter, '{"do": "engage"}')
+        self.study.handle_message(self.experimenter, '{"do": "engage"}')
 
     def experimenter_repeat(self) -> None:
-        self.study.hear(self.experimenter, '{"do": "repeat"}')
+        self.study.handle_message(self.experimenter, '{"do": "repeat"}')
 
     def agree(self) -> None:
-        self.study.hear(self.participant, '{"do": "agree", "agreed": true}')
+        self.study.handle_message(self.participant, '{"do": "agree", "agreed": true}')
 
     def participant_leave(self) -> None:
         self.stop_given()
@@ -321,7 +321,7 @@ class Trial:
         self.study.enter(self.participant)
 
     def study_step(self) -> None:
-        self.reception.step()
+        self.manager.step()
 
     def trip(self) -> None:
         self.chain.protection.trip(self.random.choice((Trip.WORLD_FAILED, Trip.OVERCURRENT)))
@@ -393,8 +393,8 @@ class Trial:
         """How a promise was broken; empty: all were kept."""
         try:
             self.device.open()
-            self.reception.ask({"do": "begin", "code": "P1"}, lambda text: None)
-            self.reception.step()
+            self.manager.ask({"do": "begin", "code": "P1"}, lambda text: None)
+            self.manager.step()
             loop = Loop(self.chain, find_world("dome")(), self.shared, RATE, os.getppid())
             well = loop.run(self)  # type: ignore[arg-type]
             return "" if well else f"the loop ended: {loop.reason}"

@@ -2,13 +2,13 @@
 
     python benchmarks/safety/study_interleavings.py [--interleavings 20000] [--seed 1]
 
-No thread and no clock: the real room, reception, conduct and halt of a study, on a servo that keeps the servo's rules
-(a count of Stops, an engage that carries the count under which it was asked for, obeyed when the loop ticks) and a
-session on paper. Wherever the session's thread waits for the database or the servo, other things may happen in between:
-Stops of every page, Resume, Begin, trips, pages that go away, failures of the device. After every single step three
-things must hold: the coils are not on if the last Stop came after the last request to switch on (Begin, Resume, Switch
-on), whoever came on began with the gain at zero, and nothing failed that nobody foresaw (such a session is over, so
-nothing could be switched on in it). Exit code 1 if that was ever broken.
+No thread and no clock: the real hub, session manager, runner and halt of a study, on a servo that keeps the servo's
+rules (a count of Stops, an engage that carries the count under which it was asked for, obeyed when the loop ticks)
+and a session on paper. Wherever the session's thread waits for the database or the servo, other things may happen in
+between: Stops of every page, Resume, Begin, trips, pages that go away, failures of the device. After every single
+step three things must hold: the coils are not on if the last Stop came after the last request to switch on (Begin,
+Resume, Switch on), whoever came on began with the gain at zero, and nothing failed that nobody foresaw (such a
+session is over, so nothing could be switched on in it). Exit code 1 if that was ever broken.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ import numpy as np
 
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.model.order import plan, procedure_of
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.pages.socket_hub import StudyPage, StudySocketHub
 from haptorb.control.protection.trip import CoilState, GuardState, Trip
@@ -63,8 +64,8 @@ class World:
         self.switched_on, self.resumed = 0, 0
         self.messages: list[str] = []
         self.stopped_last = False  #: whether the last Stop came after the last request to switch on
-        self.reception = SessionManager(None, study, self._start, sit=lambda *_: Paper(self))  # type: ignore[arg-type]
-        self.room = StudySocketHub(self.reception, "token", {}, {})
+        self.manager = SessionManager(None, study, self._start, open_session=lambda *_: Paper(self))  # type: ignore[arg-type]
+        self.hub = StudySocketHub(self.manager, "token", {}, {})
         self.first, self.second = self._page(True), self._page(True)
         self.experimenter = self._page(False)
 
@@ -75,7 +76,7 @@ class World:
 
     def _page(self, participant: bool) -> StudyPage:
         page = StudyPage(None, participant)  # type: ignore[arg-type]
-        self.room.enter(page)
+        self.hub.enter(page)
         return page
 
     def meanwhile(self) -> None:
@@ -98,8 +99,8 @@ class World:
 
     def step(self) -> None:
         """The session's thread."""
-        self.reception._next = 0.0  # it looks at the device as well
-        self.reception.step()
+        self.manager._next = 0.0  # it looks at the device as well
+        self.manager.step()
 
     def tick(self) -> None:
         """The servo's loop."""
@@ -110,14 +111,14 @@ class World:
         """Any page, with more or less of a message around it."""
         self.stopped_last = True  # the page was told to before anything of it has happened
         page = self.draw.choice([self.first, self.second, self.experimenter])
-        self.room.hear(
+        self.hub.handle_message(
             page, self.draw.choice(['{"do":"stop"}', '{"do": "stop", "why": "\\ud800', '{"do":"stop","x":[]}'])
         )
 
     def ask(self) -> None:
         """Any page, for anything but Stop."""
-        view = self.reception
-        number = view.sitting.number if view.sitting is not None else 0
+        view = self.manager
+        number = view.session.number if view.session is not None else 0
         switches = [{"do": "resume"}, {"do": "resume"}, {"do": "engage"}, {"do": "begin", "code": "P01"}]
         others = [{"do": "repeat"}, {"do": "skip"}, {"do": "nothing"}, {"do": []}]
         mine = [
@@ -128,9 +129,9 @@ class World:
             command = self.draw.choice(switches if self.draw.random() < 0.7 else others)
             if command in switches:
                 self.stopped_last = False
-            self.room.hear(self.experimenter, json.dumps(command))
+            self.hub.handle_message(self.experimenter, json.dumps(command))
         else:
-            self.room.hear(self.draw.choice([self.first, self.second]), json.dumps(self.draw.choice(mine)))
+            self.hub.handle_message(self.draw.choice([self.first, self.second]), json.dumps(self.draw.choice(mine)))
 
     def trip(self) -> None:
         """The guard trips, or, seldom, the device fails."""
@@ -144,17 +145,17 @@ class World:
         """A participant's page is closed and another one opened, or the experimenter ends the session."""
         if self.draw.random() < 0.2:
             self.stopped_last = True
-            self.room.hear(self.experimenter, json.dumps({"do": self.draw.choice(["leave", "abort"])}))
+            self.hub.handle_message(self.experimenter, json.dumps({"do": self.draw.choice(["leave", "abort"])}))
             return
         self.stopped_last = True
-        self.room.part(self.first)
+        self.hub.part(self.first)
         self.first, self.second = self.second, self._page(True)
 
     def check(self, after: str) -> None:
         """The three rules."""
         servo = self.servo
-        if self.reception.trouble.startswith("a fault in haptorb"):
-            self.broken.append(f"{self.reception.trouble}, after {after}")
+        if self.manager.trouble.startswith("a fault in haptorb"):
+            self.broken.append(f"{self.manager.trouble}, after {after}")
         if servo is None:
             return
         servo.tick()
@@ -328,7 +329,7 @@ def study_interleavings(interleavings: int, seed: int = 1) -> SimpleNamespace:
                 '{"do":"agree"}',
                 '{"do":"reply","question":"before","reply":"yes"}',
             ):
-                world.room.hear(world.experimenter if "begin" in line else world.first, line)
+                world.hub.handle_message(world.experimenter if "begin" in line else world.first, line)
                 world.stopped_last = False if "begin" in line else world.stopped_last
                 world.step()
                 world.check("the beginning")

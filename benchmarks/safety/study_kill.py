@@ -31,7 +31,7 @@ from sqlalchemy import select, func
 from haptorb.apps.study.store.database import database, sessions
 from haptorb.apps.study.simulated.participant import Participant
 from haptorb.apps.study.session.stored_session import StoredSession
-from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.model.study_reader import study_of
 study = study_of('name = "killed"\\nprocedure = "staircase"\\n'
     '[levels]\\nreference = 1.2\\nleast = 0.02\\nmost = 1.0\\nstart = 0.5\\ntrials = 40\\n'
     '[trials]\\npractice = 3\\nbreak_every = 7\\n[[conditions]]\\nname = "a"\\n[[conditions]]\\nname = "b"\\n')

@@ -30,7 +30,8 @@ from sqlalchemy import text
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.pages.server import StudyServer
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.store.database import database
@@ -144,8 +145,8 @@ class Scene:
         self.servo: Servo | None = None
         self.stops: list[float] = []
         self._codes = 0
-        self.reception = SessionManager(self.engine, make_study(state, repetitions), self._start)
-        self.host = StudyServer(self.reception, 0)
+        self.manager = SessionManager(self.engine, make_study(state, repetitions), self._start)
+        self.host = StudyServer(self.manager, 0)
         self._serving = threading.Thread(target=self.host.serve)
         self._serving.start()
         url, token = self.host.participant.replace("http", "ws"), self.host.experimenter.split("#")[1]

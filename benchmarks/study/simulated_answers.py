@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.inference.psychometric import LevelCounts
 from haptorb.apps.study.model.order import plan, procedure_of
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.store.columns import Columns
 
 LEVELS = np.linspace(0.6, 1.4, 9)
 SPREAD, REPETITIONS = 0.12, 20
+NOTICED = 0.6745 * SPREAD  #: from 50 to 75 %
 ACCURACY, TRIALS = 0.72, 50
 ERROR, ERRORS, ERROR_CV = 6.0, 16, 0.75
 _STUDIES: dict[str, Study] = {}
@@ -49,6 +53,20 @@ def draw_constant(draw: np.random.Generator, people: int, sd: float) -> tuple[Le
     return LevelCounts(LEVELS, draw.binomial(REPETITIONS, truth.shares(LEVELS)).astype(float), of), truth
 
 
+def draw_misfit(draw: np.random.Generator, people: int, sd: float) -> LevelCounts:
+    """Answers that no fit assumes: logistic functions, people who differ skewedly, lapses of a few, unequal trials.
+
+    Points of equality and the distance from there to 75 % have the means of `draw_people`, and exponential deviations.
+    """
+    middles = LEVELS.mean() + sd * (draw.exponential(1.0, people) - 1)
+    noticed = NOTICED * np.exp(sd * (draw.exponential(1.0, people) - 1))
+    lapses = np.where(draw.random(people) < 0.3, 0.05, 0.005)[:, None]
+    of = np.repeat(draw.integers(8, 31, people)[:, None], len(LEVELS), axis=1)
+    z = (LEVELS - middles[:, None]) / noticed[:, None] * np.log(3.0)
+    share = lapses + (1 - 2 * lapses) / (1 + np.exp(-z))
+    return LevelCounts(LEVELS, draw.binomial(of, share).astype(float), of.astype(float))
+
+
 def draw_accuracies(draw: np.random.Generator, people: int, sd: float, mean: float = ACCURACY) -> np.ndarray[Any, Any]:
     """(people,) of a Beta distribution."""
     if sd == 0:
@@ -62,6 +80,35 @@ def draw_shares(
 ) -> tuple[Any, Any]:
     """(people,) right answers, of (people,)."""
     return draw.binomial(trials, draw_accuracies(draw, people, sd, mean)), np.full(people, trials)
+
+
+def draw_logistic_shares(
+    draw: np.random.Generator, people: int, sd: float, mean: float = ACCURACY, trials: int = TRIALS
+) -> tuple[Any, Any]:
+    """As `draw_shares`, of people whose shares have normal logits: the same mean and standard deviation."""
+    centre, spread = _find_logits(mean, sd)
+    shares = 1 / (1 + np.exp(-centre - spread * draw.standard_normal(people)))
+    return draw.binomial(trials, shares), np.full(people, trials)
+
+
+@cache
+def _find_logits(mean: float, sd: float) -> tuple[float, float]:
+    """Mean and standard deviation of normal logits whose shares have these."""
+    if sd == 0:
+        return float(np.log(mean / (1 - mean))), 0.0
+    x, weight = np.polynomial.hermite_e.hermegauss(181)
+    weight /= weight.sum()
+
+    def moments(centre: float, spread: float) -> tuple[float, float]:
+        share = 1 / (1 + np.exp(-np.clip(centre + spread * x, -700, 700)))
+        first = float(weight @ share)
+        return first, float(np.sqrt(max(weight @ share**2 - first**2, 0.0)))
+
+    def find_centre(spread: float) -> float:
+        return float(brentq(lambda centre: moments(centre, spread)[0] - mean, -50, 50))
+
+    spread = float(brentq(lambda one: moments(find_centre(one), one)[1] - sd, 1e-3, 8.0))
+    return find_centre(spread), spread
 
 
 def draw_errors(draw: np.random.Generator, people: int, sd: float, trials: int = ERRORS) -> np.ndarray[Any, Any]:

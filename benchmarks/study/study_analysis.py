@@ -24,7 +24,8 @@ from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import write_report
 from haptorb.apps.study.inference.hierarchical import fit_population
 from haptorb.apps.study.inference.psychometric_grid import PsychometricGrid
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.database import database, trials
 
@@ -48,11 +49,11 @@ def fill_database(place: Path, study: Study, people: int, each: int) -> None:
     engine = database(place)
     draw = np.random.default_rng(0)
     for person in range(people):
-        with StoredSession(engine, study, f"SIM{person + 1:02d}", simulated=True) as sitting:
-            prompts = _list_prompts(study, sitting.procedure, each, draw)
+        with StoredSession(engine, study, f"SIM{person + 1:02d}", simulated=True) as session:
+            prompts = _list_prompts(study, session.procedure, each, draw)
             rows = [_answer(study, prompt, number, draw) for number, prompt in enumerate(prompts)]
             with engine.begin() as connection:  # all at once: writing them one by one is timed elsewhere
-                connection.execute(trials.insert(), [{"session": sitting.id, **row} for row in rows])
+                connection.execute(trials.insert(), [{"session": session.id, **row} for row in rows])
     engine.dispose()
 
 

@@ -1,14 +1,16 @@
 """How often the 95 % intervals of a study hold the truth, in simulated studies; all cores, fixed seeds.
 
     python benchmarks/study/study_coverage.py [--studies 1000] [--first 0] [--cores N] [--json]
-                                              [--rows group corners door adaptive] [--people 6 12 24] [--sd 0 0.05 0.15]
+        [--rows group corners misfit door adaptive] [--people 6 12 24] [--sd 0 0.05 0.15]
 
-`--first` is the seed of the first study; `--people` and `--sd` choose cells of the rows group and corners.
+`--first` is the seed of the first study; `--people` and `--sd` choose cells of the rows group, corners and misfit.
 
 group     6, 12 and 24 people, standard deviation between people 0, 0.05 and 0.15: of the threshold as a fraction of the
           reference, of the slope in units of its natural logarithm, of accuracy in proportion units, of the mean error
           as a fraction of it. Each interval comes from the function that `haptorb study analyse` uses.
-corners   accuracy of 2 trials each, and accuracy 0.95 on average
+corners   accuracy of 2 trials each; accuracy 0.95 on average, and people whose logits are normal instead of Beta
+misfit    people and functions that the fits do not assume: logistic functions, exponential (skewed) differences between
+          people, lapse rates of 5 % in three of ten people and 0.5 % in the others, 8 to 30 answers at each level
 door      whole studies: study file, plan, every prompt answered, `analyse`. 6 people, standard deviation 0.05.
 adaptive  staircases and QUEST+ as `haptorb study run` runs them, analysed as `haptorb study analyse` does: 6 people,
           60 trials (40 with QUEST+, and a tenth of the studies), standard deviation of log2 threshold 0.2.
@@ -34,22 +36,26 @@ from simulated_answers import (
     ACCURACY,
     ERROR,
     LEVELS,
+    NOTICED,
     SPREAD,
     answer_identification,
     answer_track,
     draw_constant,
     draw_errors,
+    draw_logistic_shares,
+    draw_misfit,
     draw_shares,
     draw_stored,
 )
 
 from haptorb.apps.study.analysis.analysis import analyse
 from haptorb.apps.study.inference.hierarchical import fit_population
-from haptorb.apps.study.inference.intervals import mean_interval, share_interval
-from haptorb.apps.study.inference.person_fit import fit_people
+from haptorb.apps.study.inference.intervals import mean_interval
+from haptorb.apps.study.inference.person_fit import fit_person
 from haptorb.apps.study.inference.psychometric_grid import PsychometricGrid
+from haptorb.apps.study.inference.share_interval import share_interval
 
-_ROWS = ["group", "corners", "door", "adaptive"]
+_ROWS = ["group", "corners", "misfit", "door", "adaptive"]
 PEOPLE, SPREADS = (6, 12, 24), (0.0, 0.05, 0.15)
 Hits = dict[str, list[bool]]
 
@@ -60,7 +66,7 @@ def check_group(people: int, sd: float, seed: int) -> Hits:
     answered, truth = draw_constant(draw, people, sd)
     grid = PsychometricGrid.enclose(answered)
     group = fit_population(grid)
-    alone = [fit for fit in fit_people(grid, samples=0) if fit is not None]
+    alone = [fit_person(grid, n, samples=0) for n, of in enumerate(grid.answered.of) if of.any()]
     right, of = draw_shares(draw, people, sd)
     low, high = mean_interval(draw_errors(draw, people, sd).mean(axis=1))
     return {
@@ -79,9 +85,23 @@ def check_corners(people: int, sd: float, seed: int) -> Hits:
     """Shares where they are hardest: few trials, and nearly everybody nearly always right."""
     draw = np.random.default_rng([seed, people, round(1000 * sd), 3])
     few, top = draw_shares(draw, people, sd, trials=2), draw_shares(draw, people, sd, mean=0.95)
+    other, high = draw_logistic_shares(draw, people, sd), draw_logistic_shares(draw, people, sd, mean=0.95)
     return {
         "accuracy_of_2_trials": [_holds(share_interval(*few), ACCURACY)],
         "accuracy_of_0.95": [_holds(share_interval(*top), 0.95)],
+        "accuracy_normal_logits": [_holds(share_interval(*other), ACCURACY)],
+        "accuracy_of_0.95_normal_logits": [_holds(share_interval(*high), 0.95)],
+    }
+
+
+def check_misfit(people: int, sd: float, seed: int) -> Hits:
+    """The group's threshold, and its distance from there to 75 %, where the model is not that of the data."""
+    draw = np.random.default_rng([seed, people, round(1000 * sd), 4])
+    group = fit_population(PsychometricGrid.enclose(draw_misfit(draw, people, sd)))
+    low, high = (0.6745 * np.exp(end) for end in group.log_spread.mean_95)
+    return {
+        "threshold": [_holds(group.threshold.mean_95, LEVELS.mean())],
+        "noticed_in_75_percent": [_holds((low, high), NOTICED)],
     }
 
 
@@ -123,7 +143,10 @@ def _holds(interval: Any, truth: float) -> bool:
 
 def _check(job: tuple[Any, ...]) -> tuple[tuple[Any, ...], Hits]:
     row, *rest = job
-    check = {"group": check_group, "corners": check_corners, "door": check_door, "adaptive": check_adaptive}[row]
+    check = {
+        "group": check_group, "corners": check_corners, "misfit": check_misfit, "door": check_door,
+        "adaptive": check_adaptive,
+    }[row]  # fmt: skip
     return tuple(job[:-1]), check(*rest)
 
 
@@ -131,7 +154,7 @@ def list_jobs(rows: list[str], seeds: range, people: list[int], sds: list[float]
     """(row, arguments ..., seed) of every simulated study."""
     for row in rows:
         for seed in seeds:
-            if row in ("group", "corners"):
+            if row in ("group", "corners", "misfit"):
                 yield from ((row, many, sd, seed) for many in people for sd in sds)
             elif row == "door":
                 yield row, 6, 0.05, seed

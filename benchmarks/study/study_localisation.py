@@ -25,8 +25,9 @@ from haptorb.apps.study.analysis.conditions import compare_conditions
 from haptorb.apps.study.inference.information import transfer_information
 from haptorb.apps.study.inference.sphere import local_axes
 from haptorb.apps.study.model.set_points import directions
-from haptorb.apps.study.model.study_file import Study, study_of
-from haptorb.apps.study.simulated.power_workers import count_cores
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
+from haptorb.cluster.cores import count_cores
 
 BIAS, SLOPE = 2.0, 0.08  #: planted: [deg], [mm/deg]
 SPREADS = (0.0, 0.5, 1.5)  #: between people, in parts of the bias or of the slope

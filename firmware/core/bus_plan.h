@@ -1,6 +1,6 @@
 /* Which I2C transfer comes next, and what the answer means.
  *
- * Set-up of every chip first; then for ever: new duties if there are any, the three currents, one group of Hall
+ * Set-up of every chip first; then in a loop: new duties if there are any, the three currents, one group of Hall
  * readings: one axis of the sensors of one block. The clock of the bus sets the pace: at 400 kHz a round takes 0.9 ms.
  *
  * Wiring (docs/reference/hardware.md): PCA9685 outputs 0-2 are the drivers' PWM inputs, 3-5 their direction inputs.

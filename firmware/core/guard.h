@@ -59,7 +59,7 @@ struct guard {
     uint16_t current_limit;       /* [mA] of this session, never above HARD_CURRENT_MA */
     uint8_t over[CHANNELS];       /* readings above the limit in a row */
     uint16_t deciampere[CHANNELS];
-    uint32_t heat[CHANNELS];      /* [0.01 A2 ms] above what may flow for ever */
+    uint32_t heat[CHANNELS];      /* [0.01 A2 ms] above the continuous current */
     uint8_t storm;
     uint8_t leak;
     uint8_t line_errors;          /* since boot, wraps */

@@ -4,7 +4,7 @@
  *   status            one line of counters and state
  *   mark              the time from which the next @off is also measured
  *   reset | brownout  pull the reset pin; sag the supply
- *   hang              the main loop stops for ever: only interrupts and the watchdog are left
+ *   hang              the main loop stops permanently: only interrupts and the watchdog are left
  *   pull | plug       close the pty, as if the cable were pulled; bring it back
  *   noise 0|1         the line carries random bytes instead of the host's
  *   absent CHIP | present CHIP      pca9685 ina219-x ina219-y ina219-z max11616 ds18b20-x -y -z
@@ -14,6 +14,7 @@
  *   resistance I R    coil I gets R ohm: a short
  *   heat I T          thermometer I at T degC (only without --physics)
  *   pace P            firmware time from here on runs at P of ours, 0 < P <= 1
+ *   skip S            the next S seconds of firmware time pass as fast as this computer can
  *   quit
  */
 #define _GNU_SOURCE
@@ -67,6 +68,7 @@ static const char *link_path = "/tmp/haptorb-omni";
 static bool on, quit;
 static double pace = 1; /* below 1: firmware time runs slower than ours, for computers that are busy */
 static double epoch;    /* our time at which firmware time was zero, had it always run at this pace */
+static double skip;     /* firmware time until which it runs as fast as it can */
 static double mark = -1;
 static uint8_t reset_flags = 0x01; /* power-on */
 static int resets, torn; /* the latter: bytes of the EEPROM */
@@ -264,6 +266,7 @@ static void command(char *line, double behind)
         pace = atof(argument) > 0 && atof(argument) < 1 ? atof(argument) : 1;
         epoch = wall() - now() / pace;
     }
+    else if (!strcmp(word, "skip")) skip = now() + atof(argument);
     else if (!strcmp(word, "quit")) quit = true;
     else { printf("@error unknown command %s\n", word); fflush(stdout); return; }
     printf("@done %s\n", word);
@@ -390,6 +393,10 @@ int main(int argc, char **argv)
             listen_to_commands(behind);
         if (free_running)
             continue;
+        if (now() < skip) {
+            epoch = wall() - now() / pace;
+            continue;
+        }
         behind = (wall() - epoch) * pace - now();
         if (behind > AT_MOST_BEHIND) { /* the computer was busy elsewhere: time that was lost stays lost. To race after it
                                         * would let 15 ms of firmware time pass in less of the host's. */

@@ -1,20 +1,20 @@
-"""What can go wrong, as one tree that users may catch at any height.
+"""The exceptions of haptorb, as one tree: catch them at any level.
 
     HaptorbError
     ├── InputError           a number, unit or shape that cannot be used
     │   ├── GeometryError    parts that overlap, points where a quantity is not defined
-    │   └── UnknownName      a device, world, key or level that does not exist (nearest names suggested)
+    │   └── UnknownName      a device, world, key or model that does not exist (similar names suggested)
     ├── DeviceError          a device file that does not describe a device
-    ├── PrecisionError       the precision asked for was not reached (the best reached is told)
-    ├── CalibrationError     measurements that cannot be what the device is wired to be (which part is named)
-    ├── DriverError          hardware or simulation that does not answer as it must
+    ├── PrecisionError       the requested precision was not reached (the best one is stated)
+    ├── CalibrationError     measurements that contradict the device file (the part is named)
+    ├── DriverError          hardware or simulation that does not respond correctly
     │   └── HostSilent       the hardware switched off because this computer was silent
     ├── RecordingError       a recording that cannot be written or read
-    ├── ServoError           the real-time process did not start, or died
-    │   └── WorldError       the loop runs, but a world's code failed or takes too long: coils off (where is told)
-    └── PlatformError        this operating system cannot do it (what it can do is told)
+    ├── ServoError           the real-time process did not start, or ended unexpectedly
+    │   └── WorldError       the loop runs, but a world's code failed or takes too long: coils off
+    └── PlatformError        not available on this operating system (alternatives are stated)
 
-Every message says what, where, what was expected and what to do.
+Every message states what happened, where, what was expected and what to do.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ class _Short(reprlib.Repr):
         self.maxlevel, self.maxother, self.maxlist, self.maxtuple, self.maxdict = 3, 60, 6, 6, 4
 
     def repr_int(self, x: int, level: int) -> str:
-        """All digits, or how many there are."""
+        """All digits, or their number if there are many."""
         return repr(x) if x.bit_length() < 200 else f"an integer of {int(x.bit_length() * 0.30103) + 1} digits"
 
     def repr_str(self, x: str, level: int) -> str:
-        """Escaped, and cut where it is long."""
+        """Escaped, and shortened if it is long."""
         return repr(x) if len(x) <= self.maxstring else f"{x[: self.maxstring]!r} and {len(x) - self.maxstring} more"
 
 
@@ -69,9 +69,9 @@ def quote(value: object, most: int = 60) -> str:
 
 
 class HaptorbError(Exception):
-    """Any mistake that haptorb can explain; programs print it without a traceback.
+    """Any error that haptorb can explain; programs print it without a traceback.
 
-    `command_message` is what the command line prints: the message, or `command` where an option is called differently
+    `command_message` is what the command line prints: the message, or `command` if an option has another name
     there.
 
     >>> error = HaptorbError("x exists: overwrite=True replaces it", command="x exists: --force replaces it")
@@ -89,11 +89,11 @@ class InputError(HaptorbError, ValueError):
 
 
 class GeometryError(InputError):
-    """Parts that overlap, or a point at which the wanted quantity is not defined."""
+    """Parts that overlap, or a point at which the requested quantity is not defined."""
 
 
 class UnknownName(InputError):
-    """A name that is not in the list it must come from; says which names are near.
+    """A name that is not in the list of valid names; suggests similar ones.
 
     >>> print(UnknownName("world", "dme", ["dome", "none"]))
     unknown world 'dme'; did you mean 'dome'? (known: dome, none)
@@ -103,7 +103,7 @@ class UnknownName(InputError):
         names = sorted(known)
         near = get_close_matches(name[:100], names, n=1, cutoff=0.5)
         hint = f"; did you mean '{near[0]}'?" if near else ""
-        colon = ":" if what.endswith("'") else ""  # two names side by side cannot be told apart
+        colon = ":" if what.endswith("'") else ""  # two names side by side cannot be distinguished
         super().__init__(f"unknown {what}{colon} {quote(name)}{hint} (known: {', '.join(names)})")
 
 
@@ -112,19 +112,19 @@ class DeviceError(HaptorbError):
 
 
 class PrecisionError(HaptorbError):
-    """The precision asked for was not reached; the message tells the best that was."""
+    """The requested precision was not reached; the message states the best that was."""
 
 
 class CalibrationError(HaptorbError):
-    """Measurements that cannot be what the device is wired to be; the message names the part and what to check."""
+    """Measurements that contradict the device file; the message names the part and what to check."""
 
 
 class DriverError(HaptorbError):
-    """Hardware, or its simulation, that does not answer as it must."""
+    """Hardware, or its simulation, that does not respond correctly."""
 
 
 class HostSilent(DriverError):
-    """The hardware switched off because this computer was silent: a moment's hesitation, and nothing is broken."""
+    """The hardware switched off because this computer was silent for a moment; nothing is broken."""
 
 
 class RecordingError(HaptorbError):
@@ -132,12 +132,12 @@ class RecordingError(HaptorbError):
 
 
 class ServoError(HaptorbError):
-    """The real-time process did not start, or it died."""
+    """The real-time process did not start, or ended unexpectedly."""
 
 
 class WorldError(ServoError):
-    """A world's code failed, or takes longer than a tick, and the coils are off; the message tells file and line."""
+    """A world's code failed, or takes longer than a tick, and the coils are off; the message states file and line."""
 
 
 class PlatformError(HaptorbError):
-    """This needs Linux, and the system is another one; the message tells what works there."""
+    """This needs Linux; the message states what works on other systems."""

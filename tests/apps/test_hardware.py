@@ -73,7 +73,7 @@ def test_a_good_coil_gets_no_complaint() -> None:
 @pytest.mark.parametrize(
     ("matrix", "complaint"),
     [
-        (GOOD[:, [1, 0, 2]], "coil x answered instead of y"),
+        (GOOD[:, [1, 0, 2]], "coil x responded instead of y"),
         (-GOOD, "negative for a positive duty"),
         (GOOD * 0, "no coil carries current"),
         (GOOD / 10, "shunt's value is wrong by a factor of ten"),

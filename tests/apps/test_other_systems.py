@@ -14,6 +14,8 @@ from haptorb.apps.cli.program import app
 from haptorb.errors import PlatformError
 from haptorb.runtime.realtime.linux import WORKS_ANYWHERE, require_linux
 
+pytestmark = pytest.mark.background
+
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
@@ -84,7 +86,7 @@ def test_a_command_without_a_loop_works(result, part, expected):
 def test_what_needs_linux_says_so_in_one_line(result, part):
     code, out, err = result(part)
     assert (code, out) == (2, "")
-    assert "needs Linux, and this is Windows. What works here: " in " ".join(err.split())
+    assert "needs Linux, and this is Windows. Available here: " in " ".join(err.split())
 
 
 def test_every_command_is_told_to_work_or_not(root):
@@ -111,7 +113,7 @@ def test_the_message_names_the_system_and_what_works(monkeypatch, system, name):
     monkeypatch.setattr(sys, "platform", system)
     with pytest.raises(PlatformError) as refused:
         require_linux("it")
-    assert str(refused.value) == f"it needs Linux, and this is {name}. What works here: {WORKS_ANYWHERE}"
+    assert str(refused.value) == f"it needs Linux, and this is {name}. Available here: {WORKS_ANYWHERE}"
 
 
 def test_on_linux_nothing_is_refused(monkeypatch):

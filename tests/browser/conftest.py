@@ -10,7 +10,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,8 @@ from haptorb.apps.console.force_map_process import ForceMapProcess
 from haptorb.control.protection.trip import CoilState, GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.runtime.row import RowLayout
-from haptorb.worlds import Dome
+from haptorb.runtime.servo.servo import Servo
+from haptorb.worlds import Dome, World
 from haptorb.worlds.parameter import values
 
 DESK = {"width": 1280, "height": 800}
@@ -104,7 +106,7 @@ class Screen:
 
     def force_at(self, direction: Any) -> float:
         """The painted map in a direction [N]."""
-        return self.tell(f"haptorb.felt({[float(x) for x in direction]}).force")
+        return self.tell(f"haptorb.forceAt({[float(x) for x in direction]}).force")
 
     def hold(self, reach: float = 0.4) -> tuple[float, float]:
         """Press the mouse on the stylus or handle, `reach` of the way from its magnet to its end; the place."""
@@ -183,21 +185,93 @@ class Host:
 
 
 @pytest.fixture
-def live(browser: Any) -> Iterator[tuple[Screen, Host]]:
-    """The real thing: servo with the simulated Omni, console, page."""
-    for _ in range(3):
-        # A browser that starts on a busy machine can keep a host from its heart for half a second: its servo ends, and
-        # it with that. To wait a minute for such a page, as for any other, tells nothing.
-        host, page = Host(), browser.new_page(viewport=DESK)
-        try:
-            yield Screen(page, host.url.replace("#", "?detail=least#"), host.runs), host
-            return
-        except HostGone:
-            continue
-        finally:
+def open_servo(browser: Any) -> Callable[[str, World | str], AbstractContextManager[tuple[Screen, Servo]]]:
+    """A running servo of a device with a world, and its page. Its poses last a second: a busy test machine stutters."""
+
+    @contextmanager
+    def open_it(name: str, world: World | str) -> Iterator[tuple[Screen, Servo]]:
+        device = load(name)
+        servo = Servo(replace(device, limits=replace(device.limits, expiry=1.0)), world, record=False)
+        with Console(servo, 0) as console, servo, serve(console):
+            page = browser.new_page(viewport=DESK)
+            yield Screen(page, f"{console.origin}/?detail=least#{console.token}"), servo
             page.close()
-            host.close()
+
+    return open_it
+
+
+@pytest.fixture(scope="session")
+def kit() -> Any:
+    """This module, for tests that open a page of their own."""
+    return sys.modules[__name__]
+
+
+class LivePage:
+    """A host and a page of it, for tests that leave both alive: to start and load them takes longer than most tests."""
+
+    def __init__(self, browser: Any) -> None:
+        self.host = Host()
+        self._browser, self._pages = browser, list[Any]()
+        self._crashed = False
+        self.screen = self._open()
+
+    def _open(self) -> Screen:
+        self._pages.append(self._browser.new_page(viewport=DESK))
+        self._pages[-1].on("crash", self._note_crash)
+        return Screen(self._pages[-1], self.host.url.replace("#", "?detail=least#"), self.host.runs)
+
+    def _note_crash(self, page: Any) -> None:
+        self._crashed = True
+
+    def restore(self) -> None:
+        """A dome that runs, and a page that nobody has touched; another page where it has crashed."""
+        if self._crashed:
+            self.screen, self._crashed = self._open(), False
+        self.host.ask("restore")
+        self.screen.page.evaluate("document.activeElement.blur()")
+        shown = f"document.getElementById('entry-moment')?.value === '{values(Dome())['moment']:g}'"
+        self.screen.until(
+            f"haptorb.control && haptorb.status === 'running' && haptorb.value('model')[0] === 0 && {shown}"
+        )
+        self.screen.troubles.clear()
+
+    def close(self) -> None:
+        for page in self._pages:
+            page.close()
+        self.host.close()
+
+
+def open_live_page(browser: Any) -> LivePage:
+    """A browser that starts on a busy machine can keep a host from its heart for half a second: its servo ends, and it
+    with that. Then another one."""
+    for _ in range(3):
+        with suppress(HostGone):
+            return LivePage(browser)
     raise AssertionError("three hosts ended before their pages were up; their words are above")
+
+
+@pytest.fixture(scope="module")
+def live_pages() -> Iterator[list[LivePage]]:
+    """The host that a file's tests share, if it runs."""
+    pages: list[LivePage] = []
+    yield pages
+    while pages:
+        pages.pop().close()
+
+
+@pytest.fixture
+def live(browser: Any, live_pages: list[LivePage], request: pytest.FixtureRequest) -> Iterator[tuple[Screen, Host]]:
+    """The real thing: servo with the simulated Omni, console, page; others after a failure."""
+    if not live_pages:
+        live_pages.append(open_live_page(browser))
+    page, whole = live_pages[0], False
+    try:
+        page.restore()
+        yield page.screen, page.host
+        whole = not request.node.stash.get(FAILED, False) and page.host.runs()
+    finally:
+        if not whole:
+            live_pages.pop().close()
 
 
 @pytest.fixture
@@ -207,7 +281,7 @@ def fake() -> Any:
 
 @pytest.fixture(scope="session")
 def painting() -> Iterator[ForceMapProcess]:
-    """What paints the felt map: a process that takes two seconds to load, for all imagined servos the same."""
+    """What paints the force map: a process that takes two seconds to load, for all imagined servos the same."""
     process = ForceMapProcess(load("omni"))
     yield process
     process.close()
@@ -217,7 +291,7 @@ def painting() -> Iterator[ForceMapProcess]:
 def staged(browser: Any, fake: Any, painting: ForceMapProcess) -> Iterator[Any]:
     """A function that shows the imagined servo on a page of a given size and theme."""
     pages = []
-    with Console(fake, 0, felt=painting) as console, serve(console):
+    with Console(fake, 0, force_map=painting) as console, serve(console):
 
         def show(width: int = 1280, height: int = 800, **options: Any) -> Screen:
             query, context = options.pop("query", ""), options.pop("context", None)
@@ -238,7 +312,7 @@ class SharedPage:
     def __init__(self, browser: Any, painting: ForceMapProcess) -> None:
         self.servo = _fake().FakeServo()
         with ExitStack() as opened:
-            console = opened.enter_context(Console(self.servo, 0, felt=painting))
+            console = opened.enter_context(Console(self.servo, 0, force_map=painting))
             opened.enter_context(serve(console))
             page = browser.new_page(viewport=DESK)
             opened.callback(page.close)

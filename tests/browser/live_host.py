@@ -14,6 +14,8 @@ from typing import Any
 from haptorb.apps.console import Console
 from haptorb.devices.loader import load
 from haptorb.runtime.servo.servo import Servo
+from haptorb.worlds import Dome
+from haptorb.worlds.parameter import values
 
 
 def main() -> None:
@@ -31,6 +33,10 @@ def main() -> None:
                 return [cursor, rows[:, question["columns"]].tolist()]
             case "world":
                 return servo.world
+            case "restore":
+                servo.set_world("dome", values(Dome()))
+                servo.set_model(servo.models[0])
+                return servo.engage(servo.stops)
             case "trips":
                 return servo.report()["trips"]
             case "end servo":

@@ -98,7 +98,7 @@ def test_what_was_tried_and_failed_is_not_tried_again_soon(governed):
 
 def test_what_stands_still_is_kept_while_the_stylus_moves(staged, fake):
     screen = staged(query="?detail=layered")
-    screen.until("haptorb.status === 'running' && haptorb.felt([0, 0, 1]).force !== 0")
+    screen.until("haptorb.status === 'running' && haptorb.forceAt([0, 0, 1]).force !== 0")
     move_until(screen, fake, "haptorb.kept > 0")
     kept, drawn = screen.tell("[haptorb.kept, haptorb.drawn]")
     move_until(screen, fake, f"haptorb.drawn > {drawn + 60}")
@@ -122,7 +122,7 @@ def test_drawn_in_layers_it_is_the_same_picture(staged, fake):
     pictures = []
     for level in ("full", "layered"):
         screen = staged(query=f"?detail={level}")
-        screen.until("haptorb.status === 'running' && haptorb.felt([0, 0, 1]).force !== 0")
+        screen.until("haptorb.status === 'running' && haptorb.forceAt([0, 0, 1]).force !== 0")
         if level == "layered":
             move_until(screen, fake, "haptorb.kept > 0")
         fake.target = fake.at(24.0, -50.0, 0.048)

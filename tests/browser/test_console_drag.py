@@ -104,10 +104,10 @@ def test_programs_that_are_connected_are_on_the_page_and_see_its_buttons(staged:
     screen.until("haptorb.status === 'running' && haptorb.control")
     badge = screen.page.locator("#connected")
     badge.wait_for(state="visible")
-    assert badge.inner_text() == "haply: teleoperator 812 Hz +1"
+    assert badge.inner_text() == "haply: 812 Hz teleoperator +1"
     title = badge.get_attribute("title") or ""
-    assert "teleoperator 812 Hz, commands" in title
-    assert "watcher 20 Hz, watches" in title
+    assert "812 Hz teleoperator, commands" in title
+    assert "20 Hz watcher, watches" in title
     screen.page.keyboard.down("1")
     screen.page.keyboard.down("3")
     screen.page.keyboard.up("1")

@@ -2,44 +2,24 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from browser.screen_check import find_faults
-from haptorb.apps.console import Console
 from haptorb.control.protection.trip import Trip
-from haptorb.devices.loader import load
 from haptorb.runtime.servo.servo import Servo
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 
-def kit() -> Any:
-    """What all tests of the page share."""
-    spec = importlib.util.spec_from_file_location("browser_kit", Path(__file__).with_name("conftest.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture
-def motor(browser: Any) -> Iterator[tuple[Any, Servo]]:
-    """A running motor and its page. Its poses last a second: an overloaded test machine stutters."""
-    home = kit()
-    pmsm = load("pmsm")
-    servo = Servo(replace(pmsm, limits=replace(pmsm.limits, expiry=1.0)), "outlet", record=False)
-    with Console(servo, 0) as console, servo, home.serve(console):
-        page = browser.new_page(viewport=home.DESK)
-        yield home.Screen(page, f"{console.origin}/?detail=least#{console.token}"), servo
-        page.close()
+def motor(open_servo: Any) -> Iterator[tuple[Any, Servo]]:
+    """A running motor and its page."""
+    with open_servo("pmsm", "outlet") as opened:
+        yield opened
 
 
 def pull(screen: Any, dx: float, steps: int = 15) -> None:

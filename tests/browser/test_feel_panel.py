@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 from typing import Any
 
@@ -20,25 +19,14 @@ pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 EXAMPLE = Path(haptorb.apps.feel.__file__).with_name("example.toml")
 
 
-def kit() -> Any:
-    """What all tests of the page share."""
-    spec = importlib.util.spec_from_file_location("browser_kit", Path(__file__).with_name("conftest.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_the_panel_fits_every_screen_and_is_worked_with_keys(
-    browser: Any, fake: Any, painting: Any, tmp_path: Path
+    browser: Any, fake: Any, painting: Any, kit: Any, tmp_path: Path
 ) -> None:
-    home = kit()
     session = FeelSession(tmp_path / "s", load_designs(EXAMPLE))
     live = LiveSession(session, list(session.candidates.designs), person="P1", seed=1)
-    with Console(fake, 0, felt=painting, designs=DesignPanel(live)) as console, home.serve(console):
-        page = browser.new_page(viewport=home.DESK)
-        screen = home.Screen(page, console.url)
+    with Console(fake, 0, force_map=painting, designs=DesignPanel(live)) as console, kit.serve(console):
+        page = browser.new_page(viewport=kit.DESK)
+        screen = kit.Screen(page, console.url)
         screen.until("haptorb.control")
         assert not page.locator("#world").is_visible()
         feel = page.get_by_role("region", name="Cover clip")

@@ -93,7 +93,7 @@ class Run:
                 self.experimenter.locator("#engage").click()
             page.wait_for_timeout(40)
 
-    def hear(self, page: Any, element: str, words: str) -> None:
+    def receive(self, page: Any, element: str, words: str) -> None:
         """Wait until an element has these words: they follow a state by a moment, and on the other page by two."""
         for _ in range(500):
             if words in (told := page.locator(element).text_content()):
@@ -137,24 +137,24 @@ def run(browser: Any, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator
 
 @pytest.mark.timeout(400)
 def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Path) -> None:
-    page, desk = run.participant, run.experimenter
+    page, experimenter_page = run.participant, run.experimenter
     run.state(page, "waiting")
-    assert desk.locator("#stop").is_enabled()
+    assert experimenter_page.locator("#stop").is_enabled()
     # A page without the token is told so, and shows nothing.
     stranger = browser.new_page()
-    stranger.goto(desk.url.split("#")[0])
-    stranger.get_by_text("needs the address that the terminal printed").first.wait_for()
+    stranger.goto(experimenter_page.url.split("#")[0])
+    stranger.get_by_text("the address that the terminal printed").first.wait_for()
     assert stranger.locator("#begin-panel").is_hidden()
     stranger.close()
 
-    desk.get_by_label("Code, never a name").fill("Anna")
-    desk.keyboard.press("Enter")
-    desk.get_by_text("never a name); got 'Anna'").first.wait_for()
-    desk.get_by_label("Code, never a name").fill("P01")
-    desk.keyboard.press("Enter")
+    experimenter_page.get_by_label("Code, never a name").fill("Anna")
+    experimenter_page.keyboard.press("Enter")
+    experimenter_page.get_by_text("never a name); got 'Anna'").first.wait_for()
+    experimenter_page.get_by_label("Code, never a name").fill("P01")
+    experimenter_page.keyboard.press("Enter")
     run.state(page, "consent")
-    run.hear(page, "#message", "You may stop at any time.")
-    assert nameless_roles(page) == nameless_roles(desk) == []
+    run.receive(page, "#message", "You may stop at any time.")
+    assert nameless_roles(page) == nameless_roles(experimenter_page) == []
     assert "-30 dB" in page.locator("#mask").inner_text()
     page.keyboard.press("Enter")  # the focus is on agreeing
     run.state(page, "running", 0)
@@ -163,9 +163,9 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     # What a screen reader has: a name for every control, and the trial said aloud when it comes.
     said = page.locator("#polite")
     assert (said.get_attribute("role"), said.get_attribute("aria-live")) == ("status", "polite")
-    run.hear(page, "#polite", "Trial 1.")
+    run.receive(page, "#polite", "Trial 1.")
     assert page.locator("#ask").inner_text() in said.inner_text()
-    assert nameless_roles(page) == nameless_roles(desk) == []
+    assert nameless_roles(page) == nameless_roles(experimenter_page) == []
 
     # By keyboard: arrows move the pen and the force comes; a number that there is not is told.
     run.until(page, "study.pen && Math.hypot(study.pen.x, study.pen.y) < 1.4")  # an arrow begins where the pen is
@@ -179,15 +179,17 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     page.get_by_role("alert").get_by_text("7 is not among the answers").wait_for()
     page.locator("#typed").fill("")
     page.keyboard.type("12")
-    run.until(desk, "study.view.draft === 12")
+    run.until(experimenter_page, "study.view.draft === 12")
     assert page.get_by_role("button", name="Answer 12").is_visible()
     page.keyboard.press("Enter")
     run.state(page, "running", 1)
-    run.hear(page, "#polite", "Trial 2.")
+    run.receive(page, "#polite", "Trial 2.")
 
     # STOP stays on both screens, whatever their size, also while a field has the focus.
     assert page.evaluate("document.activeElement.id") == "typed"
-    faults = find_faults(page, {"practice": "", "mistake": "7 is not among the answers"}) + find_faults(desk)
+    faults = find_faults(page, {"practice": "", "mistake": "7 is not among the answers"}) + find_faults(
+        experimenter_page
+    )
     assert not faults, "\n".join(faults)
 
     # By pointer: the pen is dragged, a number clicked, then confirmed.
@@ -203,39 +205,39 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
 
     # A break that ends early, a stop by the participant, going on by the experimenter.
     run.state(page, "break")
-    run.hear(page, "#polite", "Break")
+    run.receive(page, "#polite", "Break")
     page.get_by_role("button", name="Continue now").click()
     run.state(page, "running", 2)
     page.keyboard.press("Space")
     run.state(page, "paused")
-    run.hear(page, "#message", "Its coils are off")
-    run.hear(page, "#polite", "only they can press Resume")
+    run.receive(page, "#message", "Its coils are off")
+    run.receive(page, "#polite", "only they can press Resume")
     assert page.locator("#stop").is_visible()
-    run.hear(desk, "#alert", "Stopped by the participant.")
-    assert nameless_roles(page) == nameless_roles(desk) == []
-    faults = find_faults(page) + find_faults(desk)  # with what they say of a Stop
+    run.receive(experimenter_page, "#alert", "Stopped by the participant.")
+    assert nameless_roles(page) == nameless_roles(experimenter_page) == []
+    faults = find_faults(page) + find_faults(experimenter_page)  # with what they say of a Stop
     assert not faults, "\n".join(faults)
     assert page.get_by_role("button", name="Resume").count() == 0
-    desk.get_by_role("button", name="Resume").click()
+    experimenter_page.get_by_role("button", name="Resume").click()
     run.state(page, "running", 2)
-    run.hear(page, "#polite", "Trial 3, from its beginning.")  # nobody's answer counts while the device is off
+    run.receive(page, "#polite", "Trial 3, from its beginning.")  # nobody's answer counts while the device is off
 
     # A page that is closed pauses; a new one goes on at the same trial.
     page.reload()
     run.state(page, "paused", 2)
-    desk.get_by_role("button", name="Resume").click()
+    experimenter_page.get_by_role("button", name="Resume").click()
     for trial in (2, 3):
         run.state(page, "running", trial)
         page.keyboard.type("1")
         page.keyboard.press("Enter")
     run.state(page, "question")
-    run.hear(page, "#polite", "Which hand holds the pen?")
+    run.receive(page, "#polite", "Which hand holds the pen?")
     assert nameless_roles(page) == []
     page.get_by_role("button", name="right").click()
     run.state(page, "done")
-    run.hear(page, "#polite", "Thank you")
-    desk.get_by_text("The last session is complete.").wait_for()
-    desk.get_by_text("Free: P02. Taken: P01 (finished).").wait_for()
+    run.receive(page, "#polite", "Thank you")
+    experimenter_page.get_by_text("The last session is complete.").wait_for()
+    experimenter_page.get_by_text("Free: P02. Taken: P01 (finished).").wait_for()
     assert not run.troubles
     with sqlite3.connect(folder / "s.db") as raw:
         rows = raw.execute("SELECT number, answer, recording, x FROM trials ORDER BY number").fetchall()
@@ -264,14 +266,14 @@ def test_a_server_that_is_killed_is_resumed_at_the_next_trial(browser: Any, fold
     first.state(first.participant, "running", 1)
     first._process.kill()
     first.state(first.participant, "connecting")
-    first.hear(first.participant, "#message", "No connection")
+    first.receive(first.participant, "#message", "No connection")
     first.close()
     second = Run(browser, folder)
     try:
         second.experimenter.get_by_label("Code, never a name").fill("P01")
         second.experimenter.keyboard.press("Enter")
         second.state(second.participant, "consent")
-        second.hear(second.participant, "#message", "Welcome back")
+        second.receive(second.participant, "#message", "Welcome back")
         second.participant.keyboard.press("Enter")
         second.state(second.participant, "running", 1)
     finally:

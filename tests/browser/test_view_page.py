@@ -60,7 +60,7 @@ def played(browser: Any, tmp_path: Path) -> Iterator[Callable[..., tuple[Screen,
         def push(name: str, values: Any, model: str, points: Any) -> Any:
             return np.full(len(points), values["moment"]), np.zeros(len(points), dtype=bool)
 
-        viewer = Viewer(paths, 0, felt=push, **options)
+        viewer = Viewer(paths, 0, force_map=push, **options)
         ready = threading.Event()
         serving = threading.Thread(target=lambda: viewer.serve(ready=ready.set))
         serving.start()
@@ -114,7 +114,7 @@ def test_keys_and_pointer_show_the_tick_and_its_numbers(played):
     screen.until("document.querySelector('iframe').contentWindow.player.samples > 2600")
     # A key acts from within the recording's page, too; there it is also told.
     frame.locator("#ask").click()
-    assert "one tick back or on" in frame.locator("#help").inner_text()
+    assert "one tick back or forward" in frame.locator("#help").inner_text()
     assert not screen.troubles
 
 

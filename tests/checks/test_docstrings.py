@@ -17,6 +17,8 @@ import pytest
 
 import haptorb
 
+pytestmark = pytest.mark.background
+
 
 @cache
 def modules() -> list[ModuleType]:

@@ -12,6 +12,8 @@ import pytest
 
 import haptorb
 
+pytestmark = pytest.mark.background
+
 Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 
 #: participles that do not end in -ed, but not those that are the imperative too: put, set, read, run, cut, split

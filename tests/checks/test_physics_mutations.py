@@ -31,9 +31,11 @@ def test_the_record_leaves_no_file_and_no_row_open() -> None:
     # a file without a row, a row without a mutation and a mutation without a row are told
     red = {name: rows for name, rows in RECORD["red"].items() if "thermal" not in name}
     assert any("physics/thermal.py" in gap for gap in script.find_gaps(red, ROWS))
-    assert script.find_gaps(RECORD["red"], {**ROWS, "bai2012 new": "reproduced"}) == [
-        "bai2012 new: reproduced, but no mutation turns it red"
-    ]
+    for verdict in script.SHOWN:
+        assert script.find_gaps(RECORD["red"], {**ROWS, "bai2012 new": verdict}) == [
+            f"bai2012 new: {verdict}, but no mutation turns it red"
+        ]
+    assert set(script.PRINT_ONLY) <= {row for row, verdict in ROWS.items() if verdict == "contradicted"}
 
 
 @pytest.mark.parametrize(

@@ -22,8 +22,12 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
+import pytest
+
 import haptorb
 from haptorb import errors
+
+pytestmark = pytest.mark.background
 
 ROOMS = ("physics", "devices", "sensing", "control", "worlds", "simulation", "runtime")
 _SIZE = r"(?:[\w′']+|\.\.\.|\d+)"
@@ -69,12 +73,13 @@ def callables(module: ModuleType) -> Iterator[tuple[str, Any, str]]:
                     yield f"{name}.{key}", function, told
 
 
-def _remarks(thing: type) -> list[str]:
+@cache
+def _remarks(thing: type) -> tuple[str, ...]:
     """The comments beside a class's fields: #: (3,) ... [m]."""
     try:
-        return re.findall(r"#: (.*)", inspect.getsource(thing))
+        return tuple(re.findall(r"#: (.*)", inspect.getsource(thing)))
     except (OSError, TypeError):
-        return []
+        return ()
 
 
 def arrays(function: Any) -> tuple[bool, bool]:

@@ -1,14 +1,17 @@
-"""README's two commands and its four examples: they run from README alone, in its order, and say a number."""
+"""README: its two commands and four examples run, in its order; its figures are those of the stored benchmarks."""
 
 from __future__ import annotations
 
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+from haptorb.apps.bench import load_result
 from oracles.program_runner import ProgramRunner
 
 HAPTORB = "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))"
@@ -49,10 +52,30 @@ def test_what_a_newcomer_must_find(root: Path, readme: str) -> None:
     assert re.search(r"^make run ", first, re.MULTILINE)
     assert re.search(r"^make test ", first, re.MULTILINE)
     assert re.search(r"<!-- first-run --> \d+ s <!-- /first-run -->", first)
-    pictures = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", readme)
+    pictures = re.findall(r'<img src="([^"]+)" width="640" alt="[^"]+">', readme)
     assert len(pictures) == 1
     for target in [*pictures, *re.findall(r"(?<!!)\[[^\]]+\]\(([^)#]+)\)", readme)]:
         assert (root / target).exists(), target
+    # Two screens of 950 px: measured in a browser with these limits and GitHub's column of 846 px, it is 1887 px high.
+    shown = re.sub(r"<details>.*?</details>", "", readme, flags=re.DOTALL)
+    assert len(shown.split()) <= 600
+    assert len(shown.splitlines()) <= 55
     known = subprocess.run([sys.executable, "-c", HAPTORB, "--help"], capture_output=True, text=True, check=True).stdout
     for command in set(re.findall(r"`haptorb (\w+)", readme)):
         assert command in known
+
+
+def test_readme_quotes_the_stored_benchmarks(readme: str, load_script: Callable[[str], ModuleType]) -> None:
+    script = load_script("benchmark_table")
+    assert script.with_table(readme) == readme, "run: python scripts/benchmark_table.py"
+    altered = readme.replace(" µs |", " ns |", 1)
+    assert altered != readme
+    assert script.with_table(altered) == readme
+
+
+def test_the_stored_benchmarks_are_whole(root: Path) -> None:
+    found = load_result(root / "docs" / "benchmarks.json")
+    assert {"magnetics", "estimation", "allocation", "tick", "training", "recording"} <= {
+        row.benchmark for row in found.rows
+    }
+    assert found.command.startswith("haptorb bench")

@@ -37,7 +37,7 @@ def test_slow_one():
 @pytest.mark.background
 def test_in_the_background():
     assert os.nice(0) == 19
-    assert 'PYTEST_XDIST_WORKER' not in os.environ
+    assert os.environ['PYTEST_XDIST_WORKER_COUNT'] == '2'
 """,
 )
 

@@ -7,6 +7,10 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
+
+pytestmark = pytest.mark.background
+
 SOURCES = Path(__file__).resolve().parents[2] / "src"
 KERNEL = 10  #: arguments of a kernel
 KERNELS = {"kernel", "tick_kernel", "vector_kernel"}

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.background
+
 
 def passes(root: Path, *command: str) -> None:
     """Run a command of the virtual environment from the project's folder; its own words are the failure's message."""
@@ -25,7 +27,6 @@ def test_files_are_formatted(root: Path) -> None:
     passes(root, "ruff", "format", "--check", ".")
 
 
-@pytest.mark.background
 @pytest.mark.timeout(3600)  # it gives way to everybody else
 def test_types_hold(root: Path) -> None:
     passes(root, "mypy")

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
-from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.store.columns import COLUMNS
 from haptorb.apps.study.store.export import write_csv
 from haptorb.devices.loader import load, parse

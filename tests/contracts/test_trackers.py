@@ -126,8 +126,8 @@ def test_poses_that_cannot_be_are_refused_and_counted(name: str, p: Any, q: Any,
     before = subject.tracker.pose(subject.now())
     subject.say(p, q)
     after = subject.tracker.pose(subject.now())
-    assert subject.reception is not None
-    assert dict(subject.reception.refused) == {why: 1}
+    assert subject.pose_filter is not None
+    assert dict(subject.pose_filter.refused) == {why: 1}
     assert after.t == before.t  # not even a sign of life
     assert after.p == pytest.approx(PLACE, abs=1e-8)
     subject.close()
@@ -139,15 +139,15 @@ def test_what_comes_late_is_refused(tmp_path: Path) -> None:
     osc.send(osc.message("/haptorb/pose", 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0, 1.001))
     osc.send(late)
     osc.send(late)
-    assert osc.reception is not None
-    assert osc.reception.refused["out_of_order"] == 2
+    assert osc.pose_filter is not None
+    assert osc.pose_filter.refused["out_of_order"] == 2
     assert osc.tracker.pose(osc.now()).p[2] == pytest.approx(0.05)
     osc.close()
     natnet = NatNet(tmp_path)
     natnet.send(natnet_frame((0, 0, 0.05), (0, 0, 0, 1), 5.0))
     natnet.send(natnet_frame((0, 0, 0.07), (0, 0, 0, 1), 4.99))
-    assert natnet.reception is not None
-    assert natnet.reception.refused["out_of_order"] == 1
+    assert natnet.pose_filter is not None
+    assert natnet.pose_filter.refused["out_of_order"] == 1
     natnet.close()
 
 

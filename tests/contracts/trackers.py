@@ -34,7 +34,7 @@ class Subject(ABC):
     """A tracker and its hand. `say` returns when the tracker has had the chance to hear."""
 
     tracker: Tracker
-    reception: PoseFilter | None = None
+    pose_filter: PoseFilter | None = None
 
     @abstractmethod
     def say(self, p: Sequence[float], q: Sequence[float] = UPRIGHT) -> None:
@@ -70,26 +70,26 @@ class Pointer(Subject, PointerSource):
 
 
 class FeedSubject(Subject):
-    """A feed in this process, with its reception and its block."""
+    """A feed in this process, with its pose filter and its block."""
 
     def __init__(self, feed: Feed) -> None:
         self._feed, self._block = feed, block()
-        self.reception = PoseFilter(feed, self._block)
+        self.pose_filter = PoseFilter(feed, self._block)
         self.tracker = FeedTracker(self._block)
 
     def listen(self, before: int, patience: float = 5.0) -> None:
         """Until one more message was taken or refused."""
-        reception = self.reception
-        assert reception is not None
+        pose_filter = self.pose_filter
+        assert pose_filter is not None
         end = time.monotonic() + patience
         while self.message_count() == before and time.monotonic() < end:
-            reception.listen(0.02)
+            pose_filter.listen(0.02)
         assert self.message_count() > before, "nothing was heard"
 
     def message_count(self) -> int:
-        reception = self.reception
-        assert reception is not None
-        return reception.accepted + reception.lost + sum(reception.refused.values())
+        pose_filter = self.pose_filter
+        assert pose_filter is not None
+        return pose_filter.accepted + pose_filter.lost + sum(pose_filter.refused.values())
 
     def close(self) -> None:
         self._feed.close()
@@ -239,9 +239,9 @@ class Replay(FeedSubject):
     def _tell(self, p: Sequence[float], valid: bool) -> None:
         recording(self._path, [(0.0, 0.0, (0.0, 0.0, 0.05), True), (0.5, 0.0, p, valid)])
         self._feed = self._made(self._played(self._path)[1:], time.monotonic() - 0.5)
-        reception = self.reception
-        assert reception is not None
-        reception._feed = self._feed
+        pose_filter = self.pose_filter
+        assert pose_filter is not None
+        pose_filter._feed = self._feed
         before = self.message_count()
         self.listen(before)
 

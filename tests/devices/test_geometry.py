@@ -13,6 +13,10 @@ from haptorb.devices.loader import catalogue, parse
 OMNI = (files("haptorb.devices") / "catalogue" / "omni.toml").read_text(encoding="utf-8")
 
 
+def select_parts(found, role: str):
+    return [part for part in found.round_parts if part.role == role]
+
+
 def geometry(device):
     return device.kind.part("geometry")(device)
 
@@ -29,7 +33,7 @@ def change(text, *changes):
 def test_every_device_has_a_channel_for_every_coil(name):
     device = haptorb.load(name, override=True)
     found = geometry(device)
-    coils = found.select_parts("coil")
+    coils = select_parts(found, "coil")
     assert {coil.channel for coil in coils} == set(device.coils.names)
     assert all(np.linalg.norm(part.axis) == pytest.approx(1.0, abs=1e-12) for part in found.round_parts)
     assert all(0 <= part.inner_radius < part.outer_radius for part in found.round_parts)
@@ -37,7 +41,7 @@ def test_every_device_has_a_channel_for_every_coil(name):
 
 
 def test_windings_of_omni_are_those_of_the_file():
-    coils = geometry(haptorb.load("omni")).select_parts("coil")
+    coils = select_parts(geometry(haptorb.load("omni")), "coil")
     assert [coil.name for coil in coils] == ["x", "y", "z"]
     sizes = np.array([[coil.inner_radius, coil.outer_radius, coil.length] for coil in coils])
     assert sizes == pytest.approx(1e-3 * np.array([[20.3, 22.3, 18], [22.3, 24.3, 18], [24.3, 26.3, 18]]), abs=1e-12)
@@ -50,7 +54,7 @@ def test_a_changed_winding_and_a_changed_core_change_their_parts():
         ('core_radius = "15 mm"', 'core_radius = "13 mm"'),
     )  # fmt: skip
     found = geometry(device)
-    coils = found.select_parts("coil")
+    coils = select_parts(found, "coil")
     assert coils[0].inner_radius == pytest.approx(0.017, abs=1e-12)
     assert coils[1].length == pytest.approx(0.0125, abs=1e-12)
     assert found.balls[0].radius == pytest.approx(0.013, abs=1e-12)
@@ -60,7 +64,7 @@ def test_without_windings_a_coil_is_marked_and_stays_between_core_and_dome():
     before, after = OMNI.split("[windings]")
     device = parse(before + after[after.index("[dome]") :], "bare.toml")
     found = geometry(device)
-    for coil in found.select_parts("coil"):
+    for coil in select_parts(found, "coil"):
         assert not coil.stated
         assert device.core_radius < coil.inner_radius < coil.outer_radius < device.dome_radius
     assert any(note.startswith("not to scale") for note in found.notes)
@@ -68,7 +72,7 @@ def test_without_windings_a_coil_is_marked_and_stays_between_core_and_dome():
 
 def test_the_tool_touches_the_summit():
     device = haptorb.load("omni")
-    magnet = geometry(device).select_parts("magnet")[0]
+    magnet = select_parts(geometry(device), "magnet")[0]
     assert magnet.position == pytest.approx([0, 0, device.contact_distance])
     assert (magnet.inner_radius, magnet.outer_radius, magnet.length) == (
         device.tool.inner_radius, device.tool.outer_radius, device.tool.length,
@@ -80,13 +84,13 @@ def test_the_tool_touches_the_summit():
 def test_parts_of_the_motor_are_at_the_places_of_the_paper():
     """Table A.1: EM 17 on the X axis, 56.8 mm from the centre; PM 1 at −15° of latitude, 67.9 mm."""
     found = geometry(haptorb.load("pmsm"))
-    coils, magnets = found.select_parts("coil"), found.select_parts("magnet")
+    coils, magnets = select_parts(found, "coil"), select_parts(found, "magnet")
     assert [coil.name for coil in coils] == [f"EM{n}" for n in range(1, 25)]
     assert coils[16].position == pytest.approx([0.0568, 0, 0], abs=1e-12)
     low = np.radians(-15)
     assert magnets[0].position == pytest.approx(0.0679 * np.array([np.cos(low), 0, np.sin(low)]), abs=1e-12)
     assert coils[0].channel == coils[12].channel  # Table 2: EM 1 and EM 13 in series
-    rings = found.select_parts("ring")
+    rings = select_parts(found, "ring")
     assert [ring.position[2] for ring in rings] == pytest.approx([-0.070, -0.055])
     assert rings[0].polarity * rings[1].polarity < 0  # they repel
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import haptorb
+from haptorb.devices.device_text import DeviceText
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import DeviceError, InputError, UnknownName
 
@@ -155,3 +156,18 @@ def test_a_variant_needs_a_name_of_its_own(name):
 
 def test_a_variant_without_a_title_is_told_from_its_base():
     assert parse('based_on = "omni"\nname = "short"\n', "x").title == f"{load('omni').title} (short)"
+
+
+def test_a_device_knows_its_file_and_those_that_it_is_based_on(tmp_path):
+    mine = tmp_path / "mine.toml"
+    mine.write_text('based_on = "omni"\nname = "mine"\n', encoding="utf-8")
+    text = load(mine).text
+    assert text == DeviceText(mine.read_text(encoding="utf-8"), {"omni": OMNI})
+    assert DeviceText.from_note(text.as_note()) == text
+    other = OMNI.replace('"12 V"', '"11 V"')
+    assert parse(text.own, "x", bases={"omni": other}).supply.voltage == 11.0  # as it was then, not as it is here
+    assert parse(text.own, "x", bases={}).digest == load(mine).digest
+    with pytest.raises(DeviceError, match="is missing"):
+        parse(f'based_on = "{mine}"\nname = "x"\n', "x", bases={})  # no file of this computer is read for a recording
+    assert DeviceText.from_note({"file": "x", "bases": "[" * 9000}) == DeviceText("x")
+    assert DeviceText.from_note({"file": ""}) is None

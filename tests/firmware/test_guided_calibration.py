@@ -78,6 +78,6 @@ def test_a_device_behind_the_real_firmware_is_calibrated(built: Path, tmp_path: 
             with driver:
                 assert driver.calibration == found.id
                 assert disagreement(driver.calibration, found.id) == ""
-                assert "give its file" in disagreement(driver.calibration, None)
+                assert "load its file" in disagreement(driver.calibration, None)
     finally:
         emulated.close()

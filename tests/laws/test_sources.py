@@ -20,9 +20,9 @@ from haptorb.physics.sources.placement import PlacedSource
 from haptorb.physics.sources.ring import RingMagnet
 from haptorb.physics.sources.round_body import RoundBody
 from haptorb.physics.sources.source import Source
-from oracles.formulations import flux_linkage
-from oracles.multipole_wrench import multipole_wrench
-from oracles.source_sum import SourceSum
+from oracles.magnetics.formulations import flux_linkage
+from oracles.magnetics.multipole_wrench import multipole_wrench
+from oracles.magnetics.source_sum import SourceSum
 
 TURN = Rotation.from_euler("XYZ", [25, -40, 70], degrees=True).as_matrix()
 

@@ -1,6 +1,6 @@
-"""Programs that run as a person starts them, without loading numba and matplotlib for each anew.
+"""Programs that run as a person starts them, without loading numba, matplotlib and others for each.
 
-`ProgramRunner` starts this file as a process of its own, which loads both, and copies itself for every program.
+`ProgramRunner` starts this file as a process of its own, which loads them, and copies itself for every program.
 """
 
 from __future__ import annotations
@@ -10,8 +10,11 @@ import os
 import runpy
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any, final
+
+PACKAGES = ("matplotlib.pyplot", "numba", "pydantic", "mcap.writer", "mcap.reader", "cloudpickle", "asyncio", "ssl")
 
 
 @final
@@ -61,10 +64,7 @@ def become(wanted: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    import matplotlib.pyplot
-    import numba
-
-    assert matplotlib.pyplot
-    assert numba
+    for name in PACKAGES:
+        import_module(name)
     if (program := read_programs()) is not None:
         become(program)

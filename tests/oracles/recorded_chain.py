@@ -14,7 +14,6 @@ from haptorb.numerics.arrays import Array
 from haptorb.runtime.exchange.world_change import description
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.recording.recorder import Recorder
-from haptorb.runtime.servo.device_text import text_of
 from haptorb.runtime.servo.launch import describe_choices, notes
 from haptorb.runtime.tick.assembly import assemble, check_estimator, default_world
 from haptorb.runtime.tick.tick import Tick
@@ -70,7 +69,7 @@ def record_chain(
     }  # fmt: skip
     with path.open("wb") as file:
         recorder = Recorder(file, layout, RATE, 0)
-        for name, values in notes(device, text_of(device, device_name), run).items():
+        for name, values in notes(device, run).items():
             recorder.note(name, values)
         for change_number, (number, text) in enumerate(changes):
             recorder.note("world", {"change": str(change_number), "tick": str(number), "world": text})

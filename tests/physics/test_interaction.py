@@ -16,9 +16,9 @@ from haptorb.physics.sources.cylinder import CylinderMagnet
 from haptorb.physics.sources.dipole import Dipole
 from haptorb.physics.sources.placement import PlacedSource
 from haptorb.physics.sources.ring import RingMagnet
-from oracles.exact_level import exact_sensor_field, exact_torque_characteristic
-from oracles.formulations import flux_linkage, wrench_on_charges
-from oracles.source_sum import SourceSum
+from oracles.magnetics.exact_level import exact_sensor_field, exact_torque_characteristic
+from oracles.magnetics.formulations import flux_linkage, wrench_on_charges
+from oracles.magnetics.source_sum import SourceSum
 
 MAGNET = CylinderMagnet(15.875e-3, 5.08e-3, 1.31)
 COIL = Coil(1000, 0.3 * 15.88e-3, 15.88e-3, 7.62e-3)

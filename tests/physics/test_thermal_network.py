@@ -127,7 +127,7 @@ def test_the_printed_endurances_are_those_of_one_coil_of_the_omni():
 
 
 def test_what_is_no_network_is_refused():
-    with pytest.raises(InputError, match="lead to the air"):
+    with pytest.raises(InputError, match="conduct heat to the air"):
         ThermalNetwork(np.ones(2), np.zeros((2, 2)), np.array([1.0, 0.0]), 1)
     with pytest.raises(InputError, match="positive"):
         ThermalNetwork.of_coils(COIL, (0.5,), 0.0)

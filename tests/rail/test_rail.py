@@ -63,6 +63,7 @@ def test_its_model_agrees_with_the_energy_of_its_magnet(rail: ModuleType, rail_f
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_it_runs_is_recorded_and_stops(rail: ModuleType, rail_file: Path, tmp_path: Path):
     path = tmp_path / "rail.mcap"
     with Servo(rail_file, record=path, rate=500.0) as servo:
@@ -97,6 +98,7 @@ def test_it_runs_is_recorded_and_stops(rail: ModuleType, rail_file: Path, tmp_pa
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_the_console_shows_it(rail: ModuleType, rail_file: Path):
     servo = Servo(rail_file, record=False, rate=500.0)
     with Console(servo, 0) as console, servo:
@@ -109,7 +111,7 @@ def test_the_console_shows_it(rail: ModuleType, rail_file: Path):
         finally:
             console.close()
             serving.join(10)
-    assert told["scene"] == {"kind": "rail", "rest": [0.0, 0.0, 0.0], "travel": 0.03}
+    assert told["scene"] == {"gives": "force", "kind": "rail", "rest": [0.0, 0.0, 0.0], "travel": 0.03}
     assert told["coils"] == ["left", "right"]
     assert told["modes"] == []
     names = {world["name"] for world in told["worlds"]}

@@ -14,6 +14,8 @@ from haptorb.sensing.sample import Pose, Sample
 from haptorb.sensing.torque_maps.linear_map import LinearTorque
 from haptorb.sensing.torque_maps.network_file import read_networks
 
+pytestmark = pytest.mark.background
+
 EM17 = 16
 
 

@@ -17,6 +17,8 @@ from haptorb.physics.multipole_fit import MultipoleFit, fit_multipole, shell_reg
 from haptorb.physics.published_multipoles import load_published
 from haptorb.physics.sources.multipole import MultipoleSource
 
+pytestmark = pytest.mark.background
+
 R_PM, R_EM = 67.9e-3, 56.8e-3
 UP_PM, UP_EM = np.array([0, 0, R_PM]), np.array([0, 0, R_EM])
 PM, EM = load_published("bai2012-pm"), load_published("bai2012-em")

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.control.clutch.modes import Gains, TwoModes
+from haptorb.control.clutch.gains import Gains
+from haptorb.control.clutch.linkage import RenderedWrench
+from haptorb.control.clutch.moded_linkage import ModedLinkage
 from haptorb.devices.state import State
 from haptorb.worlds import Outlet, PublishedOutlet, SnapFit
+
+pytestmark = pytest.mark.background
 
 TILT = math.radians(2.0)
 X_0 = 0.5 * 6.3e-3 * math.sin(TILT)
@@ -49,56 +54,66 @@ def test_phase_2_the_torque_falls_to_zero_with_the_tilt(numbers) -> None:
 
 @pytest.mark.parametrize("world", [PublishedOutlet(beam="timoshenko"), Outlet()], ids=["published", "felt"])
 def test_both_phases_by_hand_through_the_modes(world: PublishedOutlet | Outlet) -> None:
-    modes = TwoModes()
+    linkage = ModedLinkage(position=(X_0, 0, 0), attitude=(0, 0, -TILT))
     t, lam, phi = 0.0, 0.0, 0.0
 
-    def rotor(rates: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> State:
+    def render(rates: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> RenderedWrench:
         R = Rotation.from_euler("XYZ", [0, lam, phi])
         w = np.array([0, rates[1], 0]) + Rotation.from_euler("Y", lam).apply([0, 0, rates[2]])
-        return State(t, R.as_matrix(), np.zeros(3), w, np.zeros(3))
+        return linkage.render(world, State(t, R.as_matrix(), np.zeros(3), w, np.zeros(3)))
 
-    clutch = modes.start(rotor(), position=(X_0, 0, 0), attitude=(0, 0, -TILT))
-    felt = []
+    torques = [render().wrench[3:]]
     for k in range(500):  # phase 1: λ pulls
         t, lam = t + 1e-3, 0.2 * k / 500
-        clutch = modes.advance(clutch, rotor((0, 0.4, 0)))
-        felt.append(modes.torque(clutch, world.wrench(modes.target(clutch))))
-    pulled = np.array(felt)[200:]
+        there = render((0, 0.4, 0))
+        torques.append(there.wrench[3:])
+    pulled = np.array(torques)[201:]
     assert np.linalg.norm(pulled, axis=1).max() < 0.6  # the defaults suit a motor of about 1 N·m
-    assert (pulled[:, 1] < -0.1).all()  # T_λ from F_X', well felt
+    assert (pulled[:, 1] < -0.1).all()  # T_λ from F_X', well above the threshold
     assert (np.diff(pulled[:, 0]) < 0).all()  # T_ψ from F_Y', falling as the plug comes out
-    x = clutch.position[0]
-    clutch = modes.switch(clutch, "rotate")
+    x = there.thing.p[0]
+    linkage.set_mode("rotate")
     steps = []
     for _ in range(200):  # hands still
         t += 1e-3
-        clutch = modes.advance(clutch, rotor())
-        steps.append(modes.torque(clutch, world.wrench(modes.target(clutch))))
-    assert clutch.position[0] == pytest.approx(x, abs=1e-12)
-    assert clutch.share.tolist() == [0.0, 1.0]
+        there = render()
+        steps.append(there.wrench[3:])
+    assert there.thing.p[0] == pytest.approx(x, abs=1e-12)
+    assert there.share.tolist() == [0.0, 1.0]
     assert np.abs(np.diff(steps, axis=0)).max() < 0.01
-    felt = [steps[-1]]
+    torques = [steps[-1]]
     for _ in range(600):  # phase 2: φ rights the plug, 8° of handle for 2° of plug
         t, phi = t + 1e-3, phi + math.radians(8.0) / 600
-        clutch = modes.advance(clutch, rotor((0, 0, math.radians(8.0) / 0.6)))
-        felt.append(modes.torque(clutch, world.wrench(modes.target(clutch))))
-    size = np.linalg.norm(felt, axis=1)
+        there = render((0, 0, math.radians(8.0) / 0.6))
+        torques.append(there.wrench[3:])
+    size = np.linalg.norm(torques, axis=1)
     assert 0.05 < size[0] < 0.6
     assert size[-1] < 0.02 * size[0]
-    assert clutch.attitude[2] == pytest.approx(0.0, abs=1e-9)
+    assert pytest.approx(np.eye(3), abs=1e-9) == there.thing.R_SR
 
 
 def test_the_default_gains_keep_the_outlet_below_0_6_newton_metre() -> None:
-    modes, world, g = TwoModes(), Outlet(), Gains()
+    @dataclass
+    class FixedPlug:
+        """The outlet with the plug at one place, wherever the target is."""
+
+        place: State
+
+        def wrench(self, state: State) -> np.ndarray:
+            return world.wrench(self.place)
+
+    world, linkage = Outlet(), ModedLinkage()
     still = [State(k * 0.04, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3)) for k in range(6)]
-    clutch = modes.start(still[0])
-    for rotor in still:
-        clutch = modes.advance(clutch, rotor)
-    side = math.radians(22.5) * g.translate[1]
+    for rotor in still:  # the clutch engages
+        linkage.render(FixedPlug(plug(0.0)), rotor)
+    side = math.radians(22.5) * Gains().translate[1]
+
+    def torque(place: State) -> float:
+        return float(np.abs(linkage.render(FixedPlug(place), still[-1]).wrench).max())
 
     def worst(to: float, sideways: float) -> float:
         return max(
-            float(np.abs(modes.torque(clutch, world.wrench(plug(x - X_0, y=y, vx=speed)))).max())
+            torque(plug(x - X_0, y=y, vx=speed))
             for x in np.linspace(0, to, 40)
             for y in np.linspace(-sideways, sideways, 21)
             for speed in (-0.05, 0.05)

@@ -1,4 +1,4 @@
-"""Errata E12 to E19, E26: what Zárate et al. 2020 print, against point dipoles, exact magnets and plain arithmetic."""
+"""Errata E12 to E19, E26, E30, E31: what Zárate et al. 2020 print, against dipoles, exact magnets, arithmetic."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from haptorb.physics.sources import dipole
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.soft_sphere import SoftSphere
 from haptorb.worlds import Dome
+
+pytestmark = pytest.mark.background
 
 ZARATE = "zarate2020"
 
@@ -48,6 +50,7 @@ def test_e15_the_supply_gives_20_ampere_not_24(numbers, printed) -> None:
     assert numbers(ZARATE, "forces", *ids) == pytest.approx([99.85, 255.5, 959.9, 240.0], abs=0.1)
     assert printed(ZARATE, "forces", *ids) == [100.0, 258.0, 959.0, 230.0]
     assert pytest.approx(19.98, abs=0.01) == 959 / 48
+    assert pytest.approx(0.601, abs=5e-4) == 100 / 12.9**2
     assert pytest.approx(346, abs=0.5) == 24**2 * 0.6  # what 24 A would take and give
     assert pytest.approx(1.15, abs=0.005) == 24 * 0.048
 
@@ -110,3 +113,13 @@ def test_e30_f0_is_half_the_force_at_the_summit() -> None:
     end = device.shell.contact_distance + device.shell.thickness
     assert world.wrench(State.at((0.0, 0.0, end - 1e-6)))[2] > 0.2 * force
     assert world.wrench(State.at((0.0, 0.0, end + 1e-6)))[2] == 0.0
+
+
+def test_e31_theta_runs_from_the_top_and_phi_round_the_vertical() -> None:
+    u = directions(list_published())
+    from_top, round_it = np.degrees(np.arccos(u[:, 2])).round(6), np.degrees(np.arctan2(u[:, 1], u[:, 0])) % 360
+    assert set(from_top) == {0.0, 18.0, 36.0, 54.0}  # the four values of θ that Fig. 9 has
+    for ring in (18.0, 36.0, 54.0):
+        azimuths = np.sort(round_it[from_top == ring])
+        assert np.diff(azimuths, append=azimuths[0] + 360).max() <= 90.0 + 1e-9  # all round the vertical
+    assert len(set(round_it.round(6))) > 4  # so Fig. 9's four values cannot be azimuths

@@ -10,6 +10,8 @@ from haptorb.physics.beams import force_ratio
 from haptorb.physics.hook import TABLE_3
 from haptorb.worlds import Outlet
 
+pytestmark = pytest.mark.background
+
 BAI = "bai2012"
 
 

@@ -11,6 +11,8 @@ from haptorb.errors import CalibrationError, InputError
 from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.worlds.maps.dome import Dome
 
+pytestmark = pytest.mark.background
+
 OMNI = load("omni")
 
 

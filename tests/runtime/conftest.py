@@ -169,14 +169,14 @@ def _making(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
 
 
 @pytest.fixture
-def fake_servo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Any]]:
+def fake_servo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quick_starts: None) -> Iterator[Callable[..., Any]]:
     """A function that makes a Servo over a `FakeChain` with the given behaviour; all are closed at the end."""
     with _making(tmp_path, monkeypatch) as make:
         yield make
 
 
 @pytest.fixture(scope="module")
-def servos(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Servo]]:
+def servos(tmp_path_factory: pytest.TempPathFactory, quick_starts: None) -> Iterator[Callable[[], Servo]]:
     """A function that starts such a Servo, whose world is a dome."""
     with ExitStack() as stack:
 
@@ -205,7 +205,7 @@ def running(servos: Callable[[], Servo], alive: list[Servo]) -> Servo:
 
 
 @pytest.fixture(scope="module")
-def ended(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimpleNamespace]:
+def ended(tmp_path_factory: pytest.TempPathFactory, quick_starts: None) -> Iterator[SimpleNamespace]:
     """A servo that ran for half a second at 500 Hz and has ended: the `ticks` that were read meanwhile, a `row` of it,
     whether it was `alive`, and the `words` of its driver."""
     with pytest.MonkeyPatch.context() as patch, _making(tmp_path_factory.mktemp("ended"), patch) as make:

@@ -55,7 +55,7 @@ class OwnMemory(DynamicWorld):
         (np.zeros(1, dtype=[("n", "i8")]), "must be float64"),
         (np.zeros(1, dtype=[("n", "f8"), ("flag", "?")]), "must be float64"),
         (np.full(1, np.nan, dtype=[("n", "f8")]), "not finite"),
-        (np.zeros(1, dtype=[("n", "f8"), ("m", "f8")]), "has 2 numbers, but its memory_fields say 1"),
+        (np.zeros(1, dtype=[("n", "f8"), ("m", "f8")]), "has 2 numbers, but its memory_fields state 1"),
     ],
 )
 def test_a_memory_that_cannot_be_one_is_refused_before_it_runs(memory, words):

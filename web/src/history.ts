@@ -79,7 +79,7 @@ export class History {
     return low;
   }
 
-  /** Forget everything: the server's clock started anew. */
+  /** Forget everything: the server's clock was restarted. */
   clear(): void {
     this.end = 0;
   }

@@ -1,14 +1,14 @@
 // The page's end of the socket's thread.
 
 import type { FromSocket, ToSocket } from "./socket.worker";
-import { parse, type Felt, type Mesh, type Pointer, type Rows } from "./wire";
+import { parse, type ForceMap, type Mesh, type Pointer, type Rows } from "./wire";
 
 export interface Listener {
-  opened(): void;
+  onOpen(): void;
   /** `code` and `reason` as the server gave them */
-  closed(code: number, reason: string): void;
+  onClose(code: number, reason: string): void;
   /** `came`: when the socket had it, on the page's clock [ms] */
-  frame(frame: Rows | Mesh | Felt, came: number): void;
+  frame(frame: Rows | Mesh | ForceMap, came: number): void;
   event(event: Record<string, unknown> & { event: string }): void;
 }
 
@@ -32,15 +32,15 @@ export class Link {
     const { listener, token, patience } = this;
     this.worker = new Worker("/static/socket.js", { type: "module" });
     let begun = false;
-    // The file did not come; without it the page would wait for ever.
+    // The file did not come; without it the page would wait forever.
     this.worker.onerror = () => begun || setTimeout(() => this.open(), RETRY);
     this.worker.onmessage = ({ data }: MessageEvent<FromSocket>) => {
       begun = true;
       switch (data.kind) {
         case "opened":
-          return listener.opened();
+          return listener.onOpen();
         case "closed":
-          return listener.closed(data.code, data.reason);
+          return listener.onClose(data.code, data.reason);
         case "text":
           return listener.event(JSON.parse(data.text) as { event: string });
         case "frame": {

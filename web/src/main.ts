@@ -16,8 +16,8 @@ import { WorldPanel } from "./panels/world";
 import { expose } from "./probe";
 import { dot, norm, Sample } from "./sample";
 import { firstOf, type DeviceScene, type Readings } from "./scene/device_scene";
-import { asked, DETAIL, Governor } from "./scene/governor";
-import { computed } from "./scene/graphics";
+import { requestedLevel, DETAIL, Governor } from "./scene/governor";
+import { isDrawnInSoftware } from "./scene/graphics";
 import { Grasp } from "./scene/grasp";
 import { Orbit } from "./scene/orbit";
 import { sceneOf } from "./scene/scenes";
@@ -28,7 +28,7 @@ import { TargetPane } from "./scene/target_pane";
 import { listenToViewButtons } from "./scene/view_buttons";
 import { Rumble } from "./senses/rumble";
 import { Sound } from "./senses/sound";
-import { session as fetchSession, Stranger, token, type FeelState, type Session, type Shape, type TargetScene, type Values, type World } from "./session";
+import { session as fetchSession, UnknownToken, token, type FeelState, type Session, type Shape, type TargetScene, type Values, type World } from "./session";
 import { status, type Silence } from "./status";
 import { Vector3 } from "three";
 import type { Rows } from "./wire";
@@ -63,7 +63,7 @@ class Console {
   private readonly rumble = new Rumble();
   private readonly link: Link;
   private readonly silence: Silence = { disconnected: true, servoEnded: false, stale: true, coils: NaN, missingPose: "" };
-  private readonly told: number[] = [];
+  private readonly sendTimes: number[] = [];
   private readonly answers: number[] = [];
   private readonly arrivals: number[] = [];
   private readonly latencies: number[] = [];
@@ -89,8 +89,8 @@ class Console {
   constructor(private readonly session: Session) {
     this.sample = new Sample(session.columns);
     this.history = new History(session.columns);
-    const wanted = asked();
-    this.governor = new Governor(wanted ?? (computed() ? "layered" : "full"), wanted !== null);
+    const wanted = requestedLevel();
+    this.governor = new Governor(wanted ?? (isDrawnInSoftware() ? "layered" : "full"), wanted !== null);
     this.stage = new Stage(at<HTMLCanvasElement>("scene"), this.governor.best);
     this.scene = sceneOf(session);
     this.orbit = new Orbit(this.stage.camera, () => this.viewMoved(), this.scene.home(session));
@@ -109,12 +109,12 @@ class Console {
     this.subject = this.scene.subject(this.stage, session);
     // In the frame of what the world acts on: a motor's target has a picture of its own.
     this.shapes = this.target?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
-    if (this.scene.colours === "currents") this.legend.coils(this.subject.range, this.scene.gives);
+    if (this.scene.colours === "currents") this.legend.coils(this.subject.range, session.scene.gives);
     if (this.scene.colours === "none") this.legend.arrows();
     this.legend.device(session.scene);
     this.link = new Link(token(), 1000 * session.patience, {
-      opened: () => void this.opened(),
-      closed: (code, reason) => void this.closed(code, reason),
+      onOpen: () => void this.onOpen(),
+      onClose: (code, reason) => void this.onClose(code, reason),
       frame: (frame, came) => {
         if (frame.kind === "rows") this.rows(frame, came);
         else if (frame.kind === "mesh") this.subject.shape(frame);
@@ -130,7 +130,7 @@ class Console {
     this.detail();
     this.buttons();
     listen(this);
-    document.addEventListener("visibilitychange", () => this.hidden());
+    document.addEventListener("visibilitychange", () => this.onHide());
     this.probe();
     requestAnimationFrame((now) => this.frame(now));
   }
@@ -155,13 +155,13 @@ class Console {
   private hold(wish: Wish, stamp: number, held: boolean): void {
     if (!this.control) return;
     this.link.point({ stamp, ...wish, held });
-    keep(this.told, performance.now() - stamp);
+    keep(this.sendTimes, performance.now() - stamp);
     this.touched = true;
     at("hint").hidden = true;
   }
 
   /** Whoever does not see the page does not hold the stylus: a hidden page is not run often enough to say so in time. */
-  private hidden(): void {
+  private onHide(): void {
     if (!document.hidden || !this.grasp.held) return;
     this.grasp.abandon();
     this.link.drop();
@@ -171,7 +171,7 @@ class Console {
     this.link.command(command);
   }
 
-  private async opened(): Promise<void> {
+  private async onOpen(): Promise<void> {
     if (!this.silence.disconnected) return;
     // After an interruption another servo may answer: then this page knows the wrong device.
     const opened = ++this.changes;
@@ -182,7 +182,7 @@ class Console {
     this.silence.servoEnded = false;
   }
 
-  private async closed(code: number, reason: string): Promise<void> {
+  private async onClose(code: number, reason: string): Promise<void> {
     const before = this.silence.disconnected;
     this.changes++;
     this.silence.disconnected = true;
@@ -192,7 +192,7 @@ class Console {
     else if (before) {
       // It cannot come back: is there nobody, or somebody who does not know it?
       const mistake: unknown = await fetchSession().catch((mistake: unknown) => mistake);
-      if (mistake instanceof Stranger) cover(UNKNOWN);
+      if (mistake instanceof UnknownToken) cover(UNKNOWN);
     }
   }
 
@@ -254,7 +254,7 @@ class Console {
       case "role":
         this.control = event["control"] === true;
         at("watching").hidden = this.control;
-        at("watching").title = "Another page is in control. This one may still stop.";
+        at("watching").title = "Another page is in control. This one can still stop the device.";
         at<HTMLButtonElement>("cool").disabled = !this.control;
         this.grasp.enabled = this.control && this.session.steered;
         this.world.enable(this.control);
@@ -279,11 +279,11 @@ class Console {
         this.silence.servoEnded = event["alive"] === false;
         this.silence.missingPose = String(event["missing_pose"] ?? "");
         this.health = event as unknown as Health;
-        this.header.connected(this.health.connections ?? []);
+        this.header.showConnections(this.health.connections ?? []);
         this.notice(this.health);
         break;
       case "mistake":
-        this.mistake(String(event["text"]));
+        this.showMistake(String(event["text"]));
     }
   }
 
@@ -294,13 +294,13 @@ class Console {
     if (kinds === this.noticed) return;
     this.noticed = kinds;
     const text = [health.recording_trouble && `Recording: ${health.recording_trouble}`, health.warning].filter(Boolean);
-    if (text.length) this.mistake(text.join("; "));
+    if (text.length) this.showMistake(text.join("; "));
     else at("mistake").hidden = true;
     // Whoever writes a world reads the place in its code for as long as it is wrong.
     if (health.world_trouble) clearTimeout(this.mistakeTimer);
   }
 
-  private mistake(text: string): void {
+  private showMistake(text: string): void {
     const box = at("mistake");
     write(box, text);
     box.hidden = false;
@@ -334,7 +334,7 @@ class Console {
     const plotting = performance.now();
     if (this.plots.draw(now, this.fresh && !dead)) keep(this.plotCosts, performance.now() - plotting);
     this.fresh = false;
-    this.words(now, dead);
+    this.updateText(now, dead);
   }
 
   /** From the pointer's event to the force that answers it, drawn. */
@@ -355,7 +355,7 @@ class Console {
     write(note, this.governor.best === "full" ? "less detail: drawing was slow" : "less detail: no graphics processor");
   }
 
-  private words(now: number, dead: boolean): void {
+  private updateText(now: number, dead: boolean): void {
     const present = status(this.sample, this.session, this.silence);
     this.header.status(present, this.control);
     if (now - this.readAt < READ) return;
@@ -379,7 +379,7 @@ class Console {
 
   private hint(dead: boolean): void {
     const hint = at("hint");
-    // Whoever reads why there is no force need not be told how to feel it.
+    // Whoever reads why there is no force need not be shown how to feel it.
     if (!at("alert").hidden) return void (hint.hidden = true);
     if (this.touched || dead || !this.control || !this.session.steered) return;
     const { x, y } = this.subject.anchor();
@@ -395,10 +395,10 @@ class Console {
   }
 
   private senses(now: number): void {
-    const force = this.sample.vector("given", firstOf(this.scene));
+    const force = this.sample.vector("given", firstOf(this.session.scene.gives));
     const size = norm(force);
     const right = new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 0);
-    const share = size / this.session.limits[this.scene.gives];
+    const share = size / this.session.limits[this.session.scene.gives];
     this.sound.play(share, size > 0.01 ? dot(force, right.toArray()) / size : 0);
     this.rumble.play(share, now);
   }
@@ -440,7 +440,7 @@ class Console {
         return [...page.latencies];
       },
       get parts() {
-        return { told: median(page.told), answered: median(page.answers), arrived: median(page.arrivals), drawn: median(page.latencies) };
+        return { sent: median(page.sendTimes), answered: median(page.answers), arrived: median(page.arrivals), drawn: median(page.latencies) };
       },
       get costs() {
         return { scene: median(page.sceneCosts), plots: median(page.plotCosts) };
@@ -467,7 +467,7 @@ class Console {
         return (performance as { memory?: { usedJSHeapSize: number } }).memory?.usedJSHeapSize ?? NaN;
       },
       value: (name) => Array.from(page.sample.list(name)),
-      felt: (direction) => page.subject.felt(direction),
+      forceAt: (direction) => page.subject.forceAt(direction),
       stylus: () => page.subject.places(),
       picture: () => page.subject.picture?.() ?? { coils: 0, mover: [] },
       shapes: () => page.shapes.places,
@@ -491,7 +491,7 @@ addEventListener("hashchange", () => location.reload());
 /** Once somebody answers: a connection that was lost while the page loads must not leave it empty for good. */
 async function begin(): Promise<void> {
   const answer = await fetchSession().catch((mistake: unknown) => mistake);
-  if (answer instanceof Stranger) cover(UNKNOWN);
+  if (answer instanceof UnknownToken) cover(UNKNOWN);
   else if (answer instanceof Error) {
     cover(UNREACHED);
     setTimeout(() => void begin(), RETRY);

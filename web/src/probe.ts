@@ -9,7 +9,7 @@ export interface Probe {
   readonly latencies: readonly number[];
   /** and on the way: medians from the event to the page's own knowledge of it, to the answer at the socket, to the
    * answer on the page, to its drawing [ms] */
-  readonly parts: { told: number; answered: number; arrived: number; drawn: number };
+  readonly parts: { sent: number; answered: number; arrived: number; drawn: number };
   /** median time per frame for the picture and for the plots [ms] */
   readonly costs: { scene: number; plots: number };
   /** how much is drawn, and how often what stands still was drawn to be kept */
@@ -21,7 +21,7 @@ export interface Probe {
   readonly samples: number;
   readonly heap: number;
   value(name: string): number[];
-  felt(direction: [number, number, number]): { force: number; saturated: boolean };
+  forceAt(direction: [number, number, number]): { force: number; saturated: boolean };
   /** where the stylus is on the screen: tip and far end [CSS px of the page] */
   stylus(): { x: number; y: number }[];
   /** how many coils are drawn, and where the mover is drawn [m], where the scene tells it */

@@ -27,9 +27,13 @@ export interface World {
 
 export type Values = Record<string, number | number[]>;
 
+/** What a device gives to the hand: the first three numbers of a wrench, or the last three. */
+export type Gives = "force" | "torque";
+
 /** How the device is drawn; `kind` names the scene, and what else there is belongs to that. */
 export interface Scene {
   kind: string;
+  gives: Gives;
   /** where the mover is when nobody moves it [m] */
   rest?: [number, number, number];
   /** what the device file says of coils and magnets; the mover's as they are at rest */
@@ -186,15 +190,15 @@ export interface Session {
 export const token = (): string => location.hash.slice(1);
 
 /** The server does not know this page's token. */
-export class Stranger extends Error {}
+export class UnknownToken extends Error {}
 
 const PATIENCE = 10_000; // for the server's answer [ms]
 
-/** Rejects with a Stranger if this page is not known, else with an Error. */
+/** Rejects with a UnknownToken if this page is not known, else with an Error. */
 export async function session(): Promise<Session> {
   const headers = { authorization: `Bearer ${token()}` };
   const answer = await fetch("/api/session", { headers, signal: AbortSignal.timeout(PATIENCE) });
-  if (answer.status === 403) throw new Stranger(await answer.text());
-  if (!answer.ok) throw new Error(`the server answered ${answer.status} to /api/session`);
+  if (answer.status === 403) throw new UnknownToken(await answer.text());
+  if (!answer.ok) throw new Error(`the server responded with ${answer.status} to /api/session`);
   return (await answer.json()) as Session;
 }

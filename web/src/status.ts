@@ -19,7 +19,7 @@ export interface Silence {
   disconnected: boolean;
   servoEnded: boolean;
   stale: boolean;
-  /** the coils' state in the last row that came: it stays true of a device that nobody hears any more */
+  /** the coils' state in the last row that came: it stays true of a device that nobody handlers any more */
   coils: number;
   /** which pose is waited for, in the server's words; empty while poses are valid */
   missingPose: string;

@@ -3,7 +3,7 @@
 export const MAGIC = 0x484f5242;
 export const VERSION = 1;
 export const HEADER = 48;
-export const Kind = { rows: 1, mesh: 2, felt: 3 } as const;
+export const Kind = { rows: 1, mesh: 2, forceMap: 3 } as const;
 
 /** A batch of ticks: `count` rows of `width` numbers; t and tick are counted from `t0` and `tick0`. */
 export interface Rows {
@@ -27,14 +27,14 @@ export interface Mesh {
 }
 
 /** The map: radial force [N] per vertex, and whether the device is at its limit there. */
-export interface Felt {
-  kind: "felt";
+export interface ForceMap {
+  kind: "force map";
   force: Float32Array;
   saturated: Uint8Array;
 }
 
 /** What a frame says, or null if it is not one of ours. */
-export function parse(buffer: ArrayBuffer): Rows | Mesh | Felt | null {
+export function parse(buffer: ArrayBuffer): Rows | Mesh | ForceMap | null {
   if (buffer.byteLength < HEADER) return null;
   const head = new DataView(buffer, 0, HEADER);
   if (head.getUint32(0, true) !== MAGIC || head.getUint16(6, true) !== VERSION) return null;
@@ -59,9 +59,9 @@ export function parse(buffer: ArrayBuffer): Rows | Mesh | Felt | null {
         directions: new Float32Array(buffer, HEADER, 3 * count),
         triangles: new Uint32Array(buffer, HEADER + 12 * count, 3 * width),
       };
-    case Kind.felt:
+    case Kind.forceMap:
       return {
-        kind: "felt",
+        kind: "force map",
         force: new Float32Array(buffer, HEADER, count),
         saturated: new Uint8Array(buffer, HEADER + 4 * count, count),
       };

@@ -12,7 +12,7 @@ from haptorb.devices.device import Device
 __all__ = ["build_tables", "time_bar"]
 
 _WIDTH = 40  #: of a bar, in characters
-_DRAWN = 0.5  #: of the time that is told between two pictures of a bar [s]
+_DRAWN = 0.5  #: between two updates of a bar, by the reported time [s]
 
 
 def build_tables(device: Device) -> None:
@@ -34,11 +34,11 @@ def build_tables(device: Device) -> None:
 
 @contextmanager
 def time_bar(title: str, seconds: float) -> Iterator[Callable[[float], None]]:
-    """A bar that fills within so many seconds; it gives what is to be told of time passing [s].
+    """A bar that fills within so many seconds; returns a function to call with the time passed [s].
 
-    Nothing is drawn where standard error is not a terminal. A plain line, drawn twice a second by whoever tells it of
-    time: a fine one takes milliseconds, or a thread that holds the interpreter, and somebody with a watchdog behind him
-    waits.
+    Nothing is drawn where standard error is not a terminal. A plain line, drawn twice a second by the thread that
+    reports the time: a fine one takes milliseconds, or a thread that holds the interpreter, and a thread with a
+    watchdog waits.
     """
     screen = sys.stderr
     if not screen.isatty():

@@ -1,6 +1,6 @@
 """A Dask cluster as a place to compute: a scheduler at an address, with workers that may come, go and die.
 
-Dask gives the jobs of a worker that died to another one, and a result that died with it is computed again. Each job
+Dask gives the jobs of a lost worker to another one, and a result lost with it is computed again. Each job
 checks the version of its worker, so that one that joins later cannot bring other numbers.
 """
 
@@ -42,14 +42,14 @@ def open_cluster(address: str) -> Iterator[Any]:
         raise InputError("--scheduler needs dask.distributed: pip install 'haptorb[cluster]'") from cause
     if not _ADDRESS.fullmatch(address):  # a client that is made for it fails a second time when it is thrown away
         raise InputError(
-            f"'{address}' is no address of a Dask scheduler; give the one that `dask scheduler` prints, such as "
+            f"'{address}' is not the address of a Dask scheduler; give the one that `dask scheduler` prints, such as "
             "tcp://127.0.0.1:8786"
         )
     try:
         client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError, KeyError) as cause:
         raise InputError(
-            f"no Dask scheduler answers at '{address}'; start one with `dask scheduler`, and give the address that it "
+            f"no Dask scheduler responds at '{address}'; start one with `dask scheduler`, and give the address that it "
             "prints, such as tcp://127.0.0.1:8786"
         ) from cause
     with client:
@@ -98,7 +98,7 @@ def run_jobs(
 
 
 def _wait_for_one(client: Any, done: SimpleQueue[Any]) -> Any:
-    """A future that is done; RuntimeError if there is nobody to compute one."""
+    """A future that is done; RuntimeError without a worker to compute one."""
     deserted = None
     while True:
         try:
@@ -141,7 +141,9 @@ def _check_cluster(client: Any, address: str) -> None:
         client.get_versions(check=True)
         versions = client.run(find_version)
     except Exception as cause:  # what a worker of another version raises is its own
-        raise InputError(f"the Dask cluster at '{address}' does not fit this computer: {_shorten(cause)}") from cause
+        raise InputError(
+            f"the Dask cluster at '{address}' is not compatible with this computer: {_shorten(cause)}"
+        ) from cause
     others = sorted({version for version in versions.values() if version != __version__})
     if others:
         raise InputError(

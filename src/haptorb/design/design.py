@@ -16,7 +16,7 @@ __all__ = ["Bound", "Design", "DesignGoal"]
 
 @dataclass(frozen=True)
 class DesignGoal:
-    """An objective of a design, and what is wanted of it; `name` is that of the design file."""
+    """An objective of a design, and its sense; `name` is that of the design file."""
 
     quantity: DesignQuantity
     sense: Sense

@@ -34,7 +34,7 @@ def load_design(path: str | Path) -> Design:
 
 
 def parse_design(text: str, name: str, folder: Path) -> Design:
-    """The design that the TOML `text` describes; `name` is what mistakes are reported under.
+    """The design that the TOML `text` describes; `name` is the name for messages.
 
     Paths in it, of a base device or a function, start at `folder`.
     """
@@ -160,7 +160,7 @@ def _list_mistakes(design: Design) -> list[str]:
                 continue
             other = writers.setdefault(place.key, parameter.name)
             if other != parameter.name:
-                mistakes.append(f"parameters.{parameter.name}.places: '{place.key}' is written by '{other}' as well")
+                mistakes.append(f"parameters.{parameter.name}.places: '{place.key}' is also written by '{other}'")
     if mistakes:
         return mistakes
     for parameter in design.parameters:

@@ -55,14 +55,14 @@ def _list_changes(design: Design, values: Mapping[str, Value], name: str) -> dic
     cut: list[list[str | int]] = []
     missing = {parameter.name for parameter in design.parameters} ^ set(values)
     if missing:
-        raise InputError(f"design '{design.name}': the values must be of its parameters; check '{min(missing)}'")
+        raise InputError(f"design '{design.name}': the values must belong to its parameters; check '{min(missing)}'")
     for parameter in design.parameters:
         for place in parameter.places:
             written = _write_value(parameter, place, values[parameter.name])
             try:
                 cut.append(write_key(whole, split_key(place.key), written, reason))
             except (LookupError, TypeError, ValueError, AttributeError) as cause:  # a choice made another list
-                raise InputError(f"there is no '{place.key}' with these values") from cause
+                raise InputError(f"'{place.key}' does not exist with these values") from cause
     title = f"{base.values.get('title', design.base)}, {design.name}: {name}"
     changes: dict[str, Any] = {"based_on": design.base, "name": name, "title": title[:400]}
     for path in cut:

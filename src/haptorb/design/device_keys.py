@@ -29,7 +29,7 @@ def check_key(tables: DeviceTables, key: str) -> None:
     """InputError, with the nearest key, unless the device of `tables` has `key`, or could have it."""
     path = split_key(key)
     if path[0] in _FIXED:
-        raise InputError(f"'{key}' says which device it is; a parameter changes what the device is made of")
+        raise InputError(f"'{key}' identifies the device; a parameter must change its construction")
     node: Any = tables.values
     for depth, part in enumerate(path):
         node = _strip(node)

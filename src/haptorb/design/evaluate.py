@@ -1,4 +1,4 @@
-"""What one set of values comes to: the device built, its constraints asked in order, then its objectives."""
+"""Evaluate one set of values: build the device, check its constraints in order, compute its objectives."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def find_base(design: Design) -> Device:
 
 
 def evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evaluation:
-    """What `values` come to; `number` is their place in the run.
+    """The evaluation of `values`; `number` is their place in the run.
 
     A candidate that makes no device, breaks a constraint, or of which a quantity cannot be computed, is refused with
     the reason. Constraints are computed in the order of the design file, up to the first that is broken.
@@ -92,12 +92,12 @@ def compute_quantity(quantity: DesignQuantity, candidate: DesignCandidate) -> tu
         found = float(quantity.compute(candidate))
     except HaptorbError as cause:
         return math.nan, _shorten(str(cause))
-    except Exception as cause:  # a user's own function may raise whatever it likes
+    except Exception as cause:  # a user's own function may raise any exception
         last = traceback.extract_tb(cause.__traceback__)[-1]
         place = f"{last.filename.rpartition('/')[2]}, line {last.lineno}"
         return math.nan, _shorten(f"{type(cause).__name__}: {cause} ({place})")
     if not math.isfinite(found):
-        return math.nan, f"is {found}, no finite number"
+        return math.nan, f"is {found}, not a finite number"
     return found, ""
 
 

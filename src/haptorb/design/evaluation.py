@@ -1,4 +1,4 @@
-"""What one candidate came to: its numbers, or why it was refused."""
+"""The evaluation of one candidate: its numbers, or why it was refused."""
 
 from __future__ import annotations
 

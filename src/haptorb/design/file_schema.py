@@ -30,8 +30,8 @@ class PlaceSection(Section):
     """One of `places`, written as a table."""
 
     key: Annotated[str, m.Meaning("dotted key of the device file; entries of lists count from 1")]
-    factor: Annotated[float, Field(allow_inf_nan=False), m.Meaning("what the value is multiplied with")] = 1.0
-    offset: Annotated[Number, m.Meaning("what is then added, with its unit")] = 0.0
+    factor: Annotated[float, Field(allow_inf_nan=False), m.Meaning("factor for the value")] = 1.0
+    offset: Annotated[Number, m.Meaning("offset to add, with its unit")] = 0.0
 
 
 class ParameterSection(Section):
@@ -39,17 +39,17 @@ class ParameterSection(Section):
 
     low: Annotated[Number | None, m.Meaning("least value"), _NUMBER, m.Without("none: `choices`")] = None
     high: Annotated[Number | None, m.Meaning("greatest value"), _NUMBER, m.Without("none: `choices`")] = None
-    step: Annotated[Number | None, m.Meaning("step from `low` on"), _NUMBER, m.Without("continuous")] = None
+    step: Annotated[Number | None, m.Meaning("step, from `low`"), _NUMBER, m.Without("continuous")] = None
     choices: Annotated[
         list[Any] | dict[str, Any] | None,
-        m.Meaning("what may be written"),
+        m.Meaning("values to choose from"),
         m.Form("a list, or a table by label"),
         m.Without("none: `low` and `high`"),
     ] = None
     places: Annotated[
         list[str | PlaceSection],
         Len(1, 100),
-        m.Meaning("where the value is written"),
+        m.Meaning("keys of the device file that receive the value"),
         m.Form("1 to 100 keys of the device file"),
     ]
 
@@ -68,7 +68,7 @@ class ParameterSection(Section):
 class _QuantitySection(Section):
     quantity: Annotated[
         str | None,
-        m.Meaning("name of what is computed"),
+        m.Meaning("name of the quantity to compute"),
         m.Form("a quantity of the list below"),
         m.Without("the name of the table"),
     ] = None
@@ -77,7 +77,7 @@ class _QuantitySection(Section):
     ] = None
     unit: Annotated[
         Text | None,
-        m.Meaning("unit of what it returns, SI without prefix"),
+        m.Meaning("unit of the result, SI without prefix"),
         m.Without("none: a plain number"),
     ] = None
 
@@ -86,7 +86,7 @@ class _QuantitySection(Section):
         if self.quantity is not None and self.function is not None:
             raise ValueError("has both a quantity and a function; give one")
         if self.unit is not None and self.function is None:
-            raise ValueError("unit is for a function of yours; a quantity of haptorb has its own")
+            raise ValueError("unit is for your own function; a quantity of haptorb has its own")
         return self
 
 
@@ -94,7 +94,7 @@ class GoalSection(_QuantitySection):
     """[objectives.NAME]"""
 
     sense: Annotated[
-        Literal["minimise", "maximise"] | None, m.Meaning("what is wanted"), m.Without("what the quantity is made for")
+        Literal["minimise", "maximise"] | None, m.Meaning("sense of the objective"), m.Without("that of the quantity")
     ] = None
 
 
@@ -115,20 +115,20 @@ class DeviceDesignFile(Section):
     """A design file."""
 
     name: Annotated[Name, m.Meaning("short name of the design")]
-    title: Annotated[Text, m.Meaning("headline of the design")] = ""
-    base: Annotated[str, m.Meaning("device that is changed"), m.Form("name in the catalogue, or a path")]
+    title: Annotated[Text, m.Meaning("title of the design")] = ""
+    base: Annotated[str, m.Meaning("base device"), m.Form("name in the catalogue, or a path")]
     parameters: Annotated[
-        dict[Word, ParameterSection], Len(1, 100), m.Meaning("what is free"), m.Form("1 to 100 tables by name")
+        dict[Word, ParameterSection], Len(1, 100), m.Meaning("free parameters"), m.Form("1 to 100 tables by name")
     ]
     objectives: Annotated[
-        dict[Word, GoalSection], Len(1, 20), m.Meaning("what is wanted"), m.Form("1 to 20 tables by name")
+        dict[Word, GoalSection], Len(1, 20), m.Meaning("objectives"), m.Form("1 to 20 tables by name")
     ]
     constraints: Annotated[
-        dict[Word, BoundSection], Len(0, 100), m.Meaning("what must hold"), m.Form("tables by name"), m.Without("none")
+        dict[Word, BoundSection], Len(0, 100), m.Meaning("constraints"), m.Form("tables by name"), m.Without("none")
     ] = Field(default_factory=dict)
     evaluation: Annotated[
         dict[Word, Any],
-        m.Meaning("how finely candidates are computed"),
-        m.Form("the keys that the quantities below name"),
+        m.Meaning("settings of the computation"),
+        m.Form("the keys named by the quantities below"),
         m.Without("their defaults"),
     ] = Field(default_factory=dict)

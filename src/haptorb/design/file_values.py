@@ -65,7 +65,7 @@ def read_bound(value: str | float, unit: str, where: str, base: float | None) ->
     match = _BASE.fullmatch(value) if isinstance(value, str) else None
     if match is not None:
         if base is None:
-            raise InputError(f"{where}: '{value}', but the base device has no such number")
+            raise InputError(f"{where}: '{value}', but the base device has no such value")
         return float(match[1] or 1.0) * base
     try:
         number, name = read_number(value)
@@ -111,5 +111,5 @@ def _label(choices: list[Any] | Mapping[str, Any] | None, where: str) -> tuple[t
     plain = all(isinstance(one, str | int | float) for one in choices)
     labels = [str(one) if plain else str(number) for number, one in enumerate(choices, 1)]
     if len(set(labels)) != len(labels):
-        raise InputError(f"{where}.choices: '{max(labels, key=labels.count)}' is there twice")
+        raise InputError(f"{where}.choices: '{max(labels, key=labels.count)}' appears twice")
     return tuple(zip(labels, choices, strict=True))

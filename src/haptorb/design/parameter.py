@@ -47,4 +47,4 @@ class DesignParameter:
         for one, value in self.choices:
             if one == label:
                 return value
-        raise InputError(f"parameter '{self.name}': '{label}' is none of its choices: {', '.join(self.labels)}")
+        raise InputError(f"parameter '{self.name}': '{label}' is not one of its choices: {', '.join(self.labels)}")

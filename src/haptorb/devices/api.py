@@ -1,4 +1,4 @@
-"""The public doors of this room: what a device's coils do, asked by name of device and model."""
+"""Public functions of this package: the wrench map of a device, by name of device and model."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ __all__ = ["wrench_map"]
 
 
 def wrench_map(device: Device | str, state: State, model: str | None = None) -> WrenchMap:
-    """What the coils of `device` (a Device or its name) do at `state`: `.matrix` (6, m) [N/A, N·m/A], `.passive` (6,).
+    """The wrench map of `device` (a Device or its name) at `state`: `.matrix` (6, m) [N/A, N·m/A], `.passive` (6,).
 
-    `model` is one of `device.models`, the first of them where none is given. Stator frame, torque about the mover's
-    origin. Raises UnknownName for a model that the device does not know.
+    `model` is one of `device.models`, by default the first. Stator frame, torque about the mover's
+    origin. Raises UnknownName for an unknown model.
 
     >>> per_ampere = wrench_map("omni", State.at((0, 0, 0.05)), model="published").matrix
     >>> round(float(-1e3 * per_ampere[2, 2]), 1)        # pull of the z coil [mN/A]

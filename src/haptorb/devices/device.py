@@ -1,14 +1,15 @@
-"""What every device has, whatever its magnets: coils that heat, a supply, limits, and a wrench map."""
+"""The common part of every device: coils that heat up, a supply, limits, and a wrench map."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
+from haptorb.devices.device_text import DeviceText
 from haptorb.devices.kind import DeviceKind, load_part
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
@@ -24,7 +25,7 @@ __all__ = ["Coils", "Device", "Heat", "HeatCoupling", "Limits", "Shell", "Supply
 
 @dataclass(frozen=True)
 class HeatCoupling:
-    """What lets channels warm each other: one core, or former, between their windings."""
+    """Thermal coupling between channels: one core, or former, between their windings."""
 
     core_capacity: float  #: [J/K]
     winding_to_core: tuple[float, ...]  #: (m,) conductance of each winding [W/K]
@@ -32,9 +33,9 @@ class HeatCoupling:
 
 @dataclass(frozen=True)
 class Heat:
-    """Two bodies in a row per channel, winding → body → air, alike for all channels; and what couples the channels.
+    """Two bodies in series per channel, winding → body → air, equal for all channels; and their thermal coupling.
 
-    One time constant cannot hold the published endurance figures together (Zárate 2020 §III and §V); two can.
+    One time constant cannot reproduce the published endurances (Zárate 2020 §III and §V); two can.
     """
 
     winding_capacity: float  #: [J/K]
@@ -42,7 +43,7 @@ class Heat:
     winding_to_body: float  #: conductance [W/K]
     body_to_air: float  #: conductance [W/K]
     ambient: float  #: [K]
-    warn: float  #: winding temperature at which the user is told [K]
+    warn: float  #: winding temperature at which the user is warned [K]
     derate: float  #: from here currents are reduced [K]
     stop: float  #: here the coils go off [K]
     coupling: HeatCoupling | None = None  #: None: no channel warms another
@@ -50,11 +51,11 @@ class Heat:
 
     @property
     def coil(self) -> TwoNode:
-        """Winding and body of one channel, without what couples it to others."""
+        """Winding and body of one channel, without the coupling to others."""
         return TwoNode(self.winding_capacity, self.body_capacity, self.winding_to_body, self.body_to_air)
 
     def network(self, channels: int) -> ThermalNetwork:
-        """All `channels` and what couples them: nodes are the windings, the bodies and, if there is one, the core."""
+        """All `channels` and their coupling: nodes are the windings, the bodies and, if there is one, the core."""
         coupling = self.coupling
         if coupling is None:
             return ThermalNetwork.of_coils(self.coil, np.zeros(channels), 1.0)
@@ -63,7 +64,7 @@ class Heat:
 
 @dataclass(frozen=True)
 class Coils:
-    """The channels as an electrician sees them; arrays have one entry per channel."""
+    """Electrical data of the channels; arrays have one entry per channel."""
 
     names: tuple[str, ...]
     resistance: Array  #: (m,) at the reference temperature [Ω]
@@ -81,7 +82,7 @@ class Coils:
 
 @dataclass(frozen=True)
 class Supply:
-    """What drives the coils: a voltage, chopped in steps, and the sense of its current."""
+    """The supply of the coils: a voltage, chopped in steps, and its current sensor."""
 
     voltage: float  #: [V]
     duty_bits: int  #: resolution of the duty cycle's magnitude
@@ -92,20 +93,20 @@ class Supply:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the guard holds, for the mover as a whole and for every channel."""
+    """Limits that the guard enforces, for the mover as a whole and for every channel."""
 
     force: float  #: greatest magnitude asked of the device [N]
     torque: float  #: greatest magnitude asked of the device [N·m]
-    slew: float  #: greatest change of a channel's current [A/s]
+    slew: float  #: maximum slew rate of a channel's current [A/s]
     expiry: float  #: age at which a command or a pose is worth nothing [s]
 
 
 @dataclass(frozen=True)
 class Shell:
-    """The space over a dome in which a tool's magnet can be."""
+    """The space above a dome in which a tool's magnet can be."""
 
     contact_distance: float  #: of the magnet from the dome's centre when a radial tool touches the dome [m]
-    thickness: float  #: how far above contact forces are rendered [m]
+    thickness: float  #: height above contact up to which forces are rendered [m]
     moment: float  #: of the tool's magnet [A·m²]
     dome_radius: float  #: outside of the dome [m]
 
@@ -122,20 +123,23 @@ class Device(Presentable, ABC):
     coils: Coils
     supply: Supply
     limits: Limits
-    assumed: Mapping[str, str]  #: value → why it is believed, for what the source does not give
+    assumed: Mapping[str, str]  #: value → reason, for values that the source does not give
     digest: str  #: of everything in the file: recordings and calibrations name their device by it
 
     #: the models of coils and magnets that `wrench_map` knows, the default first
     models: tuple[str, ...] = ()
 
+    #: what it was built from, if that was a file
+    text: DeviceText | None = field(default=None, repr=False, compare=False)
+
     @property
     def tick_models(self) -> tuple[str, ...]:
-        """Those of `models` that a servo can invert: they take a part of a tick only. By default the first."""
+        """Those of `models` that are fast enough for a servo. By default the first."""
         return self.models[:1]
 
     @property
     def channels(self) -> int:
-        """Number of currents that are commanded."""
+        """Number of commanded currents."""
         return len(self.coils.names)
 
     @property
@@ -145,27 +149,27 @@ class Device(Presentable, ABC):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What should be known of this device though it can be computed with: sentences."""
+        """Remarks about inconsistent values of this device: sentences."""
         return ()
 
     @property
     def shell(self) -> Shell | None:
-        """Where a tool can be over a dome; None for a device without one."""
+        """Where a tool can be above a dome; None for a device without a dome."""
         return None
 
     @property
     def is_upright(self) -> bool:
-        """Whether a tool stands upright where nobody says how it is turned; else its axis is radial."""
+        """Whether a tool is upright if no orientation is given; else its axis is radial."""
         return False
 
     @property
     def rest_position(self) -> Array:
-        """(3,) where the mover is when nobody moves it: a place where every model of the device holds [m]."""
+        """(3,) rest position of the mover: a position at which every model of the device is valid [m]."""
         return np.zeros(3)
 
     @abstractmethod
     def wrench_map(self, state: State, model: str) -> WrenchMap:
-        """What the coils do to the mover at `state`, by one of `models`."""
+        """The wrench map at `state`, by one of `models`."""
 
     def draw(self, view: str = "both", azimuth: float = 0.0) -> Any:
         """A matplotlib figure: the drawing to scale that `haptorb show` writes; `view` is "section", "3d" or "both".
@@ -176,7 +180,7 @@ class Device(Presentable, ABC):
         return load_part("haptorb.apps.show.drawing:draw_device")(self, view, azimuth)
 
     def check_model(self, model: str) -> str:
-        """`model` itself, or UnknownName with what this device knows."""
+        """`model` itself. Raises UnknownName with the models of this device."""
         if model not in self.models:
             raise UnknownName(f"model of device '{self.name}'", model, self.models)
         return model
@@ -226,24 +230,24 @@ class Device(Presentable, ABC):
             ),
             ("field sensors", f"{self.sensors}, three axes each"),
             ("models", ", ".join(self.models)),
-            ("assumed", f"{len(self.assumed)} values that the source does not give, see `.assumed`"),
+            ("assumed", f"{len(self.assumed)} values that the source does not state, see `.assumed`"),
             ("digest", self.digest[:12]),
         ]
 
     @property
     def driven_current(self) -> Array:
-        """(m,) greatest current that supply and limit allow, the coils at their reference temperature [A]."""
+        """(m,) largest current that supply and limit allow, with the coils at their reference temperature [A]."""
         driven: Array = np.minimum(self.coils.current_limit, self.supply.voltage / self.coils.resistance)
         return driven
 
     @property
     def greatest_resistance(self) -> Array:
-        """(m,) resistance of windings at the stop temperature, the warmest that may carry a current [Ω]."""
+        """(m,) resistance of windings at the stop temperature, the maximum with current [Ω]."""
         return self.coils.resistance_at(np.full(self.channels, self.coils.heat.stop))
 
     @property
     def sustained_current(self) -> Array:
-        """(m,) the current that may flow for ever in a channel alone: its winding settles at the derating temperature
+        """(m,) continuous current of a channel alone: its winding settles at the derating temperature
         [A]."""
         rise_per_ampere2 = np.diagonal(self._rise_per_ampere2)
         current: Array = np.minimum(np.sqrt(self._greatest_rise / rise_per_ampere2), self.coils.current_limit)
@@ -251,9 +255,10 @@ class Device(Presentable, ABC):
 
     @property
     def sustained_current_together(self) -> Array:
-        """(m,) the same current in all channels, for ever: the hottest winding settles at the derating temperature [A].
+        """(m,) the same continuous current in all channels: the hottest winding settles at the derating temperature
+        [A].
 
-        No greater than `sustained_current`; the same where no channel warms another and all are alike.
+        At most `sustained_current`; equal to it without thermal coupling between equal channels.
         """
         hottest = float(self._rise_per_ampere2.sum(axis=1).max())
         current: Array = np.minimum(np.sqrt(self._greatest_rise / hottest), self.coils.current_limit)
@@ -280,9 +285,9 @@ D = TypeVar("D", bound=Device)
 
 
 def require(device: Device, of: type[D], what: str) -> D:
-    """`device`, for a program that works for class `of` only; InputError, which calls the program `what`, for another.
+    """`device`, for a program `what` that supports only class `of`. Raises InputError for another.
 
-    What several kinds do in different ways is no case for this, but for a part of their records.
+    If several kinds support something in different ways, use a part of their records instead.
     """
     if not isinstance(device, of):
         raise InputError(f"device '{device.name}' is a {device.kind.title}; {what} works for {of.kind.title}s")

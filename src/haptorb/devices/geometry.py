@@ -1,4 +1,4 @@
-"""The parts of a device as bodies in space: what every drawing of it, on paper or in the console, is made from."""
+"""The parts of a device as bodies in space, for every drawing of it, on paper or in the console."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Ball", "Geometry", "Reach", "Rod", "RoundPart", "Spot", "list_assume
 class RoundPart:
     """A round body, solid or hollow, about its own axis: a coil's winding, or a magnet.
 
-    Parts of the mover (`moves`) are where they are with the mover at its rest pose.
+    Parts of the mover (`moves`) are given with the mover at its rest pose.
     """
 
     name: str  #: as messages call it
@@ -47,7 +47,7 @@ class Ball:
 @final
 @dataclass(frozen=True)
 class Spot:
-    """A place on the stator."""
+    """A point on the stator."""
 
     name: str
     role: str  #: "sensor" or "mark"
@@ -57,7 +57,7 @@ class Spot:
 @final
 @dataclass(frozen=True)
 class Rod:
-    """A straight part of the mover whose ends are known, and not its thickness."""
+    """A straight part of the mover with known ends but unknown thickness."""
 
     name: str
     start: Array  #: (3,) [m]
@@ -67,7 +67,7 @@ class Rod:
 @final
 @dataclass(frozen=True)
 class Reach:
-    """Where a point of the mover can be: between two spheres about the origin, within a cone about +z."""
+    """Range of a point of the mover: between two spheres about the origin, within a cone about +z."""
 
     name: str  #: of the point
     half_angle: float  #: [rad]
@@ -78,7 +78,7 @@ class Reach:
 @final
 @dataclass(frozen=True)
 class Geometry:
-    """Everything of a device that has a place; `notes` say what the device file does not state, or only assumes."""
+    """All parts of a device with a position; `notes` name what the device file does not state or assumes."""
 
     round_parts: tuple[RoundPart, ...]
     balls: tuple[Ball, ...] = ()
@@ -87,12 +87,8 @@ class Geometry:
     reach: Reach | None = None
     notes: tuple[str, ...] = ()
 
-    def select_parts(self, role: str) -> tuple[RoundPart, ...]:
-        """The round parts of that role, in order."""
-        return tuple(part for part in self.round_parts if part.role == role)
-
     def select_spots(self, role: str) -> tuple[Spot, ...]:
-        """The places of that role, in order."""
+        """The points of that role, in order."""
         return tuple(spot for spot in self.spots if spot.role == role)
 
     @property

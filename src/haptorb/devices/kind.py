@@ -1,8 +1,8 @@
-"""One record per kind of device: everything that programs do differently for one kind than for another.
+"""One record per kind of device: everything that differs between kinds.
 
-A class of devices names its record (`Device.kind`), so a device carries it wherever it goes, into the servo's process
-too. A part is a callable, or the place of one as "module:name", which is imported when the part is first needed: so a
-record may name parts of layers far above this one, and reading a device file loads none of them.
+A class of devices names its record (`Device.kind`), so it is available wherever the device is, including the
+servo's process. A part is a callable, or "module:name", which is imported when it is first needed. So a record
+may name parts of higher layers, and reading a device file loads none of them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Part = str | Callable[..., Any]
 
 
 def load_part(part: Part) -> Any:
-    """The callable that `part` is, or that stands at "module:name"."""
+    """The callable `part`, or the one at "module:name"."""
     if not isinstance(part, str):
         return part
     module, _, name = part.partition(":")
@@ -29,30 +29,30 @@ def load_part(part: Part) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceKind:
-    """What is known of one kind of device. An optional part that is None: programs that need it refuse such devices.
+    """Record of one kind of device. If an optional part is None, programs that need it refuse such devices.
 
     name           as `kind` in a device file
     title          in sentences: "spherical motor", or for several "spherical motors"
-    world          name of the world that shows such a device best
+    world          name of the default world
     allocator      (device) → Allocator
     wrench_choice  (device, part or None, arm or None) → WrenchChoice, for a kind that can render force, torque or both
-    part_remarks   (device, WrenchChoice) → a text for each part that can be rendered
+    part_remarks   (device, WrenchChoice) → a remark for each part that can be rendered
     estimators     (device) → {name: EstimatorChoice}, the default first
     linkage        (device, gains or None) → Linkage
-    modes          names of the linkage's modes; empty for one that acts directly
-    contacts       how many contacts of a `ContactWorld` its rows have room for; the linkage says what they do
+    modes          names of the linkage's modes; empty for a direct one
+    contacts       number of contacts of a `ContactWorld` in its rows, filled by the linkage
     simulation     (device, seed) → Simulation, for the driver "sim"
-    guide          (device) → Guide: what the simulated hand does before somebody points; by default it rests
+    guide          (device) → Guide: motion of the simulated hand before a person points; by default it rests
     file           class of its device file (pydantic), with `build(assumed, digest, override=…)`; None: Python only
-    tables         (device, report) → what is stored as `device.tables`, where computing it takes long
-    geometry       (device) → Geometry: bodies and places, for `haptorb show` and the console's picture
-    scene          (device) → JSON for the console's picture, with "kind": one of the page's scenes; None: axes
-    force_map      (device) → process that computes the force painted on the dome of the console's picture
+    tables         (device, report) → data for `device.tables` that take long to compute
+    geometry       (device) → Geometry: bodies and positions, for `haptorb show` and the console
+    scene          (device) → JSON for the console, with "kind": one of the page's scenes; None: axes
+    force_map      (device) → process that computes the force map on the dome in the console
     card           (device) → Card of `haptorb inspect`
     errors         (device, wrench asked, estimator, calibration) → ErrorModel of `haptorb inspect --errors`
     hold           (device, hand) → HeldMover, for a kind that a scene can be coupled to
     workspace      (device) → Workspace of `haptorb check --world`
-    boundary       largest stiffness of the simulated chain, as `haptorb check --world --plot` tries it
+    boundary       largest stable stiffness of the simulated loop, for `haptorb check --world --plot`
     """
 
     name: str
@@ -79,12 +79,12 @@ class DeviceKind:
     boundary: Part | None = None
 
     def part(self, name: str) -> Any:
-        """The callable of part `name`; None where this kind has none."""
+        """The callable of part `name`; None if this kind has none."""
         part = getattr(self, name)
         return None if part is None else load_part(part)
 
     def require_part(self, name: str, device: str, what: str) -> Any:
-        """The callable of part `name`; InputError, saying for which kinds `what` works, where this kind has none."""
+        """The callable of part `name`; InputError that states which kinds support `what`, if this kind has none."""
         found = self.part(name)
         if found is None:
             able = [f"{kind.title}s" for kind in map(kind_of_name, KINDS) if getattr(kind, name) is not None]
@@ -103,7 +103,7 @@ KINDS: Final[dict[str, DeviceKind | str]] = {
 def register(kind: DeviceKind) -> None:
     """Make device files of `kind` known to the loader. Devices made in Python need no registration.
 
-    Raises InputError for a name that another record has already.
+    Raises InputError for a name that another record already has.
     """
     KINDS.setdefault(kind.name, kind)
     if kind_of_name(kind.name) != kind:
@@ -111,7 +111,7 @@ def register(kind: DeviceKind) -> None:
 
 
 def kind_names() -> tuple[str, ...]:
-    """What `kind` in a device file may be."""
+    """Valid values of `kind` in a device file."""
     return tuple(KINDS)
 
 

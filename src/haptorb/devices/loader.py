@@ -1,16 +1,17 @@
-"""From a device file to a Device: found in the catalogue or by path, checked as a whole, every mistake named."""
+"""From a device file to a Device: found in the catalogue or by path, checked as a whole, with all mistakes reported."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from haptorb.devices.device import Device
+from haptorb.devices.device_text import DeviceText
 from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import DeviceError, InputError, UnknownName, quote
@@ -23,16 +24,18 @@ _FOLDER = Path(__file__).parent / "catalogue"
 
 @dataclass(frozen=True)
 class DeviceTables:
-    """What a device file says, laid over the devices that it is based on, before any of it is checked.
+    """Tables of a device file merged with its base devices, before any check.
 
-    name    what mistakes are reported under
+    name    name for messages
     values  the tables
-    text    all text that went into them: the device's digest is made of it
+    text    complete text of all files: the device's digest is computed from it
+    file    the same text, file by file; None where there is no file
     """
 
     name: str
     values: Mapping[str, Any] = field(repr=False)
     text: str = field(repr=False)
+    file: DeviceText | None = field(default=None, repr=False)
 
 
 def catalogue() -> dict[str, str]:
@@ -46,8 +49,8 @@ def catalogue() -> dict[str, str]:
 def load(name: str | Path, *, override: bool = False) -> Device:
     """The device of that name in the catalogue, or in the TOML file at that path.
 
-    Raises UnknownName with the nearest name, or DeviceError naming file, key, value and what was expected. With
-    `override` a device whose parts overlap, or whose wiring cannot work, is built all the same, for study.
+    Raises UnknownName with the most similar name, or DeviceError with file, key, value and what was expected. With
+    `override` a device whose parts overlap, or whose wiring cannot work, is built anyway, for study.
 
     >>> load("omni").channels
     3
@@ -67,18 +70,21 @@ def _read(text: str) -> tuple[str, str]:
     return read_text(text, "device file", DeviceError), name
 
 
-def parse(content: str, name: str, *, override: bool = False) -> Device:
-    """The device that the TOML text `content` describes; `name` is what mistakes are reported under.
+def parse(content: str, name: str, *, bases: Mapping[str, str] | None = None, override: bool = False) -> Device:
+    """The device that the TOML text `content` describes; `name` is the name for messages.
+
+    bases: files that it may be based on besides the catalogue, by the text of `based_on`; no other file is read. None:
+    any file.
 
     Raises DeviceError with all mistakes of the text.
     """
-    return build_tables(DeviceTables(name, *_load_with_base(content, name, 0)), override=override)
+    return build_tables(_lay_over_bases(content, name, bases), override=override)
 
 
 def read_tables(name: str | Path) -> DeviceTables:
-    """The tables of the device of that name in the catalogue, or in the TOML file at that path; errors as of `load`."""
+    """The tables of the device of that name in the catalogue, or in the TOML file at that path; errors as `load`."""
     content, source = _read(str(name))
-    return DeviceTables(source, *_load_with_base(content, source, 0))
+    return _lay_over_bases(content, source, None)
 
 
 def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
@@ -97,7 +103,7 @@ def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
             plain = {key: _strip_provenance(value, key, assumed) for key, value in tables.values.items()}
             file = file_class.model_validate(plain)
             digest = hashlib.sha256(tables.text.encode()).hexdigest()
-            device: Device = file.build(assumed, digest, override=override)
+            device: Device = replace(file.build(assumed, digest, override=override), text=tables.file)
     except ValidationError as cause:
         lines = [f"device '{name}': {line}" for line in explain_mistakes(cause.errors(), file_class)]
         raise DeviceError("\n".join(lines)) from cause
@@ -112,9 +118,9 @@ def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
 
 
 def list_mistakes(tables: DeviceTables) -> list[tuple[list[str | int], str]]:
-    """(path, sentence) of each value that the file's class refuses; entries of lists count from 1 in a path.
+    """(path, sentence) of each invalid value; entries of lists count from 1 in a path.
 
-    Only what can be said of values one by one: overlaps and wiring are for `build_tables` to find.
+    Only checks of single values; `build_tables` finds overlaps and wiring errors.
     """
     from pydantic import ValidationError
 
@@ -131,7 +137,7 @@ def list_mistakes(tables: DeviceTables) -> list[tuple[list[str | int], str]]:
 
 
 def lay_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """`below` with what `above` says in its place: tables are joined, values and lists replaced.
+    """`below` overridden by `above`: tables are merged, values and lists replaced.
 
     >>> lay_over({"dome": {"radius": "30 mm", "friction": 0.1}}, {"dome": {"radius": "31 mm"}})
     {'dome': {'radius': '31 mm', 'friction': 0.1}}
@@ -143,26 +149,44 @@ def lay_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, An
     return merged
 
 
-def _load_with_base(content: str, name: str, depth: int) -> tuple[dict[str, Any], str]:
-    """The file's tables, laid over those of the device it is `based_on`; and all text that went into them."""
+def _lay_over_bases(content: str, name: str, bases: Mapping[str, str] | None) -> DeviceTables:
+    values, whole, found = _load_with_base(content, name, bases, 0)
+    return DeviceTables(name, values, whole, DeviceText(content, found))
+
+
+def _load_with_base(
+    content: str, name: str, bases: Mapping[str, str] | None, depth: int
+) -> tuple[dict[str, Any], str, dict[str, str]]:
+    """The file's tables, laid over those of the device it is `based_on`; all text that went into them; and the files
+    that it is based on."""
     try:
         raw = parse_toml(content)
     except ValueError as cause:
         raise DeviceError(f"device '{name}': not a TOML file: {cause}") from cause
     base = raw.get("based_on")
     if base is None:
-        return raw, content
+        return raw, content, {}
     if not isinstance(base, str) or depth > 8:
         raise DeviceError(f"device '{name}': based_on must name another device, without a cycle; got {quote(base)}")
-    text, below_name = _read(base)
-    below, whole = _load_with_base(text, below_name, depth + 1)
+    text, below_name = _read_base(base, name, bases)
+    below, whole, found = _load_with_base(text, below_name, bases, depth + 1)
     if raw.get("name", below.get("name")) == below.get("name"):
         raise DeviceError(
             f"device '{name}': name must be a name of its own, other than {quote(below.get('name'))} of the device "
             "that it is based on: recordings and calibrations refer to a device by its name"
         )
     raw.setdefault("title", f"{below.get('title')} ({raw['name']})")
-    return lay_over(below, raw), whole + content
+    return lay_over(below, raw), whole + content, {base: text, **found}
+
+
+def _read_base(base: str, name: str, bases: Mapping[str, str] | None) -> tuple[str, str]:
+    if bases is None:
+        return _read(base)
+    if base in bases:
+        return bases[base], base
+    if base not in catalogue():
+        raise DeviceError(f"device '{name}': the file of {quote(base)}, which it is based on, is missing")
+    return _read(base)
 
 
 def _strip_provenance(value: Any, path: str, assumed: dict[str, str]) -> Any:

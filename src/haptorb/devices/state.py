@@ -1,4 +1,4 @@
-"""Where the moving part is, and how it moves: the one state that worlds, estimators and devices share."""
+"""Pose and motion of the mover: the state that worlds, estimators and devices share."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["State", "rotation_to_axis"]
 
 
 def rotation_to_axis(axis: ArrayLike) -> Array:
-    """The rotation R_SR, shape (3, 3), that turns the mover's z axis to `axis` by the shortest way.
+    """The rotation R_SR, shape (3, 3), that turns the mover's z axis to `axis` by the smallest angle.
 
     Raises InputError for the zero vector.
 
@@ -61,7 +61,7 @@ class State:
         w: ArrayLike = (0.0, 0.0, 0.0),
         t: float = 0.0,
     ) -> State:
-        """A tool at `position` (3,) [m], its axis radial unless `axis` (3,) or `R_SR` (3, 3) says otherwise.
+        """A tool at `position` (3,) [m], its axis radial unless `axis` (3,) or `R_SR` (3, 3) is given.
 
         Raises InputError for other shapes, for both orientations at once, and for the centre without one.
 
@@ -72,7 +72,7 @@ class State:
         if p.shape != (3,):
             raise InputError(f"position must have shape (3,); got {p.shape}")
         if axis is not None and R_SR is not None:
-            raise InputError("give the orientation as axis or as R_SR, not as both")
+            raise InputError("give the orientation as axis or as R_SR, not both")
         if R_SR is not None:
             R = rotation(R_SR, "R_SR")
         elif axis is None and not p.any():

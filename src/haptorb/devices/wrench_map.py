@@ -1,4 +1,4 @@
-"""What the coils can do at a pose: wrench per ampere, and the wrench that is there without any current."""
+"""The wrench map at a pose: wrench per ampere, and the passive wrench without current."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class WrenchMap:
     """Wrench on the mover, in the stator frame, torque about the mover's origin p.
 
     matrix    (6, m) force [N/A] above torque [N·m/A], one column per channel
-    passive   (6,) wrench at zero current [N, N·m]: what a soft core or a regulator does by itself
+    passive   (6,) passive wrench at zero current [N, N·m], of a soft core or a regulator
     """
 
     matrix: Array
@@ -60,6 +60,6 @@ class WrenchMap:
         return self.matrix[3:]
 
     def wrench(self, currents: Array) -> Array:
-        """(6,) the wrench that `currents` (m,) [A] give, the passive part included."""
+        """(6,) the wrench of `currents` (m,) [A], including the passive part."""
         wrench: Array = self.matrix @ currents + self.passive
         return wrench

@@ -11,10 +11,11 @@ from html import escape
 import numpy as np
 
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.record import record
 
-__all__ = ["curves_svg", "facts_html", "pre_html", "scroll_table_html", "table_html"]
+__all__ = ["Link", "curves_svg", "facts_html", "pre_html", "scroll_table_html", "table_html"]
 
-#: Okabe and Ito's colours: told apart by everybody
+#: Okabe and Ito's colours: distinguished with any colour vision
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 520, 130, 52, 22  #: of a picture, and room for its numbers [px]
 _POINTS = 200  #: places across a curve
@@ -23,7 +24,7 @@ _RIGHT_CELL = "text-align:right;vertical-align:top;padding:0 1em 0 0"
 
 
 def facts_html(title: str, facts: Iterable[tuple[str, str]], more: str = "") -> str:
-    """A title, names with what is said of each, and `more` HTML below them.
+    """A title, a table of names and texts, and `more` HTML below it.
 
     >>> facts_html("omni", [("supply", "12 V")]).count("<td")
     1
@@ -33,7 +34,8 @@ def facts_html(title: str, facts: Iterable[tuple[str, str]], more: str = "") -> 
         f"<td style='{_LEFT_CELL}'>{escape(text)}</td></tr>"
         for name, text in facts
     )
-    return f"<div><strong>{escape(title)}</strong><table>{rows}</table>{more}</div>"
+    table = f"<table>{rows}</table>" if rows else ""
+    return f"<div><strong>{escape(title)}</strong>{table}{more}</div>"
 
 
 def table_html(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -50,6 +52,20 @@ def table_html(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return f"<table><thead><tr>{line}</tr></thead><tbody>{body}</tbody></table>"
 
 
+@record
+class Link:
+    """A cell of a table: `text` that opens `to` in another tab."""
+
+    text: str
+    to: str
+
+
+def _fill_cell(cell: object) -> str:
+    if isinstance(cell, Link):
+        return f"<a href='{escape(cell.to)}' target='_blank' rel='noopener'>{escape(cell.text)}</a>"
+    return escape(str(cell))
+
+
 def scroll_table_html(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """A table for a report, whose style sheet gives "wide" a scroll bar: a narrow window scrolls the table, by keyboard
     too, and not the page.
@@ -58,7 +74,7 @@ def scroll_table_html(heads: Sequence[str], rows: Iterable[Sequence[object]]) ->
     '<tr><td>firm &amp; stiff</td><td>3</td></tr></table></div>'
     """
     top = "".join(f"<th>{escape(head)}</th>" for head in heads)
-    lines = ("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
+    lines = ("<tr>" + "".join(f"<td>{_fill_cell(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<div class='wide' tabindex='0'><table><tr>{top}</tr>{''.join(lines)}</table></div>"
 
 
@@ -74,7 +90,7 @@ def pre_html(text: str) -> str:
 def curves_svg(x: Array, curves: Sequence[tuple[str, Array]], x_title: str, y_title: str) -> str:
     """Curves over `x` (n,) as an SVG picture; each of `curves` is a name and (n,) values, in the units of the titles.
 
-    A curve with more points than the picture shows is drawn from the lowest to the highest of each stretch, so that no
+    A curve with more points than the picture shows is drawn from the lowest to the highest of each interval, so that no
     peak is lost. What is not finite is left out. Empty without two points to join.
 
     >>> curves_svg(np.array([0.0, 1.0]), [("force", np.array([0.0, 0.5]))], "s", "N").count("<polyline")
@@ -115,7 +131,7 @@ def curves_svg(x: Array, curves: Sequence[tuple[str, Array]], x_title: str, y_ti
 
 
 def _join_points(x: Array, y: Array) -> tuple[Array, Array]:
-    """The curve itself, or lowest and highest of each stretch of a long one; a stretch of NaN stays NaN."""
+    """The curve itself, or lowest and highest of each interval of a long one; an interval of NaN stays NaN."""
     stretch = -(-len(x) // _POINTS)
     if stretch < 2:
         return x, y

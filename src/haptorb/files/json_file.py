@@ -19,7 +19,7 @@ _LARGEST = 1e15  #: in SI units; what is measured is smaller, and products of it
 def parse_document(
     text: str, name: str, kind: str, wanted: str, keys: Set[str], remedy: str, optional: Set[str] = frozenset()
 ) -> Mapping[str, Any]:
-    """What `text` says, a `kind` of format `wanted` with `keys`; `name` is what mistakes are reported under.
+    """What `text` says, a `kind` of format `wanted` with `keys`; `name` is the name for messages.
 
     `optional` keys may be missing, in files of an older version.
 
@@ -35,7 +35,7 @@ def parse_document(
     if not isinstance(raw, Mapping) or raw.get("format") != wanted:
         found = raw.get("format") if isinstance(raw, Mapping) else type(raw).__name__
         raise CalibrationError(
-            f"{name} is not a {kind} that this version reads: format must be '{wanted}'; got {quote(found)}"
+            f"{name} is not a {kind} that this version can read: format must be '{wanted}'; got {quote(found)}"
         )
     missing, strange = keys - set(raw), set(raw) - keys - optional
     if missing or strange:
@@ -47,7 +47,7 @@ def parse_document(
 def numbers(raw: Mapping[str, Any], key: str, name: str, shape: tuple[int | None, ...]) -> Array:
     """The array of `shape`, such as (3, 3) or (3, n) with None for n, that `raw` has under `key` [SI].
 
-    `name` is what mistakes are reported under.
+    `name` is the name for messages.
 
     Raises CalibrationError for anything but finite numbers of that shape and of a size that can be measured.
     """

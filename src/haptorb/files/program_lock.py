@@ -1,4 +1,4 @@
-"""One program at a time: a lock that the operating system, or PostgreSQL, takes back from whoever dies."""
+"""One program at a time: a lock that the operating system, or PostgreSQL, releases when its holder ends."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -17,6 +18,8 @@ def replace_file(path: Path, *, sync: bool = False) -> Iterator[Path]:
     If the block raises, `path` stays as it was and nothing is left beside it. The name is new for each call: processes
     may write the same file at once. `sync` waits until the content is on the disk: a power cut loses nothing.
 
+    Raises OSError for what is there and no file: a device such as /dev/null, or a pipe, must not be replaced by one.
+
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
     ...     place = Path(folder, "numbers")
@@ -25,6 +28,8 @@ def replace_file(path: Path, *, sync: bool = False) -> Iterator[Path]:
     ...     [(file.name, file.read_text()) for file in Path(folder).iterdir()]
     [('numbers', '1 2 3')]
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):  # the system itself refuses a folder
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
     part = path.with_name(f".{path.name}-{os.urandom(4).hex()}.part")
     try:
         yield part

@@ -52,7 +52,7 @@ def make_engine(place: str | Path) -> Engine:
 
 
 def lock_database(connection: Connection, family: int) -> None:
-    """Nobody else of `family` gets past here until the transaction that has just begun on `connection` ends."""
+    """No other program of `family` passes here until the transaction that has just begun on `connection` ends."""
     if connection.dialect.name == "sqlite":
         connection.execute(text("BEGIN IMMEDIATE"))  # Python's sqlite3 would begin only at the first change of data
     else:

@@ -1,6 +1,6 @@
 """Files that people write: text of bounded size, TOML and JSON of bounded depth; what cannot be read is one sentence.
 
-What a file says is nobody's promise: it may be a device that never ends, a megabyte of brackets, or a number of a
+A file's content cannot be trusted: it may be a device that never ends, a megabyte of brackets, or a number of a
 thousand digits. Each of them must end in the reader's own error, at once and with little memory.
 """
 
@@ -36,7 +36,7 @@ def read_bytes(path: str | Path, most: int, what: str, error: type[HaptorbError]
             content = file.read(most + 1)
     except OSError as cause:
         raise error(f"{what} {path}: cannot be read ({cause.strerror})") from cause
-    except (ValueError, RuntimeError) as cause:  # a zero byte in its name, or somebody's folder who is not known
+    except (ValueError, RuntimeError) as cause:  # a zero byte in its name, or the folder of an unknown user
         raise error(f"{what} {str(path)!r}: cannot be read (not the name of a file)") from cause
     if len(content) > most:
         raise error(f"{what} {path}: cannot be read (longer than {most} bytes)")

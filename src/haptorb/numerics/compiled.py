@@ -2,10 +2,10 @@
 
 A kernel is compiled once per machine and kept under the user's cache folder. numba looks only at the file that holds
 a kernel, not at the kernels that it calls; so each file's kernels are kept in a folder named after the state of that
-file and of all the package's files that it imports from, directly or by way of others. A change elsewhere costs nobody
-a compilation.
+file and of all the package's files that it imports from, directly or by way of others. A change elsewhere costs no
+compilation.
 
-numba takes most of a second to load, and whoever only reads a device file does not need it. Until the first kernel is
+numba takes most of a second to load, and to read a device file it is not needed. Until the first kernel is
 called, every kernel is a `PostponedKernel`; that call loads numba and puts compiled functions in the place of all of
 them. What runs beside a clock calls `load_compiler` before it starts.
 """
@@ -118,7 +118,7 @@ def _numba() -> Any:
 
 
 def _silence_lock() -> None:
-    """Have numba not measure each of the ten thousands of calls of LLVM: nobody asks for these times."""
+    """Have numba not measure each of the ten thousands of calls of LLVM: these times are not needed."""
     ffi: Any = import_module("llvmlite.binding.ffi")
     register, ffi.register_lock_callback = ffi.register_lock_callback, lambda begin, end: None
     try:
@@ -147,7 +147,7 @@ def _limit_optimisation(numba: Any) -> None:
 
     Most kernels work on three or six numbers in turn: vector code for their loops, and what the third level adds to the
     second, took a third of the time of a first start (docs/decisions/0003). Those whose loops run over every magnet of
-    a motor have vector code nevertheless: `vector_kernel`. Not where somebody chose otherwise.
+    a motor have vector code nevertheless: `vector_kernel`. Not where the user chose otherwise.
     """
     if "NUMBA_OPT" not in os.environ:
         numba.config.OPT = type(numba.config.OPT)(2)
@@ -159,7 +159,7 @@ def _disable_gathers(numba: Any) -> None:
     """Have tables looked up one number at a time.
 
     The microcode against "Downfall" (Intel, 2023) makes the vector instruction for it several times slower than single
-    loads, and a guest cannot see whether its host has that microcode. Not if somebody chose the features already.
+    loads, and a guest cannot see whether its host has that microcode. Not if the user chose the features already.
     """
     from llvmlite.binding import llvm_version_info
     from numba.core.codegen import get_host_cpu_features

@@ -1,4 +1,4 @@
-"""A compiled kernel calls its own copies of the kernels that it calls, whatever else has been loaded before.
+"""A compiled kernel calls its own copies of the kernels that it calls, independent of what has been loaded before.
 
 numba puts into a kernel's machine code a copy of every kernel that it calls, optimised once more at that place, and
 leaves each visible to the loader as one of many. The loader takes the first that comes, also for code that brings its

@@ -1,6 +1,6 @@
 """Arrays laid end to end in one: compiled code that is handed one array for a dozen begins a microsecond sooner.
 
-Every array that Python hands over is looked at anew in every call, and lies somewhere else in memory.
+Every array that Python passes is inspected in every call, and is somewhere else in memory.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from haptorb.numerics.compiled import kernel
 
 __all__ = ["pack", "part"]
 
-_HEAD = 3  #: numbers told about each: where it begins, rows, columns
+_HEAD = 3  #: numbers about each: where it begins, rows, columns
 
 
 def pack(*parts: ArrayLike) -> Array:

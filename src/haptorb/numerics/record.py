@@ -1,4 +1,4 @@
-"""Values that every tick makes anew: read-only to the type checker, and quick to make.
+"""Values that every tick creates: read-only to the type checker, and fast to create.
 
 Python freezes a dataclass by setting each field through a slow door: 0.3 µs a field, and a tick makes fifty. A `record`
 has the same words (`slots`, comparison, `dataclasses.replace`), is made four times faster, and a write to one of its
@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 @dataclass_transform(frozen_default=True)
 def record(cls: type[T]) -> type[T]:
-    """Make `cls` a dataclass with slots that nobody may write to once it is made.
+    """Make `cls` a dataclass with slots that is read-only once it is made.
 
     >>> @record
     ... class Place:

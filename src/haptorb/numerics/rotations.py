@@ -1,7 +1,7 @@
 """Tilt and spin as rotation matrices: the XYZ Euler angles q = (ψ, λ, φ) of Bai 2012 eq. (1).
 
-They are intrinsic: R_SR = Rx(ψ) Ry(λ) Rz(φ), tilt first, then spin about the body's own axis. Only so is the paper's
-workspace |ψ|, |λ| ≤ 22.5°, 0 ≤ φ < 360° a cone of tilts with free spin.
+They are intrinsic: R_SR = Rx(ψ) Ry(λ) Rz(φ), tilt first, then spin about the body's own axis. Only in this order is
+the paper's workspace |ψ|, |λ| ≤ 22.5°, 0 ≤ φ < 360° a cone of tilts with free spin.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ __all__ = ["rotation_from_euler"]
 def rotation_from_euler(psi: ArrayLike, lam: ArrayLike, phi: ArrayLike) -> Array:
     """R_SR (..., 3, 3) that turns rotor vectors into stator vectors, from angles [rad] that broadcast together.
 
-    Raises InputError where they do not broadcast or are not finite.
+    Raises InputError if they do not broadcast or are not finite.
 
     >>> rotation_from_euler(0.0, 0.0, np.pi / 2).round(12)[:, 0].tolist()      # spin turns x into y
     [0.0, 1.0, 0.0]

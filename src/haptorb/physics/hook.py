@@ -132,7 +132,7 @@ class Hook:
         return out
 
     def remarks(self, metal: bool) -> tuple[str, ...]:
-        """What should be said about the hook though it can exist; `metal` tells what its material is called.
+        """Warnings about a hook that can exist; `metal` names its material.
 
         >>> [remark[:14] for remark in replace(TABLE_3, youngs_modulus=1.13e9).remarks(metal=True)]
         ['youngs_modulus']

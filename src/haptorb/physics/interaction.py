@@ -128,18 +128,6 @@ def _elements(target: RoundBody, level: tuple[int, int, int], place: Array, R: A
     return points.reshape(-1, 3) @ R.T + place, elements.reshape(-1, 3) @ R.T
 
 
-def _disc(inner: float, outer: float, rings: int, steps: int) -> tuple[Array, Array]:
-    """Points (n, 3) of a ring-shaped face at z = 0, and the area (n,) that each stands for."""
-    x, w = np.polynomial.legendre.leggauss(rings)
-    radii = 0.5 * (outer + inner) + 0.5 * (outer - inner) * x
-    cosine, sine = _circle_nodes(steps)
-    points = np.zeros((rings, steps, 3))
-    points[..., 0] = radii[:, None] * cosine
-    points[..., 1] = radii[:, None] * sine
-    area = np.repeat(0.5 * (outer - inner) * w * radii * (2 * np.pi / steps), steps)
-    return points.reshape(-1, 3), area
-
-
 def _refine(
     integral: Callable[[tuple[int, int, int]], tuple[Array, Array]], precision: float, what: str
 ) -> BoundedValue:

@@ -3,9 +3,9 @@
     C_w dx_w/dt = P − G_wb (x_w − x_b)            x: rise above the ambient temperature [K]
     C_b dx_b/dt = G_wb (x_w − x_b) − G_ba x_b
 
-Zárate 2020 prints three endurances of its coils: 17 W for ever (§III), full power for 5 s and half duty for 60 s (§V).
-One body cannot hold them together: it would need a time constant of 65 s for one and of 171 s for the other. Two can.
-Left out: radiation, and the coils' heating of each other.
+Zárate 2020 prints three endurances of its coils: 17 W continuously (§III), full power for 5 s and half duty for 60 s
+(§V). One body cannot hold them together: it would need a time constant of 65 s for one and of 171 s for the other. Two
+can. Left out: radiation, and the coils' heating of each other.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class TwoNode:
         return float(-1 / rates[0]), float(-1 / rates[1])
 
     def steady_rise(self, power: float) -> Array:
-        """(2,) rise of winding and body [K] when `power` [W] has flowed for ever."""
+        """(2,) rise of winding and body [K] in steady state with `power` [W]."""
         body = power / self.body_to_air
         return np.array([body + power / self.winding_to_body, body])
 
@@ -200,7 +200,7 @@ def _root(function: Callable[[float], float], low: float, high: float, xtol: flo
 
 
 def single_time_constant(power: float, time: float, sustained: float) -> float:
-    """The time constant [s] that one body needs to stand `power` [W] for `time` [s] if it stands `sustained` for ever.
+    """The time constant [s] of one body that withstands `power` [W] for `time` [s] and `sustained` [W] continuously.
 
     Raises InputError where no time constant could do it.
 

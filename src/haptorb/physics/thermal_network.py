@@ -79,7 +79,9 @@ class ThermalNetwork:
         if (self.exchange < 0.0).any() or (self.to_air < 0.0).any() or (self.exchange != self.exchange.T).any():
             raise InputError("conductances of a thermal network must be symmetric, and none negative")
         if not self._reaches_air():
-            raise InputError("every node of a thermal network must lead to the air, or its heat has nowhere to go")
+            raise InputError(
+                "every node of a thermal network must conduct heat to the air, or its temperature would have no limit"
+            )
 
     @classmethod
     def of_coils(cls, coil: TwoNode, to_core: ArrayLike, core_capacity: float) -> ThermalNetwork:
@@ -119,7 +121,7 @@ class ThermalNetwork:
         return constants
 
     def steady_rise(self, power: ArrayLike) -> Array:
-        """(n,) rise of all nodes [K] when `power` (m,) [W] has flowed for ever."""
+        """(n,) rise of all nodes [K] in steady state with `power` (m,) [W]."""
         return np.asarray(np.linalg.solve(self._outflow(), self._source(power)), dtype=np.float64)
 
     def step(self, dt: float) -> Array:

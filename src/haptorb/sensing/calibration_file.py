@@ -39,7 +39,7 @@ def check_writable(path: str | Path, *, overwrite: bool) -> Path:
             raise CalibrationError(f"{path}: the folder '{place.parent}' does not exist")
     except OSError as cause:
         raise CalibrationError(f"cannot write {path}: {cause.strerror}") from cause
-    except (ValueError, RuntimeError) as cause:  # a zero byte in its name, or somebody's folder who is not known
+    except (ValueError, RuntimeError) as cause:  # a zero byte in its name, or the folder of an unknown user
         raise CalibrationError(f"cannot write {str(path)!r}: not the name of a file") from cause
     return place
 

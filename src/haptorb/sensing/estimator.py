@@ -1,4 +1,4 @@
-"""From a sample to an estimate: the abstract estimator, and the one that believes a tracker."""
+"""From a sample to an estimate: the abstract estimator, and the one that uses a tracker."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _is_finite(p: Array, R: Array, v: Array, w: Array) -> bool:
 
 
 class Estimator(ABC):
-    """What every way of knowing answers."""
+    """The interface of every estimator."""
 
     @abstractmethod
     def update(self, sample: Sample) -> Estimate:
@@ -40,25 +40,24 @@ class Estimator(ABC):
 
     @property
     def model(self) -> str:
-        """Which of the device's models the wrench maps are from; empty: from none of them."""
+        """The device's model of the wrench maps; empty: none of them."""
         return ""
 
     @property
     def remark(self) -> str:
-        """What a person should know before this estimator is relied on; empty for nothing."""
+        """A remark for the user about this estimator; empty if there is none."""
         return ""
 
     def change_model(self, name: str) -> None:
-        """Go over to the device's model `name` in the wrench maps, without a step; InputError if there is only one."""
+        """Change the wrench maps to the device's model `name`, without a step; InputError if there is only one."""
         raise InputError(f"this estimator has one model only; it cannot switch to '{name}'")
 
 
 class TrackedPose(Estimator):
-    """Believes the tracker: state as tracked, wrench map by the device's `model`, the first where none is given.
+    """Uses the tracker's pose: state as tracked, wrench map by the device's `model`, by default the first.
 
-    A pose that is older than the guard's expiry is still passed on, with its age: what to do then is the guard's
-    decision. A pose that cannot be (not finite, or inside the device) is not believed; what was last believed stands in
-    its place, marked as not valid.
+    A pose older than the guard's expiry is still passed on, with its age; the guard decides what to do. An
+    impossible pose (not finite, or inside the device) is replaced by the last valid pose, marked as not valid.
     """
 
     def __init__(self, device: Device, model: str | None = None) -> None:
@@ -82,21 +81,22 @@ class TrackedPose(Estimator):
 
     @property
     def model(self) -> str:
-        """The device's model that is inverted."""
+        """The controller model."""
         return self._model.name
 
     def change_model(self, name: str) -> None:
-        """Go over to the device's model `name`, without a step."""
+        """Change to the device's model `name`, without a step."""
         self._model.change(name)
 
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """What the chain says to an estimator of its kind's choice."""
+    """Settings that the loop passes to an estimator."""
 
     model: str | None = None  #: of the device's model; None: the device's first
     offsets: Array | None = None  #: (k, 3) of the field sensors, where calibration found them [T]
     in_turns: bool = False  #: whether the driver reads a part of the field sensors in each tick
+    learned: bytes = b""  #: what it learned, as `EstimatorChoice.read_learned` has it; empty: what this computer has
 
 
 @dataclass(frozen=True)
@@ -106,10 +106,11 @@ class EstimatorChoice:
     make: Callable[[Any, EstimatorSettings], Estimator]  #: from the device
     check: Callable[[Any], object] | None = None  #: before anything starts: InputError if it cannot be made
     axes: int = 1  #: that each of the device's field sensors must measure
+    read_learned: Callable[[Any], bytes] | None = None  #: the file with what it learned, beside the device's
 
 
 def tracker_only(device: Device) -> dict[str, EstimatorChoice]:
-    """The estimators of a device that knows no other: "tracker".
+    """The estimators of a device that has no other: "tracker".
 
     >>> from haptorb.devices.loader import load
     >>> list(tracker_only(load("omni")))

@@ -10,27 +10,27 @@ from haptorb.errors import UnknownName
 from haptorb.sensing.estimator import Estimator, EstimatorChoice, EstimatorSettings, tracker_only
 from haptorb.sensing.orientation.least_squares import LeastSquaresOrientation
 from haptorb.sensing.torque_maps.linear_map import LinearTorque
-from haptorb.sensing.torque_maps.network import NetworkTorque
-from haptorb.sensing.torque_maps.network_file import check_networks, read_networks
+from haptorb.sensing.torque_maps.network import NetworkTorque, TrainedNetworks
+from haptorb.sensing.torque_maps.network_file import check_networks, networks_path, parse_networks, read_networks
 from haptorb.sensing.torque_maps.torque_map import FieldToTorque
 
 __all__ = ["FIELD_ESTIMATORS", "field_estimator", "motor_estimators"]
 
 
-def _least_squares(motor: SphericalMotor, networks: Path | None) -> Estimator:
+def _least_squares(motor: SphericalMotor, networks: TrainedNetworks | None) -> Estimator:
     return LeastSquaresOrientation(motor)
 
 
-def _network(motor: SphericalMotor, networks: Path | None) -> Estimator:
-    trained = check_networks(motor) if networks is None else read_networks(networks)
+def _network(motor: SphericalMotor, networks: TrainedNetworks | None) -> Estimator:
+    trained = check_networks(motor) if networks is None else networks
     return FieldToTorque(motor, NetworkTorque(motor, trained), LeastSquaresOrientation(motor))
 
 
-def _linear(motor: SphericalMotor, networks: Path | None) -> Estimator:
+def _linear(motor: SphericalMotor, networks: TrainedNetworks | None) -> Estimator:
     return FieldToTorque(motor, LinearTorque(motor), LeastSquaresOrientation(motor))
 
 
-FIELD_ESTIMATORS: dict[str, Callable[[SphericalMotor, Path | None], Estimator]] = {
+FIELD_ESTIMATORS: dict[str, Callable[[SphericalMotor, TrainedNetworks | None], Estimator]] = {
     "least-squares": _least_squares,
     "network": _network,
     "linear": _linear,
@@ -51,7 +51,7 @@ def field_estimator(name: str, motor: SphericalMotor, networks: Path | None = No
     """
     if name not in FIELD_ESTIMATORS:
         raise UnknownName("estimator", name, FIELD_ESTIMATORS)
-    return FIELD_ESTIMATORS[name](motor, networks)
+    return FIELD_ESTIMATORS[name](motor, None if networks is None else read_networks(networks))
 
 
 def motor_estimators(device: SphericalMotor) -> dict[str, EstimatorChoice]:
@@ -65,7 +65,11 @@ def motor_estimators(device: SphericalMotor) -> dict[str, EstimatorChoice]:
 
 
 def _choice(name: str) -> EstimatorChoice:
-    def make(motor: SphericalMotor, settings: EstimatorSettings) -> Estimator:
-        return field_estimator(name, motor)
+    if name != "network":
+        return EstimatorChoice(lambda motor, settings: FIELD_ESTIMATORS[name](motor, None))
 
-    return EstimatorChoice(make, check_networks if name == "network" else None)
+    def make(motor: SphericalMotor, settings: EstimatorSettings) -> Estimator:
+        learned = settings.learned
+        return _network(motor, parse_networks(learned, "the recording's network file") if learned else None)
+
+    return EstimatorChoice(make, check_networks, read_learned=lambda motor: networks_path(motor).read_bytes())

@@ -1,4 +1,4 @@
-"""One reading of everything that a driver can read, and what an estimator makes of it."""
+"""The measurements of a driver in one tick, and the estimate from them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Estimate", "Pose", "Sample"]
 
 @record
 class Pose:
-    """A tracker's word on where the tool is: position and axis, when it was so, and whether to believe it."""
+    """A pose from a tracker: position and orientation, time of measurement, and validity."""
 
     t: float  #: time at which the pose was measured [s], on the sample's clock
     R_SR: Array  #: (3, 3)
@@ -24,14 +24,14 @@ class Pose:
 
 @record
 class Sample:
-    """What was read in one tick; arrays have one entry per channel or per sensor.
+    """The measurements of one tick; arrays have one entry per channel or per sensor.
 
     t             time of the tick that read [s]
     currents      (m,) measured [A]
     temperatures  (m,) coil boundary [K]
-    field         (k, 3) field sensors [T]; (0, 3) where the device has none
-    pose          the tracker's last word; for a rotor that is sensed through its field, not valid
-    currents_age  from when the currents were so, the middle of what their sensors average, until t [s]; negative where
+    field         (k, 3) field sensors [T]; (0, 3) if the device has none
+    pose          the tracker's last pose; not valid for a rotor that is measured by its field
+    currents_age  age of the currents at t [s], from the middle of their sensors' averaging time; negative if
                   they were measured after the tick began
     field_age     the same for the field [s]
     """
@@ -47,7 +47,7 @@ class Sample:
 
 @record
 class Estimate:
-    """What is believed now: the mover's state, what the coils can do there, how old the belief is, and its limits."""
+    """The estimate: state of the mover, wrench map there, age, and limits of validity."""
 
     state: State
     wrench_map: WrenchMap

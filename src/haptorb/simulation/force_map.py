@@ -1,8 +1,7 @@
-"""What a person would feel at many places: the radial force that the device would give there, limits and all.
+"""The force map: radial force that the device would give at many positions, limits included.
 
-This is not the map that the world describes. The world's wrench goes through the controller's model, the allocation and
-the current limits, and comes back through the exact magnets and the core's own pull: what is painted on the dome is
-what the hand would get.
+This is not the map that the world defines. The world's wrench goes through the controller model, the allocation and
+the current limits; the resulting force is that of the exact magnets and the core's own pull.
 """
 
 from __future__ import annotations
@@ -32,10 +31,10 @@ def force_map(
 ) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
     """Radial force (n,) [N], outward positive, and where currents saturate (n,); radial tool at `points` (n, 3) [m].
 
-    `device` is one whose tool can be given force, torque or both. `model` is what the controller inverts (None: the
-    device's first model), by default with the core's pull compensated as far as the model knows it. `render` is the
-    part of the wrench that is rendered, by default what the world asks: of a torque, the force that comes along is
-    told. What is given follows from the device's exact model. At rest: no inductance, no heat.
+    `device` must support force, torque or both on a tool. `model` is the controller model (None: the device's first
+    model); the core's pull is compensated as far as the model includes it. `render` is the part of the wrench to
+    render, by default the part that the world defines; for a torque, the result is the accompanying force. The
+    force given follows from the device's exact model. At rest: no inductance, no heat.
     """
     at = vectors(points, "points").reshape(-1, 3)
     fitted = world.for_device(device)

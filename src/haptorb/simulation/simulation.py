@@ -1,4 +1,4 @@
-"""The abstract simulated world behind a driver: time goes on, a sample is taken, and the truth may be asked."""
+"""The abstract simulation behind a driver: it advances in time, returns samples, and knows the true wrench."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ __all__ = ["Simulation"]
 class Simulation(ABC):
     """A device, the mover and a hand as differential equations. Deterministic: the same seed and calls, the same bits.
 
-    It has no clock of its own: who calls `advance` decides how much time passes.
+    It has no clock: the caller of `advance` determines how much time passes.
     """
 
     device: Device
 
     @abstractmethod
     def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
-        """Let `dt` [s] pass with `duties` (m,) in −1…1 of the supply, already as the chopper gives them.
+        """Advance by `dt` [s] with `duties` (m,) in −1…1 of the supply, already quantised.
 
-        goal_p (3,) [m] and goal_q (4,), quaternion (x, y, z, w) of R_SR, are where the simulated hand wants the mover.
+        goal_p (3,) [m] and goal_q (4,), quaternion (x, y, z, w) of R_SR, are the target of the simulated hand.
         """
 
     @abstractmethod
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
-        """What the sensors read now, told as time `t` [s], and the mover's pose as a tracker's word of `pose_stamp`."""
+        """The readings of the sensors now, with time `t` [s], and the mover's pose with the time stamp `pose_stamp`."""
 
     @abstractmethod
     def truth(self) -> Array:
         """(6,) mean wrench of coils and core on the mover over the last `advance`: [N] and [N·m] about its origin,
-        stator frame; neither contact, nor hand, nor gravity."""
+        stator frame; without contact, hand and gravity."""
 
     @abstractmethod
     def state(self) -> State:
-        """The mover as it really is; t counts the seconds that have been simulated."""
+        """The true state of the mover; t is the simulated time."""
 
     @abstractmethod
     def quantise(self, duties: Array) -> Array:
-        """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
+        """(m,) `duties` (m,) clipped to −1…1 and quantised by the chopper; NaN becomes zero."""
 
     @abstractmethod
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
-        """Put the mover at `p` (3,) [m] with `q` (4,), at rest; currents and temperatures go on."""
+        """Put the mover at `p` (3,) [m] with `q` (4,), at rest; currents and temperatures do not change."""
 
     def cool(self) -> None:
-        """Coils at the ambient temperature at once; currents go on. Here nothing, for coils whose heat is not known."""
+        """Set the coils to the ambient temperature; currents do not change. By default it does nothing."""
         return
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""The wrench on the tool once more, by another way and finer than loop and simulation need: what errors are told from.
+"""The wrench on the tool once more, in another way and finer than loop and simulation need: the reference for errors.
 
 Charges in plenty on the ring's faces, the field of the electromagnet's dipole at each of them in one plain formula,
 and the core's answer charge by charge from the series: no tables, no kernels shared with the controller's model.

@@ -1,6 +1,6 @@
-"""What is felt: State in, wrench out. Worlds add.
+"""Virtual objects and forces: a world maps a State to a wrench. Worlds add.
 
-Adding a world is one class with one method, and one line in `CATALOGUE`.
+To add a world, write one class with one method, and one line in `CATALOGUE`.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ CATALOGUE: dict[str, type[World]] = {
 
 
 def find_world(name: str) -> type[World]:
-    """The world called `name`, or UnknownName with the nearest."""
+    """The world called `name`. Raises UnknownName with the most similar name."""
     if name not in CATALOGUE:
         raise UnknownName("world", name, CATALOGUE)
     return CATALOGUE[name]

@@ -1,4 +1,4 @@
-"""A world with memory as one run of a loop has it: world, memory and time step behind one door."""
+"""A world with memory in one run of a loop: world, memory and time step together."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["BoundWorld", "MemoryNotFinite", "bind_world", "check_world_period"]
 
 
 class MemoryNotFinite(HaptorbError):
-    """A world has computed a memory with numbers that are not finite."""
+    """A world computed a memory with numbers that are not finite."""
 
 
 @tick_kernel
@@ -35,9 +35,9 @@ class BoundWorld:
     """`world` with a memory of its own, advanced by `dt` [s] in each call of `wrench`; what a linkage renders.
 
     numbers  (n,) all of its memory, in the units of its fields: a view
-    paused   there is no pose: it stands still and renders nothing
-    failed   it raised something, or its memory is not finite: it renders nothing until `restart`
-    client   (1,) CLIENT_FORCE: what a program outside the loop commands; filled by the loop
+    paused   there is no pose: its time stops and it renders nothing
+    failed   it raised an exception, or its memory is not finite: it renders nothing until `restart`
+    client   (1,) CLIENT_FORCE: the command of a program outside the loop; filled by the loop
     """
 
     def __init__(self, world: DynamicWorld, dt: float) -> None:
@@ -49,7 +49,7 @@ class BoundWorld:
         sizes = [field.size for field in world.memory_fields]
         if sum(sizes) != self.numbers.size:
             raise InputError(
-                f"world '{world.name}': its memory has {self.numbers.size} numbers, but its memory_fields say "
+                f"world '{world.name}': its memory has {self.numbers.size} numbers, but its memory_fields state "
                 f"{sum(sizes)}"
             )
         starts = np.cumsum([0, *sizes]).tolist()
@@ -61,19 +61,19 @@ class BoundWorld:
 
     @property
     def energy(self) -> float:
-        """What its memory holds [J]; NaN if it does not say that, or renders nothing now."""
+        """Energy stored in its memory [J]; NaN if the world does not state it, or renders nothing now."""
         if not self._energies or self.paused or self.failed:
             return np.nan
         return sum(map(self.numbers.item, self._energies))
 
     def wrench(self, state: State) -> Array:
-        """(6,) what the world renders at `state` after one more time step [N, N·m].
+        """(6,) the wrench of the world at `state` after one more time step [N, N·m].
 
-        Raises MemoryNotFinite, and what the world raises.
+        Raises MemoryNotFinite, and any exception of the world.
         """
         if self.paused or self.failed:
             return self._still
-        # Whatever happens in there: half of a step is no memory to go on with.
+        # After any failure in there: half of a step is no memory to continue with.
         self.failed = True  # safety: half-a-step
         if self._takes_commands:
             self.world.take_command(self.memory, self.client)
@@ -84,7 +84,7 @@ class BoundWorld:
         return wrench
 
     def restart(self) -> None:
-        """Begin anew."""
+        """Restart."""
         self.memory[:] = check_memory(self.world.begin(), self.world.name)
         self.failed = False
 
@@ -106,10 +106,10 @@ def check_world_period(world: World, dt: float) -> None:
 def bind_world(
     world: World, dt: float, before: BoundWorld | None = None, client: Records | None = None
 ) -> BoundWorld | None:
-    """`world` bound to a memory, for ticks `dt` [s] apart; None for a world without one.
+    """`world` bound to a memory, for ticks `dt` [s] apart; None for a world without memory.
 
-    before: the world that it takes over from, whose memory it may keep by its own rule; client: (1,) CLIENT_FORCE that
-    a loop fills before every tick [N, s]. Raises InputError for a memory that cannot be.
+    before: the previous world, whose memory it may keep by its own rule; client: (1,) CLIENT_FORCE that
+    a loop fills before every tick [N, s]. Raises InputError for an invalid memory.
     """
     if not isinstance(world, DynamicWorld):
         return None
@@ -118,5 +118,5 @@ def bind_world(
     if before is not None and not before.failed:
         world.keep(bound.memory, before.world, before.memory)
         if not np.isfinite(bound.numbers).all():
-            raise InputError(f"world '{world.name}': keep has left numbers in its memory that are not finite")
+            raise InputError(f"world '{world.name}': after keep, its memory has numbers that are not finite")
     return bound

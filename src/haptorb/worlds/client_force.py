@@ -1,4 +1,4 @@
-"""The force that a program outside the loop commands, as the loop hands it to the worlds that render it."""
+"""The force that a program outside the loop commands, as the loop passes it to the worlds that render it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ __all__ = ["CLIENT_FORCE", "make_client_force"]
 
 CLIENT_FORCE = fields(
     ("force", "f8", (3,)),  # as the client commanded it, stator frame [N]
-    ("session", "f8"),  # number of its connection; 0: nobody has commanded anything yet
+    ("session", "f8"),  # number of its connection; 0: no command yet
     ("age", "f8"),  # of the command [s]
     ("lost", "f8"),  # since the connection was lost; 0: it is there [s]
 )
 
 
 def make_client_force() -> Records:
-    """(1,) CLIENT_FORCE of nobody: no force [N], session 0."""
+    """(1,) CLIENT_FORCE without a client: no force [N], session 0."""
     return np.zeros(1, dtype=CLIENT_FORCE)

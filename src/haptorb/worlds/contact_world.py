@@ -1,4 +1,4 @@
-"""A world that says what its contacts do, for those who draw and record them."""
+"""A world that reports its contacts, for drawing and recording."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ __all__ = ["ContactWorld"]
 
 @dataclass(frozen=True)
 class ContactWorld(World):
-    """A world that computes its wrench from contacts. Where the kind of device has contacts, they go into the row.
+    """A world that computes its wrench from contacts. They are recorded if the kind of device has contacts.
 
-    A kind of device says how many contacts its rows have (`DeviceKind.contacts`); a row leaves out what is beyond.
+    A kind of device states how many contacts its rows have (`DeviceKind.contacts`); excess contacts are left out.
     """
 
     @abstractmethod
     def render_contacts(self, state: State) -> tuple[Array, Array]:
-        """(6,) the wrench at `state` [N, N·m], and (n, 8) its contacts: deflection [m], place on the touched part from
-        its root [m], point (3) [m], force (3) on the object [N]; zero for a contact that is open."""
+        """(6,) the wrench at `state` [N, N·m], and (n, 8) its contacts: deflection [m], distance of the contact
+        from the root [m], point (3) [m], force (3) on the object [N]; zero for an open contact."""
 
     def wrench(self, state: State) -> Array:
-        """(6,) what the mover should feel at `state` [N, N·m]."""
+        """(6,) the wrench on the mover at `state` [N, N·m]."""
         return self.render_contacts(state)[0]
 
     @property

@@ -1,4 +1,4 @@
-"""The abstract world with memory: what it renders depends on what was done to it before."""
+"""The abstract world with memory: its wrench depends on the past."""
 
 from __future__ import annotations
 
@@ -23,20 +23,21 @@ _FIRST = 1e-3  #: time step of a wrench that is asked for outside a loop [s]
 
 @dataclass(frozen=True)
 class DynamicWorld(World):
-    """A world that remembers: its memory, a structured array of one record, is advanced by `dt` in every tick.
+    """A world with memory: a structured array of one record, advanced by `dt` in every tick.
 
-    It says which fields its memory has (`memory_fields`), begins one (`begin`), and in each tick changes it in place
-    and returns the wrench (`advance`). Nothing else remembers: the world itself is frozen, has no clock, and keeps
-    nothing that grows, so the same memory, state and dt give the same memory and wrench, bit for bit.
+    It declares the fields of its memory (`memory_fields`), creates one (`begin`), and in each tick changes it in
+    place and returns the wrench (`advance`). Nothing else has state: the world itself is frozen, has no clock,
+    and stores nothing that grows, so the same memory, state and dt give the same memory and wrench, bit for bit.
 
-    It is advanced in every tick with a valid pose, also while the coils are off: a hand moves things there, too, it
-    only does not feel them. Without a valid pose it stands still and renders nothing. dt is always the loop's nominal
-    period: where ticks are missed, its time goes slower, and never jumps. After a trip or a stop it goes on. If it
-    fails, or its memory is no longer finite, the coils go off, and it begins anew when a person engages.
+    It advances in every tick with a valid pose, even while the coils are off: a hand still moves objects then,
+    without feeling them. Without a valid pose its time stops and it renders nothing. dt is always the loop's
+    nominal period: if ticks are missed, its time slows down, but never jumps. After a trip or a stop it
+    continues. If it fails, or its memory is no longer finite, the coils go off, and it restarts when a person
+    engages.
 
-    passive  no more energy comes out of it than was put in since it began. If it has a memory field `energy` [J], what
-             it holds after the tick, the passivity control counts that beside what the hand gives and takes, and damps
-             what a time step has made out of nothing.
+    passive  it delivers no more energy than it received since it began. If it has a memory field `energy` [J], the
+             energy stored after the tick, the passivity control includes it in the energy of the hand, and damps
+             energy that a time step generates.
     """
 
     remembers: ClassVar[bool] = True
@@ -48,50 +49,50 @@ class DynamicWorld(World):
         """The fields of its memory, in order. They may depend on parameters, but not on the device."""
 
     def begin(self) -> Records:
-        """(1,) its memory at the beginning: all zero, unless a world begins otherwise. It must take little time: it is
-        made between two ticks. What depends on the device, `for_device` has put into the world's own fields."""
+        """(1,) the initial memory: all zero unless overridden. It must be fast, because it runs between two ticks.
+        `for_device` has already put device-dependent values into the world's own fields."""
         return make_memory(self.memory_fields)
 
     @abstractmethod
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) what the mover should feel at `state`, `dt` [s] after the tick before; `memory` (1,) is changed in
+        """(6,) the wrench on the mover at `state`, `dt` [s] after the previous tick; changes `memory` (1,) in
         place. Force [N] and torque about the mover's origin [N·m]."""
 
     def take_command(self, memory: Records, client: Records) -> None:
-        """Before each `advance` of a world that `takes_commands`: copy into `memory` (1,) what a program outside the
-        loop commands, `client` (1,) CLIENT_FORCE [N, s]. Most worlds have nothing to do."""
+        """Before each `advance` of a world that `takes_commands`: copy the command of a program outside the loop,
+        `client` (1,) CLIENT_FORCE [N, s], into `memory` (1,). By default it does nothing."""
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
-        """This world takes over from `previous`, whose memory is `old` (1,): parameters were changed, or its file was
-        saved. `memory` (1,) has just begun; copy into it what goes on, each field in its unit.
+        """This world replaces `previous`, whose memory is `old` (1,): parameters were changed, or its file was
+        saved. `memory` (1,) is the new initial memory; copy into it what shall be kept, each field in its unit.
 
-        Unless a world has a rule of its own: everything goes on if name and fields are the same, else it begins anew.
+        Default rule: the memory is kept if name and fields are the same, else the world restarts.
         """
         if previous.name == self.name and old.dtype == memory.dtype:
             memory[:] = old
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """Bodies that the console draws where the memory has them; none unless a world says so."""
+        """Bodies that the console draws at poses from the memory; none by default."""
         return ()
 
     def check_period(self, dt: float) -> None:
-        """Raise InputError if it cannot be advanced in ticks of `dt` [s]; asked before the first one."""
+        """Raise InputError if it cannot be advanced in ticks of `dt` [s]; called before the first one."""
 
     def lighten(self, memory: Records) -> None:
-        """Steps take too long for their tick: note in `memory` (1,), in the unit of a field, that the next ones do
-        less. Most worlds have nothing to leave out."""
+        """Steps take too long for their tick: reduce the work of the next ones, noted in `memory` (1,) in the unit
+        of a field. By default it does nothing."""
 
     def restore(self, memory: Records) -> None:
-        """There is time again: take back in `memory` (1,), in the unit of a field, one step of `lighten`."""
+        """There is time again: undo one step of `lighten` in `memory` (1,), in the unit of a field."""
 
     @property
     def stores_energy(self) -> bool:
-        """Whether its memory says in a field `energy` [J] what it holds."""
+        """Whether its memory has a field `energy` [J]."""
         return any(field.name == "energy" for field in self.memory_fields)
 
     def wrench(self, state: State) -> Array:
-        """(6,) what it renders at `state` in the first millisecond after its beginning [N, N·m]."""
+        """(6,) its wrench at `state` in the first millisecond after the start [N, N·m]."""
         return self.advance(self.begin(), state, _FIRST)
 
     @property
@@ -114,11 +115,11 @@ def _parts_of(world: World) -> tuple[World, ...]:
 
 @dataclass(frozen=True)
 class DynamicSum(Sum, DynamicWorld):
-    """Several worlds at once, with and without memory: their wrenches add, and each remembers for itself."""
+    """Several worlds at once, with and without memory: their wrenches add, and each has its own memory."""
 
     @property
     def name(self) -> str:
-        """`sum`, as of worlds without memory."""
+        """`sum`, as for worlds without memory."""
         return "sum"
 
     @cached_property
@@ -167,7 +168,7 @@ class DynamicSum(Sum, DynamicWorld):
 
     @property
     def takes_commands(self) -> bool:  # type: ignore[override]  # of a class, but a sum does what one of its parts does
-        """Whether one of the parts renders what a program outside the loop commands."""
+        """Whether one of the parts renders commands of a program outside the loop."""
         return any(part.takes_commands for _, part in self._remembering)
 
     def take_command(self, memory: Records, client: Records) -> None:
@@ -177,7 +178,7 @@ class DynamicSum(Sum, DynamicWorld):
                 part.take_command(memory[name], client)
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
-        """Each part by its own rule, with the memory of the part that had its name; in the fields' units."""
+        """Each part by its own rule, with the memory of the previous part of the same name; in the fields' units."""
         before = (
             dict(previous._remembering) if isinstance(previous, DynamicSum) else {_identify(previous.name): previous}
         )
@@ -215,7 +216,7 @@ class DynamicSum(Sum, DynamicWorld):
 
     @property
     def stores_energy(self) -> bool:
-        """Whether all parts say what they hold."""
+        """Whether all parts have a field `energy`."""
         return all(isinstance(part, DynamicWorld) and part.stores_energy for part in self.parts)
 
 

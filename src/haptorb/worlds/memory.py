@@ -1,7 +1,7 @@
 """The memory of a world: named numbers with units, in a structured array of one record.
 
-Every field is float64, a flag is 0 or 1: so a memory is at the same time a plain row of numbers, that is recorded, sent
-to the console and looked at for what is not finite without a loop over fields.
+Every field is float64, a flag is 0 or 1: so a memory is also a plain row of numbers, which is recorded, sent to the
+console and checked for non-finite numbers without a loop over fields.
 """
 
 from __future__ import annotations
@@ -44,19 +44,19 @@ class MemoryField:
 
     @property
     def size(self) -> int:
-        """How many numbers it is."""
+        """Number of elements."""
         return prod(self.shape)
 
 
 @cache
 def memory_dtype(fields: tuple[MemoryField, ...]) -> np.dtype[Any]:
-    """The dtype of a memory with these `fields`: all float64, one behind the other.
+    """The dtype of a memory with these `fields`: all float64, contiguous.
 
-    Raises InputError for none, and for two fields of one name.
+    Raises InputError for no fields, and for two fields of the same name.
     """
     names = [field.name for field in fields]
     if not names or len(set(names)) != len(names):
-        raise InputError(f"a memory needs fields, each with a name of its own; got {quote(names)}")
+        raise InputError(f"a memory needs fields, each with its own name; got {quote(names)}")
     return np.dtype([(field.name, np.float64, field.shape) for field in fields])
 
 
@@ -102,7 +102,8 @@ def check_memory(memory: object, name: str) -> Records:
     """
     if not isinstance(memory, np.ndarray) or memory.dtype.names is None:
         raise InputError(
-            f"world '{name}': begin must return a structured array of one record, as make_memory(fields) does; got "
+            f"world '{name}': begin must return a structured array of one record, such as from make_memory(fields); "
+            "got "
             f"{quote(memory)}"
         )
     if memory.shape != (1,) or not memory.flags.writeable:

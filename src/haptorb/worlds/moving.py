@@ -1,4 +1,4 @@
-"""Worlds that move, change and follow: any world whose parameters are functions of time and of where the tool is."""
+"""Worlds that move, change and follow: their parameters are functions of time and tool position."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["Orbit", "Varying", "Wander"]
 class Varying(World):
     """The world that `at(state)` returns in every tick: changing terrain, domes that follow the tool.
 
-    What moves can do work, so it is declared active, and nothing is said about jumps.
+    A moving world can do work, so it is declared active, and not continuous.
 
     >>> rising = Varying(lambda state: Dome(moment=min(2.4, state.t)))
     >>> bool(rising.wrench(State.at((0, 0, 0.05), t=0.0)).any())
@@ -40,21 +40,21 @@ class Varying(World):
             raise InputError("Varying needs a function from State to World")
 
     def for_device(self, device: Device) -> Varying:
-        """Every world of the function as `device` must render it."""
+        """With every world of the function adapted to `device`."""
         return replace(self, device=device)
 
     def wrench(self, state: State) -> Array:
-        """(6,) of the world that holds now [N, N·m]. Raises InputError if that has a memory: it would forget."""
+        """(6,) of the current world [N, N·m]. Raises InputError if that world has a memory, which would be lost."""
         assert self.at is not None
         world = self.at(state)
         if world.remembers:
-            raise InputError(f"Varying makes a world anew in every tick; '{world.name}' has a memory: add it instead")
+            raise InputError(f"Varying creates a world in every tick, but '{world.name}' has a memory: add it instead")
         return (world if self.device is None else world.for_device(self.device)).wrench(state)
 
 
 @dataclass(frozen=True)
 class Orbit(World):
-    """A dome whose summit moves in a circle and pushes the tool aside as it passes."""
+    """A dome whose summit moves in a circle and pushes the tool sideways as it passes."""
 
     asks = "force"
     passive: ClassVar[bool] = False
@@ -73,7 +73,7 @@ class Orbit(World):
         object.__setattr__(self, "dome", dome)
 
     def for_device(self, device: Device) -> Orbit:
-        """With the dome as `device` must render it."""
+        """With the dome adapted to `device`."""
         return replace(self, dome=self.dome.for_device(device))
 
     @property
@@ -91,18 +91,18 @@ class Orbit(World):
 
 @dataclass(frozen=True)
 class Wander(World):
-    """A summit that wanders over the device on a path without an end, and is to be found again: it never repeats.
+    """A summit that wanders over the device on a path that never repeats.
 
-    Tilt and azimuth of the summit follow two swings each whose periods have no common multiple; no chance is in it, so
-    the same time is the same place.
+    Tilt and azimuth of the summit each follow two oscillations whose periods have no common multiple; it is
+    deterministic, so the same time gives the same position.
     """
 
     asks = "force"
     passive: ClassVar[bool] = False
     continuous: ClassVar[bool] = False
 
-    tilt_deg: float = parameter(40.0, "deg", 0, 60, "greatest tilt of the summit")
-    pace: float = parameter(0.1, "Hz", 0, 1, "swings of the summit per second")
+    tilt_deg: float = parameter(40.0, "deg", 0, 60, "maximum tilt of the summit")
+    pace: float = parameter(0.1, "Hz", 0, 1, "oscillations of the summit per second")
     half_width_deg: float = parameter(18.0, "deg", 5, 90, "θ1: angle of the first zero of the radial force")
     cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: angle from which the force is zero")
     moment: float = parameter(1.7, "A·m²", -4, 4, "moment at the summit; negative pulls")
@@ -114,7 +114,7 @@ class Wander(World):
         object.__setattr__(self, "dome", dome)
 
     def for_device(self, device: Device) -> Wander:
-        """With the dome as `device` must render it."""
+        """With the dome adapted to `device`."""
         return replace(self, dome=self.dome.for_device(device))
 
     @property

@@ -1,4 +1,4 @@
-"""A world's parameters as people meet them: a range, a unit and a sentence, checked wherever a number enters.
+"""The parameters of a world: range, unit and description, checked at every input.
 
 Parameters are the fields of the world's dataclass; those declared with `parameter(...)` get a slider in the console, a
 line in `haptorb worlds NAME` and a check in every constructor.
@@ -18,7 +18,7 @@ __all__ = ["Parameter", "check", "parameter", "parameters", "values"]
 
 @dataclass(frozen=True)
 class Parameter:
-    """What a person may set: `size` numbers (1, or 3 for a direction) between `low` and `high` in `unit`."""
+    """A parameter: `size` numbers (1, or 3 for a direction) between `low` and `high` in `unit`."""
 
     name: str
     unit: str
@@ -29,12 +29,12 @@ class Parameter:
 
     @property
     def size(self) -> int:
-        """How many numbers it is."""
+        """Number of elements."""
         return len(self.default) if isinstance(self.default, tuple) else 1
 
 
 def parameter(default: float | tuple[float, ...], unit: str, low: float, high: float, about: str) -> Any:
-    """A dataclass field that people may set: see `Parameter`."""
+    """A dataclass field that is a parameter: see `Parameter`."""
     return field(default=default, metadata={"unit": unit, "low": low, "high": high, "about": about})
 
 
@@ -48,7 +48,7 @@ def parameters(world: type[Any]) -> dict[str, Parameter]:
 
 
 def values(world: Any) -> dict[str, float | tuple[float, ...]]:
-    """The present values of a world's parameters."""
+    """The current values of a world's parameters."""
     return {name: getattr(world, name) for name in parameters(type(world))}
 
 

@@ -1,4 +1,4 @@
-"""What a world with memory wants drawn: simple bodies that lie where fields of its memory say."""
+"""Bodies that the console draws for a world with memory, at poses from its memory."""
 
 from __future__ import annotations
 
@@ -6,29 +6,26 @@ from dataclasses import dataclass
 
 from haptorb.errors import InputError, UnknownName
 
-__all__ = ["ROLES", "SHAPES", "Shape"]
+__all__ = ["SHAPES", "Shape"]
 
 #: kind → how many numbers its `size` has, all [m]: sphere radius; capsule and cylinder radius and half length along
 #: their own z axis; box half lengths; ellipsoid radii; a mesh has points
 SHAPES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3, "mesh": 0}
 
-#: what a shape is to the hand: what it holds, what else moves, what stands still, and where it should go
-ROLES = ("held", "moves", "fixed", "path")
-
 
 @dataclass(frozen=True)
 class Shape:
-    """A body that the console draws, where the memory has it.
+    """A body that the console draws at a pose from the memory.
 
     kind      "sphere", "capsule", "cylinder" or "box", see `SHAPES`
-    size      its measures [m]
-    place     memory field with its centre, (3,) [m], in the frame of the states that the world is given
+    size      its dimensions [m]
+    place     memory field with its centre, (3,) [m], in the frame of the world's states
     attitude  memory field with its orientation, a quaternion (x, y, z, w); empty: along the frame
-    row       which row of those fields, where they are tables (n, 3) and (n, 4)
-    at        (7,) centre [m] and quaternion where it begins; without place and attitude it stays there
-    role      "held", "moves", "fixed" or "path", for its colour; empty: it is the only kind of body
-    points    (3 n,) x, y, z of a mesh's corners [m]
-    corners   (3 m,) indices of the points of its triangles
+    row       row of those fields, if they are tables (n, 3) and (n, 4)
+    at        (7,) initial centre [m] and quaternion; without place and attitude it stays there
+    role      "held", "moves", "fixed" or "path", for its colour; empty: only one kind of body
+    points    (3 n,) x, y, z of a mesh's vertices [m]
+    corners   (3 m,) indices of the vertices of its triangles
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The abstract world: where the mover is, in; what it should feel, out. Worlds add."""
+"""The abstract world: it maps the state of the mover to a wrench. Worlds add."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class World(Presentable, ABC):
     continuous: ClassVar[bool] = True  #: no jumps: a small step of the state is a small step of the wrench
     #: acts on a target that a device moves through modes, whose frame is not the stator's
     needs_target: ClassVar[bool] = False
-    #: part of the wrench that it asks of a tool; None: whatever part of its wrenches is not zero
+    #: part of the wrench that it asks of a tool; None: every part that is not zero
     asks: ClassVar[WrenchPart | None] = None
     remembers: ClassVar[bool] = False  #: a `DynamicWorld`: it has a memory, and renders more than a state
 
@@ -59,7 +59,7 @@ class World(Presentable, ABC):
 
     @property
     def name(self) -> str:
-        """What it is called beside the catalogue's worlds: its class's name in lower case."""
+        """Its name in lists of worlds: the class name in lower case."""
         return type(self).__name__.lower()
 
     @property
@@ -69,16 +69,16 @@ class World(Presentable, ABC):
 
     @abstractmethod
     def wrench(self, state: State) -> Array:
-        """(6,) what the mover should feel at `state`."""
+        """(6,) the wrench on the mover at `state`."""
 
     @property
     def bound(self) -> float:
-        """Greatest force that it ever asks for [N], anywhere a mover can be; inf where nobody has shown a bound."""
+        """Largest force that it can ask [N], anywhere a mover can be; inf if no bound is known."""
         return float("inf")
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What should be said about it as it is set, beside its parameters: the stress in a hook, say."""
+        """Remarks about the world with its current parameters, such as the stress in a hook."""
         return ()
 
     def _summarize(self) -> str:
@@ -112,13 +112,13 @@ class World(Presentable, ABC):
         return table_html(["parameter", "value", "range"], rows) if rows else ""
 
     def for_device(self, device: Device) -> World:
-        """This world as `device` must render it: itself, unless it is described in the device's own terms.
+        """This world adapted to `device`; by default the world itself.
 
         Raises InputError for a device without a target, if this world needs one.
         """
         if self.needs_target and not device.kind.modes:
             raise InputError(
-                f"world '{self.name}' acts on a target that a device moves through modes; device '{device.name}' "
+                f"world '{self.name}' acts on a target that a device moves in two modes; device '{device.name}' "
                 f"({device.kind.title}) has none: choose another world, or a device with modes, such as pmsm"
             )
         return self
@@ -139,10 +139,10 @@ class World(Presentable, ABC):
 
 @dataclass(frozen=True)
 class TargetWorld(World):
-    """A world that acts on a target which a device moves through modes, such as a plug in its socket.
+    """A world that acts on a target that a device moves in two modes, such as a plug in its socket.
 
-    Its states and wrenches are the target's, in a frame that is not the stator's: a device whose tool the world would
-    act on directly refuses it.
+    Its states and wrenches are the target's, in a frame that is not the stator's: a device on whose tool the world
+    would act directly refuses it.
     """
 
     needs_target: ClassVar[bool] = True
@@ -150,7 +150,7 @@ class TargetWorld(World):
 
 @dataclass(frozen=True)
 class Sum(World):
-    """Several worlds at once: their wrenches add."""
+    """Several worlds together: their wrenches add."""
 
     parts: tuple[World, ...] = ()
 
@@ -162,7 +162,7 @@ class Sum(World):
 
     @property
     def bound(self) -> float:
-        """The parts' bounds together [N]."""
+        """The sum of the parts' bounds [N]."""
         return sum(part.bound for part in self.parts)
 
     @property
@@ -185,5 +185,5 @@ class Sum(World):
         return total
 
     def for_device(self, device: Device) -> Self:
-        """Every part as `device` must render it."""
+        """Every part adapted to `device`."""
         return replace(self, parts=tuple(part.for_device(device) for part in self.parts))

@@ -1,4 +1,4 @@
-"""Which part of a wrench a world asks, and which part is rendered: force, torque, or both."""
+"""The part of a wrench that a world defines, and the part that is rendered: force, torque, or both."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PARTS: Final[tuple[WrenchPart, ...]] = ("force", "torque", "both")  #: their pla
 
 
 def check_part(name: str) -> WrenchPart:
-    """`name` itself, or UnknownName with the nearest.
+    """`name` itself. Raises UnknownName with the most similar name.
 
     >>> check_part("torque")
     'torque'
@@ -28,7 +28,7 @@ def check_part(name: str) -> WrenchPart:
 
 
 def join_parts(parts: Iterable[WrenchPart | None]) -> WrenchPart | None:
-    """What worlds that ask these `parts` ask together; None if one of them does not say.
+    """The part that worlds with these `parts` define together; None if one of them does not declare it.
 
     >>> join_parts(["force", "torque"]), join_parts(["force", None]), join_parts([])
     ('both', None, 'force')
@@ -43,7 +43,7 @@ def join_parts(parts: Iterable[WrenchPart | None]) -> WrenchPart | None:
 
 
 def find_part(wrench: Array) -> WrenchPart | None:
-    """The part that one `wrench` (6,) [N, N·m] has; None for a wrench of zero.
+    """The part of a `wrench` (6,) [N, N·m] that is not zero; None for a zero wrench.
 
     >>> import numpy as np
     >>> find_part(np.array([0, 0, 0, 0, 0.01, 0])), find_part(np.array([1.0, 0, 0, 0, 0, 1e-3])), find_part(np.zeros(6))

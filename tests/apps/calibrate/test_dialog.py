@@ -224,7 +224,7 @@ def test_steps_have_names_and_an_order(tmp_path: Path) -> None:
     assert [step.name for step in check_steps(["magnetic", "rest"])] == ["rest", "magnetic"]
     with pytest.raises(UnknownName, match=r"step 'magnetics'.*did you mean 'magnetic'"):
         check_steps(["magnetics"])
-    with pytest.raises(InputError, match="'tool' needs the steps before it: rest, magnetic"):
+    with pytest.raises(InputError, match="'tool' needs these steps first: rest, magnetic"):
         through(Bench(), tmp_path / "omni.json", steps=check_steps(["tool"]))
 
 

@@ -127,6 +127,7 @@ def test_dragging_stays_on_the_dome() -> None:
 
 @pytest.mark.parametrize(("device", "dragging"), [("omni", True), ("omni", False), ("pmsm", True)])
 @pytest.mark.realtime(retry=False)
+@pytest.mark.usefixtures("quick_starts")
 def test_measured(device: str, dragging: bool) -> None:
     fitness = measure_fitness(1.0, device=device, dragging=dragging, progress=False)
     numbers = json.loads(json.dumps(fitness.numbers()))

@@ -14,6 +14,8 @@ from haptorb.devices.loader import load
 from haptorb.errors import UnknownName
 from haptorb.worlds.own.function_world import FunctionWorld
 
+pytestmark = pytest.mark.background
+
 OMNI = load("omni")
 
 

@@ -14,6 +14,8 @@ from haptorb.control.stability.hand_grip import GRIPS, HandGrip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
 
+pytestmark = pytest.mark.background
+
 OMNI = load("omni")
 LATE = Setting(1000.0, 240.0, 5e-3)
 

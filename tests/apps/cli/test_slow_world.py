@@ -124,5 +124,5 @@ def test_a_saved_file_that_does_not_return_is_told(file: Path, capfd: Any, monke
     finally:
         watcher.end()
     told = capfd.readouterr().err
-    assert "the world from before goes on" in told
-    assert "loaded anew" in told
+    assert "the previous world continues" in told
+    assert "reloaded" in told

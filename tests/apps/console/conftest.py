@@ -27,7 +27,7 @@ FAKE = _fake()
 
 
 def flat_map(name, values, model, points):
-    """A felt map that costs nothing: one newton of push everywhere."""
+    """A force map that costs nothing: one newton of push everywhere."""
     return np.ones(len(points)), np.zeros(len(points), dtype=bool)
 
 
@@ -43,7 +43,7 @@ def refusal():
 
 @pytest.fixture
 def console(servo) -> Iterator[Console]:
-    with Console(servo, 0, felt=flat_map) as console:
+    with Console(servo, 0, force_map=flat_map) as console:
         serving = threading.Thread(target=console.serve)
         serving.start()
         yield console

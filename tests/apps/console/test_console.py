@@ -32,18 +32,18 @@ def test_taken_port_says_who_to_ask_and_what_to_do(servo):
         other.listen()
         port = other.getsockname()[1]
         with pytest.raises(InputError, match=f"port {port} .* is in use.*ss -ltnp.*--port"):
-            Console(servo, port, felt=flat_map)
+            Console(servo, port, force_map=flat_map)
 
 
 @pytest.mark.parametrize("port", [-1, 65536, 1.5, True, "8765"])
 def test_impossible_port_is_refused(servo, port):
     with pytest.raises(InputError, match="port must be a whole number"):
-        Console(servo, port, felt=flat_map)
+        Console(servo, port, force_map=flat_map)
 
 
 @pytest.mark.realtime
 def test_ends_when_the_servo_ends(servo):
-    with Console(servo, 0, felt=flat_map) as console:
+    with Console(servo, 0, force_map=flat_map) as console:
         serving = threading.Thread(target=console.serve)
         serving.start()
         time.sleep(0.2)
@@ -57,7 +57,7 @@ def test_ends_when_the_servo_ends(servo):
 def test_ends_by_a_signal_and_tells_which(servo, number):
     before = signal.getsignal(number)
     timer = threading.Timer(0.5, os.kill, (os.getpid(), number))
-    with Console(servo, 0, felt=flat_map) as console:
+    with Console(servo, 0, force_map=flat_map) as console:
         timer.start()
         assert console.serve() == number
     assert signal.getsignal(number) is before
@@ -65,7 +65,7 @@ def test_ends_by_a_signal_and_tells_which(servo, number):
 
 @pytest.mark.realtime
 def test_ends_when_told(servo):
-    with Console(servo, 0, felt=flat_map) as console:
+    with Console(servo, 0, force_map=flat_map) as console:
         end = time.monotonic() + 0.3
         assert console.serve(until=lambda: time.monotonic() > end) is None
 

@@ -32,7 +32,7 @@ def live(tmp_path: Path) -> LiveSession:
 @pytest.fixture
 def console(servo: Any, live: LiveSession) -> Iterator[Console]:
     flat = lambda name, values, model, points: (0 * points[:, 0], points[:, 0] > 9)  # noqa: E731
-    with Console(servo, 0, felt=flat, designs=DesignPanel(live)) as console:
+    with Console(servo, 0, force_map=flat, designs=DesignPanel(live)) as console:
         serving = threading.Thread(target=console.serve)
         serving.start()
         yield console
@@ -45,7 +45,7 @@ def join(console: Console) -> ClientConnection:
     return connect(f"ws://127.0.0.1:{console.port}/ws", additional_headers=headers, close_timeout=0.3)
 
 
-def hear(socket: ClientConnection, event: str, **wanted: Any) -> dict[str, Any]:
+def receive(socket: ClientConnection, event: str, **wanted: Any) -> dict[str, Any]:
     """The next event of this kind that says what is wanted."""
     for _ in range(2000):
         message = socket.recv(timeout=10)
@@ -66,24 +66,24 @@ def test_one_page_rates_and_every_page_shows_it(console: Console, live: LiveSess
     assert session["world"]["values"] == {}
     assert session["world"]["scene"] is None
     with join(console) as first, join(console) as second:
-        feeling = hear(first, "feel")["feeling"]
-        hear(second, "role", control=False)
+        feeling = receive(first, "feel")["feeling"]
+        receive(second, "role", control=False)
         do(second, act="rate", score=3, feeling=feeling)
-        assert "another page is in control" in hear(second, "mistake")["text"]
+        assert "another page is in control" in receive(second, "mistake")["text"]
         for wrong in (0, 8, "x"):
             do(first, act="rate", score=wrong, feeling=feeling)
-            assert "whole number from 1 to 7" in hear(first, "mistake")["text"]
+            assert "whole number from 1 to 7" in receive(first, "mistake")["text"]
         do(first, act="rate", score=5, feeling=feeling)
-        assert hear(second, "feel", score=5)["feeling"] == feeling
-        hear(first, "feel", score=5)
+        assert receive(second, "feel", score=5)["feeling"] == feeling
+        receive(first, "feel", score=5)
         live.feel_next()  # in the terminal
-        assert hear(first, "feel", score=None)["feeling"] != feeling
+        assert receive(first, "feel", score=None)["feeling"] != feeling
         do(first, act="rate", score=1, feeling=feeling)  # of what the page showed before
-        assert "another design was chosen" in hear(first, "mistake")["text"]
+        assert "another design was chosen" in receive(first, "mistake")["text"]
         first.send(json.dumps({"do": "world", "name": "dome", "values": {}}))
-        assert "Designs" in hear(first, "mistake")["text"]
+        assert "Designs" in receive(first, "mistake")["text"]
         assert servo.count("world") == 0
         second.send(json.dumps({"do": "stop"}))
-        hear(first, "stopped")
+        receive(first, "stopped")
         do(first, act="finish")
-        hear(second, "feel", finished=True)
+        receive(second, "feel", finished=True)

@@ -1,4 +1,4 @@
-"""The felt map from a process of its own: the same numbers, mistakes in words, and no process left behind."""
+"""The force map from a process of its own: the same numbers, mistakes in words, and no process left behind."""
 
 from __future__ import annotations
 

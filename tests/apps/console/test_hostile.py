@@ -16,6 +16,8 @@ from websockets.sync.client import connect
 from haptorb.apps.console.socket_hub import MOST as PAGES
 from haptorb.apps.web import connection
 
+pytestmark = pytest.mark.realtime(retry=False)
+
 
 @pytest.fixture
 def hostile(root):
@@ -41,12 +43,12 @@ def test_many_that_mean_no_good_take_neither_place_nor_control(console, servo, h
                     held = list(console._server.server_state.connections)
                     at_once.append(sum(not each.transport.is_closing() for each in held))
 
-        def hear() -> None:
+        def receive() -> None:
             with suppress(ConnectionClosed):
                 for _ in page:
                     pass
 
-        holding, hearing = threading.Thread(target=hold), threading.Thread(target=hear)
+        holding, hearing = threading.Thread(target=hold), threading.Thread(target=receive)
         holding.start()
         hearing.start()
         try:

@@ -20,7 +20,7 @@ from haptorb.worlds.own.world_file import WorldFile
 from haptorb.worlds.parameter import parameter
 from oracles.groove import Groove
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 
 
 @dataclass(frozen=True)

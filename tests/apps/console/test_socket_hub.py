@@ -32,11 +32,11 @@ class Client:
         self.events: list[dict[str, Any]] = []
         self.rows: list[np.ndarray] = []
         self.echoes: list[float] = []
-        self.felt: list[np.ndarray] = []
+        self.force_map: list[np.ndarray] = []
         self.meshes = 0
         self.dropped = 0.0
 
-    def hear(self) -> None:
+    def receive(self) -> None:
         message = self.socket.recv(timeout=5)
         if isinstance(message, str):
             self.events.append(json.loads(message))
@@ -54,14 +54,14 @@ class Client:
         elif kind == wire.MESH:
             self.meshes += 1
         else:
-            self.felt.append(np.frombuffer(message[48 : 48 + 4 * count], "<f4"))
+            self.force_map.append(np.frombuffer(message[48 : 48 + 4 * count], "<f4"))
 
     def until(self, what: Callable[[], Any], seconds: float = 10) -> Any:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             if found := what():
                 return found
-            self.hear()
+            self.receive()
         raise AssertionError("it did not come")
 
     def event(self, kind: str, **wanted: Any) -> dict[str, Any]:
@@ -185,14 +185,14 @@ def test_stop_engage_and_home(client, servo):
 
 
 def test_world_changes_repaint_the_map(client, servo):
-    client.until(lambda: client.felt)
-    painted = len(client.felt)
+    client.until(lambda: client.force_map)
+    painted = len(client.force_map)
     client.do(do="world", name="dome", values={"moment": 1.5})
     told = client.until(
         lambda: next((e for e in client.events if e["event"] == "world" and e["values"]["moment"] == 1.5), None)
     )
     assert told["name"] == "dome"
-    client.until(lambda: len(client.felt) > painted)
+    client.until(lambda: len(client.force_map) > painted)
     assert servo.world[1]["moment"] == 1.5
 
 
@@ -240,12 +240,12 @@ def test_nonsense_is_refused_and_the_page_lives_on(client, nonsense):
 def test_another_model_is_told_to_every_page_and_painted(client, servo):
     client.event("role", control=True)
     assert client.event("world")["model"] == "exact"
-    client.until(lambda: client.felt)
-    painted = len(client.felt)
+    client.until(lambda: client.force_map)
+    painted = len(client.force_map)
     client.do(do="model", model="published")
     assert client.event("world", model="published")["name"] == "dome"
     assert servo.calls[-1] == ("model", "published")
-    client.until(lambda: len(client.felt) > painted)
+    client.until(lambda: len(client.force_map) > painted)
 
 
 def test_a_stop_after_an_engage_is_the_last_word(client, servo):
@@ -396,7 +396,7 @@ def test_a_map_that_cannot_be_painted_is_said(servo):
     def fail(name, values, model, points):
         raise ValueError("no such force")
 
-    with Console(servo, 0, felt=fail) as console:
+    with Console(servo, 0, force_map=fail) as console:
         serving = threading.Thread(target=console.serve)
         serving.start()
         try:

@@ -86,6 +86,6 @@ def test_no_bytes_do_more_than_be_refused(data):
 
 def test_felt_frame_keeps_every_vertex():
     frame = wire.encode_force_frame(np.array([0.5, -0.25]), np.array([False, True]), 7)
-    assert struct.unpack("<IHHIIdddd", frame[:48])[1:6] == (wire.FELT, wire.VERSION, 2, 0, 7.0)
+    assert struct.unpack("<IHHIIdddd", frame[:48])[1:6] == (wire.FORCE_MAP, wire.VERSION, 2, 0, 7.0)
     assert np.frombuffer(frame[48:56], "<f4").tolist() == [0.5, -0.25]
     assert list(frame[56:]) == [0, 1]

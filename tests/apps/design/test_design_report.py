@@ -18,6 +18,8 @@ from haptorb.errors import InputError
 from oracles.command import run_command
 from oracles.designs.made_designs import make_design, make_evaluations, make_results
 
+pytestmark = pytest.mark.background
+
 
 def _make_plain(table, row, reason):
     """A best design without its card and drawing, which take seconds."""

@@ -22,7 +22,7 @@ def test_the_best_of_each_objective_does_not_depend_on_the_order(tmp_path: Path)
         assert (tally.best["cost"].number, tally.best["reach"].number) == (1, 2)
         assert (tally.count, tally.valid, dict(tally.refused)) == (5, 4, {"room": 1})
         assert "cost 30 mm" in tally.short
-        assert "20 % refused" in tally.short
+        assert "20 % rejected" in tally.short
         assert tally.advice == ""
     assert "1 by room" in tally.sentence
     assert "design 1: radius 30 mm, angle 50 deg, shell thin" in dict(tally.list_best())["best cost"]

@@ -17,7 +17,7 @@ from haptorb.apps.feel.live_session import LiveSession
 from haptorb.apps.feel.terminal_input import execute_line, read_lines
 from haptorb.apps.feel.trace_collector import world_key
 from haptorb.apps.feel.true_scale import ScaleLimits, TrueScale
-from haptorb.control.clutch.linkage import MOTOR_GAINS
+from haptorb.control.clutch.gains import MOTOR_GAINS
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
 from haptorb.runtime.row import RowLayout
@@ -223,6 +223,6 @@ def test_the_true_scale_and_its_limits() -> None:
     assert find_limits(scale, designs, None).largest == 1.0
     already = find_limits(scale, designs, margin=0.6)
     assert already.largest == 1.0
-    assert "above what is possible" in already.reason
+    assert "above the largest possible one" in already.reason
     with pytest.raises(InputError, match="works for spherical motors"):
         TrueScale.of(load("omni"), MOTOR_GAINS)

@@ -103,7 +103,7 @@ def test_what_waited_before_a_step_is_none_of_its_poses() -> None:
         (lambda one: RejectedPose("stranger"), DriverError, "300 stranger"),
         (lambda one: one._replace(p=(float("nan"), 0.0, 0.0)), DriverError, "300 not finite"),
         (lambda one: one._replace(p=one.p[:2]), DriverError, "300 garbage"),
-        (lambda one: one if hash(one.p) % 3 == 0 else RejectedPose("garbage"), CalibrationError, "held no valid pose"),
+        (lambda one: one if hash(one.p) % 3 == 0 else RejectedPose("garbage"), CalibrationError, "had no valid pose"),
         (lambda one: one._replace(q=(10.0, 20.0, 30.0, 0.0)), CalibrationError, "step 'dome': .*must have length 1"),
         (lambda one: one._replace(p=(0.0, 0.0, 0.0), q=(0.0, 0.0, 0.0, 1.0)), CalibrationError, "only 1 distinct pose"),
         (lambda one: one._replace(p=tuple(1e3 * x for x in one.p)), CalibrationError, "millimetres"),

@@ -9,6 +9,8 @@ from haptorb.apps.guidance import WAYS, compare_guidance
 from haptorb.control.stability.hand_grip import GRIPS
 from haptorb.devices.loader import load
 
+pytestmark = pytest.mark.background
+
 
 @pytest.fixture(scope="module")
 def found():

@@ -10,6 +10,8 @@ from rich.console import Console
 from haptorb.apps.inspect.card import card
 from haptorb.devices.loader import load
 
+pytestmark = pytest.mark.background
+
 OMNI = load("omni")
 
 

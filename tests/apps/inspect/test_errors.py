@@ -18,6 +18,8 @@ from haptorb.devices.state import State
 from haptorb.errors import DeviceError, InputError
 from oracles.command import run_command
 
+pytestmark = pytest.mark.background
+
 NARROW = """
 based_on = "omni"
 name = "narrow"
@@ -115,7 +117,7 @@ def test_a_coil_array_has_a_budget_and_none_without_errors(name) -> None:
     device = load(name)
     budget = report_errors(device, samples=100).budget
     shares = {share.name: share for share in budget.shares}
-    assert shares["places of the coils"].alone > 0.0
+    assert shares["positions of the coils"].alone > 0.0
     assert 0.0 < budget.bands[-1].size < budget.asked
     model = array_errors(device)
     point = model.draw_point(0, np.random.default_rng(0))

@@ -11,6 +11,8 @@ import haptorb
 from haptorb.apps.cli import main
 from haptorb.apps.inspect.card import card
 
+pytestmark = pytest.mark.background
+
 
 @pytest.fixture(scope="module")
 def made():

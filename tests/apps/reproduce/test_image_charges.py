@@ -10,6 +10,8 @@ from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.simulation.truth import true_wrench
 
+pytestmark = pytest.mark.background
+
 OMNI = load("omni")
 
 

@@ -8,6 +8,8 @@ import pytest
 from haptorb.apps.reproduce import Item, Reproduction, ReproductionResult, report_page
 from haptorb.apps.reproduce.tolerance_text import describe_tolerance, format_number
 
+pytestmark = pytest.mark.background
+
 FORCE = Item("x", "bai2012", "Fig. 8", "a force", 1.04, 1.04, "N", 0.05)
 
 

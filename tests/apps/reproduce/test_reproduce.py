@@ -27,6 +27,8 @@ from haptorb.numerics.quaternions import quaternion
 from haptorb.numerics.rotations import rotation_from_euler
 from oracles.command import run_command
 
+pytestmark = pytest.mark.background
+
 FORCE = Item("x", "bai2012", "Fig. 8", "a force", 1.0, 1.04, "N", 0.05, why="as stiff as that")
 
 

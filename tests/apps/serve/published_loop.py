@@ -45,7 +45,7 @@ class PublishedLoop:
             self.count += 1
         return row
 
-    def hear(self) -> tuple[list[float], float]:
+    def receive(self) -> tuple[list[float], float]:
         """The force [N] that the loop would take from its clients now, and the session that commands it."""
         self.shared.client_forces.fill(self._client, monotonic())
         return self._client["force"][0].tolist(), float(self._client["session"][0])

@@ -38,6 +38,18 @@ def test_who_is_silent_lets_the_device_go(bench, monkeypatch):
     assert bench.served.command(second, (0.2, 0.0, 0.0))
 
 
+def test_who_sends_zeros_to_be_answered_takes_nothing(bench):
+    watcher, program = bench.served.open_session(), bench.served.open_session()
+    assert bench.served.command(watcher, (0.0, 0.0, 0.0))
+    assert bench.served.holder == 0
+    assert bench.served.command(program, (0.0, 0.0, 0.5))
+    assert bench.served.command(watcher, (0.0, 0.0, 0.0))  # neither refused nor felt
+    assert bench.read_client()["force"].tolist() == [0.0, 0.0, 0.5]
+    assert bench.served.command(program, (0.0, 0.0, 0.0))  # in free space: it still holds the device
+    assert bench.served.holder == program
+    assert not bench.read_client()["force"].any()
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e308])
 def test_what_is_no_force_commands_nothing(bench, bad):
     session = bench.served.open_session()
@@ -59,13 +71,13 @@ def test_rows_come_once_and_those_that_were_lost_are_counted(bench):
     assert bench.served.dropped > 0
 
 
-def test_buttons_reports_and_wishes_pass_between_the_processes(bench):
+def test_buttons_reports_and_requests_pass_between_the_processes(bench):
     bench.shared.words[Word.BUTTONS] = 0b101
     assert bench.served.buttons == {"a": True, "b": False, "c": True}
     bench.served.report("haply", "ws://here", [{"name": "one", "session": 1, "rate_hz": 9.0, "holds": True}])
     assert json.loads(bench.shared.server_facts[0].read()[1])["clients"][0]["name"] == "one"
-    bench.served.wish_world("terrain", {"height": 0.5})
-    assert json.loads(bench.shared.server_wishes[0].read()[1]) == {"name": "terrain", "values": {"height": 0.5}}
+    bench.served.request_world("terrain", {"height": 0.5})
+    assert json.loads(bench.shared.server_requests[0].read()[1]) == {"name": "terrain", "values": {"height": 0.5}}
 
 
 def test_whether_the_world_that_is_felt_has_the_clients_force_in_it(bench):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 
 IDENTIFY = """
 name = "identify"

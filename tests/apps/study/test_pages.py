@@ -18,7 +18,8 @@ from sqlalchemy import text
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.pages.server import StudyServer
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.pages.site import STATIC
@@ -104,7 +105,7 @@ class Page:
         self._listening.join(10)
 
 
-class Desk:
+class StudyHost:
     """A served study on an imagined servo."""
 
     def __init__(self, study: Study, place: Path) -> None:
@@ -115,8 +116,8 @@ class Desk:
             self.servos.append(_fake())
             return self.servos[-1]
 
-        self.reception = SessionManager(self.engine, study, start, lambda session: Path(f"session-{session}.mcap"))
-        self.host = StudyServer(self.reception, 0, more={"database": "here"})
+        self.manager = SessionManager(self.engine, study, start, lambda session: Path(f"session-{session}.mcap"))
+        self.host = StudyServer(self.manager, 0, more={"database": "here"})
         self.failures: list[ServoError] = []  # with which the server ended by itself
         self._serving = threading.Thread(target=self._serve)
         self._serving.start()
@@ -153,25 +154,25 @@ class Desk:
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> Iterator[Desk]:
-    desk = Desk(study_of(STUDY), tmp_path / "s.db")
-    yield desk
-    desk.close()
+def host(tmp_path: Path) -> Iterator[StudyHost]:
+    host = StudyHost(study_of(STUDY), tmp_path / "s.db")
+    yield host
+    host.close()
 
 
 @pytest.fixture
-def begun(desk: Desk) -> tuple[Desk, Page, Page]:
+def begun(host: StudyHost) -> tuple[StudyHost, Page, Page]:
     """P01 is in the first trial."""
-    participant, experimenter = desk.participant(), desk.experimenter()
+    participant, experimenter = host.participant(), host.experimenter()
     experimenter.do("begin", code="P01")
     participant.state("consent")
     participant.do("agree", agreed=True)
     participant.state("running", 0)
-    return desk, participant, experimenter
+    return host, participant, experimenter
 
 
-def test_a_session_from_code_to_thanks(begun: tuple[Desk, Page, Page]) -> None:
-    desk, participant, experimenter = begun
+def test_a_session_from_code_to_thanks(begun: tuple[StudyHost, Page, Page]) -> None:
+    host, participant, experimenter = begun
     assert participant.about["consent"] == "You may stop at any time."
     participant.do("draft", value=12)
     experimenter.until(lambda page: page.view["draft"] == 12)
@@ -183,14 +184,14 @@ def test_a_session_from_code_to_thanks(begun: tuple[Desk, Page, Page]) -> None:
     participant.until(lambda page: any("0 to 10" in mistake for mistake in page.mistakes))
     participant.do("reply", question="tired", reply="4")
     participant.state("done")
-    columns = tidy(desk.engine, desk.study)
+    columns = tidy(host.engine, host.study)
     assert columns["answer"].tolist() == [12, 1]
     assert columns["recording"][0].startswith("session-1.mcap#t=")
-    assert read_replies(desk.engine, desk.study) == {"P01": {"tired": "4"}}
-    prompted = [told[1] for told in desk.servo.told if told[0] == "dome"]
-    assert prompted == [desk.study.point(int(n)).direction for n in columns["set_point"]]
-    experimenter.until(lambda page: desk.servo.told[-1] == "close")
-    with desk.engine.connect() as connection:
+    assert read_replies(host.engine, host.study) == {"P01": {"tired": "4"}}
+    prompted = [told[1] for told in host.servo.told if told[0] == "dome"]
+    assert prompted == [host.study.point(int(n)).direction for n in columns["set_point"]]
+    experimenter.until(lambda page: host.servo.told[-1] == "close")
+    with host.engine.connect() as connection:
         kinds = connection.execute(text("SELECT kind FROM events ORDER BY id")).scalars().all()
         assert connection.execute(text("SELECT ended FROM sessions")).scalar_one()
     assert kinds == ["begin", "consent"]
@@ -204,7 +205,7 @@ def test_a_session_from_code_to_thanks(begun: tuple[Desk, Page, Page]) -> None:
     participant.state("consent")
 
 
-def test_the_participants_page_is_never_told_what_is_prompted(begun: tuple[Desk, Page, Page]) -> None:
+def test_the_participants_page_is_never_told_what_is_prompted(begun: tuple[StudyHost, Page, Page]) -> None:
     _, participant, experimenter = begun
     experimenter.until(lambda page: page.view.get("prompt", {}).get("set_point"))
     participant.do("answer", trial=0, value=1)
@@ -217,11 +218,11 @@ def test_the_participants_page_is_never_told_what_is_prompted(begun: tuple[Desk,
 
 
 def test_places_that_are_to_be_found_freely_are_not_drawn_for_the_participant(tmp_path: Path) -> None:
-    desk = Desk(
+    host = StudyHost(
         study_of(STUDY.replace('name = "short"', 'name = "free"\nprocedure = "localisation"')), tmp_path / "s.db"
     )
     try:
-        participant, experimenter = desk.participant(), desk.experimenter()
+        participant, experimenter = host.participant(), host.experimenter()
         participant.until(lambda page: page.about)
         experimenter.until(lambda page: page.about)
         assert participant.about["places"] == []
@@ -231,51 +232,51 @@ def test_places_that_are_to_be_found_freely_are_not_drawn_for_the_participant(tm
         participant.do("agree", agreed=True)
         participant.state("running", 0)
         participant.do("steer", x=0.0, y=36.0)
-        participant.until(lambda page: desk.servo.p[1] > 0.02)
+        participant.until(lambda page: host.servo.p[1] > 0.02)
         participant.do("answer", trial=0, value=None)
         participant.state("running", 1)
-        columns = tidy(desk.engine, desk.study)
+        columns = tidy(host.engine, host.study)
         assert columns["y_m"][0] == pytest.approx(0.05 * 0.5878, abs=1e-3)
         assert columns["distance_mm"][0] > 0
     finally:
-        desk.close()
+        host.close()
 
 
 @pytest.mark.parametrize("command", ["pause", "resume", "repeat", "engage", "leave", "abort", "begin"])
-def test_a_participants_page_cannot_steer(begun: tuple[Desk, Page, Page], command: str) -> None:
-    desk, participant, _ = begun
+def test_a_participants_page_cannot_steer(begun: tuple[StudyHost, Page, Page], command: str) -> None:
+    host, participant, _ = begun
     participant.do(command, code="P09")
     participant.until(lambda page: any("may not" in mistake for mistake in page.mistakes))
-    assert desk.reception.now == "running"
-    assert not {"stop", "engage"} & {told for told in desk.servo.told if isinstance(told, str)}
+    assert host.manager.now == "running"
+    assert not {"stop", "engage"} & {told for told in host.servo.told if isinstance(told, str)}
 
 
 @pytest.mark.parametrize("token", ["", "none", "x" * 22, '{"do": "abort"}'])
-def test_without_the_token_nobody_is_an_experimenter(begun: tuple[Desk, Page, Page], token: str) -> None:
-    desk, _, _ = begun
-    stranger = desk.experimenter(token)
+def test_without_the_token_nobody_is_an_experimenter(begun: tuple[StudyHost, Page, Page], token: str) -> None:
+    host, _, _ = begun
+    stranger = host.experimenter(token)
     stranger._listening.join(10)
     assert not stranger.heard
     assert stranger.socket.close_code == 1008
-    assert desk.reception.now == "running"
+    assert host.manager.now == "running"
 
 
-def test_pages_of_other_origins_get_403(desk: Desk) -> None:
+def test_pages_of_other_origins_get_403(host: StudyHost) -> None:
     for path in ("ws/participant", "ws/experimenter"):
-        url = desk.host.participant.replace("http", "ws") + path
+        url = host.host.participant.replace("http", "ws") + path
         with pytest.raises(InvalidStatus) as refused, connect(url, origin="http://evil.example"):  # type: ignore[arg-type]
             pass
         assert refused.value.response.status_code == 403
-    assert httpx.get(desk.host.participant, headers={"host": "evil.example"}).status_code == 403
+    assert httpx.get(host.host.participant, headers={"host": "evil.example"}).status_code == 403
 
 
-def test_the_token_is_in_no_file_that_is_served(desk: Desk) -> None:
-    token = desk.host.experimenter.split("#")[1]
+def test_the_token_is_in_no_file_that_is_served(host: StudyHost) -> None:
+    token = host.host.experimenter.split("#")[1]
     for path in ("", "experimenter", "static/experimenter.js", "static/participant.js", "static/study.css"):
-        answer = httpx.get(desk.host.participant + path)
+        answer = httpx.get(host.host.participant + path)
         assert answer.status_code == 200
         assert token not in answer.text
-    assert httpx.get(desk.host.participant + "static/../host.py").status_code == 404
+    assert httpx.get(host.host.participant + "static/../host.py").status_code == 404
 
 
 @pytest.mark.parametrize(
@@ -292,73 +293,75 @@ def test_the_token_is_in_no_file_that_is_served(desk: Desk) -> None:
         ([], "JSON object"),
     ],
 )
-def test_bad_messages_are_told_and_change_nothing(begun: tuple[Desk, Page, Page], command: Any, words: str) -> None:
-    desk, participant, _ = begun
+def test_bad_messages_are_told_and_change_nothing(
+    begun: tuple[StudyHost, Page, Page], command: Any, words: str
+) -> None:
+    host, participant, _ = begun
     participant.socket.send(json.dumps(command))
     participant.until(lambda page: any(words in mistake for mistake in page.mistakes))
     participant.socket.send("not JSON")
     participant.until(lambda page: any("must be JSON" in mistake for mistake in page.mistakes))
     with pytest.raises(RecordingError, match="no answered trials"):
-        tidy(desk.engine, desk.study)
+        tidy(host.engine, host.study)
     participant.do("answer", trial=0, value=1)
     participant.state("running", 1)
 
 
-def test_a_second_click_does_not_answer_the_next_trial(begun: tuple[Desk, Page, Page]) -> None:
-    desk, participant, _ = begun
+def test_a_second_click_does_not_answer_the_next_trial(begun: tuple[StudyHost, Page, Page]) -> None:
+    host, participant, _ = begun
     for _ in range(5):
         participant.do("answer", trial=0, value=12)
     participant.state("running", 1)
     time.sleep(0.2)
-    assert tidy(desk.engine, desk.study)["answer"].tolist() == [12]
+    assert tidy(host.engine, host.study)["answer"].tolist() == [12]
 
 
-def test_anyone_may_stop_but_only_the_experimenter_goes_on(begun: tuple[Desk, Page, Page]) -> None:
-    desk, participant, experimenter = begun
+def test_anyone_may_stop_but_only_the_experimenter_goes_on(begun: tuple[StudyHost, Page, Page]) -> None:
+    host, participant, experimenter = begun
     participant.do("stop")
     participant.state("paused")
-    assert desk.servo.off
+    assert host.servo.off
     participant.do("answer", trial=0, value=1)
     participant.until(lambda page: any("no answer is expected" in mistake for mistake in page.mistakes))
     experimenter.do("resume")
     participant.state("running", 0)
-    assert not desk.servo.off
+    assert not host.servo.off
     participant.do("answer", trial=0, value=1)
     participant.state("running", 1)
-    assert tidy(desk.engine, desk.study)["safety"].tolist() == [""]
+    assert tidy(host.engine, host.study)["safety"].tolist() == [""]
 
 
-def test_a_closed_page_pauses_and_a_new_one_goes_on_there(begun: tuple[Desk, Page, Page]) -> None:
-    desk, participant, experimenter = begun
+def test_a_closed_page_pauses_and_a_new_one_goes_on_there(begun: tuple[StudyHost, Page, Page]) -> None:
+    host, participant, experimenter = begun
     participant.do("answer", trial=0, value=1)
     participant.state("running", 1)
     participant.close()
     experimenter.state("paused")
-    assert desk.servo.off
-    again = desk.participant()
+    assert host.servo.off
+    again = host.participant()
     again.state("paused")
     experimenter.do("resume")
     again.state("running", 1)
     again.do("answer", trial=1, value=12)
     again.state("question")
-    assert tidy(desk.engine, desk.study)["trial"].tolist() == [1, 2]
+    assert tidy(host.engine, host.study)["trial"].tolist() == [1, 2]
 
 
-def test_a_second_participants_page_only_watches(begun: tuple[Desk, Page, Page]) -> None:
-    desk, participant, experimenter = begun
-    second = desk.participant()
+def test_a_second_participants_page_only_watches(begun: tuple[StudyHost, Page, Page]) -> None:
+    host, participant, experimenter = begun
+    second = host.participant()
     second.until(lambda page: page.view.get("watching"))
     second.do("answer", trial=0, value=1)
     second.until(lambda page: any("another participant's page" in mistake for mistake in page.mistakes))
     second.close()
     experimenter.until(lambda page: page.view["pages"] == 1)
-    assert desk.reception.now == "running"
+    assert host.manager.now == "running"
     assert participant.view["trial"] == 0
 
 
-def test_a_trip_is_shown_marked_and_left_to_the_experimenter(begun: tuple[Desk, Page, Page]) -> None:
-    desk, participant, experimenter = begun
-    desk.servo.trip(Trip.OVERHEATED)
+def test_a_trip_is_shown_marked_and_left_to_the_experimenter(begun: tuple[StudyHost, Page, Page]) -> None:
+    host, participant, experimenter = begun
+    host.servo.trip(Trip.OVERHEATED)
     experimenter.until(lambda page: page.view.get("trips"))
     shown = experimenter.view["trips"][0]
     assert (shown["code"], shown["trial"]) == ("OVERHEATED", 0)
@@ -374,19 +377,19 @@ def test_a_trip_is_shown_marked_and_left_to_the_experimenter(begun: tuple[Desk, 
     experimenter.until(lambda page: page.view["log"])
     assert experimenter.view["log"][0]["safety"] == ["OVERHEATED"]
     assert experimenter.view["log"][0]["repeats"] == 1
-    columns = tidy(desk.engine, desk.study)
+    columns = tidy(host.engine, host.study)
     assert [columns[name].tolist() for name in ("answer", "safety", "repeats")] == [[1], ["OVERHEATED"], [1]]
-    with desk.engine.connect() as connection:
+    with host.engine.connect() as connection:
         kept = connection.execute(text("SELECT trial, text FROM events WHERE kind = 'safety'")).all()
     assert len(kept) == 1
     assert kept[0].text.startswith("OVERHEATED")
 
 
-def test_repeat_abort_and_leave(begun: tuple[Desk, Page, Page]) -> None:
-    desk, participant, experimenter = begun
-    before = len([told for told in desk.servo.told if told[0] == "dome"])
+def test_repeat_abort_and_leave(begun: tuple[StudyHost, Page, Page]) -> None:
+    host, participant, experimenter = begun
+    before = len([told for told in host.servo.told if told[0] == "dome"])
     experimenter.do("repeat")
-    experimenter.until(lambda page: len([t for t in desk.servo.told if t[0] == "dome"]) == before + 1)
+    experimenter.until(lambda page: len([t for t in host.servo.told if t[0] == "dome"]) == before + 1)
     participant.do("answer", trial=0, value=1)
     participant.state("running", 1)
     experimenter.do("leave")
@@ -400,24 +403,24 @@ def test_repeat_abort_and_leave(begun: tuple[Desk, Page, Page]) -> None:
     participant.state("aborted")
     experimenter.do("begin", code="P01")
     experimenter.until(lambda page: any("aborted" in mistake for mistake in page.mistakes))
-    assert tidy(desk.engine, desk.study)["trial"].tolist() == [1]
+    assert tidy(host.engine, host.study)["trial"].tolist() == [1]
 
 
-def test_who_does_not_agree_is_asked_nothing(desk: Desk) -> None:
-    participant, experimenter = desk.participant(), desk.experimenter()
+def test_who_does_not_agree_is_asked_nothing(host: StudyHost) -> None:
+    participant, experimenter = host.participant(), host.experimenter()
     experimenter.do("begin", code="P01")
     participant.state("consent")
     participant.do("agree", agreed=False)
     participant.state("left")
-    assert desk.servo.told[-1] == "close"
-    assert not [told for told in desk.servo.told if told[0] == "dome"]
+    assert host.servo.told[-1] == "close"
+    assert not [told for told in host.servo.told if told[0] == "dome"]
 
 
-def test_a_device_that_dies_ends_the_session_resumably(begun: tuple[Desk, Page, Page]) -> None:
-    desk, participant, experimenter = begun
+def test_a_device_that_dies_ends_the_session_resumably(begun: tuple[StudyHost, Page, Page]) -> None:
+    host, participant, experimenter = begun
     participant.do("answer", trial=0, value=1)
     participant.state("running", 1)
-    desk.servo.alive = False
+    host.servo.alive = False
     experimenter.state("failed")
     assert "pulled the plug" in experimenter.view["trouble"]
     experimenter.do("begin", code="P01")
@@ -427,19 +430,19 @@ def test_a_device_that_dies_ends_the_session_resumably(begun: tuple[Desk, Page, 
 
 
 @pytest.mark.parametrize("code", ["Anna", "", "../P1", "-01", "P01; DROP TABLE trials"])
-def test_names_are_no_codes(desk: Desk, code: str) -> None:
-    experimenter = desk.experimenter()
+def test_names_are_no_codes(host: StudyHost, code: str) -> None:
+    experimenter = host.experimenter()
     experimenter.do("begin", code=code)
     experimenter.until(lambda page: any("never a name" in mistake for mistake in page.mistakes))
-    assert not desk.servos
+    assert not host.servos
 
 
-def test_two_experimenters_are_two_pages_of_one_session(begun: tuple[Desk, Page, Page]) -> None:
-    desk, _, _ = begun
-    second = desk.experimenter()
+def test_two_experimenters_are_two_pages_of_one_session(begun: tuple[StudyHost, Page, Page]) -> None:
+    host, _, _ = begun
+    second = host.experimenter()
     second.do("begin", code="P02")
     second.until(lambda page: any("end it first" in mistake for mistake in page.mistakes))
-    other = Desk(desk.study, desk.place)
+    other = StudyHost(host.study, host.place)
     try:
         page = other.experimenter()
         page.do("begin", code="P01")
@@ -449,9 +452,9 @@ def test_two_experimenters_are_two_pages_of_one_session(begun: tuple[Desk, Page,
         other.close()
 
 
-def test_a_taken_port_is_refused_before_anybody_sits_down(desk: Desk) -> None:
+def test_a_taken_port_is_refused_before_anybody_sits_down(host: StudyHost) -> None:
     with pytest.raises(InputError, match="is in use"):
-        StudyServer(desk.reception, desk.host.port)
+        StudyServer(host.manager, host.host.port)
 
 
 def test_the_pages_are_small_and_fetch_nothing_from_elsewhere() -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import http.client
+import threading
 import time
 import urllib.request
 
 import pytest
 
+from haptorb.apps.study.pages.report_server import ReportServer
 from haptorb.apps.study.pages.trial_viewers import TrialViewers
 from haptorb.errors import InputError
 from oracles.made_recording import make_recording
@@ -52,11 +55,33 @@ def test_a_recording_that_is_gone_is_refused(viewers, tmp_path):
 
 
 @pytest.mark.realtime(retry=False)
-def test_a_viewer_that_cannot_start_says_why(viewers, tmp_path):
-    path = tmp_path / "session-1-1.mcap"
-    path.write_bytes(b"nothing of a recording")
-    mistakes = []
-    viewers.open(f"{path}#t=1,2", mistakes.append)
-    wait_for(lambda: mistakes)
-    assert "not an MCAP file" in mistakes[0]
-    assert viewers.urls == {}
+def test_the_report_leads_to_each_recording_and_says_why_one_cannot_be_played(tmp_path):
+    good, bad = tmp_path / "session-1-1.mcap", tmp_path / "session-2-1.mcap"
+    make_recording(good)
+    bad.write_bytes(b"nothing of a recording")
+    server = ReportServer("<a href='play/0'>", [f"{good}#t=3.5,4.25", f"{bad}#t=1,2", str(tmp_path / "gone.mcap")], 0)
+    thread = threading.Thread(target=server.serve)
+    thread.start()
+    _, _, address, token, _ = server.url.split("/")
+
+    def get(path):
+        connection = http.client.HTTPConnection(address, timeout=20)
+        connection.request("GET", path)
+        answer = connection.getresponse()
+        content = answer.read().decode()
+        connection.close()
+        return answer.status, answer.getheader("location"), content
+
+    try:
+        wait_for(lambda: get(f"/{token}/")[2] == "<a href='play/0'>")
+        wait_for(lambda: get(f"/{token}/play/0")[0] == 303)
+        assert "/#" in get(f"/{token}/play/0")[1]  # the viewer's address with its token
+        wait_for(lambda: "not an MCAP file" in get(f"/{token}/play/1")[2])
+        assert "not there any more" in get(f"/{token}/play/2")[2]
+        assert get(f"/{token}/play/3")[0] == 404
+        for path in ("/", "/guess/", "/guess/play/0"):
+            assert get(path)[0] in (403, 404)
+    finally:
+        server.close()
+        thread.join(20)
+    assert not thread.is_alive()

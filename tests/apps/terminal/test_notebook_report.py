@@ -38,7 +38,7 @@ def show(report: Any) -> tuple[str, str]:
 def test_the_fitness_of_a_computer() -> None:
     machine = Machine("a <fast> processor", 4, "6.1 PREEMPT", True, False, "performance", "3.11")
     line, html = show(Fitness(REPORT, machine, StolenTime(0, 0.0, 1.0), 30.0, True))
-    assert "fit: ticks in time 99.997 %, lateness, 99 % 30 µs" in line
+    assert "fit: ticks on time 99.997 %, lateness, 99 % 30 µs" in line
     assert "This computer is fit" in html
     assert "a &lt;fast&gt; processor" in html
     assert "[µs]" in html

@@ -165,7 +165,7 @@ def world():
 def study(text, **parts):
     from haptorb.apps.study.analysis.analysis import Analysis
     from haptorb.apps.study.analysis.summary import print_summary
-    from haptorb.apps.study.model.study_file import study_of
+    from haptorb.apps.study.model.study_reader import study_of
 
     made = Analysis(study_of(text), 6, 120, 12, 6, 0, **parts)
     assert json.dumps(made.numbers(), allow_nan=False)

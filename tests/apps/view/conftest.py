@@ -25,7 +25,7 @@ def viewer(made):
     def push(name, values, model, points):
         return np.ones(len(points)), np.zeros(len(points), dtype=bool)
 
-    with Viewer([made[0]], 0, felt=push) as viewer:
+    with Viewer([made[0]], 0, force_map=push) as viewer:
         ready = threading.Event()
         serving = threading.Thread(target=lambda: viewer.serve(ready=ready.set))
         serving.start()

@@ -39,10 +39,10 @@ def talk(viewer, recording="0", token=None):
 def ask(line, **question):
     """The answer to a question: a frame's (kind, number of the question, first row, rows), or an event."""
     line.send(json.dumps(question))
-    return hear(line)
+    return receive(line)
 
 
-def hear(line):
+def receive(line):
     message = line.recv(timeout=10)
     if isinstance(message, str):
         return json.loads(message)
@@ -83,7 +83,7 @@ def test_describes_the_recording(viewer):
 def test_answers_with_the_rows_of_the_file(viewer, made):
     _, rows = made
     with talk(viewer) as line:
-        assert hear(line)[0] == 2  # the dome, once
+        assert receive(line)[0] == 2  # the dome, once
         kind, echo, first, found = ask(line, do="at", n=5, t=1.5)
         assert (kind, echo, first, len(found)) == (1, 5, 1500, 1)
         kind, echo, first, found = ask(line, do="rows", n=6, first=2990, count=100)
@@ -91,7 +91,7 @@ def test_answers_with_the_rows_of_the_file(viewer, made):
         event = ask(line, do="world", change=1, model="exact")
         assert event["event"] == "world"
         assert event["values"]["moment"] == 1.0
-        assert hear(line)[0] == 3  # its force map
+        assert receive(line)[0] == 3  # its force map
     assert len(rows) == 3000
 
 
@@ -109,7 +109,7 @@ def test_answers_with_the_rows_of_the_file(viewer, made):
 )
 def test_a_wrong_question_gets_the_reason_and_the_next_one_an_answer(viewer, question, words):
     with talk(viewer) as line:
-        hear(line)
+        receive(line)
         event = ask(line, **question)
         assert event["event"] == "mistake"
         assert words in event["text"]
@@ -135,7 +135,7 @@ def test_a_part_is_on_the_loops_clock_and_must_be_in_the_recording(made, tmp_pat
     with Viewer([made[0]], 0, span=(4.0, 5.0)) as viewer:
         assert viewer.opening["range"] == pytest.approx((1.0, 2.0))
         assert viewer.opening["at"] == pytest.approx(1.0)
-    with pytest.raises(InputError, match="has nothing from 90 s"):
+    with pytest.raises(InputError, match="has no ticks from 90 s"):
         Viewer([made[0]], 0, span=(90.0, 91.0))
     other = tmp_path / "other.mcap"
     make_recording(other, 0.2)

@@ -18,6 +18,8 @@ from websockets.sync.client import connect
 from haptorb.apps.web import connection
 from haptorb.apps.web.server import bind_socket, server
 
+pytestmark = pytest.mark.realtime(retry=False)
+
 
 @pytest.fixture
 def port(monkeypatch):

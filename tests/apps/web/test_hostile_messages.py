@@ -201,7 +201,7 @@ def test_the_console_survives_them(n, capfd, caplog):
     servo = Servo()
     with (
         no_news(capfd, caplog),
-        Console(servo, 0, felt=lambda n, v, p: (np.ones(len(p)), np.zeros(len(p), bool))) as console,
+        Console(servo, 0, force_map=lambda n, v, p: (np.ones(len(p)), np.zeros(len(p), bool))) as console,
     ):
         serving = threading.Thread(target=console.serve)
         serving.start()
@@ -233,9 +233,9 @@ def test_a_study_survives_them(n, tmp_path, monkeypatch, capfd, caplog):
     pages = _module(APPS / "study" / "test_pages.py")
     monkeypatch.chdir(tmp_path)
     with no_news(capfd, caplog):
-        desk = pages.Desk(pages.study_of(pages.STUDY), tmp_path / "s.db")
+        host = pages.StudyHost(pages.study_of(pages.STUDY), tmp_path / "s.db")
         try:
-            both = desk.experimenter(), desk.participant()
+            both = host.experimenter(), host.participant()
             said = [messages(seed, n // 2) for seed in (4, 5)]
             for page in both:
                 page.until(lambda page: page.view)
@@ -246,7 +246,7 @@ def test_a_study_survives_them(n, tmp_path, monkeypatch, capfd, caplog):
                     _await_answer(page, f"no such thing {part}")
             for page in both:
                 page.close()
-            chief = desk.experimenter()
+            chief = host.experimenter()
             chief.until(lambda page: page.view)
             if chief.view["session"]:
                 chief.do("leave")
@@ -256,7 +256,7 @@ def test_a_study_survives_them(n, tmp_path, monkeypatch, capfd, caplog):
             chief.do("leave")
             chief.until(lambda page: not page.view["session"])
         finally:
-            desk.close()
+            host.close()
 
 
 def _await_answer(page: Any, word: str) -> None:

@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 
 def _paint_nothing(name: str, values: Any, model: str, points: Any) -> Any:
-    """The felt map; the process that paints it takes seconds to load."""
+    """The force map; the process that paints it takes seconds to load."""
     return np.zeros(len(points)), np.zeros(len(points), dtype=bool)
 
 
@@ -65,7 +65,7 @@ def servos(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     monkeypatch.setattr(chooser_module, "Servo", imagined)
     monkeypatch.setattr(
         chooser_module, "Console", lambda servo, port, framed_by: Console(
-            servo, port, felt=_paint_nothing, framed_by=framed_by
+            servo, port, force_map=_paint_nothing, framed_by=framed_by
         ),
     )  # fmt: skip
     made: list[Any] = imagined.made

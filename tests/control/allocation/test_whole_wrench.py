@@ -11,7 +11,7 @@ from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
-from oracles.ring_torque import wrench_on_ring
+from oracles.magnetics.ring_torque import wrench_on_ring
 
 OMNI = load("omni")
 TURN = tool_choice(OMNI).allocators["torque"]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -11,9 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from haptorb.control.clutch.modes import MODES, Clutch, Gains, TwoModes
+from haptorb.control.clutch.gains import Gains
+from haptorb.control.clutch.linkage import RenderedWrench
+from haptorb.control.clutch.moded_linkage import ModedLinkage
+from haptorb.control.clutch.modes import MODES
 from haptorb.devices.state import State
-from haptorb.errors import InputError, UnknownName
+from haptorb.errors import InputError
 
 SMALL = st.floats(-0.39, 0.39)
 SPIN = st.floats(-20.0, 20.0)
@@ -50,31 +54,63 @@ def test_the_rotor_of_these_tests_is_scipys() -> None:
     assert rotation_vector(small.as_matrix()) == pytest.approx(small.as_rotvec(), abs=1e-15)
 
 
-def join(modes: TwoModes, q=(0.0, 0.0, 0.0), mode: str = "translate", **kwargs) -> Clutch:
-    """A clutch that has fully taken hold at q."""
-    clutch = modes.start(rotor_at(q), mode=mode, **kwargs)
-    for k in range(1, 6):
-        clutch = modes.advance(clutch, rotor_at(q, t=k * 0.04))
-    assert clutch.share.max() == 1.0
-    return clutch
+@dataclass(frozen=True)
+class At:
+    """The target's world: any wrench of its pose."""
+
+    of: Callable[[State], np.ndarray] = lambda target: np.zeros(6)
+
+    def wrench(self, state: State) -> np.ndarray:
+        return self.of(state)
 
 
-def pose(modes: TwoModes, clutch: Clutch) -> np.ndarray:
-    target = modes.target(clutch)
-    return np.concatenate([target.p, target.R_SR.ravel()])
+def constant(wrench) -> At:
+    return At(lambda target: np.array(wrench, dtype=float))
+
+
+@dataclass
+class Hand:
+    """A hand on the rotor of a linkage: where it is now, and what the linkage gave."""
+
+    linkage: ModedLinkage = field(default_factory=ModedLinkage)
+    t: float = 0.0
+    q: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    rates: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def go(self, q, rates=(0.0, 0.0, 0.0), dt: float = 1e-3, world: At = At()) -> RenderedWrench:
+        self.t, self.q, self.rates = self.t + dt, np.array(q, dtype=float), np.array(rates, dtype=float)
+        return self.linkage.render(world, rotor_at(q, rates, self.t))
+
+    def stay(self, world: At = At(), dt: float = 0.0) -> RenderedWrench:
+        """With `dt` zero, what the linkage gives at this very moment: nothing moves on."""
+        return self.go(self.q, self.rates, dt, world)
+
+    def torque(self, wrench) -> np.ndarray:
+        return self.stay(constant(wrench)).wrench[3:]
+
+
+def join(gains: Gains | None = None, q=(0.0, 0.0, 0.0), mode: str = "translate", **kwargs) -> Hand:
+    """A hand whose clutch is fully engaged at q."""
+    hand = Hand(ModedLinkage(gains, **kwargs))
+    hand.linkage.set_mode(mode)
+    for _ in range(6):
+        there = hand.go(q, dt=0.04)
+    assert there.share.max() == 1.0
+    return hand
+
+
+def pose(rendered: RenderedWrench) -> np.ndarray:
+    return np.concatenate([rendered.thing.p, rendered.thing.R_SR.ravel()])
 
 
 @given(SMALL, SMALL, SPIN)
 @settings(deadline=None)
 def test_the_mapping_is_equations_5a_and_6a(psi: float, lam: float, phi: float) -> None:
     gains = Gains(translate=(0.03, 0.004, 0.01), rotate=(0.3, 0.5, 0.7))
-    modes = TwoModes(gains)
     for mode in MODES:
-        clutch = join(modes, mode=mode)
+        hand = join(gains, mode=mode)
         for k in range(1, 21):  # in steps, as it would be moved: the spin is followed past half a turn
-            q = np.array([psi, lam, phi]) * k / 20
-            clutch = modes.advance(clutch, rotor_at(q, t=0.2 + k * 1e-3))
-        target = modes.target(clutch)
+            target = hand.go(np.array([psi, lam, phi]) * k / 20).thing
         if mode == "translate":
             assert target.p == pytest.approx([0.03 * lam, 0.004 * psi, 0.01 * phi], abs=1e-12)
             assert (np.eye(3) == target.R_SR).all()
@@ -85,142 +121,84 @@ def test_the_mapping_is_equations_5a_and_6a(psi: float, lam: float, phi: float) 
 
 
 def test_forces_come_back_by_6b_and_not_by_the_text_of_phase_1() -> None:
-    modes = TwoModes(Gains(translate_torque=(2.0, 3.0, 5.0), rotate_torque=(7.0, 11.0, 13.0)))
-    clutch = join(modes)
-    assert modes.torque(clutch, (1, 0, 0, 0, 0, 0)).tolist() == [0, 3, 0]  # F_X' to T_λ (E6)
-    assert modes.torque(clutch, (0, 1, 0, 0, 0, 0)).tolist() == [2, 0, 0]
-    assert modes.torque(clutch, (0, 0, 1, 1, 1, 1)).tolist() == [0, 0, 5]
-    clutch = join(modes, mode="rotate")
-    assert modes.torque(clutch, (1, 1, 1, 1, 0, 0)).tolist() == [7, 0, 0]
-    assert modes.torque(clutch, (0, 0, 0, 0, 1, 0)).tolist() == [0, 11, 0]
-    assert modes.torque(clutch, (0, 0, 0, 0, 0, 1)).tolist() == [0, 0, 13]
+    gains = Gains(translate_torque=(2.0, 3.0, 5.0), rotate_torque=(7.0, 11.0, 13.0))
+    hand = join(gains)
+    assert hand.torque((1, 0, 0, 0, 0, 0)).tolist() == [0, 3, 0]  # F_X' to T_λ (E6)
+    assert hand.torque((0, 1, 0, 0, 0, 0)).tolist() == [2, 0, 0]
+    assert hand.torque((0, 0, 1, 1, 1, 1)).tolist() == [0, 0, 5]
+    hand = join(gains, mode="rotate")
+    assert hand.torque((1, 1, 1, 1, 0, 0)).tolist() == [7, 0, 0]
+    assert hand.torque((0, 0, 0, 0, 1, 0)).tolist() == [0, 11, 0]
+    assert hand.torque((0, 0, 0, 0, 0, 1)).tolist() == [0, 0, 13]
 
 
 @st.composite
-def clutches(draw) -> Clutch:
-    """Any clutch that can occur, caught in the middle of taking hold or letting go."""
-    q = np.array([draw(SMALL), draw(SMALL), draw(SPIN)])
-    rates = np.array(draw(st.tuples(*[st.floats(-10, 10)] * 3)))
-    attitude = np.array([draw(st.floats(-3, 3)), draw(st.floats(-1.3, 1.3)), draw(st.floats(-9, 9))])
-    share = np.array(draw(st.tuples(*[st.floats(0, 1)] * 2)))
-    position = np.array(draw(st.tuples(*[st.floats(-0.1, 0.1)] * 3)))
-    return Clutch(
-        0.0, draw(st.sampled_from(MODES)), draw(st.booleans()), share, q, rates, position, attitude
-    )  # fmt: skip
+def hands(draw) -> Hand:
+    """A hand on a moving rotor, with a clutch in the middle of engaging, switching or releasing."""
+    attitude = (draw(st.floats(-3, 3)), draw(st.floats(-1.3, 1.3)), draw(st.floats(-9, 9)))
+    hand = Hand(ModedLinkage(position=draw(st.tuples(*[st.floats(-0.1, 0.1)] * 3)), attitude=attitude))
+    q, rates = [draw(SMALL), draw(SMALL), draw(SPIN)], draw(st.tuples(*[st.floats(-10, 10)] * 3))
+    for mode in draw(st.permutations(MODES)):  # both shares stand anywhere between 0 and 1
+        hand.linkage.set_mode(mode)
+        for _ in range(3):
+            hand.go(q, dt=draw(st.floats(0.0, 0.05)))
+    hand.linkage.set_clutch(draw(st.booleans()))
+    hand.go(q, rates, dt=0.0)
+    return hand
 
 
-def rotor_of(clutch: Clutch) -> State:
-    return rotor_at(clutch.angles, clutch.rates, clutch.t)
-
-
-@given(clutches(), FORCE)
+@given(hands(), FORCE)
 @settings(deadline=None)
-def test_virtual_work_power_at_the_hand_is_power_at_the_target(clutch: Clutch, wrench) -> None:
-    modes = TwoModes()
-    target = modes.target(clutch)
-    wrench = np.array(wrench)
-    at_the_hand = modes.torque(clutch, wrench) @ rotor_of(clutch).w
+def test_virtual_work_power_at_the_hand_is_power_at_the_target(hand: Hand, wrench) -> None:
+    target, wrench = hand.stay().thing, np.array(wrench)
+    at_the_hand = hand.torque(wrench) @ rotor_at(hand.q, hand.rates).w
     at_the_target = wrench[:3] @ target.v + wrench[3:] @ target.w
     assert at_the_hand == pytest.approx(at_the_target, rel=1e-9, abs=1e-9)
 
 
-@given(clutches())
+@given(hands())
 @settings(deadline=None)
-def test_the_targets_velocity_is_the_change_of_its_pose(clutch: Clutch) -> None:
-    modes = TwoModes()
+def test_the_targets_velocity_is_the_change_of_its_pose(hand: Hand) -> None:
     dt = 1e-6
-    later = modes.advance(clutch, rotor_at(clutch.angles + clutch.rates * dt, clutch.rates, dt))
-    before, after = modes.target(clutch), modes.target(later)
+    before = hand.stay().thing
+    after = hand.go(hand.q + hand.rates * dt, hand.rates, dt).thing
     assert (after.p - before.p) / dt == pytest.approx(before.v, abs=1e-6)
     turn = Rotation.from_matrix(after.R_SR @ before.R_SR.T).as_rotvec() / dt
     assert turn == pytest.approx(before.w, abs=1e-3)
 
 
-@given(clutches(), FORCE, st.sampled_from(["switch", "release", "engage"]))
+@given(hands(), FORCE, st.sampled_from([*MODES, True, False]))
 @settings(deadline=None)
-def test_at_any_moment_switching_steps_neither_pose_nor_torque(clutch: Clutch, wrench, act: str) -> None:
-    modes = TwoModes()
-    other = MODES[1 - MODES.index(clutch.mode)]
-    after = {
-        "switch": lambda: modes.switch(clutch, other),
-        "release": lambda: modes.release(clutch),
-        "engage": lambda: modes.engage(clutch),
-    }[act]()
-    assert np.abs(pose(modes, after) - pose(modes, clutch)).max() <= 1e-12
-    assert (modes.torque(after, wrench) == modes.torque(clutch, wrench)).all()
-    # and in the next tick with a rotor at rest: nothing moves, torque changes by no more than a tick's share
-    still = replace(after, rates=np.zeros(3))
-    dt = 1e-3
-    later = modes.advance(still, rotor_at(clutch.angles, t=dt))
-    assert np.abs(pose(modes, later) - pose(modes, clutch)).max() <= 1e-12
-    alone = [modes.torque(replace(still, share=np.array(s)), wrench) for s in ((1.0, 0.0), (0.0, 1.0))]
-    bound = dt / modes.ramp * sum(np.abs(part).max() for part in alone)
-    assert np.abs(modes.torque(later, wrench) - modes.torque(still, wrench)).max() <= bound + 1e-12
+def test_at_any_moment_a_command_steps_neither_pose_nor_torque(hand: Hand, wrench, command: str | bool) -> None:
+    hand.go(hand.q, dt=0.0)  # at rest
+    before, size = hand.stay(constant(wrench)), np.abs(wrench).max()
+    if isinstance(command, bool):
+        hand.linkage.set_clutch(command)
+    else:
+        hand.linkage.set_mode(command)
+    at_once = hand.stay(constant(wrench))
+    assert (pose(at_once) == pose(before)).all()
+    assert (at_once.wrench == before.wrench).all()
+    later = hand.stay(constant(wrench), dt=1e-3)  # nothing moves, and torque changes by no more than a tick's share
+    assert np.abs(pose(later) - pose(before)).max() <= 1e-12
+    assert np.abs(later.share - before.share).max() <= 1e-3 / hand.linkage.ramp + 1e-12
+    assert np.abs(later.wrench - before.wrench).max() <= 2.0 * 1e-3 / hand.linkage.ramp * size
 
 
 def test_indexing_reaches_beyond_the_workspace() -> None:
-    modes = TwoModes()
-    clutch = join(modes)
-    t = clutch.t
+    hand, reached = join(), 0.0
     for _ in range(5):
         for phase in ("pull", "release", "back", "hold"):
-            if phase == "release":
-                clutch = modes.release(clutch)
-            if phase == "hold":
-                clutch = modes.engage(clutch)
+            if phase in ("release", "hold"):
+                hand.linkage.set_clutch(phase == "hold")
             for k in range(1, 201):
                 lam = {"pull": 0.35 * k / 200, "release": 0.35, "back": 0.35 * (1 - k / 200), "hold": 0.0}[phase]
-                t += 1e-3
-                before = clutch.position[0]
-                clutch = modes.advance(clutch, rotor_at((0, lam, 0), t=t))
-                if phase in ("back", "hold"):
-                    assert clutch.position[0] == before  # let go, or at rest
-    assert clutch.position[0] == pytest.approx(5 * 0.02 * 0.35, abs=1e-12)
-    assert clutch.position[0] > 0.02 * math.radians(22.5) * 4
-
-
-@given(st.integers(0, 10**6))
-@settings(deadline=None, max_examples=8)
-def test_no_closed_walk_through_both_modes_gives_energy(seed: int) -> None:
-    # a stiff spring as target, a hand that turns, switches, lets go and takes hold at random, and comes back
-    random = np.random.default_rng(seed)
-    modes = TwoModes(Gains().scale(0.4), ramp=0.02)
-    clutch, q, t = join(modes), np.zeros(3), 0.2
-
-    def spring(target: State) -> np.ndarray:
-        turn = rotation_vector(target.R_SR)
-        return np.concatenate([-5e3 * target.p, -20.0 * turn])
-
-    def energy(target: State) -> float:
-        turn = rotation_vector(target.R_SR)
-        return 0.4 * (2.5e3 * target.p @ target.p + 10.0 * turn @ turn)
-
-    given_back = 0.0
-    goal = np.zeros(3)
-    for step in range(1800):
-        if step % 150 == 0:
-            goal = random.uniform(-0.35, 0.35, 3)
-            act = random.integers(4)
-            clutch = (
-                modes.switch(clutch, MODES[random.integers(2)])
-                if act < 2
-                else modes.release(clutch)
-                if act == 2
-                else modes.engage(clutch)
-            )
-        new = q + (goal - q) * 0.02
-        rates = (new - q) / 1e-3
-        mid = replace(clutch, angles=0.5 * (q + new), rates=rates)  # torque in the middle of the step
-        half = modes.advance(replace(clutch, rates=rates), rotor_at(mid.angles, rates, t + 0.5e-3))
-        torque = modes.torque(
-            replace(half, share=clutch.share), spring(modes.target(replace(half, share=clutch.share)))
-        )
-        given_back += torque @ rotor_at(mid.angles, rates).w * 1e-3
-        t += 1e-3
-        clutch = modes.advance(replace(clutch, rates=rates), rotor_at(new, rates, t))
-        q = new
-    stored = energy(modes.target(clutch))
-    assert given_back <= -stored + 1e-3 * (abs(given_back) + stored) + 1e-6  # midpoint rule, 1800 steps
+                before, reached = reached, hand.go((0, lam, 0)).thing.p[0]
+                assert phase in ("pull", "release") or reached == before  # released, or at rest
+    assert reached == pytest.approx(5 * 0.02 * 0.35, abs=1e-12)
+    assert reached > 0.02 * math.radians(22.5) * 4
+    hand.linkage.restart()
+    assert hand.go((0, 0.35, 0)).thing.p.tolist() == [0.0, 0.0, 0.0]
 
 
 def test_gains_that_break_power_are_reported_and_do_break_it() -> None:
@@ -234,61 +212,50 @@ def test_gains_that_break_power_are_reported_and_do_break_it() -> None:
     assert Gains(rotate=(0.3, 0.5, 0.7)).rotate_torque == (0.5, 0.3, 0.7)  # printed order: η₁ is of ψ, ζ₁ of λ
 
 
-def test_a_gap_in_the_poses_lets_go_and_does_not_throw_the_target() -> None:
-    modes = TwoModes()
-    clutch = join(modes)
-    jumped = modes.advance(clutch, rotor_at((0.3, -0.3, 2.0), t=clutch.t + 0.2))
-    assert (jumped.position == clutch.position).all()
+def test_a_gap_in_the_poses_releases_and_does_not_throw_the_target() -> None:
+    hand = join()
+    place = hand.stay().thing.p
+    jumped = hand.go((0.3, -0.3, 2.0), dt=0.2)
+    assert (jumped.thing.p == place).all()
     assert (jumped.share == 0).all()
-    later = modes.advance(jumped, rotor_at((0.3, -0.3, 2.0), t=jumped.t + 1e-3))
-    assert (later.position == clutch.position).all()
+    later = hand.stay(dt=1e-3)
+    assert (later.thing.p == place).all()
     assert 0 < later.share[0] < 0.01
 
 
 def test_the_target_stops_short_of_the_pole_of_its_angles() -> None:
-    modes = TwoModes(Gains(rotate=(10.0, 1.0, 1.0)))
-    clutch = join(modes, mode="rotate")
-    t = clutch.t
+    hand = join(Gains(rotate=(10.0, 1.0, 1.0)), mode="rotate")
     for k in range(300):
-        lam = 0.3 * (k + 1) / 300
-        t += 1e-3
-        clutch = modes.advance(clutch, rotor_at((0, lam, 0), (0, 1.0, 0), t))
-    assert math.radians(79) < clutch.attitude[1] < math.radians(82)
-    assert modes.torque(clutch, (0, 0, 0, 0, 1, 0)).tolist() == [0, 0, 0]
-    back = modes.advance(clutch, rotor_at((0, lam, 0), (0, -1.0, 0), t + 1e-3))
-    assert modes.torque(back, (0, 0, 0, 0, 1, 0))[1] > 0
+        target = hand.go((0, 0.3 * (k + 1) / 300, 0), (0, 1.0, 0)).thing
+    assert math.sin(math.radians(79)) < target.R_SR[0, 2] < math.sin(math.radians(82))
+    assert hand.torque((0, 0, 0, 0, 1, 0)).tolist() == [0, 0, 0]
+    hand.go(hand.q, (0, -1.0, 0))
+    assert hand.torque((0, 0, 0, 0, 1, 0))[1] > 0
 
 
-def test_bad_input() -> None:
-    modes = TwoModes()
-    clutch = join(modes)
-    with pytest.raises(InputError, match="tilted beyond λ"):
-        modes.advance(clutch, rotor_at((0, 1.5, 0), t=1))
-    with pytest.raises(InputError, match="orientation is unknown"):
-        modes.advance(clutch, State(1.0, np.full((3, 3), np.nan), np.zeros(3), np.zeros(3), np.zeros(3)))
-    with pytest.raises(InputError, match=r"wrench must have shape \(6,\)"):
-        modes.torque(clutch, (1, 2, 3))
-    with pytest.raises(UnknownName, match="did you mean 'rotate'"):
-        modes.switch(clutch, "rotat")  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=r"gains\.rotate must be three numbers"):
-        Gains(rotate=(1.0, 2.0))  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=r"gains\.translate must be finite"):
-        Gains(translate=(1.0, math.nan, 0.0))
-    with pytest.raises(InputError, match="factor must not be negative"):
-        Gains().scale(-1.0)
-    with pytest.raises(InputError, match="ramp must be a time greater than zero"):
-        TwoModes(ramp=0.0)
-    with pytest.raises(InputError, match="attitude"):
-        modes.start(rotor_at((0, 0, 0)), attitude=(0, 1.5, 0))
+def test_a_spinning_rotor_is_followed_over_full_turns() -> None:
+    hand = join()
+    for k in range(1, 121):
+        target = hand.go((0.1, 0.2, 2 * math.pi * k / 40)).thing
+    assert target.p[2] == pytest.approx(0.01 * 3 * 2 * math.pi, abs=1e-9)
 
 
-@given(clutches(), FORCE)
-@settings(deadline=None)
-def test_a_spinning_rotor_is_followed_over_full_turns(clutch: Clutch, wrench) -> None:
-    modes = TwoModes()
-    start, t = clutch, 0.0
-    for k in range(1, 41):
-        t += 1e-3
-        q = start.angles + np.array([0, 0, 2 * math.pi * k / 40])
-        clutch = modes.advance(clutch, rotor_at(q, t=t))
-    assert clutch.angles[2] - start.angles[2] == pytest.approx(2 * math.pi, abs=1e-9)
+@pytest.mark.parametrize(
+    ("make", "expected"),
+    [
+        (lambda: ModedLinkage(ramp=0.0), "ramp must be a time greater than zero"),
+        (lambda: ModedLinkage(gap=math.nan), "gap must be a time greater than zero"),
+        (lambda: ModedLinkage(attitude=(0, 2.0, 0)), "attitude: λ' must stay within ±80°"),
+        (lambda: ModedLinkage(position=(0, math.nan, 0)), "position must be finite"),
+        (lambda: Gains(rotate=(1.0, 2.0)), r"gains\.rotate must be three numbers"),  # type: ignore[arg-type]
+        (lambda: Gains(translate=(1.0, math.nan, 0.0)), r"gains\.translate must be finite"),
+        (lambda: Gains().scale(-1.0), "factor must not be negative"),
+        (lambda: join().go((0, 1.5, 0)), "tilted beyond λ"),
+        (lambda: join().linkage.render(At(), replace(rotor_at((0, 0, 0)), R_SR=np.full((3, 3), np.nan))), "is unknown"),
+        (lambda: join().torque((1, 2, 3)), r"shape \(6,\)"),
+        (lambda: ModedLinkage().set_mode("rotat"), "did you mean 'rotate'"),  # type: ignore[arg-type]
+    ],
+)
+def test_bad_input(make: Callable[[], object], expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
+        make()

@@ -147,7 +147,7 @@ def test_a_scheduler_that_goes_away_leaves_what_was_computed(design: Design) -> 
         address = scheduler.stdout.readline().strip()
         jobs: list[Job] = [(number, {"radius": 30.0 + 0.001 * number, "angle": 60.0}) for number in range(200)]
         found: list[Evaluation] = []
-        with pytest.raises(InputError, match="the same command goes on") as told:
+        with pytest.raises(InputError, match="repeat the command to continue") as told:
             compute_until(design, address, jobs, found, scheduler.kill)
     assert "\n" not in str(told.value)
     assert values_of(found).items() <= values_of([evaluate(design, *job) for job in jobs]).items()

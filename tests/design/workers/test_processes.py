@@ -17,7 +17,7 @@ from haptorb.design.evaluation import Evaluation
 from haptorb.design.sampling import sample
 from haptorb.design.search.optimise import optimise
 from haptorb.design.search.optimiser import Optimiser
-from haptorb.design.workers.processes import evaluate_all, open_processes
+from haptorb.design.workers.processes import open_processes
 from haptorb.design.workers.workers import LocalWorker
 from haptorb.errors import InputError
 from oracles.designs.small_design import CODE, make_design
@@ -32,7 +32,8 @@ DEADLY = CODE.replace(
 def test_one_process_or_two_give_the_same_set_of_a_sweep_and_of_an_optimiser(tmp_path: Path) -> None:
     design = make_design(tmp_path)
     jobs = list(enumerate(sample(design, "sobol", 40, 1)))
-    alone = [replace(one, seconds=0.0) for one in evaluate_all(design, jobs, 1)]
+    with open_processes(design, 1) as workers:
+        alone = [replace(one, seconds=0.0) for one in workers.evaluate(jobs)]
     with open_processes(design, 2) as workers:
         first = list(workers.evaluate(jobs[:11]))
         second = list(workers.evaluate(jobs[11:]))  # the same processes, as an optimiser's generations have them
@@ -55,10 +56,10 @@ def _order(found: Iterable[Evaluation]) -> list[Evaluation]:
 def test_a_process_that_is_killed_ends_the_run_with_a_sentence(tmp_path: Path) -> None:
     design = make_design(tmp_path, code=DEADLY)
     jobs = [(number, {"radius": 30.0, "angle": 70.0, "shell": "thin"}) for number in range(4)]
-    with pytest.raises(InputError, match="was killed"):
-        list(evaluate_all(design, jobs, 2))
-    with pytest.raises(InputError, match="between 1 and 1000"):
-        list(evaluate_all(design, jobs, 0))
+    with pytest.raises(InputError, match="was killed"), open_processes(design, 2) as workers:
+        list(workers.evaluate(jobs))
+    with pytest.raises(InputError, match="between 1 and 1000"), open_processes(design, 0):
+        pass
 
 
 PROGRAM = """
@@ -67,13 +68,14 @@ sys.path[:0] = {paths}
 from multiprocessing import active_children
 from pathlib import Path
 from oracles.designs.small_design import make_design
-from haptorb.design.workers.processes import evaluate_all
+from haptorb.design.workers.processes import open_processes
 if __name__ == "__main__":
     values = {{"radius": 30.0, "angle": 60.0, "shell": "thin"}}
     design = make_design(Path({folder!r}), code={code!r})
-    for number, one in enumerate(evaluate_all(design, ((n, values) for n in range(100_000)), 2)):
-        if number == 20:
-            print(*(child.pid for child in active_children()), flush=True)
+    with open_processes(design, 2) as workers:
+        for number, one in enumerate(workers.evaluate((n, values) for n in range(100_000))):
+            if number == 20:
+                print(*(child.pid for child in active_children()), flush=True)
 """
 
 

@@ -127,7 +127,7 @@ def test_the_field_becomes_a_dipoles_with_the_square_of_the_distance():
 
 
 def without_moments(text):
-    start, end = text.index("[electromagnet.moment_per_current]"), text.index("# What the coils could look like")
+    start, end = text.index("[electromagnet.moment_per_current]"), text.index("# Possible windings")
     return text[:start] + text[end:]
 
 

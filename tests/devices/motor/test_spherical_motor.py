@@ -120,8 +120,8 @@ def test_no_torque_about_a_coils_own_axis(pmsm, tilted, model):
 def test_torque_is_the_slope_of_flux_linkage(pmsm):
     """Virtual work by finite differences of the coils' flux in the magnets' field, a different integral."""
     from haptorb.physics.sources.placement import PlacedSource
-    from oracles.formulations import flux_linkage
-    from oracles.source_sum import SourceSum
+    from oracles.magnetics.formulations import flux_linkage
+    from oracles.magnetics.source_sum import SourceSum
 
     coil = 16
     frame = pmsm.electromagnets.frames[coil]

@@ -75,7 +75,7 @@ def test_wrong_pairing_is_caught(polarity, winding):
         ('polarity = "checkerboard"', f'polarity = "{polarity}"'),
         ('winding = "series-opposed"', f'winding = "{winding}"'),
     )
-    assert "no group gives any torque at any orientation" in message
+    assert "no group produces any torque at any orientation" in message
     assert "groups.winding" in message
 
 

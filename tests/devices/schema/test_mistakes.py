@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from haptorb.apps.feel.candidates import load_designs
-from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.devices.loader import parse
 from haptorb.errors import DeviceError, InputError
 

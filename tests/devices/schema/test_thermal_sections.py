@@ -41,7 +41,7 @@ def test_values_and_reasons_are_read():
         ("[thermal]\ncore = 1\n", "thermal.core"),
         ('[supply]\npower = "0 W"\n', "supply.power must be"),
         ('[supply]\npower = "360 V"\n', "supply.power must be a power"),
-        ('[supply]\npower = "360 mW"\n', "supply.power is 0.36 W.*240 W.*is its unit right"),
+        ('[supply]\npower = "360 mW"\n', "supply.power is 0.36 W.*240 W.*check its unit"),
     ],
 )
 def test_what_cannot_be_is_refused_with_its_place(text, message):

@@ -21,7 +21,7 @@ from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.cylinder import CylinderMagnet
 from haptorb.physics.sources.placement import PlacedSource
 from haptorb.physics.sources.ring import RingMagnet
-from oracles.source_sum import SourceSum
+from oracles.magnetics.source_sum import SourceSum
 
 MAGNET = CylinderMagnet(15.875e-3, 5.08e-3, 1.31)
 COIL = Coil(1000, 0.3 * 15.88e-3, 15.88e-3, 7.62e-3)

@@ -101,7 +101,7 @@ def test_moment_is_that_of_its_turns():
 
 def test_resistance_is_that_of_the_wire():
     fill = 0.6
-    wire = COIL.wire_diameter(fill)
+    wire = np.sqrt(4 * fill * (RO - RI) * COIL.length / (1000 * np.pi))  # its copper fills that share
     long = 1000 * 2 * np.pi * (RI + RO) / 2
     assert COIL.resistance(fill, 1.7e-8) == pytest.approx(1.7e-8 * long / (np.pi * wire**2 / 4), rel=1e-12)
     volume = fill * np.pi * (RO**2 - RI**2) * COIL.length

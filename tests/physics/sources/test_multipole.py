@@ -12,7 +12,7 @@ from haptorb.physics.sources import dipole
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.cylinder import CylinderMagnet
 from haptorb.physics.sources.multipole import MultipoleSource
-from oracles.multipole_wrench import multipole_wrench
+from oracles.magnetics.multipole_wrench import multipole_wrench
 
 MAGNET = CylinderMagnet(15.875e-3, 5.08e-3, 1.31)
 REGION = shell_region(67.9e-3, 53.0e-3, 60.6e-3, 1.2, count=600)

@@ -16,7 +16,7 @@ from haptorb.runtime.exchange.shared_memory import SharedMemory
 from haptorb.runtime.replay.replay import Replay
 from haptorb.runtime.row import RowLayout
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 
 
 @pytest.fixture

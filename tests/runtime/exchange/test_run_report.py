@@ -28,7 +28,7 @@ def test_it_is_a_dict_for_programs() -> None:
 def test_people_see_its_main_figures() -> None:
     report = RunReport(FOUND)
     assert repr(report) == (
-        "<RunReport of omni, world dome: 5000 ticks, deadlines skipped 2, trips 1, largest force 251 mN>"
+        "<RunReport of omni, world dome: 5000 ticks, deadlines missed 2, trips 1, largest force 251 mN>"
     )
     html = report._repr_html_()
     ElementTree.fromstring(html)

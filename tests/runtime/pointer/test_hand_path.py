@@ -67,7 +67,7 @@ def test_a_sampled_path_turns_the_short_way() -> None:
         ([(0, 0, 0.05), (0, 0, 50)], [0, 1], r"pose 1 of the path: p must be within 1 m"),
         ([(0, 0, 0.05, 0, 0, 0, 0)], [0], r"pose 0 of the path: q must be a quaternion"),
         ([(0, 0, 0.05), (0, 0, np.nan)], [0, 1], "finite numbers"),
-        ([(0, 0, 0.05), (0, 0, 0.06)], [1, 1], "times must grow"),
+        ([(0, 0, 0.05), (0, 0, 0.06)], [1, 1], "times must increase"),
         ([(0, 0, 0.05), (0, 0, 0.06)], [-1, 1], "begin at 0 s"),
         ([(0, 0, 0.05), (0, 0, 0.06)], [0, 1, 2], "times must be 2 numbers"),
         ([(0, 0), (0, 1)], [0, 1], r"poses \(n, 3\)"),

@@ -19,6 +19,8 @@ from haptorb.errors import ServoError
 from haptorb.runtime.processes.prestart import start_module
 from haptorb.runtime.servo.servo import Servo
 
+pytestmark = pytest.mark.realtime(retry=False)
+
 AT = 100  #: the tick that misbehaves
 
 

@@ -137,7 +137,7 @@ def test_simulated_coils_cool_when_the_host_says_so_and_real_ones_are_refused() 
         assert before > omni.coils.heat.ambient + 0.5
         assert after < omni.coils.heat.ambient + 0.3
         host.driver = "serial:/dev/ttyUSB0"
-        with pytest.raises(InputError, match="only simulated coils cool at once"):
+        with pytest.raises(InputError, match="only simulated coils can be cooled at once"):
             host.cool()
     finally:
         shared.unlink()

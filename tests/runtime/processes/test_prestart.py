@@ -18,6 +18,8 @@ from haptorb.runtime.processes.prestart import PrestartedProcess
 from haptorb.runtime.servo.servo import Servo
 from haptorb.worlds import Dome
 
+pytestmark = pytest.mark.realtime(retry=False)
+
 
 def eventually(true: Callable[[], bool], seconds: float = 20.0) -> bool:
     """Whether it becomes true within `seconds`."""

@@ -18,6 +18,7 @@ import pytest
 from haptorb import Recording
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.errors import InputError, RecordingError, ServoError
+from haptorb.runtime.realtime import process_starter
 from haptorb.runtime.servo.process_group import ProcessGroup
 from haptorb.worlds import Nothing
 
@@ -65,6 +66,7 @@ def test_told_to_end_at_any_moment(fake_servo: Any, number: signal.Signals) -> N
 
 def test_told_to_end_while_starting(fake_servo: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before the driver is open there is nothing to switch off; at every moment the process ends."""
+    monkeypatch.setattr(process_starter, "subprocess", subprocess)  # a start that takes its time
     chance = random.Random(3)
     wait = ProcessGroup.wait_until_running
 

@@ -14,6 +14,8 @@ from haptorb.runtime.exchange.report import count_recorded
 from haptorb.runtime.exchange.shared_memory import CAPACITY, SharedMemory, Word
 from haptorb.runtime.row import RowLayout
 
+pytestmark = pytest.mark.realtime(retry=False)
+
 
 def _until(servo: Any, condition: Any, patience: float = 20.0) -> None:
     end = time.monotonic() + patience

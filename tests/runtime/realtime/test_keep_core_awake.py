@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from haptorb.runtime.realtime.keep_core_awake import CoreWaker, busy_share
 from haptorb.runtime.servo.servo import Servo
 
-pytestmark = pytest.mark.realtime(retry=False)
+pytestmark = [pytest.mark.realtime(retry=False), pytest.mark.usefixtures("quick_starts")]
 
 _POLICY = 38  #: field of /proc/PID/stat behind the program's name
 ticks = st.integers(0, 10**9)

@@ -58,7 +58,7 @@ def test_what_rows_have_no_room_for_is_left_out():
     ],
 )
 def test_a_note_that_haptorb_did_not_write_is_refused(field):
-    with pytest.raises(RecordingError, match="not one that haptorb wrote"):
+    with pytest.raises(RecordingError, match="not written by haptorb"):
         split(PLACE | field if field else field)
 
 

@@ -269,6 +269,7 @@ def test_place_that_cannot_be_written(tmp_path: Path, place: str) -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_servo_refuses_before_it_starts(fake_servo: Any, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("precious")
@@ -284,6 +285,7 @@ def test_servo_refuses_before_it_starts(fake_servo: Any, tmp_path: Path) -> None
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_servo_records_what_ran(fake_servo: Any, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with fake_servo(record=path, world="dome", seed=7).servo as servo:
@@ -303,6 +305,7 @@ def test_servo_records_what_ran(fake_servo: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_servo_without_recording(fake_servo: Any) -> None:
     with fake_servo(record=False).servo as servo:
         servo.run(0.1)
@@ -311,6 +314,7 @@ def test_servo_without_recording(fake_servo: Any) -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_ring_overrun_is_told(fake_servo: Any, tmp_path: Path) -> None:
     """A recorder that was held up for longer than the ring is long loses rows, says so, and goes on."""
     path = tmp_path / "a.mcap"

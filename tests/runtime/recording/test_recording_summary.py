@@ -42,4 +42,4 @@ class Rows:
 )
 def test_the_limit_that_held_the_wrench_back_is_stated(saturated: list[float], expected: str | None) -> None:
     recording: Any = Rows(saturated)
-    assert dict(list_facts(recording)).get("wrench held back") == expected
+    assert dict(list_facts(recording)).get("wrench limited") == expected

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from haptorb.runtime.tick.tick_state import pack_state, save_state
 from haptorb.worlds import Fluid, RollingBall
 from haptorb.worlds.dynamic.remote import Remote
 from haptorb.worlds.own.world_file import WorldFile
+from oracles.made_recording import make_recording
 from oracles.recorded_chain import Deed, record_chain
 
 OLDER = Path(__file__).parents[2] / "contracts" / "older"
@@ -75,9 +77,10 @@ def test_an_older_recording_replays_nearly(tmp_path: Path) -> None:
     assert any("recorded wrench" in remark for remark in replay.remarks)
 
 
-def test_a_recording_without_its_device_is_refused() -> None:
+def test_a_recording_without_its_device_is_refused(tmp_path: Path) -> None:
+    make_recording(tmp_path / "run.mcap", 0.1, device=False)
     with pytest.raises(RecordingError, match="device"):
-        Replay(Recording(OLDER / "omni_contacts.mcap"))
+        Replay(Recording(tmp_path / "run.mcap"))
 
 
 def test_a_recording_of_no_rows_is_refused(tmp_path: Path) -> None:
@@ -127,8 +130,8 @@ def test_a_world_of_a_file_runs_as_long_as_the_file_is_the_same(tmp_path: Path) 
     assert replay.run().identical
     assert replay.remarks == []
     file.write_text(GROOVE.replace("* 20", "* 21"))
-    for word in ("changed", "gone"):
-        if word == "gone":
+    for word in ("changed", "missing"):
+        if word == "missing":
             file.unlink()
         replay = Replay(recording)
         found = replay.run()
@@ -259,6 +262,10 @@ def test_a_file_is_not_replaced_by_accident(tmp_path: Path) -> None:
         check_replay_file(tmp_path / "there.mcap", overwrite=False)
     with pytest.raises(RecordingError, match="folder"):
         check_replay_file(tmp_path / "no" / "there.mcap", overwrite=False)
+    os.mkfifo(tmp_path / "pipe")
+    replay = Replay(record_chain(tmp_path / "run.mcap", ticks=20))
+    with pytest.raises(RecordingError, match="not a regular file"), replay.write_to(tmp_path / "pipe"):
+        pass
 
 
 @pytest.mark.parametrize("planted", [None, 60, 222])

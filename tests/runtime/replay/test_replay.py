@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from haptorb import Recording, State
-from haptorb.control.clutch.modes import Gains
+from haptorb.control.clutch.gains import Gains
 from haptorb.control.protection.trip import Trip
 from haptorb.control.stability.coupling_choice import CouplingSetting
 from haptorb.control.stability.hand_grip import GRIPS
@@ -23,6 +23,10 @@ from haptorb.runtime.tick.assembly import assemble, estimators_of
 from haptorb.runtime.tick.tick import Tick
 from haptorb.runtime.tick.tick_log import MODEL, TickCommand, TickFailure
 from haptorb.runtime.tick.world_budget import WorldBudget
+from haptorb.sensing import registry
+from haptorb.sensing.torque_maps import network_file
+from haptorb.sensing.torque_maps.network import train
+from haptorb.sensing.torque_maps.network_file import write_networks
 from haptorb.worlds import Dome, Fluid, Friction, Nothing, RollingBall, Sum, World, find_world
 from haptorb.worlds.bound_world import BoundWorld
 from haptorb.worlds.dynamic.remote import Remote
@@ -31,18 +35,44 @@ from haptorb.worlds.scene.scene_file import parse_scene_file
 from oracles.recorded_chain import Deed, record_chain
 
 OMNI = RowLayout.of(load("omni"))
-CASES = [
-    (name, estimator) for name in ("omni", "pmsm") for estimator in estimators_of(load(name)) if estimator != "network"
-]
+CASES = [(name, estimator) for name in ("omni", "pmsm") for estimator in estimators_of(load(name))]
+
+
+@pytest.fixture
+def hurried_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where the motor's networks are found in this test: trained in a moment, and no good."""
+    path = tmp_path / "pmsm.network"
+    write_networks(train(load("pmsm"), starts=1, iterations=2, grid=(5, 5, 20)), path)
+    for module in (registry, network_file):
+        monkeypatch.setattr(module, "networks_path", lambda motor: path)
+    return path
 
 
 @pytest.mark.parametrize(("device", "estimator"), CASES)
-def test_every_estimator_replays_bit_for_bit(device: str, estimator: str, tmp_path: Path) -> None:
-    replay = Replay(record_chain(tmp_path / "run.mcap", device, estimator=estimator))
+def test_every_estimator_replays_bit_for_bit(
+    device: str, estimator: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    network = request.getfixturevalue("hurried_network") if estimator == "network" else tmp_path / "none"
+    recording = record_chain(tmp_path / "run.mcap", device, estimator=estimator)
+    network.unlink(missing_ok=True)  # the recording has what was learned
+    replay = Replay(recording)
     found = replay.run()
     assert found.identical, found.first
     assert (found.compared, found.differing) == (300, 0)
     assert found.numbers > 300 * 100
+    assert replay.remarks == []
+
+
+def test_the_files_that_a_device_is_based_on_are_in_the_recording(tmp_path: Path) -> None:
+    base, mine = tmp_path / "base.toml", tmp_path / "mine.toml"
+    base.write_text('based_on = "omni"\nname = "base"\n[tool]\nlength = "19 mm"\n', encoding="utf-8")
+    mine.write_text(f'based_on = "{base}"\nname = "mine"\n[tool]\nlength = "18 mm"\n', encoding="utf-8")
+    recording = record_chain(tmp_path / "run.mcap", str(mine), ticks=50)
+    for file in (base, mine):
+        file.unlink()
+    replay = Replay(recording)
+    assert replay.recorded.device.digest == recording.metadata["device"]["digest"]
+    assert replay.run().identical
     assert replay.remarks == []
 
 

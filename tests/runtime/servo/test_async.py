@@ -12,7 +12,7 @@ import pytest
 from haptorb.errors import ServoError
 from haptorb.runtime.servo.process_group import ProcessGroup
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 
 PATIENCE = 30.0  #: for what the event loop must do meanwhile [s]
 

@@ -12,7 +12,7 @@ import pytest
 from haptorb.errors import InputError, ServoError
 from haptorb.runtime.servo.servo import Servo
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 
 HERE, THERE = (0.0, 0.03, 0.04), (0.0, -0.03, 0.04)
 
@@ -136,7 +136,7 @@ def _hands() -> set[threading.Thread]:
     [
         (lambda servo: servo.hold((0, 0, 50)), "50 mm are 0.05"),
         (lambda servo: servo.follow([HERE]), "needs the times"),
-        (lambda servo: servo.follow(lambda t: HERE, [0.0]), "times belong to poses"),
+        (lambda servo: servo.follow(lambda t: HERE, [0.0]), "times are for poses"),
         (lambda servo: servo.follow(lambda t: None), r"path at 0.000 s: .*got None"),
         (lambda servo: servo.follow(lambda: HERE), r"path at 0.000 s: TypeError"),
     ],
@@ -162,8 +162,8 @@ def test_nothing_is_held_before_the_start_and_after_the_end(fake_servo: Any) -> 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"driver": "serial:/dev/ttyACM0"}, "real tool, which nobody measures"),
-        ({"driver": "i2c:1", "tracker": "hall"}, "real tool, which nobody measures"),
+        ({"driver": "serial:/dev/ttyACM0"}, "real tool, whose pose would be unknown"),
+        ({"driver": "i2c:1", "tracker": "hall"}, "real tool, whose pose would be unknown"),
         ({"tracker": "osc:9000"}, "tracker 'osc:9000' says where the hand is"),
     ],
 )

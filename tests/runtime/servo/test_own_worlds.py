@@ -12,7 +12,7 @@ import pytest
 from haptorb.errors import UnknownName, WorldError
 from haptorb.runtime.servo.servo import Servo
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 
 GROOVE = '''
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ def test_a_saved_file_is_felt_within_a_second_and_the_force_goes_over_without_a_
         _hold(servo, _wait(0.8))
         cursor, _ = servo.rows()
         file.write_text(GROOVE.replace("= self.push", "= -self.push"))
-        took = _hold(servo, lambda: "loaded anew" in capfd.readouterr().err)
+        took = _hold(servo, lambda: "reloaded" in capfd.readouterr().err)
         _hold(servo, _wait(0.2))
         _, rows = servo.rows(cursor)
         assert servo.world == ("groove", {"push": 0.12}), "what a person has set stays"
@@ -88,7 +88,7 @@ def test_an_error_in_a_saved_file_leaves_the_old_world_running(file: Path, capfd
             file.write_text(GROOVE.replace("return wrench", bug))
             _hold(servo, lambda: servo.world_trouble)
             _hold(servo, _wait(0.2))
-            assert "groove.py was saved, but the world from before goes on" in servo.world_trouble
+            assert "groove.py was saved, but the previous world continues" in servo.world_trouble
             assert 'groove.py", line ' in servo.world_trouble
             assert servo.world_trouble in servo.warning
             _, rows = servo.rows(cursor)
@@ -127,7 +127,7 @@ def test_a_world_that_fails_is_told_everywhere(file: Path) -> None:
         file.write_text(GROOVE)
         _hold(servo, lambda: "groove.py" not in servo.world_trouble or servo.engage())
         servo.run(0.2)
-    errors = servo.recording.errors  # one more for each engage before the file was loaded anew
+    errors = servo.recording.errors  # one more for each engage before the file was reloaded
     assert errors
     assert all("IndexError" in error["text"] and "line" in error["text"] for error in errors)
 

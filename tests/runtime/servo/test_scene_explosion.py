@@ -11,7 +11,7 @@ from haptorb.control.protection.trip import Trip
 from haptorb.runtime.servo.servo import Servo
 from haptorb.worlds import Scene
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 pytest.importorskip("mujoco")
 
 # After one second the charge is so fast that a place has no meaning any more.

@@ -11,7 +11,7 @@ import pytest
 from haptorb.errors import InputError, ServoError, UnknownName
 from haptorb.runtime.servo.servo import Servo
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 
 
 def _until(servo: Servo, condition: Any, patience: float = 20.0) -> None:

@@ -171,7 +171,7 @@ def test_a_rule_that_leaves_what_is_not_finite_is_refused_and_the_world_stays():
             memory["bad"] = np.nan
 
     rig = Rig(Careless()).go(10)
-    with pytest.raises(InputError, match="keep has left numbers"):
+    with pytest.raises(InputError, match="after keep, its memory has numbers"):
         rig.tick.change_world(Careless(push=0.1))
     assert rig.go().steps == 11
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.control.clutch.linkage import MOTOR_GAINS
+from haptorb.control.clutch.gains import MOTOR_GAINS
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
@@ -242,6 +242,7 @@ def test_the_servo_refuses_before_it_starts():
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_mode_and_clutch_reach_the_loop():
     with Servo("pmsm", record=False, estimator="tracker") as servo:
         servo.run(0.5)

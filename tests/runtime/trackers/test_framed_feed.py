@@ -60,13 +60,13 @@ class ScriptFeed(Feed):
 def test_pose_velocity_and_turning_rate_are_the_stators_and_times_are_untouched() -> None:
     told = ScriptFeed()
     block = PoseBlock((memory := memoryview(bytearray(8 * WORDS))).cast("q"), memory.cast("d"), 0)
-    reception = PoseFilter(FramedFeed(told, frame("osc:9000")), block)
+    pose_filter = PoseFilter(FramedFeed(told, frame("osc:9000")), block)
     v, w = np.array([0.05, -0.1, 0.02]), np.array([0.3, -0.2, 0.8])
     for k in range(60):
         t = 0.005 * k
         turn = Rotation.from_rotvec(w * t).as_matrix()
         told.next = [RawPose(*map(tuple, body_seen_at(np.array([0.0, 0.0, 0.05]) + v * t, turn)), 10.0 + t, 10.001 + t)]
-        reception.listen(0.0)
+        pose_filter.listen(0.0)
     now = block.read_pose()
     assert now.valid
     assert now.stamp == 10.0 + 0.005 * 59  # as it was measured
@@ -75,15 +75,16 @@ def test_pose_velocity_and_turning_rate_are_the_stators_and_times_are_untouched(
     assert np.allclose(now.v, v, atol=1e-6)
     assert np.allclose(now.w, w, atol=1e-6)
     told.next = [RawPose((), (), 10.4, 10.4, False), RejectedPose("stranger")]
-    reception.listen(0.0)
+    pose_filter.listen(0.0)
     assert not block.read_pose().valid
-    assert reception.lost == 1
-    assert reception.refused["stranger"] == 1
+    assert pose_filter.lost == 1
+    assert pose_filter.refused["stranger"] == 1
     FramedFeed(told, frame("osc:9000")).close()
     assert told.closed
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_the_loop_follows_a_tracker_in_its_own_frame() -> None:
     """The tool's magnet at (10, −5, 55) mm, tilted, told as a rigid body's pose a metre away in a turned frame."""
     port = free_port()

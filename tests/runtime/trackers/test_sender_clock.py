@@ -22,8 +22,8 @@ def test_a_senders_clock_shows_what_was_held_up() -> None:
     true, seen = np.array(late).T
     assert np.abs(seen - true).max() < 1.1e-3
     assert seen.min() >= 0.0
-    anew = clock.stamp(0.0, 541.0)  # the sender began again, its clock at zero
-    assert anew == 541.0
+    restarted = clock.stamp(0.0, 541.0)  # the sender began again, its clock at zero
+    assert restarted == 541.0
 
 
 @pytest.mark.parametrize("sent", [1e13, -1e13, 7.2e16, 1e300])

@@ -293,19 +293,19 @@ NUMBERS = st.floats(width=64) | st.floats(-0.1, 0.1) | st.sampled_from([0.0, 1.0
 def test_whatever_numbers_are_sent_only_poses_reach_the_loop(sent: list[list[float]], gaps: list[float]) -> None:
     one, arrival = feed(), 1000.0
     told = ScriptFeed()
-    reception, block = open_reception(told)
+    pose_filter, block = open_reception(told)
     last = float("-inf")
     for numbers, gap in zip(sent, gaps, strict=False):
         arrival += gap
         told.next = list(one.read(message("/haptorb/pose", *numbers), arrival))
-        reception.listen(0.0)
+        pose_filter.listen(0.0)
         now = block.read_pose()
         assert sound(now)
         assert now.stamp <= arrival
         assert now.stamp >= last or gap > 0.25
         last = now.stamp
-    assert reception.accepted + sum(reception.refused.values()) == min(len(sent), len(gaps))
-    assert set(reception.refused) <= set(REASONS)
+    assert pose_filter.accepted + sum(pose_filter.refused.values()) == min(len(sent), len(gaps))
+    assert set(pose_filter.refused) <= set(REASONS)
     one.close()
 
 
@@ -320,7 +320,7 @@ def test_whatever_bytes_are_sent_nothing_breaks(data: bytes) -> None:
 def test_twenty_thousand_mutated_messages() -> None:
     """Bytes flipped, cut and doubled in messages of the right layout: counted, never believed when they cannot be."""
     draw, one, told = random.Random(7), feed(), ScriptFeed()
-    reception, block = open_reception(told)
+    pose_filter, block = open_reception(told)
     good = pose(0.05, 1.0)
     count = 20_000
     for k in range(count):
@@ -335,10 +335,10 @@ def test_twenty_thousand_mutated_messages() -> None:
             else:
                 data += data[: draw.randrange(40)]
         told.next = list(one.read(bytes(data), 1000.0 + 1e-3 * k))
-        reception.listen(0.0)
+        pose_filter.listen(0.0)
         assert sound(block.read_pose())
-    assert reception.accepted > 100  # it was listening all the time
-    assert sum(reception.refused.values()) > 1000
+    assert pose_filter.accepted > 100  # it was listening all the time
+    assert sum(pose_filter.refused.values()) > 1000
     one.close()
 
 
@@ -364,12 +364,12 @@ def test_frames_of_natnet_that_are_cut_or_flipped_are_garbage() -> None:
 
 def test_velocity_is_that_of_the_poses_and_a_jump_has_none() -> None:
     told = ScriptFeed()
-    reception, block = open_reception(told)
+    pose_filter, block = open_reception(told)
 
     def say(t: float, x: float, angle: float = 0.0) -> PoseRecord:
         q = (0.0, 0.0, float(np.sin(angle / 2)), float(np.cos(angle / 2)))
         told.next = [RawPose((x, 0.0, 0.05), q, t, t)]
-        reception.listen(0.0)
+        pose_filter.listen(0.0)
         return block.read_pose()
 
     for k in range(40):
@@ -377,11 +377,11 @@ def test_velocity_is_that_of_the_poses_and_a_jump_has_none() -> None:
     assert last.v == pytest.approx([0.1, 0, 0], rel=1e-3)
     assert last.w == pytest.approx([0, 0, 2.0], rel=1e-3)
     assert say(0.4, 0.05).v.tolist() == [0, 0, 0]  # after a gap nobody knows
-    assert reception.facts()["gaps"] == 1
-    assert reception.facts()["refused"] == {}
+    assert pose_filter.facts()["gaps"] == 1
+    assert pose_filter.facts()["refused"] == {}
 
 
-def path(reception: PoseFilter, told: ScriptFeed, block: PoseBlock, poses: Any) -> list[bool]:
+def path(pose_filter: PoseFilter, told: ScriptFeed, block: PoseBlock, poses: Any) -> list[bool]:
     """Whether the tool is known after each of (time, x, angle about z, time of arrival if it is another)."""
     known = []
     for t, x, angle, *arrival in poses:
@@ -390,7 +390,7 @@ def path(reception: PoseFilter, told: ScriptFeed, block: PoseBlock, poses: Any) 
                 (x, 0.0, 0.05), (0.0, 0.0, float(np.sin(angle / 2)), float(np.cos(angle / 2))), t, *(arrival or [t])
             )
         ]
-        reception.listen(0.0)
+        pose_filter.listen(0.0)
         known.append(block.read_pose().valid)
     return known
 
@@ -402,61 +402,61 @@ def quietly(begin: float, n: int, x: float = 0.0, angle: float = 0.0) -> list[tu
 @pytest.mark.parametrize("jump", [{"x": 0.05}, {"x": -1.0}, {"angle": 0.5}, {"angle": 3.1}])
 def test_a_jump_counts_as_lost_until_the_poses_agree(jump: dict[str, float]) -> None:
     told = ScriptFeed()
-    reception, block = open_reception(told)
-    assert path(reception, told, block, quietly(10.0, 10)) == [True] * 10
-    known = path(reception, told, block, quietly(10.1, 10, **jump))
+    pose_filter, block = open_reception(told)
+    assert path(pose_filter, told, block, quietly(10.0, 10)) == [True] * 10
+    known = path(pose_filter, told, block, quietly(10.1, 10, **jump))
     assert known == [False] * 5 + [True] * 5, "five poses, 50 ms apart from first to last, agree with each other"
-    assert reception.refused == {"jump": 5}
-    assert reception.lost == 1
+    assert pose_filter.refused == {"jump": 5}
+    assert pose_filter.lost == 1
     assert not block.read_pose().v.any()
     assert block.read_pose().p[0] == jump.get("x", 0.0)
 
 
 def test_one_wrong_pose_loses_the_tool_and_is_never_believed() -> None:
     told = ScriptFeed()
-    reception, block = open_reception(told)
-    assert all(path(reception, told, block, quietly(10.0, 10)))
-    assert path(reception, told, block, [(10.1, 0.2, 0.0)]) == [False]
+    pose_filter, block = open_reception(told)
+    assert all(path(pose_filter, told, block, quietly(10.0, 10)))
+    assert path(pose_filter, told, block, [(10.1, 0.2, 0.0)]) == [False]
     assert block.read_pose().p[0] == 0.0
-    assert path(reception, told, block, quietly(10.11, 7)) == [False] * 5 + [True] * 2
+    assert path(pose_filter, told, block, quietly(10.11, 7)) == [False] * 5 + [True] * 2
 
 
 def test_two_tools_in_turns_are_none() -> None:
     told = ScriptFeed()
-    reception, block = open_reception(told)
+    pose_filter, block = open_reception(told)
     mixed = [(10.0 + 0.005 * k, 0.04 * (k % 2), 0.0) for k in range(200)]
-    assert path(reception, told, block, mixed) == [True] + [False] * 199
-    assert reception.accepted == 1
+    assert path(pose_filter, told, block, mixed) == [True] + [False] * 199
+    assert pose_filter.accepted == 1
 
 
 def test_a_quick_hand_a_burst_and_a_pause_are_no_jumps() -> None:
     told = ScriptFeed()
-    reception, block = open_reception(told)
+    pose_filter, block = open_reception(told)
     quick = [(10.0 + 0.01 * k, 0.028 * k, 0.28 * k) for k in range(50)]  # 2.8 m/s, 28 rad/s
     waited = [(11.0 + 1e-5 * k, 1.372 + 0.02 * k, 13.72) for k in range(4)]  # 2 m/s at 100 Hz, held up on the way
     later = [(12.0, 0.2, 0.0)]
     stamped = [(12.0 + 0.01 * k, 0.2 + 0.02 * k, 0.0, 12.2 + 1e-5 * k) for k in range(1, 5)]
-    assert all(path(reception, told, block, [*quick, *waited, *later, *stamped]))
-    assert reception.refused == {}
+    assert all(path(pose_filter, told, block, [*quick, *waited, *later, *stamped]))
+    assert pose_filter.refused == {}
 
 
 def test_a_tool_that_was_lost_may_be_found_anywhere() -> None:
     told = ScriptFeed()
-    reception, block = open_reception(told)
-    assert all(path(reception, told, block, quietly(10.0, 5)))
+    pose_filter, block = open_reception(told)
+    assert all(path(pose_filter, told, block, quietly(10.0, 5)))
     told.next = [RawPose((), (), 10.05, 10.05, False)]
-    reception.listen(0.0)
+    pose_filter.listen(0.0)
     assert not block.read_pose().valid
-    assert path(reception, told, block, quietly(10.06, 3, x=1.0)) == [True] * 3
+    assert path(pose_filter, told, block, quietly(10.06, 3, x=1.0)) == [True] * 3
 
 
 def test_another_sender_is_not_heard() -> None:
     one, told = feed(), ScriptFeed()
-    reception, block = open_reception(told)
+    pose_filter, block = open_reception(told)
 
     def say(sender: object, z: float, t: float, *sent: float) -> PoseRecord:
         told.next = list(one.read(pose(z, *sent), t, sender))
-        reception.listen(0.0)
+        pose_filter.listen(0.0)
         return block.read_pose()
 
     assert say(("127.0.0.1", 5), 0.05, 10.0, 1.0).valid
@@ -465,7 +465,7 @@ def test_another_sender_is_not_heard() -> None:
         mine = say(("127.0.0.1", 5), 0.05, 10.002 + 0.01 * k, 1.002 + 0.01 * k)
         assert mine.valid
         assert mine.stamp == pytest.approx(10.002 + 0.01 * k), "a stranger's clock is not compared, either"
-    assert reception.refused == {"another_sender": 99}
+    assert pose_filter.refused == {"another_sender": 99}
     # It is silent for two seconds: then another may take its place, but only through a loss that the guard sees.
     assert say(("127.0.0.1", 6), 0.052, 12.9).p[2] == pytest.approx(0.05)
     assert not say(("127.0.0.1", 6), 0.052, 13.1).valid
@@ -526,6 +526,7 @@ def test_a_recording_is_played_pose_by_pose(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_osc_through_a_running_servo(tmp_path: Path) -> None:
     port = free_port()
     with sending(port) as over, Servo("omni", tracker=f"osc:{port}", record=tmp_path / "run.mcap") as servo:
@@ -552,6 +553,7 @@ def test_osc_through_a_running_servo(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_a_trackers_process_that_dies_is_a_lost_tracker_with_a_reason() -> None:
     port = free_port()
     with sending(port), Servo("omni", tracker=f"osc:{port}", record=False) as servo:
@@ -566,6 +568,7 @@ def test_a_trackers_process_that_dies_is_a_lost_tracker_with_a_reason() -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_a_flood_of_messages_takes_neither_the_loop_nor_the_computer() -> None:
     port = free_port()
     with Servo("omni", tracker=f"osc:{port}", record=False) as servo:
@@ -584,6 +587,7 @@ def test_a_flood_of_messages_takes_neither_the_loop_nor_the_computer() -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_the_trackers_process_ends_with_the_servo() -> None:
     port = free_port()
     servo = Servo("omni", tracker=f"osc:{port}", record=False)

@@ -178,7 +178,7 @@ def test_too_little_is_refused_with_what_to_do() -> None:
     with pytest.raises(CalibrationError, match="mark 'left' was not touched; all of front, left, rear"):
         frame_registration(replace(touched, marks={"front": touched.marks["front"]}), OMNI)
     _, near = session(6, reach=0.3)
-    with pytest.raises(CalibrationError, match=r"all within \d+° of one place: the dome's centre is not"):
+    with pytest.raises(CalibrationError, match=r"all within \d+° of one point: the dome's centre is not"):
         frame_registration(near, OMNI)
     _, upright = session(6, tilt=np.deg2rad(2.0))
     with pytest.raises(CalibrationError, match=r"tilted by no more than .*Tilt by 20°"):

@@ -39,7 +39,7 @@ def test_a_tool_that_was_not_moved_enough_is_refused_with_what_to_do(tour):
     coils, long = predict_coils(OMNI), spread_tour(OMNI, 1600)
     distance = np.linalg.norm(long.places, axis=1)
     cases = {
-        r"sides.*: 180° to 240°, 240° to 300°, 300° to 360°.*Lead it over the whole dome": long.places[:, 1] > 0,
+        r"sides.*: 180° to 240°, 240° to 300°, 300° to 360°.*Move it over the whole dome": long.places[:, 1] > 0,
         r"° from the summit, at least 42°": long.places[:, 2] > 0.9 * distance,
         r"its height varied by": distance < 0.055,
     }

@@ -99,7 +99,7 @@ def test_a_bug_is_found_by_one_call_before_the_coils_are_on(folder: Path, end: s
     [
         ("return 1 / 0", r"ZeroDivisionError: division by zero\n  File .*groove\.py\", line \d+, in Groove.for_device"),
         ("raise SystemExit(3)", r"sys\.exit\(3\)\n  File .*groove\.py"),
-        ("pass", r"for_device of world 'groove' must return the World for the device, itself perhaps; got None"),
+        ("pass", r"for_device of world 'groove' must return a World for the device \(may be the same one\); got None"),
     ],
 )
 def test_a_bug_in_for_device_is_told_with_its_place(folder: Path, body: str, said: str) -> None:

@@ -3,7 +3,7 @@
 
 import { at, make, write } from "../panels/dom";
 import { cover, UNKNOWN } from "../panels/lock";
-import { Stranger, token } from "../session";
+import { UnknownToken, token } from "../session";
 import { describe, type Designs } from "./designs";
 import { Numbers } from "./numbers";
 import { Scatter } from "./scatter";
@@ -29,13 +29,13 @@ declare global {
   }
 }
 
-const UNREACHED = { title: "No chooser answers here", text: "Start `haptorb design show RESULTS`, and open the address that it prints." };
+const UNREACHED = { title: "The program does not respond", text: "Start `haptorb design show RESULTS`, and open the address that it prints." };
 const BASE = -1; // what is asked for to have the base device
 
 async function ask<T>(path: string, body?: unknown): Promise<T> {
   const headers = { authorization: `Bearer ${token()}`, "content-type": "application/json" };
   const answer = await fetch(path, body === undefined ? { headers } : { method: "POST", headers, body: JSON.stringify(body) });
-  if (answer.status === 403) throw new Stranger(await answer.text());
+  if (answer.status === 403) throw new UnknownToken(await answer.text());
   if (!answer.ok) throw new Error((await answer.text()).trim());
   return (await answer.json()) as T;
 }
@@ -165,5 +165,5 @@ if (!token()) cover(UNKNOWN);
 else
   ask<Designs>("/api/designs").then(
     (designs) => new Chooser(designs),
-    (mistake: unknown) => cover(mistake instanceof Stranger ? UNKNOWN : UNREACHED),
+    (mistake: unknown) => cover(mistake instanceof UnknownToken ? UNKNOWN : UNREACHED),
   );

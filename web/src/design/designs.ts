@@ -39,7 +39,7 @@ export function number(value: number): string {
 }
 
 /** A value of a column with its unit. */
-export function words(column: Column, value: number | null): string {
+export function formatValue(column: Column, value: number | null): string {
   if (value === null || !Number.isFinite(value)) return "unknown";
   return column.labels ? (column.labels[value] ?? "unknown") : `${number(value)} ${column.unit}`.trim();
 }
@@ -52,7 +52,7 @@ export function describe(designs: Designs, row: number): string {
   const pick = designs.picks.findIndex((one) => one.row === row);
   const why = pick < 0 ? (designs.front.includes(row) ? " (on the front)" : "") : ` (no. ${pick + 1}: ${designs.picks[pick]!.reason})`;
   const goals = designs.columns.filter(({ kind }) => kind === "objective");
-  return `${designs.names[row]}${why}: ${goals.map((one) => `${one.title} ${words(one, valueAt(one, row))}`).join(", ")}`;
+  return `${designs.names[row]}${why}: ${goals.map((one) => `${one.title} ${formatValue(one, valueAt(one, row))}`).join(", ")}`;
 }
 
 /**

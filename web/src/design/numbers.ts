@@ -1,7 +1,7 @@
 // The numbers of the design that is pointed at, beside those of the base device.
 
 import { make } from "../panels/dom";
-import { titleOf, valueAt, words, type Column, type Designs } from "./designs";
+import { titleOf, valueAt, formatValue, type Column, type Designs } from "./designs";
 
 export class Numbers {
   readonly root = make("div", { className: "numbers" });
@@ -37,6 +37,6 @@ export class Numbers {
 
 /** A value without its unit, which stands in the row's head. */
 const plain = (column: Column, value: number): string => {
-  const text = words(column, value);
+  const text = formatValue(column, value);
   return column.unit && text.endsWith(` ${column.unit}`) ? text.slice(0, -column.unit.length - 1) : text;
 };

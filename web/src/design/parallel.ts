@@ -44,7 +44,7 @@ export class Parallel {
     const wide = make("div", { className: "axes" }, make("div", { className: "heads" }, ...heads), this.layers.box);
     wide.style.minWidth = `${this.columns.length * NARROWEST}px`;
     const scroll = make("div", { className: "wide", tabIndex: 0, role: "group" }, wide);
-    scroll.ariaLabel = "Parallel coordinates; the filters below do by keyboard what a pointer does on the axes";
+    scroll.ariaLabel = "Parallel coordinates; the filters below set the same ranges by keyboard";
     this.root.append(scroll, this.form(), this.count);
     this.listen();
     this.tell(null);
@@ -120,7 +120,7 @@ export class Parallel {
     const named = [...this.filters].map(([column, span]) => `${column.title} ${part(column, span)}`);
     this.count.textContent = kept
       ? `${kept.reduce((sum, one) => sum + one, 0)} of ${all} designs: ${named.join("; ")}.`
-      : "Drag along an axis to show only designs within that part; click the axis to show all again.";
+      : "Drag along an axis to show only designs within that range; click the axis to show all again.";
   }
 
   /** The design that is pointed at anywhere on the page. */

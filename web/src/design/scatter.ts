@@ -38,7 +38,7 @@ export class Scatter {
     [this.x, this.y] = [first, second];
     this.whole.addEventListener("change", () => this.draw());
     this.slider.append(this.layers.box);
-    this.slider.ariaLabel = designs.front.length > 1 ? "Designs of the Pareto front" : "Designs that were picked";
+    this.slider.ariaLabel = designs.front.length > 1 ? "Designs of the Pareto front" : "Selected designs";
     this.root.append(
       make("div", { className: "pickers" }, ...pickers, make("label", { className: "check" }, this.whole, " whole range")),
       this.slider,
@@ -91,7 +91,7 @@ export class Scatter {
     this.slider.ariaValueMin = "1";
     this.slider.ariaValueMax = String(Math.max(order.length, 1));
     this.slider.ariaValueNow = String(place < 0 ? 1 : place + 1);
-    this.slider.ariaValueText = this.marked < 0 ? "no design is marked; use the arrow keys" : describe(this.designs, this.marked);
+    this.slider.ariaValueText = this.marked < 0 ? "no design is selected; use the arrow keys" : describe(this.designs, this.marked);
   }
 
   private listen(): void {
@@ -222,11 +222,11 @@ export class Scatter {
     }
     context.fillStyle = css("--text");
     context.textAlign = "center";
-    context.fillText(better(this.x, "→", "←"), (MARGIN.left + at.right) / 2, at.bottom + 38, at.right - MARGIN.left);
+    context.fillText(describeBetter(this.x, "→", "←"), (MARGIN.left + at.right) / 2, at.bottom + 38, at.right - MARGIN.left);
     context.save();
     context.translate(14, (MARGIN.top + at.bottom) / 2);
     context.rotate(-Math.PI / 2);
-    context.fillText(better(this.y, "→", "←"), 0, 0, at.bottom - MARGIN.top);
+    context.fillText(describeBetter(this.y, "→", "←"), 0, 0, at.bottom - MARGIN.top);
     context.restore();
   }
 
@@ -245,7 +245,7 @@ export class Scatter {
 }
 
 /** An axis' title, with the way to what is better. */
-function better(column: Column, right: string, left: string): string {
+function describeBetter(column: Column, right: string, left: string): string {
   const title = titleOf(column);
   return column.sense > 0 ? `${title} ${right} better` : column.sense < 0 ? `better ${left} ${title}` : title;
 }

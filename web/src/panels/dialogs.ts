@@ -5,8 +5,8 @@ import type { Scene, Session } from "../session";
 import { at, make } from "./dom";
 
 const FEEL = [
-  ["1 to 7", "rate the design that is felt"],
-  ["A, B", "feel what stands beside A or B"],
+  ["1 to 7", "rate the current design"],
+  ["A, B", "feel the design in slot A or B"],
   ["N", "next design in random order"],
 ] as const;
 
@@ -15,7 +15,7 @@ const ZOOM = [["plots", "mark a range or use the wheel to zoom"]] as const;
 
 type Keys = readonly (readonly [string, string])[];
 
-const STOP: Keys = [["Space, Esc", "STOP: coils off at once, wherever the focus is"]];
+const STOP: Keys = [["Space, Esc", "STOP: coils off at once, from anywhere in the page"]];
 
 /** `keys`: what they do to the device's mover; `first`: those that come before. */
 export function fill(session: Session, scene: DeviceScene, keys: Keys, first = STOP): void {
@@ -25,17 +25,18 @@ export function fill(session: Session, scene: DeviceScene, keys: Keys, first = S
     ...(session.feel ? FEEL : []),
     [`drag beside the ${scene.held}`, "turn the view; wheel or pinch zooms; 0 resets"],
     ...(first === STOP ? PAUSE : ZOOM),
-    ["Tab, Enter", "reach and press every button"],
+    ["Tab, Enter", "move to and press any button"],
     ["?", "this help"],
   ] as const;
   at("keys").append(...all.flatMap(([key, what]) => [make("dt", {}, key), make("dd", {}, what)]));
 
   const { device, limits, coils } = session;
+  const { gives } = session.scene;
   at("details-title").textContent = device.title;
   const facts: [string, string][] = [
     ["source", device.source],
     ["driver", session.simulated ? "simulated: device, tool and hand are computed" : "hardware"],
-    [`${scene.gives} limit`, `${limits[scene.gives]} ${scene.gives === "torque" ? "N·m" : "N"}`],
+    [`${gives} limit`, `${limits[gives]} ${gives === "torque" ? "N·m" : "N"}`],
     ["current limit", new Set(limits.current).size === 1 ? `${limits.current[0]} A in each of ${coils.length}` : coils.map((name, i) => `${name} ${limits.current[i]!.toFixed(0)} A`).join(", ")],
     ["winding", `warm ${limits.warn.toFixed(0)}, derated ${limits.derate.toFixed(0)}, off ${limits.stop.toFixed(0)} °C`],
     ...sizes(session.scene),
@@ -68,14 +69,14 @@ function sizes({ parts = [], notes = [] }: Scene): [string, string][] {
   const millimetres = (length: number): string => `${+(1000 * length).toFixed(2)}`;
   const coils = new Map<string, string[]>();
   for (const coil of parts.filter(({ role, stated }) => role === "coil" && stated)) {
-    const told = `radii ${millimetres(coil.inner_radius)} to ${millimetres(coil.outer_radius)} mm, ${millimetres(coil.length)} mm long`;
-    coils.set(told, [...(coils.get(told) ?? []), coil.name]);
+    const size = `radii ${millimetres(coil.inner_radius)} to ${millimetres(coil.outer_radius)} mm, ${millimetres(coil.length)} mm long`;
+    coils.set(size, [...(coils.get(size) ?? []), coil.name]);
   }
-  const told = [...coils].map(([size, names]): [string, string] => {
+  const rows = [...coils].map(([size, names]): [string, string] => {
     const some = names.length > 6 ? [names[0], "…", names.at(-1)] : names;
     return [`coil${names.length > 1 ? "s" : ""} ${some.join(" ")}`, size];
   });
-  return [...told, ...notes.map((note): [string, string] => ["drawing", note])];
+  return [...rows, ...notes.map((note): [string, string] => ["drawing", note])];
 }
 
 /** Not modal: STOP must work beside it. One at a time. */

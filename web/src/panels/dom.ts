@@ -28,7 +28,7 @@ export function writeRemarks(element: HTMLElement, remarks: string[]): void {
 }
 
 /** A number with `digits` decimals and a true minus; a dash for what is not known. */
-export function shown(value: number, digits: number): string {
+export function formatNumber(value: number, digits: number): string {
   if (!Number.isFinite(value)) return "–";
   const text = value.toFixed(digits);
   return (Number(text) === 0 ? text.replace("-", "") : text).replace("-", "−");

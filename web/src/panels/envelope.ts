@@ -8,7 +8,7 @@ export class Envelope {
   private thick = false;
 
   /** Prepare for the samples at `times`, first of them at index 0, on `pixels` from `from` to `to` [s]. */
-  lay(times: Float64Array, from: number, to: number, pixels: number): void {
+  layOut(times: Float64Array, from: number, to: number, pixels: number): void {
     this.thick = times.length > 4 * pixels;
     this.edges.length = 0;
     if (!this.thick) {

@@ -2,7 +2,7 @@
 
 import type { Session } from "../session";
 import type { Status } from "../status";
-import { at, make, shown, write } from "./dom";
+import { at, make, formatNumber, write } from "./dom";
 
 const SURE = 6000; // ms in which the second step must follow the first
 
@@ -59,22 +59,23 @@ export class Header {
       return;
     }
     const parts = [
-      `${shown(health.rate_hz, 0)} Hz`,
-      `${shown(100 * health.success, 2)} %`,
-      `p99 ${shown(health.lateness_p99_us, 0)} µs`,
+      `${formatNumber(health.rate_hz, 0)} Hz`,
+      `${formatNumber(100 * health.success, 2)} %`,
+      `p99 ${formatNumber(health.lateness_p99_us, 0)} µs`,
     ];
     // A hand that nobody tracks has no age.
-    if (health.pose_age_ms) parts.push(`pose ${shown(health.pose_age_ms, 0)} ms`);
+    if (health.pose_age_ms) parts.push(`pose ${formatNumber(health.pose_age_ms, 0)} ms`);
     if (health.recording_trouble) parts.push("not recording");
-    write(at("loop"), parts.join(" · "));
+    write(at("loop"), parts.map((part) => part.replaceAll(" ", "\u00a0")).join(" · ")); // a unit stays with its number
   }
 
   /** Who is connected, and how often each asks. */
-  connected(connections: Connection[]): void {
+  showConnections(connections: Connection[]): void {
     const box = at("connected");
     box.hidden = connections.length === 0;
     if (box.hidden) return;
-    const one = (client: Connection["clients"][number]): string => `${client.name} ${shown(client.rate_hz, 0)} Hz`;
+    // The rate first: a long name is cut off on a narrow screen.
+    const one = (client: Connection["clients"][number]): string => `${formatNumber(client.rate_hz, 0)} Hz ${client.name}`;
     const servers = connections.map((server) => {
       const [first] = [...server.clients].sort((a, b) => Number(b.holds) - Number(a.holds) || b.rate_hz - a.rate_hz);
       if (!first) return `${server.server}: nobody`;

@@ -1,13 +1,13 @@
 // The colour bar with its newtons, the scale bar, and a mark at what is felt now.
 
 import { dot, norm, type Sample } from "../sample";
-import type { Scene } from "../session";
+import type { Gives, Scene } from "../session";
 import { mapPixels, onThemeChange } from "../theme";
-import { at, make, shown, write } from "./dom";
+import { at, make, formatNumber, write } from "./dom";
 
 export class Legend {
   private range = 0;
-  private felt = true;
+  private painted = true;
   /** what is not drawn to scale */
   private loose = "";
 
@@ -27,7 +27,7 @@ export class Legend {
     for (const share of [1, 0.5, 0, -0.5, -1]) {
       const word = share === 1 ? this.words[0] : share === -1 ? this.words[1] : "";
       const sign = share > 0 ? "+" : "";
-      const tick = make("li", {}, `${sign}${shown(share * range, range < 0.2 ? 3 : 2)}${word}`);
+      const tick = make("li", {}, `${sign}${formatNumber(share * range, range < 0.2 ? 3 : 2)}${word}`);
       tick.style.top = `${50 - 50 * share}%`;
       ticks.append(tick);
     }
@@ -47,7 +47,7 @@ export class Legend {
   }
 
   /** The colours are the coils' currents, full at ±`range` amperes; the arrows are what the device `gives`. */
-  coils(range: number, gives: "force" | "torque"): void {
+  coils(range: number, gives: Gives): void {
     const legend = at("legend");
     write(legend.querySelector("figcaption")!, "coil current, A");
     legend.querySelector<HTMLElement>(".key")!.hidden = true;
@@ -56,11 +56,11 @@ export class Legend {
     for (const kind of ["given", "asked"]) {
       at("arrows").querySelector(`.arrow.${kind}`)!.nextSibling!.textContent = `${gives} ${kind}`;
     }
-    this.felt = false;
+    this.painted = false;
   }
 
   show(sample: Sample): void {
-    if (!this.felt) {
+    if (!this.painted) {
       at("marker").hidden = true;
       return;
     }

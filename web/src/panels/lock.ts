@@ -8,14 +8,14 @@ export interface Lock {
 }
 
 export const UNKNOWN: Lock = {
-  title: "This page needs the address that the terminal printed",
+  title: "Open the address that the terminal printed",
   text:
-    "Open the full address, with the part after the #. It changes with every start: only a page that has it can move the " +
+    "Open the full address, with the part after the #. It changes with every start; only a page that has it can move the " +
     "device.",
 };
 
 export const UNREACHED: Lock = {
-  title: "No console answers here",
+  title: "The program does not respond",
   text: "Start `haptorb run`, and open the address that it prints.",
 };
 

@@ -2,7 +2,7 @@
 
 import { norm, type Sample } from "../sample";
 import { angles } from "../scene/turn";
-import { at, shown, write } from "./dom";
+import { at, formatNumber, write } from "./dom";
 
 const WORDS = ["", "translate", "rotate"] as const;
 const DEGREE = 180 / Math.PI;
@@ -45,30 +45,30 @@ export class ModePanel {
       const value = Number.isFinite(share) ? share : 0;
       at<HTMLMeterElement>(id).value = value;
     }
-    write(at("clutch-word"), known ? this.word(move, turn) : "–");
+    write(at("clutch-word"), known ? this.describeMode(move, turn) : "–");
     const p = sample.vector("object");
-    for (const i of [0, 1, 2] as const) write(at(`object-${i}`), shown(p[i] * 1000, 2));
+    for (const i of [0, 1, 2] as const) write(at(`object-${i}`), formatNumber(p[i] * 1000, 2));
     const q = sample.quaternion("object_q");
     const turns = Number.isFinite(q[0]) ? angles(q) : [NaN, NaN, NaN];
-    for (const i of [0, 1, 2] as const) write(at(`object-turn-${i}`), shown(turns[i]! * DEGREE, 2));
-    write(at("object-force"), shown(norm(sample.vector("object_wrench")), 1));
-    write(at("object-torque"), shown(norm(sample.vector("object_wrench", 3)), 2));
+    for (const i of [0, 1, 2] as const) write(at(`object-turn-${i}`), formatNumber(turns[i]! * DEGREE, 2));
+    write(at("object-force"), formatNumber(norm(sample.vector("object_wrench")), 1));
+    write(at("object-torque"), formatNumber(norm(sample.vector("object_wrench", 3)), 2));
     const contacts = sample.list("contacts");
     const pushes = [0, 1].map((k) => norm([...contacts.subarray(8 * k + 5, 8 * k + 8)]));
-    write(at("contact-forces"), pushes.map((force) => shown(force, 1)).join(" · "));
+    write(at("contact-forces"), pushes.map((force) => formatNumber(force, 1)).join(" · "));
   }
 
   /** For those who listen. */
   sentence(sample: Sample): string {
     const mode = WORDS[sample.number("mode")] ?? "";
     if (!mode) return "";
-    const [x, y, z] = sample.vector("object").map((value) => shown(value * 1000, 1));
+    const [x, y, z] = sample.vector("object").map((value) => formatNumber(value * 1000, 1));
     const held = document.querySelector("[data-held]")?.textContent ?? "plug";
     const hold = this.engaged ? "" : `, ${held} released`;
-    return `mode ${mode}${hold}; ${held} ${x} millimetres out, ${y} aside, ${z} up, held back by ${shown(norm(sample.vector("object_wrench")), 1)} newton`;
+    return `mode ${mode}${hold}; ${held} ${x} millimetres out, ${y} aside, ${z} up, resisted by ${formatNumber(norm(sample.vector("object_wrench")), 1)} newton`;
   }
 
-  private word(move: number, turn: number): string {
+  private describeMode(move: number, turn: number): string {
     if (!this.engaged) return Math.max(move, turn) > 0.01 ? "releasing" : "released";
     return Math.max(move, turn) > 0.99 ? "clutched" : "clutching";
   }

@@ -5,7 +5,7 @@ import { angles, axis } from "../scene/turn";
 import type { Session } from "../session";
 import { duration } from "../status";
 import { channelColour, onThemeChange } from "../theme";
-import { at, make, shown, write } from "./dom";
+import { at, make, formatNumber, write } from "./dom";
 
 const KELVIN = 273.15;
 const DEGREE = 180 / Math.PI;
@@ -40,20 +40,20 @@ export class MotorReadouts {
   }
 
   show(sample: Sample): void {
-    write(at("asked"), shown(norm(sample.vector("asked", 3)), 3));
-    write(at("given"), shown(norm(sample.vector("given", 3)), 3));
+    write(at("asked"), formatNumber(norm(sample.vector("asked", 3)), 3));
+    write(at("given"), formatNumber(norm(sample.vector("given", 3)), 3));
     const q = sample.quaternion("q");
     const known = Number.isFinite(q[0]);
     const [x, y, z] = axis(q);
-    write(at("tilt"), shown(known ? Math.atan2(Math.hypot(x, y), z) * DEGREE : NaN, 1));
-    write(at("azimuth"), shown(known ? Math.atan2(y, x) * DEGREE : NaN, 0));
-    write(at("distance"), shown(known ? angles(q)[2] * DEGREE : NaN, 1));
+    write(at("tilt"), formatNumber(known ? Math.atan2(Math.hypot(x, y), z) * DEGREE : NaN, 1));
+    write(at("azimuth"), formatNumber(known ? Math.atan2(y, x) * DEGREE : NaN, 0));
+    write(at("distance"), formatNumber(known ? angles(q)[2] * DEGREE : NaN, 1));
     const currents = sample.list("currents");
     const windings = sample.list("winding");
     this.cells.forEach(({ current, temperature }, i) => {
       const celsius = windings[i]! - KELVIN;
-      write(current, shown(currents[i]!, 2));
-      write(temperature, shown(celsius, 1));
+      write(current, formatNumber(currents[i]!, 2));
+      write(temperature, formatNumber(celsius, 1));
       temperature.classList.toggle("hot", celsius >= this.session.limits.warn);
     });
     const left = sample.number("remaining");
@@ -67,7 +67,7 @@ export class MotorReadouts {
     const q = sample.quaternion("q");
     const [x, y, z] = axis(q);
     const tilt = Math.atan2(Math.hypot(x, y), z) * DEGREE;
-    return `${given.toFixed(2)} newton metres given, handle tilted ${tilt.toFixed(0)} degrees, spun ${shown(angles(q)[2] * DEGREE, 0)}`;
+    return `${given.toFixed(2)} newton metres given, handle tilted ${tilt.toFixed(0)} degrees, spun ${formatNumber(angles(q)[2] * DEGREE, 0)}`;
   }
 
   private dress(): void {

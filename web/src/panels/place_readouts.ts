@@ -2,7 +2,7 @@
 
 import { norm, type Sample } from "../sample";
 import type { Session } from "../session";
-import { at, shown, write } from "./dom";
+import { at, formatNumber, write } from "./dom";
 import { Readouts } from "./readouts";
 
 const PLACES = ["tilt", "azimuth", "distance"]; // the page's three numbers: here x, y, z
@@ -18,13 +18,13 @@ export class PlaceReadouts extends Readouts {
   }
 
   protected override place(sample: Sample): void {
-    sample.vector("p").forEach((metres, i) => write(at(PLACES[i]!), shown(metres * 1000, 1)));
+    sample.vector("p").forEach((metres, i) => write(at(PLACES[i]!), formatNumber(metres * 1000, 1)));
   }
 
   override sentence(sample: Sample): string {
     const given = norm(sample.vector("given"));
     if (!Number.isFinite(given)) return "";
-    const place = sample.vector("p").map((metres) => shown(metres * 1000, 0));
+    const place = sample.vector("p").map((metres) => formatNumber(metres * 1000, 0));
     return `${given.toFixed(1)} newton given at ${place.join(", ")} millimetres`;
   }
 }

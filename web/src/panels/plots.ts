@@ -3,10 +3,10 @@
 import uPlot from "uplot";
 import { csv, download } from "../csv";
 import type { History } from "../history";
-import { firstOf, type DeviceScene } from "../scene/device_scene";
+import type { DeviceScene } from "../scene/device_scene";
 import type { Session } from "../session";
 import { channelColour, css, onThemeChange } from "../theme";
-import { at, make, shown, write } from "./dom";
+import { at, make, formatNumber, write } from "./dom";
 import { Envelope } from "./envelope";
 
 const KELVIN = 273.15;
@@ -53,9 +53,9 @@ export class Plots {
   constructor(
     private readonly history: History,
     private readonly session: Session,
-    private readonly scene: DeviceScene,
+    scene: DeviceScene,
   ) {
-    this.select.ariaLabel = `Which part of the ${scene.gives}`;
+    this.select.ariaLabel = `Which part of the ${session.scene.gives}`;
     this.select.append(make("option", { value: "magnitude" }, "magnitude"));
     if (scene.radial) this.select.append(make("option", { value: "radial" }, "radial"));
     this.select.append(make("option", { value: "xyz" }, "x y z"));
@@ -75,7 +75,7 @@ export class Plots {
 
   /** Whether torque is drawn rather than force. */
   private get turning(): boolean {
-    return firstOf(this.scene) === 3 || this.select.value === "torque";
+    return this.session.scene.gives === "torque" || this.select.value === "torque";
   }
 
   get paused(): boolean {
@@ -88,7 +88,7 @@ export class Plots {
     const button = at("pause");
     button.setAttribute("aria-pressed", String(yes));
     write(button, yes ? "▶ resume" : "‖ pause");
-    this.spoil();
+    this.invalidate();
   }
 
   /** Nothing new will come: keep the last picture, grey. */
@@ -103,7 +103,7 @@ export class Plots {
    * All in one frame: a browser that draws without a graphics processor draws whatever lies between two changed places
    * again, and so pays for most of the page in every frame in which a plot changes. */
   draw(now: number, fresh: boolean): boolean {
-    if (fresh && !this.held) this.spoil();
+    if (fresh && !this.held) this.invalidate();
     if (!this.stale || now - this.drawn < this.every) return false;
     this.stale = false;
     this.drawn = now;
@@ -112,7 +112,7 @@ export class Plots {
   }
 
   /** What is shown is not what there is. */
-  private spoil(): void {
+  private invalidate(): void {
     this.stale = true;
   }
 
@@ -127,7 +127,7 @@ export class Plots {
     const [first, last] = this.history.window(from, to);
     this.shown = [first, last];
     const { chart, curves } = plot;
-    this.envelope.lay(this.history.times(first, last), from, to, chart.bbox.width);
+    this.envelope.layOut(this.history.times(first, last), from, to, chart.bbox.width);
     const series = curves.map(({ from: indices, make: compose }) => {
       const columns = indices.map((index) => this.history.column(index, first, last));
       return this.envelope.of((i) => compose(columns, i));
@@ -156,12 +156,12 @@ export class Plots {
     const [begin, end] = this.history.window(-Infinity, pointed ? chart.posToVal(left, "x") : this.window.to);
     if (end <= begin) return write(reading, "");
     const values = curves.map(({ from, make: compose }) => compose(from.map((index) => this.history.column(index, end - 1, end)), 0));
-    const when = pointed ? `${shown(this.history.times(end - 1, end)[0]! - this.history.newest, 3)} s  ` : "";
+    const when = pointed ? `${formatNumber(this.history.times(end - 1, end)[0]! - this.history.newest, 3)} s  ` : "";
     // Of many channels there is room for the greatest only; the table has them all.
     const all = curves.map((_, c) => c);
     const size = (c: number): number => Math.abs(values[c]!) || 0;
     const few = curves.length <= 6 ? all : all.sort((a, b) => size(b) - size(a)).slice(0, 3);
-    const parts = few.map((c) => `${curves[c]!.label} ${shown(values[c]!, digits)}`);
+    const parts = few.map((c) => `${curves[c]!.label} ${formatNumber(values[c]!, digits)}`);
     if (few.length < curves.length) parts.unshift("greatest");
     write(reading, when + parts.join("  "));
   }
@@ -169,7 +169,7 @@ export class Plots {
   private unzoom(): void {
     this.zoomed = null;
     if (this.held) this.held = { from: this.held.to - this.span, to: this.held.to };
-    this.spoil();
+    this.invalidate();
   }
 
   private export(): void {
@@ -214,12 +214,12 @@ export class Plots {
     for (const { chart } of this.plots.splice(0)) chart.destroy();
     at("plots").replaceChildren();
     const { warn, derate } = this.session.limits;
-    const motor = firstOf(this.scene) === 3;
-    const small = this.turning && !motor; // a tool's torque: thousandths of a newton metre
-    this.add(this.turning ? "torque N·m" : "force N", this.force(), small ? 4 : motor ? 3 : 2, small ? 0.002 : 0.2, this.select);
-    this.add("currents A", this.perCoil("currents", same), 2, motor ? 0.2 : 1);
+    const strong = this.session.scene.gives === "torque";
+    const small = this.turning && !strong; // a tool's torque: thousandths of a newton metre
+    this.add(this.turning ? "torque N·m" : "force N", this.force(), small ? 4 : strong ? 3 : 2, small ? 0.002 : 0.2, this.select);
+    this.add("currents A", this.perCoil("currents", same), 2, strong ? 0.2 : 1);
     this.add("temperature °C", this.perCoil("winding", ([x], i) => x![i]! - KELVIN), 1, 5, undefined, { warn, derate });
-    this.spoil();
+    this.invalidate();
   }
 
   private add(
@@ -246,7 +246,7 @@ export class Plots {
         cursor: { sync: { key: "time" }, drag: { x: true, y: false, setScale: false }, points: { size: 6 } },
         scales: {
           x: { time: false, auto: false },
-          y: { range: (_, low, high) => padded(low, high, least, limit?.derate) },
+          y: { range: (_, low, high) => padRange(low, high, least, limit?.derate) },
         },
         axes: [
           { ...axis, size: 24, splits: (self, _, from, to) => this.splits(from, to, self.width / 70), values: (_, ticks) => ticks.map((t) => clock(t - (this.held?.to ?? this.window.to))) , space: 60 },
@@ -286,7 +286,7 @@ export class Plots {
     chart.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
     if (!this.held) this.pause(true);
     this.zoomed = { from, to };
-    this.spoil();
+    this.invalidate();
   }
 
   private wheel(chart: uPlot, event: WheelEvent): void {
@@ -301,7 +301,7 @@ export class Plots {
       to: Math.min(whole.to, around + (to - around) * factor),
     };
     if (this.zoomed.to - this.zoomed.from < 0.005) this.zoomed = { from, to };
-    this.spoil();
+    this.invalidate();
   }
 
   private resize(): void {
@@ -309,7 +309,7 @@ export class Plots {
       const box = chart.root.parentElement!;
       if (box.clientWidth > 0) chart.setSize({ width: box.clientWidth, height: box.clientHeight });
     }
-    this.spoil();
+    this.invalidate();
   }
 
   /** Samples on show, for tests. */
@@ -325,7 +325,7 @@ function clock(seconds: number): string {
 }
 
 /** A range that neither jumps with noise nor hides a limit that is near. */
-function padded(low: number, high: number, least: number, limit?: number): [number, number] {
+function padRange(low: number, high: number, least: number, limit?: number): [number, number] {
   if (!Number.isFinite(low + high)) return [0, least];
   let a = Math.min(low, high);
   let b = Math.max(low, high);

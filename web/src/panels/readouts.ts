@@ -3,7 +3,7 @@
 import { norm, spherical, type Sample } from "../sample";
 import type { Session } from "../session";
 import { duration } from "../status";
-import { at, make, shown, write } from "./dom";
+import { at, make, formatNumber, write } from "./dom";
 
 const KELVIN = 273.15;
 
@@ -26,41 +26,41 @@ export class Readouts {
   }
 
   show(sample: Sample): void {
-    write(at("asked"), shown(norm(sample.vector("asked")), 2));
-    write(at("given"), shown(norm(sample.vector("given")), 2));
+    write(at("asked"), formatNumber(norm(sample.vector("asked")), 2));
+    write(at("given"), formatNumber(norm(sample.vector("given")), 2));
     this.turn(sample);
     this.place(sample);
     const currents = sample.list("currents");
     const windings = sample.list("winding");
     this.cells.forEach(({ current, temperature }, i) => {
       const celsius = windings[i]! - KELVIN;
-      write(current, shown(currents[i]!, 2));
-      write(temperature, shown(celsius, 1));
+      write(current, formatNumber(currents[i]!, 2));
+      write(temperature, formatNumber(celsius, 1));
       temperature.classList.toggle("hot", celsius >= this.session.limits.warn);
     });
     const left = sample.number("remaining");
     write(at("remaining"), Number.isNaN(left) ? "–" : duration(left) || "unlimited");
   }
 
-  /** Torque asked and given, and what holds it back: shown once a world asks for torque, or a person chose it. */
+  /** Torque asked and given, and what limits it: shown once a world asks for torque, or a person chose it. */
   private turn(sample: Sample): void {
     const part = sample.number("part");
     const asked = norm(sample.vector("asked", 3));
     if (!Number.isNaN(part)) this.turned = part > 0 || asked > 0;
     at("turning").hidden = at("part").hidden = !this.turned;
     if (!this.turned) return;
-    write(at("torque-asked"), shown(1000 * asked, 1));
-    write(at("torque-given"), shown(1000 * norm(sample.vector("given", 3)), 1));
+    write(at("torque-asked"), formatNumber(1000 * asked, 1));
+    write(at("torque-given"), formatNumber(1000 * norm(sample.vector("given", 3)), 1));
     const held = this.session.saturations[sample.number("saturated")];
-    write(at("part"), `${this.session.parts[part] ?? ""}${held ? ` Held back by ${held}.` : ""}`.trim());
+    write(at("part"), `${this.session.parts[part] ?? ""}${held ? ` Limited by ${held}.` : ""}`.trim());
   }
 
   /** Where the mover is. */
   protected place(sample: Sample): void {
     const { tilt, azimuth, length } = spherical(sample.vector("p"));
-    write(at("tilt"), shown(tilt, 1));
-    write(at("azimuth"), shown(azimuth, 0));
-    write(at("distance"), shown(length * 1000, 1));
+    write(at("tilt"), formatNumber(tilt, 1));
+    write(at("azimuth"), formatNumber(azimuth, 0));
+    write(at("distance"), formatNumber(length * 1000, 1));
   }
 
   /** The same, as a sentence for those who listen. */

@@ -52,7 +52,7 @@ export class WorldPanel {
   offer(worlds: World[]): void {
     this.session.worlds = worlds;
     this.picker.replaceChildren(...worlds.map(({ name, about }) => make("option", { value: name, title: about }, name)));
-    this.name = ""; // whatever is told next is shown at once, with new sliders
+    this.name = ""; // whatever comes next is shown at once, with new sliders
     this.last = 0;
   }
 
@@ -168,7 +168,7 @@ export class WorldPanel {
 function entries(parameter: Parameter): Entry[] {
   const { name, low, high, about } = parameter;
   if (typeof parameter.default === "number") {
-    const [unit, factor] = legible(parameter);
+    const [unit, factor] = displayUnit(parameter);
     const step = ((high - low) * factor) / 400;
     return [
       {
@@ -219,7 +219,7 @@ function entries(parameter: Parameter): Entry[] {
 /** `half_width_deg` is a half width. */
 const title = (name: string): string => name.replace(/_deg$/, "").replaceAll("_", " ");
 /** The unit in which a parameter is read easily, and how many of them are one of its own. */
-function legible({ unit, high }: Parameter): [string, number] {
+function displayUnit({ unit, high }: Parameter): [string, number] {
   if (unit === "m" && high <= 0.2) return ["mm", 1e3];
   if (unit === "Pa" && high >= 1e9) return ["GPa", 1e-9];
   return [unitOf(unit), 1];

@@ -113,7 +113,7 @@ export class AxesSubject implements Subject {
 
   paint(): void {}
 
-  felt(): { force: number; saturated: boolean } {
+  forceAt(): { force: number; saturated: boolean } {
     return { force: NaN, saturated: false };
   }
 
@@ -128,7 +128,7 @@ export class AxesSubject implements Subject {
     this.grasped = true;
     const at = this.stage.project(this.wish.clone().multiplyScalar(MM));
     this.slip = { x: at.x - x, y: at.y - y };
-    return this.wanted();
+    return this.currentWish();
   }
 
   /** In the plane through the marker that faces the camera. */
@@ -138,13 +138,13 @@ export class AxesSubject implements Subject {
     const facing = new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 2);
     const to = this.wish.clone().multiplyScalar(MM).sub(from);
     this.wish.copy(from.addScaledVector(along, to.dot(facing) / along.dot(facing))).divideScalar(MM);
-    return this.wanted();
+    return this.currentWish();
   }
 
   press(notches: number): Wish {
     this.grasped = true;
     this.wish.z += notches * STEP;
-    return this.wanted();
+    return this.currentWish();
   }
 
   nudge(right: number, up: number): Wish {
@@ -152,7 +152,7 @@ export class AxesSubject implements Subject {
     const { matrixWorld } = this.stage.camera;
     this.wish.addScaledVector(new Vector3().setFromMatrixColumn(matrixWorld, 0), right * STEP);
     this.wish.addScaledVector(new Vector3().setFromMatrixColumn(matrixWorld, 1), up * STEP);
-    return this.wanted();
+    return this.currentWish();
   }
 
   anchor(): Spot {
@@ -180,7 +180,7 @@ export class AxesSubject implements Subject {
     return [-1, 0, 1].map((side) => this.at.clone().addScaledVector(right, side));
   }
 
-  protected wanted(): Wish {
+  protected currentWish(): Wish {
     const { x, y, z } = this.wish;
     return { p: [x, y, z] };
   }

@@ -2,7 +2,7 @@
 // nowhere else which device it is.
 
 import type { Sample } from "../sample";
-import type { Session } from "../session";
+import type { Gives, Session } from "../session";
 import type { Home } from "./orbit";
 import type { Stage } from "./stage";
 import type { Subject } from "./subject";
@@ -17,8 +17,6 @@ export interface Readings {
 export interface DeviceScene {
   /** the part that is dragged, as the help calls it */
   readonly held: string;
-  /** what the device gives to the hand: the first three numbers of a wrench, or the last three */
-  readonly gives: "force" | "torque";
   /** whether the radial part of the force is worth a plot of its own */
   readonly radial: boolean;
   /** what the colours mean: a force painted in the picture, the coils' currents, or nothing */
@@ -28,5 +26,5 @@ export interface DeviceScene {
   readings(session: Session): Readings;
 }
 
-/** Where the force or the torque of `scene` begins in a wrench of six numbers. */
-export const firstOf = (scene: DeviceScene): 0 | 3 => (scene.gives === "torque" ? 3 : 0);
+/** Where what a device gives begins in a wrench of six numbers. */
+export const firstOf = (gives: Gives): 0 | 3 => (gives === "torque" ? 3 : 0);

@@ -30,7 +30,7 @@ const MOST = 320_000;
 const PAUSE = 500; // ms: nothing was drawn, which says nothing about speed
 
 /** The level that the page's address asks for (`?detail=full`), if it does. */
-export function asked(): Level | null {
+export function requestedLevel(): Level | null {
   const word = new URLSearchParams(location.search).get("detail");
   return LEVELS.find((level) => level === word) ?? null;
 }

@@ -1,7 +1,7 @@
 // Who computes the pictures: a graphics processor, or the one that also runs the servo.
 
 /** Whether there is no graphics processor. */
-export function computed(): boolean {
+export function isDrawnInSoftware(): boolean {
   const gl = document.createElement("canvas").getContext("webgl2");
   const info = gl?.getExtension("WEBGL_debug_renderer_info");
   const name = String(info ? gl!.getParameter(info.UNMASKED_RENDERER_WEBGL) : "");

@@ -30,7 +30,7 @@ export class Grasp {
     canvas.addEventListener("pointerdown", (event) => this.down(event));
     canvas.addEventListener("pointermove", (event) => this.move(event));
     // Where the browser has it: the pointer's places as they come, not kept back for the next frame.
-    canvas.addEventListener("pointerrawupdate", (event) => this.raw(event as PointerEvent));
+    canvas.addEventListener("pointerrawupdate", (event) => this.onRawMove(event as PointerEvent));
     canvas.addEventListener("pointerup", (event) => this.up(event));
     canvas.addEventListener("pointercancel", (event) => this.up(event));
     canvas.addEventListener("lostpointercapture", (event) => this.up(event));
@@ -60,7 +60,7 @@ export class Grasp {
     return { x: event.clientX - this.box.left, y: event.clientY - this.box.top };
   }
 
-  private raw(event: PointerEvent): void {
+  private onRawMove(event: PointerEvent): void {
     if (this.holding === event.pointerId && event.timeStamp - this.passed >= OFTEN) this.follow(event);
   }
 

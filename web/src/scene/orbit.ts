@@ -18,7 +18,7 @@ export class Orbit {
 
   constructor(
     private readonly camera: PerspectiveCamera,
-    private readonly moved: () => void,
+    private readonly onMove: () => void,
     private readonly home: Home,
   ) {
     this.centre = new Vector3(...home.centre);
@@ -49,7 +49,7 @@ export class Orbit {
 
   private place(): void {
     this.aim();
-    this.moved();
+    this.onMove();
   }
 
   private aim(): void {

@@ -31,12 +31,12 @@ export class Patch {
     this.canvas.hidden = frame === null;
     if (!frame) return;
     this.size = {
-      width: fitted(this.size.width, frame.width, view.width),
-      height: fitted(this.size.height, frame.height, view.height),
+      width: fitSize(this.size.width, frame.width, view.width),
+      height: fitSize(this.size.height, frame.height, view.height),
     };
     const { width, height } = this.size;
-    const left = Math.floor(within(frame.left - (width - frame.width) / 2, view.width - width));
-    const top = Math.floor(within(frame.top - (height - frame.height) / 2, view.height - height));
+    const left = Math.floor(clamp(frame.left - (width - frame.width) / 2, view.width - width));
+    const top = Math.floor(clamp(frame.top - (height - frame.height) / 2, view.height - height));
     const ratio = Math.min(devicePixelRatio, sharpness);
     this.sketch.draw(objects, camera, view, { left, top, width, height, ratio }, screen);
     Object.assign(this.canvas.style, { width: `${width}px`, height: `${height}px`, transform: `translate(${left}px, ${top}px)` });
@@ -48,13 +48,13 @@ export class Patch {
 }
 
 /** A length that holds `needed` px, as it is or in whole steps, and none longer than `most`. */
-function fitted(present: number, needed: number, most: number): number {
+function fitSize(present: number, needed: number, most: number): number {
   const wanted = STEP * Math.ceil(needed / STEP);
   if (present >= wanted && present <= wanted + ROOM * STEP && present <= most) return present;
   return Math.min(wanted, most);
 }
 
-function within(value: number, most: number): number {
+function clamp(value: number, most: number): number {
   return Math.max(0, Math.min(value, most));
 }
 

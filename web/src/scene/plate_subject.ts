@@ -123,13 +123,13 @@ export class PlateSubject extends AxesSubject {
       const to = from.addScaledVector(along, far).divideScalar(MM);
       this.wish.set(to.x, to.y, this.wish.z);
     }
-    return this.bounded();
+    return this.boundWish();
   }
 
   override press(notches: number): Wish {
     this.grasped = true;
     this.wish.z += notches * STEP;
-    return this.bounded();
+    return this.boundWish();
   }
 
   override nudge(right: number, up: number): Wish {
@@ -138,16 +138,16 @@ export class PlateSubject extends AxesSubject {
     const across = new Vector3().setFromMatrixColumn(matrixWorld, 0).setZ(0).normalize();
     this.wish.addScaledVector(across, right * STEP);
     this.wish.addScaledVector(new Vector3(-across.y, across.x, 0), up * STEP);
-    return this.bounded();
+    return this.boundWish();
   }
 
-  private bounded(): Wish {
+  private boundWish(): Wish {
     const { half_width, contact_height, thickness } = this.plate;
     const [x, y] = half_width;
     this.wish.clamp(
       new Vector3(-x, -y, contact_height + DEEPEST),
       new Vector3(x, y, contact_height + thickness + HIGHEST),
     );
-    return this.wanted();
+    return this.currentWish();
   }
 }

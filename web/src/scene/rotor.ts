@@ -51,7 +51,7 @@ export class Rotor {
     const magnets = partsOf(mover, "magnet");
     // Alike in size and distance: the file gives one for all.
     [this.coil, this.magnet] = [coils[0]!, magnets[0]!];
-    this.coils = this.wound(coils);
+    this.coils = this.makeCoils(coils);
     this.stator.add(this.coils, this.foot(), chips(mover));
     this.magnets(magnets);
     for (const ring of partsOf(mover, "ring")) (ring.moves ? this.group : this.stator).add(placePart(ring, this.steel));
@@ -98,7 +98,7 @@ export class Rotor {
     return (distanceOf(this.magnet) + this.magnet.length / 2) * MM;
   }
 
-  private wound(coils: readonly RoundPart[]): InstancedMesh {
+  private makeCoils(coils: readonly RoundPart[]): InstancedMesh {
     const material = new MeshLambertMaterial({ side: DoubleSide, flatShading: true });
     return placeEach(roundBody(this.coil, 28), material, coils.map((coil) => coil.position), coils.map((coil) => coil.axis));
   }

@@ -8,7 +8,7 @@ import { Goal } from "./goal";
 import { Rotor } from "./rotor";
 import type { Stage } from "./stage";
 import type { Subject, Wish } from "./subject";
-import { angles, axis, turned, type Quaternion } from "./turn";
+import { angles, axis, quaternionOf, type Quaternion } from "./turn";
 
 const MM = 1000;
 const LONGEST = 200; // mm of arrow at the greatest torque
@@ -20,8 +20,8 @@ export class RotorSubject implements Subject {
   readonly keys = [
     ["← → ↑ ↓", "tilt the handle by 1° (with Shift: 5°)"],
     ["Q, E", "spin the handle by 2° (with Shift: 10°); or the wheel during a drag"],
-    ["R, T", "the handle rotates what it holds, or translates it"],
-    ["hold C", "let go, to turn the handle back and reach further"],
+    ["R, T", "the handle rotates the object, or translates it"],
+    ["hold C", "release the clutch, to turn the handle back and reach further"],
   ] as const;
   readonly range: number;
   grasped = false;
@@ -48,7 +48,7 @@ export class RotorSubject implements Subject {
     this.rotor = new Rotor(mover, this.range, touch);
     this.goal = new Goal(touch);
     stage.canvas.ariaLabel =
-      "Motor with a handle. Arrow keys tilt it, Q and E spin it, R and T choose how it moves what it holds, holding C lets go, question mark lists all keys.";
+      "Motor with a handle. Arrow keys tilt it, Q and E spin it, R and T choose how it moves the object, holding C releases the clutch, question mark lists all keys.";
     this.asked = new Arrow(false, "--asked", 0.35, 7, touch);
     this.given = new Arrow(true, "--given", 0, 6, touch);
     stage.scene.add(this.rotor.stator, this.rotor.group, this.goal.group, this.given.mesh, this.asked.mesh);
@@ -100,7 +100,7 @@ export class RotorSubject implements Subject {
 
   paint(): void {}
 
-  felt(): { force: number; saturated: boolean } {
+  forceAt(): { force: number; saturated: boolean } {
     return { force: NaN, saturated: false };
   }
 
@@ -118,7 +118,7 @@ export class RotorSubject implements Subject {
     // The handle is held where it was grasped: the difference to its middle stays as it was on the screen.
     const at = this.stage.project(this.along().multiplyScalar(this.handle * MM));
     this.slip = { x: at.x - x, y: at.y - y };
-    return this.wanted();
+    return this.currentWish();
   }
 
   drag(x: number, y: number): Wish {
@@ -129,7 +129,7 @@ export class RotorSubject implements Subject {
     const inside = b * b - from.lengthSq() + radius * radius;
     // Beside the sphere its nearest outline counts.
     this.aimAt(from.addScaledVector(along, inside > 0 ? -b - Math.sqrt(inside) : -b));
-    return this.wanted();
+    return this.currentWish();
   }
 
   press(notches: number): Wish {
@@ -140,7 +140,7 @@ export class RotorSubject implements Subject {
   spin(degrees: number): Wish {
     this.grasped = true;
     this.wish[2] += degrees * DEGREE;
-    return this.wanted();
+    return this.currentWish();
   }
 
   nudge(right: number, up: number): Wish {
@@ -149,10 +149,10 @@ export class RotorSubject implements Subject {
     const step = new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 0).multiplyScalar(right * DEGREE);
     step.addScaledVector(new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 1), up * DEGREE);
     step.addScaledVector(u, -step.dot(u));
-    if (step.lengthSq() < 1e-12) return this.wanted();
+    if (step.lengthSq() < 1e-12) return this.currentWish();
     const angle = Math.hypot(right, up) * DEGREE;
     this.aimAt(u.multiplyScalar(Math.cos(angle)).addScaledVector(step.normalize(), Math.sin(angle)));
-    return this.wanted();
+    return this.currentWish();
   }
 
   anchor(): Spot {
@@ -170,7 +170,7 @@ export class RotorSubject implements Subject {
   }
 
   private along(): Vector3 {
-    return new Vector3(...axis(turned(this.wish)));
+    return new Vector3(...axis(quaternionOf(this.wish)));
   }
 
   /** The handle along `direction`, kept inside the workspace; its spin stays. */
@@ -185,8 +185,8 @@ export class RotorSubject implements Subject {
     this.wish = [Math.atan2(-u.y, u.z), Math.asin(Math.min(1, Math.max(-1, u.x))), this.wish[2]];
   }
 
-  private wanted(): Wish {
-    return { p: [0, 0, 0], q: turned(this.wish) };
+  private currentWish(): Wish {
+    return { p: [0, 0, 0], q: quaternionOf(this.wish) };
   }
 
   private aim(arrow: Arrow, torque: Vector): void {

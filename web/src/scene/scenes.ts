@@ -14,7 +14,6 @@ const MM = 1000;
 
 const DOME: DeviceScene = {
   held: "stylus",
-  gives: "force",
   radial: true,
   colours: "force",
   home: () => ({ azimuth: -62, elevation: 26, distance: 262, centre: [0, 0, 43] }),
@@ -24,7 +23,6 @@ const DOME: DeviceScene = {
 
 const MOTOR: DeviceScene = {
   held: "handle",
-  gives: "torque",
   radial: false,
   colours: "currents",
   home: () => ({ azimuth: -62, elevation: 24, distance: 560, centre: [-30, -16, 0] }),
@@ -34,7 +32,6 @@ const MOTOR: DeviceScene = {
 
 const AXES: DeviceScene = {
   held: "marker",
-  gives: "force",
   radial: false,
   colours: "none",
   home: (session) => {
@@ -47,7 +44,6 @@ const AXES: DeviceScene = {
 
 const PLATE: DeviceScene = {
   held: "tool",
-  gives: "force",
   radial: false,
   colours: "currents",
   home: (session) => {

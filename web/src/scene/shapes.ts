@@ -22,7 +22,7 @@ const MOVED = 2e-5; // m: less is no reason to draw
 const TURNED = 2e-3; // of a quaternion's parts
 
 const COLOURS = { held: "--held", moves: "--loose", fixed: "--base", path: "--map-ink", "": "--plug" };
-const WORDS = { held: "what you hold", moves: "moves", fixed: "stands still", path: "path" };
+const WORDS = { held: "held body", moves: "moves", fixed: "fixed body", path: "path" };
 
 /** How far a body may reach from its middle [m]. */
 const reach = ({ size, points }: Shape): number =>
@@ -39,7 +39,7 @@ export class Shapes {
     "": new MeshLambertMaterial(),
   };
   private shapes: Shape[] = [];
-  private told = "[]";
+  private lastText = "[]";
   private drawn: number[][] = [];
 
   /** `unit`: units of the picture per metre. */
@@ -61,9 +61,9 @@ export class Shapes {
 
   /** Another world, or other sizes. */
   build(shapes: Shape[]): void {
-    const told = JSON.stringify(shapes);
-    if (told === this.told) return;
-    this.told = told;
+    const text = JSON.stringify(shapes);
+    if (text === this.lastText) return;
+    this.lastText = text;
     for (const child of [...this.group.children]) {
       (child as Mesh<BufferGeometry>).geometry.dispose();
       this.group.remove(child);
@@ -76,7 +76,7 @@ export class Shapes {
       this.group.add(mesh);
     }
     this.drawn = shapes.map(() => []);
-    this.stage.joins(this.group);
+    this.stage.join(this.group);
     this.stage.touch();
     this.explain();
   }
@@ -141,13 +141,13 @@ export class Shapes {
       }
       moved = true;
     });
-    if (moved) this.stage.moved();
+    if (moved) this.stage.touchMoving();
   }
 
   forget(): void {
     this.group.children.forEach((mesh, k) => (mesh.visible = this.shapes[k]!.place === null));
     this.drawn = this.shapes.map(() => []);
-    this.stage.moved();
+    this.stage.touchMoving();
   }
 
   /** Where each body's middle is on the canvas [CSS px], for tests. */

@@ -1,5 +1,5 @@
 // The drawing surface: camera, light, and a renderer that draws only what changed. Where drawing is slow, what stands
-// still is drawn once and kept under the canvas, and only where something moves a small canvas over it is drawn anew.
+// still is drawn once and kept under the canvas, and a small canvas over it redraws only the moving parts.
 
 import {
   Color,
@@ -71,7 +71,7 @@ export class Stage {
   }
 
   /** `object` moves, too, with whatever it holds now. */
-  joins(object: Object3D): void {
+  join(object: Object3D): void {
     if (!this.moving.length) return;
     if (!this.moving.includes(object)) this.moving.push(object);
     object.traverse((part) => part.layers.set(MOVING));
@@ -91,7 +91,7 @@ export class Stage {
   }
 
   /** Only what moves did: draw it at the next frame. */
-  moved(): void {
+  touchMoving(): void {
     this.dirty = true;
   }
 
@@ -112,8 +112,8 @@ export class Stage {
     if (!this.dirty) return false;
     this.dirty = false;
     const layered = this.detail.layered && this.moving.length > 0 && now - this.changed >= SETTLE;
-    if (layered) this.layered(now);
-    else this.whole(now);
+    if (layered) this.drawLayers(now);
+    else this.drawWhole(now);
     return true;
   }
 
@@ -122,7 +122,7 @@ export class Stage {
     return this.backdrop.made;
   }
 
-  private whole(now: number): void {
+  private drawWhole(now: number): void {
     this.backdrop.drop();
     this.patch.hide();
     this.canvas.classList.remove("empty");
@@ -134,7 +134,7 @@ export class Stage {
     this.faded = false;
   }
 
-  private layered(now: number): void {
+  private drawLayers(now: number): void {
     if (!this.backdrop.holds) {
       this.sharpen(this.detail.kept);
       this.camera.layers.set(STILL);

@@ -1,7 +1,7 @@
 // What a device's own picture must be able to do; the page around it does not ask which device it is.
 
 import type { Sample, Vector } from "../sample";
-import type { Felt, Mesh } from "../wire";
+import type { ForceMap, Mesh } from "../wire";
 
 /** Where the hand should go next [m], and how it turns the mover; without `q` the device decides. */
 export interface Wish {
@@ -13,7 +13,7 @@ export interface Subject {
   /** the sentence for the first minute, and what each key does here */
   readonly hint: string;
   readonly keys: readonly (readonly [string, string])[];
-  /** what full colour means: of the felt map [N], or of the coils [A] */
+  /** what full colour means: of the force map [N], or of the coils [A] */
   readonly range: number;
   readonly arrowVisible: boolean;
   /** Draw this sample; true if the picture changed visibly. */
@@ -23,9 +23,9 @@ export interface Subject {
   /** Known again. */
   live(): void;
   shape(mesh: Mesh): void;
-  paint(felt: Felt): void;
+  paint(map: ForceMap): void;
   /** What is painted in a direction. */
-  felt(direction: readonly number[]): { force: number; saturated: boolean };
+  forceAt(direction: readonly number[]): { force: number; saturated: boolean };
   /** Whether a pointer at (x, y) [px] would take hold, within `reach` pixels. */
   near(x: number, y: number, reach: number): boolean;
   /** Take hold at (x, y), drag to (x, y), press in or lift by millimetres. Each gives the hand's next wish. */

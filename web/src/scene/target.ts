@@ -39,7 +39,7 @@ export class Target {
   private readonly beams: Beam[] = [];
   private readonly arrows: Arrow[];
   private scene: TargetScene | null = null;
-  private told = "";
+  private lastText = "";
   private readonly last = new Float32Array(23);
   /** how far the tip of each hook is bent in the picture [m], for tests */
   bent: [number, number] = [0, 0];
@@ -68,9 +68,9 @@ export class Target {
 
   /** Another world, or other sizes; null: a target without a socket. */
   build(scene: TargetScene | null): void {
-    const told = JSON.stringify(scene);
-    if (told === this.told) return;
-    this.told = told;
+    const text = JSON.stringify(scene);
+    if (text === this.lastText) return;
+    this.lastText = text;
     this.scene = scene;
     for (const group of [this.plug, this.socket]) clear(group);
     this.beams.length = 0;

@@ -22,7 +22,7 @@ export class TargetPane {
 
   constructor(scene: TargetScene | null, shapes: Shape[], best: Level) {
     this.stage = new Stage(at<HTMLCanvasElement>("target-scene"), best);
-    this.orbit = new Orbit(this.stage.camera, () => this.moved(), this.home);
+    this.orbit = new Orbit(this.stage.camera, () => this.updateScale(), this.home);
     this.target = new Target(this.stage);
     this.shapes = new Shapes(this.stage, UNIT, shapes, at("bodies"));
     this.build(scene);
@@ -31,7 +31,7 @@ export class TargetPane {
       canvas.setPointerCapture(event.pointerId);
       this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     });
-    canvas.addEventListener("pointermove", (event) => this.dragged(event));
+    canvas.addEventListener("pointermove", (event) => this.drag(event));
     for (const kind of ["pointerup", "pointercancel", "lostpointercapture"] as const) {
       canvas.addEventListener(kind, (event) => this.pointers.delete(event.pointerId));
     }
@@ -48,7 +48,7 @@ export class TargetPane {
     }
     new ResizeObserver(() => {
       if (this.shapes.scene) this.frameShapes();
-      this.moved();
+      this.updateScale();
     }).observe(at("target-free"));
   }
 
@@ -98,9 +98,9 @@ export class TargetPane {
     const to = (outline.at(-1)![0] + 10e-3) * UNIT;
     this.home.centre = [(from + to) / 2, -14, -22];
     this.home.distance = Math.max(300, 2.4 * (to - from));
-    const told = JSON.stringify(this.home);
-    if (told === this.framed) return; // a slider that moves nothing leaves the view as it was turned
-    this.framed = told;
+    const home = JSON.stringify(this.home);
+    if (home === this.framed) return; // a slider that moves nothing leaves the view as it was turned
+    this.framed = home;
     this.orbit.centre.set(...this.home.centre);
     this.orbit.reset();
   }
@@ -113,19 +113,19 @@ export class TargetPane {
     this.stage.centre = { x: free.offsetLeft + free.clientWidth / 2, y: free.offsetTop + free.clientHeight / 2 };
     const turned = this.orbit.distance / this.home.distance;
     this.home.centre = centre.map((one) => one * UNIT) as Home["centre"];
-    // Seen from the side it is flat; what is held moves sideways, as a drawer does.
+    // Seen from the side it is flat; the held body moves sideways, as a drawer does.
     const reach = radius * UNIT;
     this.home.distance = Math.max(this.stage.fit(1.25 * reach, width), this.stage.fit(0.65 * reach, height));
-    const told = JSON.stringify(this.home);
-    if (told === this.framed) return;
+    const home = JSON.stringify(this.home);
+    if (home === this.framed) return;
     const other = this.orbit.centre.toArray().some((one, i) => one !== this.home.centre[i]);
-    this.framed = told;
+    this.framed = home;
     this.orbit.centre.set(...this.home.centre);
     if (other) this.orbit.reset();
     else this.orbit.zoom((turned * this.home.distance) / this.orbit.distance); // the page was resized
   }
 
-  private dragged(event: PointerEvent): void {
+  private drag(event: PointerEvent): void {
     const before = this.pointers.get(event.pointerId);
     if (!before) return;
     const now = { x: event.clientX, y: event.clientY };
@@ -142,7 +142,7 @@ export class TargetPane {
     this.orbit.zoom(Math.exp(event.deltaY * 0.001));
   }
 
-  private moved(): void {
+  private updateScale(): void {
     this.stage.touch();
     const pixels = (this.stage.scale(this.orbit.distance) * UNIT) / 1000;
     const millimetres = [1, 2, 5, 10].find((mm) => mm * pixels > 35) ?? 20;

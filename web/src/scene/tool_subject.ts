@@ -3,10 +3,10 @@
 import { Vector3 } from "three";
 import { norm, type Sample, type Vector } from "../sample";
 import type { Session, DomeScene } from "../session";
-import type { Felt, Mesh } from "../wire";
+import type { ForceMap, Mesh } from "../wire";
 import { Arrow } from "./arrow";
 import { Body } from "./body";
-import { FeltDome } from "./felt_dome";
+import { ForceDome } from "./force_dome";
 import { Goal } from "./goal";
 import type { Stage } from "./stage";
 import { Stylus } from "./stylus";
@@ -22,7 +22,7 @@ const LONGEST = 72; // mm of arrow at the greatest force
 export class ToolSubject implements Subject {
   readonly hint: string;
   readonly keys: readonly (readonly [string, string])[];
-  readonly dome: FeltDome;
+  readonly dome: ForceDome;
   private readonly body: Body;
   private readonly stylus: Stylus;
   private readonly goal: Goal;
@@ -53,7 +53,7 @@ export class ToolSubject implements Subject {
     this.workspace = tool.workspace;
     this.arrowScale = LONGEST / limits.force;
     this.limits = limits.current;
-    this.dome = new FeltDome(tool.dome_radius * MM, touch);
+    this.dome = new ForceDome(tool.dome_radius * MM, touch);
     this.body = new Body(tool, touch);
     this.stylus = new Stylus(tool, touch);
     this.goal = new Goal(touch);
@@ -79,7 +79,7 @@ export class ToolSubject implements Subject {
     return this.dome.blank ? 0 : this.dome.range;
   }
 
-  felt(direction: readonly number[]): { force: number; saturated: boolean } {
+  forceAt(direction: readonly number[]): { force: number; saturated: boolean } {
     return this.dome.at(direction);
   }
 
@@ -107,7 +107,7 @@ export class ToolSubject implements Subject {
     this.aim(this.asked, from, asked);
     if (this.body.glow(currents, this.limits)) this.stage.fade();
     if (!this.grasped && Number.isFinite(target[0])) this.follow(target);
-    this.stage.moved();
+    this.stage.touchMoving();
     return true;
   }
 
@@ -128,7 +128,7 @@ export class ToolSubject implements Subject {
     this.dome.shape(directions, triangles);
   }
 
-  paint({ force, saturated }: Felt): void {
+  paint({ force, saturated }: ForceMap): void {
     this.dome.paint(force, saturated);
     this.dome.live(true);
   }
@@ -150,7 +150,7 @@ export class ToolSubject implements Subject {
     // The pen is held where it was grasped, not where its magnet is: the difference stays as it was on the screen.
     const at = this.stage.project(this.wish.clone().multiplyScalar(this.contact + this.lift));
     this.slip = { x: at.x - x, y: at.y - y };
-    return this.wanted();
+    return this.currentWish();
   }
 
   drag(x: number, y: number): Wish {
@@ -161,13 +161,13 @@ export class ToolSubject implements Subject {
     const inside = b * b - from.lengthSq() + radius * radius;
     // Beside the sphere its nearest outline counts.
     this.aimAt(from.addScaledVector(along, inside > 0 ? -b - Math.sqrt(inside) : -b));
-    return this.wanted();
+    return this.currentWish();
   }
 
   press(millimetres: number): Wish {
     this.grasped = true;
     this.lift = Math.min(HIGHEST, Math.max(DEEPEST, this.lift + millimetres));
-    return this.wanted();
+    return this.currentWish();
   }
 
   nudge(right: number, up: number): Wish {
@@ -178,9 +178,9 @@ export class ToolSubject implements Subject {
     const step = axisRight.multiplyScalar(right * radians).addScaledVector(axisUp, up * radians);
     step.addScaledVector(this.wish, -step.dot(this.wish));
     const angle = Math.hypot(right, up) * radians;
-    if (step.lengthSq() < 1e-12) return this.wanted();
+    if (step.lengthSq() < 1e-12) return this.currentWish();
     this.aimAt(this.wish.clone().multiplyScalar(Math.cos(angle)).addScaledVector(step.normalize(), Math.sin(angle)));
-    return this.wanted();
+    return this.currentWish();
   }
 
   anchor(): { x: number; y: number } {
@@ -216,7 +216,7 @@ export class ToolSubject implements Subject {
     this.lift = Math.min(HIGHEST, Math.max(DEEPEST, lift));
   }
 
-  private wanted(): Wish {
+  private currentWish(): Wish {
     const p = this.wish.clone().multiplyScalar((this.contact + this.lift) / MM);
     return { p: [p.x, p.y, p.z] };
   }

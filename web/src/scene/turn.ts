@@ -5,7 +5,7 @@ import type { Vector } from "../sample";
 export type Quaternion = [number, number, number, number];
 
 /** The quaternion of the angles (ψ, λ, φ). */
-export function turned([psi, lambda, phi]: Vector): Quaternion {
+export function quaternionOf([psi, lambda, phi]: Vector): Quaternion {
   const [a, b, c] = [Math.sin(psi / 2), Math.sin(lambda / 2), Math.sin(phi / 2)];
   const [u, v, w] = [Math.cos(psi / 2), Math.cos(lambda / 2), Math.cos(phi / 2)];
   return [a * v * w + u * b * c, u * b * w - a * v * c, u * v * c + a * b * w, u * v * w - a * b * c];

@@ -1,7 +1,7 @@
 // The experimenter's page: where the session stands, what is asked and answered, what the device did, and the levers.
 
 import { BY_HAND, element, Line, say, show, type About, type Pen, type View } from "./line";
-import { draw, felt } from "./plan";
+import { draw, describeForce } from "./plan";
 
 interface Trip {
   t: number;
@@ -54,7 +54,7 @@ const WORDS: Record<string, [string, string]> = {
   break: ["break", "good"],
   running: ["trial", "good"],
   "time is up": ["time is up, no answer yet", "warn"],
-  "device off": ["device off, the trial waits", "bad"],
+  "device off": ["device off, the trial is waiting", "bad"],
   paused: ["STOPPED, coils off", "bad"],
   done: ["done", "off"],
   left: ["ended, resumable", "off"],
@@ -77,23 +77,23 @@ const code = element<HTMLInputElement>("code");
 const line = new Line<Everything>(
   "/ws/experimenter",
   {
-    about(told) {
-      about = told;
-      document.title = `${told.study}: experimenter`;
-      say("study", told.study);
-      show("simulated", told.simulated);
-      say("facts-below", `answers: ${told.database ?? ""} · ${told.foretold ?? ""}`);
-      if (!code.value && told.code) code.value = told.code;
+    about(facts) {
+      about = facts;
+      document.title = `${facts.study}: experimenter`;
+      say("study", facts.study);
+      show("simulated", facts.simulated);
+      say("facts-below", `answers: ${facts.database ?? ""} · ${facts.forecast ?? ""}`);
+      if (!code.value && facts.code) code.value = facts.code;
     },
-    view(told) {
-      view = told;
+    view(next) {
+      view = next;
       render();
     },
-    pen(told) {
-      pen = told;
+    pen(next) {
+      pen = next;
       paint();
     },
-    mistake,
+    showMistake,
     viewers(urls) {
       viewers = urls;
       for (const [part, tab] of tabs) {
@@ -103,7 +103,7 @@ const line = new Line<Everything>(
       }
       if (view) log();
     },
-    gone(refused) {
+    onClose(refused) {
       view = null;
       pen = null;
       say("state-word", refused || "no connection");
@@ -122,7 +122,7 @@ const line = new Line<Everything>(
   location.hash.slice(1) || "none",
 );
 
-function mistake(text: string): void {
+function showMistake(text: string): void {
   if (text) {
     for (const tab of tabs.values()) tab?.close();
     tabs.clear();
@@ -132,7 +132,7 @@ function mistake(text: string): void {
   if (element("session-panel").hidden) say("last", text);
 }
 
-function asked(prompt: Prompt): string {
+function describePrompt(prompt: Prompt): string {
   const parts = [];
   if (prompt.set_point) parts.push(`set-point ${prompt.set_point}`);
   if (prompt.condition && prompt.condition !== "base") parts.push(prompt.other ? `${prompt.condition} or ${prompt.other}` : prompt.condition);
@@ -161,11 +161,11 @@ function render(): void {
   bar.value = view.done ?? 0;
   say("progress-word", total ? `${view.done ?? 0} of ${about?.procedure === "staircase" ? "at most " : ""}${total} answered` : "");
   facts();
-  alarm();
+  showAlarm();
   if (!running) {
     const ends: Record<string, string> = { done: "The last session is complete.", left: "The last session can be resumed with its code.", aborted: "The last session was aborted; its answers are kept." };
-    const told = view.trouble || ends[view.state];
-    if (told) say("last", told);
+    const last = view.trouble || ends[view.state];
+    if (last) say("last", last);
     codes();
   }
   safety();
@@ -177,12 +177,12 @@ function render(): void {
 function codes(): void {
   const { taken, free } = view!;
   const open = taken.filter((one) => one.state === "open");
-  const told = [
+  const sentences = [
     free ? `Free: ${free}.` : "",
     open.length ? `To be continued: ${open.map((one) => `${one.code} (${one.answered} answered)`).join(", ")}.` : "",
     taken.length > open.length ? `Taken: ${taken.filter((one) => one.state !== "open").map((one) => `${one.code} (${one.state})`).join(", ")}.` : "",
   ];
-  const text = told.filter(Boolean).join(" ");
+  const text = sentences.filter(Boolean).join(" ");
   if (element("taken").textContent === text) return;
   say("taken", text);
   code.placeholder = free || "P01";
@@ -197,24 +197,24 @@ function codes(): void {
 
 function facts(): void {
   const v = view!;
-  const told: [string, string][] = [
+  const facts: [string, string][] = [
     ["participant", `${v.code}${v.resumed ? " (resumed)" : ""}`],
     ["participant's page", v.pages ? (v.pages > 1 ? `${v.pages} are open: close all but one` : "open") : "not open"],
   ];
-  if (v.prompt) told.push(["asked", asked(v.prompt)]);
-  if (v.prompt && v.which && v.prompt.interval) told.push(["rendered now", `interval ${v.which}`]);
+  if (v.prompt) facts.push(["asked", describePrompt(v.prompt)]);
+  if (v.prompt && v.which && v.prompt.interval) facts.push(["rendered now", `interval ${v.which}`]);
   if (v.state === "running" || v.state === "time is up") {
-    told.push(["answer so far", v.draft === null ? "–" : `${v.draft} (not confirmed)`]);
-    told.push(["time in trial", `${v.seconds ?? 0} s`]);
+    facts.push(["answer so far", v.draft === null ? "–" : `${v.draft} (not confirmed)`]);
+    facts.push(["time in trial", `${v.seconds ?? 0} s`]);
   }
-  if (v.left) told.push(["rest left", `${v.left} s`]);
-  if (v.question) told.push(["question", v.question.text]);
+  if (v.left) facts.push(["rest remaining", `${v.left} s`]);
+  if (v.question) facts.push(["question", v.question.text]);
   const list = element("facts");
-  const key = JSON.stringify(told);
+  const key = JSON.stringify(facts);
   if (list.dataset["key"] === key) return;
   list.dataset["key"] = key;
   list.replaceChildren(
-    ...told.map(([name, value]) => {
+    ...facts.map(([name, value]) => {
       const row = document.createElement("div");
       const [dt, dd] = [document.createElement("dt"), document.createElement("dd")];
       dt.textContent = name;
@@ -226,7 +226,7 @@ function facts(): void {
 }
 
 /** What needs the experimenter: a Stop, a device that is off, a session that ended by itself. */
-function alarm(): void {
+function showAlarm(): void {
   const v = view!;
   const last = v.trips?.[v.trips.length - 1];
   const stopped = v.stopped !== "" && v.code !== "";
@@ -237,11 +237,11 @@ function alarm(): void {
   if (stopped) {
     const coils = v.unconfirmed ? `The device has not confirmed that its coils are off. ${BY_HAND}` : v.state === "starting" ? "The device stays off after it starts." : "The coils are off.";
     say("alert-word", `Stopped ${v.stopped}.`);
-    say("alert-text", `${coils} Ask the participant whether to continue: then press Resume, or end the session below.`);
+    say("alert-text", `${coils} Ask the participant whether to continue; then press Resume, or end the session below.`);
     return;
   }
   say("alert-word", v.state === "failed" ? "The session ended." : "The device is off.");
-  say("alert-text", v.state === "failed" ? v.trouble : (v.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : "") + (last && last.trial === v.trial ? last.reason : "Switch it on again to continue.") + (v.state === "device off" ? " The trial then begins anew." : ""));
+  say("alert-text", v.state === "failed" ? v.trouble : (v.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : "") + (last && last.trial === v.trial ? last.reason : "Switch it on again to continue.") + (v.state === "device off" ? " The trial then starts again." : ""));
 }
 
 function safety(): void {
@@ -260,20 +260,20 @@ function safety(): void {
 
 function log(): void {
   const answered = view!.log;
-  const told = JSON.stringify([answered.length, viewers]);
-  if (told === rows) return;
-  rows = told;
+  const key = JSON.stringify([answered.length, viewers]);
+  if (key === rows) return;
+  rows = key;
   element("log").replaceChildren(
     ...[...answered].reverse().map((row) => {
       const line = document.createElement("tr");
-      const cells = [row.trial + 1, asked(row), row.answer ?? "place", row.seconds.toFixed(1), [...row.safety, ...(row.repeats ? [`began anew ${row.repeats === 1 ? "once" : `${row.repeats} times`}`] : [])].join(", ")];
+      const cells = [row.trial + 1, describePrompt(row), row.answer ?? "place", row.seconds.toFixed(1), [...row.safety, ...(row.repeats ? [`restarted ${row.repeats === 1 ? "once" : `${row.repeats} times`}`] : [])].join(", ")];
       line.append(
         ...cells.map((cell) => {
           const made = document.createElement("td");
           made.textContent = String(cell);
           return made;
         }),
-        played(row),
+        makeReplayLink(row),
       );
       return line;
     }),
@@ -281,7 +281,7 @@ function log(): void {
 }
 
 /** The way to the recording of a trial: a button that starts its viewer, then a link to that. */
-function played({ trial, recording }: Row): HTMLElement {
+function makeReplayLink({ trial, recording }: Row): HTMLElement {
   const cell = document.createElement("td");
   if (recording === null) return cell;
   const url = viewers[recording];
@@ -294,7 +294,7 @@ function played({ trial, recording }: Row): HTMLElement {
   const button = Object.assign(document.createElement("button"), { type: "button", textContent: url === "" ? "starting …" : "view", disabled: url === "" });
   button.ariaLabel = `View the recording of trial ${trial + 1}`;
   button.addEventListener("click", () => {
-    mistake("");
+    showMistake("");
     // Now, while it is the person's own wish: browsers let no page open a tab later.
     if (line.send({ do: "view", trial })) tabs.set(recording, window.open("", "_blank"));
   });
@@ -306,18 +306,18 @@ function paint(): void {
   if (!about) return;
   const prompted = view?.prompt?.set_point;
   draw(pad, { limit: about.limit, places: about.places, pen, ...(prompted ? { prompted } : {}) });
-  say("felt", view?.code && pen ? felt(pen) : "");
+  say("felt", view?.code && pen ? describeForce(pen) : "");
 }
 
 const levers: Record<string, string> = { resume: "resume", repeat: "repeat", skip: "skip", leave: "leave", engage: "engage" };
 for (const [id, command] of Object.entries(levers)) {
   element(id).addEventListener("click", () => {
-    mistake("");
+    showMistake("");
     line.send({ do: command });
   });
 }
 function stop(): void {
-  if (!line.send({ do: "stop" })) mistake(`STOP could not be sent. ${BY_HAND}`);
+  if (!line.send({ do: "stop" })) showMistake(`STOP could not be sent. ${BY_HAND}`);
 }
 element("stop").addEventListener("click", stop);
 element("abort").addEventListener("click", () => {
@@ -331,7 +331,7 @@ element("abort-sure").addEventListener("click", () => {
 });
 element("begin").addEventListener("submit", (event) => {
   event.preventDefault();
-  mistake("");
+  showMistake("");
   line.send({ do: "begin", code: code.value.trim() });
 });
 addEventListener("keydown", (event) => {

@@ -16,7 +16,7 @@ export interface About {
   limit: number;
   mask: { noise: "pink" | "white"; volume_db: number } | null;
   database?: string;
-  foretold?: string;
+  forecast?: string;
   code?: string;
 }
 
@@ -26,6 +26,7 @@ export interface Task {
   numbers: number[];
   low?: number;
   high?: number;
+  decimal?: boolean; // any number above low, not only a whole one
 }
 
 export interface Question {
@@ -43,7 +44,7 @@ export interface View {
   question: Question | null;
   /** who stopped; empty: nobody did, or somebody has resumed since */
   stopped: string;
-  /** the coils are told to be off, and the device has not confirmed it */
+  /** the coils are commanded off, and the device has not confirmed it */
   unconfirmed: boolean;
   resumed?: boolean;
   watching?: boolean;
@@ -53,7 +54,7 @@ export interface View {
   left?: number;
   off?: boolean;
   steered?: boolean;
-  /** how often this trial began anew */
+  /** how often this trial was restarted */
   repeats?: number;
   which?: number;
   practice?: boolean;
@@ -69,15 +70,15 @@ export interface Pen {
   fy?: number;
 }
 
-export interface Hears<V extends View> {
+export interface Handlers<V extends View> {
   about(about: About): void;
   view(view: V): void;
   pen(pen: Pen | null): void;
-  mistake(text: string): void;
+  showMistake(text: string): void;
   /** where recorded trials are played, by their part of the recording; empty while a viewer starts */
   viewers?(urls: Record<string, string>): void;
   /** nothing that is shown may be taken for live any more */
-  gone(refused: string): void;
+  onClose(refused: string): void;
 }
 
 const AGAIN = 1000; // ms
@@ -87,13 +88,13 @@ export class Line<V extends View> {
 
   constructor(
     private readonly path: string,
-    private readonly hears: Hears<V>,
+    private readonly handlers: Handlers<V>,
     private readonly token = "",
   ) {
     this.open();
   }
 
-  /** Whether it was sent: without a connection nobody hears it. */
+  /** Whether it was sent: without a connection nobody handlers it. */
   send(command: Record<string, unknown>): boolean {
     if (this.socket?.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify(command));
@@ -107,15 +108,15 @@ export class Line<V extends View> {
       if (this.token) socket.send(this.token);
     };
     socket.onmessage = (message: MessageEvent<string>) => {
-      const told = JSON.parse(message.data) as { event: string; is?: unknown; text?: string };
-      if (told.event === "about") this.hears.about(told as unknown as About);
-      else if (told.event === "view") this.hears.view(told.is as V);
-      else if (told.event === "pen") this.hears.pen(told.is as Pen | null);
-      else if (told.event === "viewers") this.hears.viewers?.(told.is as Record<string, string>);
-      else if (told.event === "mistake") this.hears.mistake(told.text ?? "");
+      const line = JSON.parse(message.data) as { event: string; is?: unknown; text?: string };
+      if (line.event === "about") this.handlers.about(line as unknown as About);
+      else if (line.event === "view") this.handlers.view(line.is as V);
+      else if (line.event === "pen") this.handlers.pen(line.is as Pen | null);
+      else if (line.event === "viewers") this.handlers.viewers?.(line.is as Record<string, string>);
+      else if (line.event === "mistake") this.handlers.showMistake(line.text ?? "");
     };
     socket.onclose = (end) => {
-      this.hears.gone(end.code === 1008 ? end.reason : "");
+      this.handlers.onClose(end.code === 1008 ? end.reason : "");
       if (end.code !== 1008) setTimeout(() => this.open(), AGAIN);
     };
   }

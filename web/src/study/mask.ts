@@ -1,6 +1,6 @@
 // Noise on headphones, so that the device cannot be heard. Its effective value is stated, not guessed.
 
-const SECONDS = 8; // of noise, repeated: long enough that nobody hears the repetition
+const SECONDS = 8; // of noise, repeated: long enough that nobody handlers the repetition
 
 export class Mask {
   private context: AudioContext | null = null;
@@ -36,7 +36,7 @@ export class Mask {
     return this.context?.state === "running";
   }
 
-  get told(): string {
+  get state(): string {
     return `Noise is played during the study (${this.noise}, ${this.volume} dB of full scale). Put the headphones on.`;
   }
 }

@@ -2,7 +2,7 @@
 
 import { BY_HAND, element, Line, say, show, type About, type Pen, type Question, type Task, type View } from "./line";
 import { Mask } from "./mask";
-import { across, draw, felt, under } from "./plan";
+import { across, draw, describeForce, under } from "./plan";
 
 const STEP = 3; // deg that an arrow key moves the pen
 const SOON = 20; // ms between two places of a dragged pen
@@ -26,25 +26,25 @@ const typed = element<HTMLInputElement>("typed");
 const pad = element<HTMLCanvasElement>("pad");
 
 const line = new Line<View>("/ws/participant", {
-  about(told) {
-    about = told;
-    mask ??= told.mask ? new Mask(told.mask.noise, told.mask.volume_db) : null;
-    document.title = told.study;
-    say("study", told.study);
-    show("simulated", told.simulated);
+  about(facts) {
+    about = facts;
+    mask ??= facts.mask ? new Mask(facts.mask.noise, facts.mask.volume_db) : null;
+    document.title = facts.study;
+    say("study", facts.study);
+    show("simulated", facts.simulated);
   },
-  view(told) {
-    const other = told.trial !== view.trial || told.state !== view.state;
-    view = told;
-    if (other) mistake("");
+  view(next) {
+    const other = next.trial !== view.trial || next.state !== view.state;
+    view = next;
+    if (other) showMistake("");
     render();
   },
-  pen(told) {
-    pen = told;
+  pen(next) {
+    pen = next;
     paint();
   },
-  mistake,
-  gone() {
+  showMistake,
+  onClose() {
     view = NOBODY;
     pen = aim = null;
     mask?.stop();
@@ -56,7 +56,7 @@ function inTrial(): boolean {
   return (view.state === "running" || view.state === "time is up") && view.task !== null && !view.watching;
 }
 
-function mistake(text: string): void {
+function showMistake(text: string): void {
   wrong = text;
   show("mistake", text !== "");
   say("mistake", text);
@@ -112,6 +112,9 @@ function answers(task: Task): void {
   show("typed", task.kind !== "place");
   show("typed-label", task.kind !== "place");
   typed.value = "";
+  typed.inputMode = task.decimal ? "decimal" : "numeric";
+  typed.className = task.decimal || (task.high ?? 0) >= 1000 ? "long" : "";
+  say("typed-label", task.decimal ? `Number above ${task.low ?? 0}` : "Number");
   for (const number of task.numbers) {
     const button = document.createElement("button");
     button.type = "button";
@@ -148,36 +151,39 @@ function intervals(task: Task): void {
   [...field.children].forEach((button, n) => button.setAttribute("aria-pressed", String(view.which === n + 1)));
 }
 
-function choose(number: number | null): void {
+/** The answer so far, by button or from what is typed, which stays as it was written. */
+function choose(number: number | null, written = false): void {
   chosen = number;
-  if (number !== null) typed.value = String(number);
+  if (number !== null && !written) typed.value = String(number);
   for (const button of element("answers").children) {
     button.setAttribute("aria-pressed", String((button as HTMLElement).dataset["number"] === String(number)));
   }
-  say("sure", view.task?.kind === "place" ? "Here it is" : number === null ? "Answer" : `Answer ${number}`);
+  say("sure", view.task?.kind === "place" ? "Confirm position" : number === null ? "Answer" : `Answer ${number}`);
   // Not `disabled`: Enter must be able to say what is wrong with the number.
   element("sure").setAttribute("aria-disabled", String(view.task?.kind !== "place" && number === null));
   line.send({ do: "draft", value: number });
 }
 
-function allowed(number: number): boolean {
+function isAllowed(number: number): boolean {
   const task = view.task;
   if (!task) return false;
   if (task.numbers.length) return task.numbers.includes(number);
+  if (task.decimal) return number > (task.low ?? 0) && number <= (task.high ?? 0);
   return number >= (task.low ?? 0) && number <= (task.high ?? 0);
 }
 
 typed.addEventListener("input", () => {
-  typed.value = typed.value.replace(/\D/g, "");
-  const number = typed.value === "" ? null : Number(typed.value);
-  choose(number !== null && allowed(number) ? number : null);
+  if (view.task?.decimal) typed.value = typed.value.replace(/,/g, ".").replace(/[^\d.]/g, "");
+  else typed.value = typed.value.replace(/\D/g, "");
+  const number = typed.value === "" ? null : Number(typed.value); // NaN, which nothing allows, for two points
+  choose(number !== null && isAllowed(number) ? number : null, true);
 });
 
 element("confirm").addEventListener("submit", (event) => {
   event.preventDefault();
   if (!inTrial()) return;
   if (view.task?.kind !== "place" && chosen === null) {
-    mistake(typed.value ? `${typed.value} is not among the answers` : "Choose the number first.");
+    showMistake(typed.value ? `${typed.value} is not among the answers` : "Choose the number first.");
     typed.focus();
     return;
   }
@@ -195,9 +201,9 @@ function renderMessage(): void {
   const buttons = element("message-buttons");
   buttons.replaceChildren();
   show("mask", mask !== null && state === "consent");
-  say("mask", mask?.told ?? "");
+  say("mask", mask?.state ?? "");
   say("keys", "");
-  const [title, text] = words(state);
+  const [title, text] = describeState(state);
   say("message-title", title);
   const place = element("message-text");
   place.replaceChildren(...text.split("\n\n").filter(Boolean).map(paragraph));
@@ -232,13 +238,13 @@ function live(state: string): boolean {
 }
 
 /** What is said of a Stop: who gave it, whether the coils are off, and what comes next. */
-function stopped(): string {
+function describeStop(): string {
   const who = view.stopped === "by the participant" ? "You stopped the device." : `The device was stopped${view.stopped ? ` (${view.stopped})` : ""}.`;
   const coils = view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND}` : view.state === "starting" ? "It stays off after it starts." : "Its coils are off.";
-  return `${who} ${coils}\n\nNothing continues by itself. To continue, tell the experimenter: only they can press Resume. You may also end here.`;
+  return `${who} ${coils}\n\nNothing continues by itself. To continue, tell the experimenter: only they can press Resume. You may also end the session.`;
 }
 
-function words(state: string): [string, string] {
+function describeState(state: string): [string, string] {
   switch (state) {
     case "connecting":
       return ["No connection", `The study's program does not answer, and STOP on this page does not work now. If you feel a force: ${BY_HAND.toLowerCase()}\n\nThis page comes back by itself.`];
@@ -253,9 +259,9 @@ function words(state: string): [string, string] {
     case "break":
       return ["Break", ""];
     case "device off":
-      return ["Please wait", `The device is off; the experimenter sees why. ${view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : ""}When it is on again, this trial begins anew: answers do not count while it is off.`];
+      return ["Please wait", `The device is off; the experimenter sees why. ${view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : ""}When it is on again, this trial starts again: answers do not count while it is off.`];
     case "paused":
-      return ["Stopped", stopped()];
+      return ["Stopped", describeStop()];
     case "question":
       return [view.question?.text ?? "", ""];
     case "watching":
@@ -314,7 +320,7 @@ function ask(question: Question): void {
 function paint(): void {
   if (!about || !view.steered || !inTrial()) return;
   draw(pad, { limit: about.limit, places: about.places, aim: aim ?? undefined, pen });
-  say("felt", felt(pen));
+  say("felt", describeForce(pen));
 }
 
 function steer(x: number, y: number): void {
@@ -327,7 +333,7 @@ function steer(x: number, y: number): void {
 }
 
 function stop(): void {
-  if (!line.send({ do: "stop" })) mistake(`STOP could not be sent. ${BY_HAND}`);
+  if (!line.send({ do: "stop" })) showMistake(`STOP could not be sent. ${BY_HAND}`);
 }
 
 pad.addEventListener("pointerdown", (event) => {
@@ -359,7 +365,7 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", paint);
 addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return;
   const writing = event.target instanceof HTMLTextAreaElement;
-  if (wrong && !writing && event.key !== "Enter") mistake("");
+  if (wrong && !writing && event.key !== "Enter") showMistake("");
   // Elsewhere the space bar presses the button that has the focus, or writes a space.
   const stops = ["starting", "pause", "break", "device off"].includes(view.state);
   if (event.key === "Escape") stop();
@@ -382,7 +388,7 @@ addEventListener("keydown", (event) => {
     line.send({ do: "interval", which: 3 - (view.which ?? 1) });
   } else if (event.key.toLowerCase() === "f" && view.steered) {
     event.preventDefault();
-    say("polite", felt(pen));
+    say("polite", describeForce(pen));
   } else if (/^\d$/.test(event.key) && event.target !== typed && view.task?.kind !== "place") {
     typed.focus(); // the digit itself goes there
     typed.select();

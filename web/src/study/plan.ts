@@ -110,7 +110,7 @@ function arrow(c: CanvasRenderingContext2D, x: number, y: number, fx: number, fy
 }
 
 /** Force in words: what nobody can feel of a simulated device. */
-export function felt(pen: Pen | null): string {
+export function describeForce(pen: Pen | null): string {
   if (!pen) return "the tool's position is unknown";
   if (pen.off) return "coils off";
   if (pen.out === undefined) return "";

@@ -58,7 +58,7 @@ export class Clock {
 }
 
 /** Seconds as a person reads them: 1:02:03.456. */
-export function words(seconds: number, digits = 3): string {
+export function formatTime(seconds: number, digits = 3): string {
   const size = Math.abs(seconds);
   const [h, m, s] = [Math.floor(size / 3600), Math.floor((size % 3600) / 60), size % 60];
   const two = (value: string): string => (value.indexOf(".") === 1 || value.length === 1 ? `0${value}` : value);

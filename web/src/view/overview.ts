@@ -24,7 +24,7 @@ export interface Overview {
   marks: Mark[];
 }
 
-interface Told {
+interface Head {
   done: number;
   rows: number;
   trouble: string;
@@ -38,20 +38,20 @@ export type Trips = Record<string, { word: string; text: string }>;
 /** What the server knows of it now. */
 export async function fetchOverview(recording: number, token: string, played: Recorded, trips: Trips): Promise<Overview> {
   const answer = await fetch(`/api/overview?recording=${recording}`, { headers: { authorization: `Bearer ${token}` } });
-  if (!answer.ok) throw new Error(`the server answered ${answer.status} to /api/overview`);
+  if (!answer.ok) throw new Error(`the server responded with ${answer.status} to /api/overview`);
   const buffer = await answer.arrayBuffer();
   const length = new DataView(buffer).getUint32(0, true);
-  const told = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length))) as Told;
-  const { bins } = told;
+  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length))) as Head;
+  const { bins } = head;
   const ranges = new Map(
-    told.channels.map(({ name, unit }, i) => {
+    head.channels.map(({ name, unit }, i) => {
       const at = 4 + length + 8 * i * bins;
       return [name, { unit, least: new Float32Array(buffer, at, bins), most: new Float32Array(buffer, at + 4 * bins, bins) }];
     }),
   );
-  const marks = told.events.map(({ kind, t, code }): Mark => ({ kind, t, text: describe(kind, code, played, trips) }));
+  const marks = head.events.map(({ kind, t, code }): Mark => ({ kind, t, text: describe(kind, code, played, trips) }));
   marks.sort((a, b) => a.t - b.t);
-  return { done: told.rows ? told.done / told.rows : 1, trouble: told.trouble, bins, ranges, marks };
+  return { done: head.rows ? head.done / head.rows : 1, trouble: head.trouble, bins, ranges, marks };
 }
 
 function describe(kind: Mark["kind"], code: number, { changes }: Recorded, trips: Trips): string {

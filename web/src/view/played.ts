@@ -29,7 +29,7 @@ export interface PlayerHandle {
   readonly costs: { scene: number; plots: number; level: string };
   readonly heap: number;
   shapes(): (number[] | null)[];
-  felt(direction: [number, number, number]): number;
+  forceAt(direction: [number, number, number]): number;
 }
 
 /** The page with the timeline, as its `window.timeline`. */
@@ -53,13 +53,13 @@ declare global {
 
 /** What the keys of the timeline do, for the dialog. */
 export const KEYS = [
-  ["Space, K", "play, or rest"],
-  ["← →", "one tick back or on"],
-  ["↑ ↓, or Shift with ← →", "0.1 s on or back"],
-  ["Page up, Page down", "10 s on or back"],
+  ["Space, K", "play or pause"],
+  ["← →", "one tick back or forward"],
+  ["↑ ↓, or Shift with ← →", "0.1 s forward or back"],
+  ["Page up, Page down", "10 s forward or back"],
   ["Home, End", "to the first or the last tick"],
-  ["[ ]", "to the mark before or after: a trip, another world, missing ticks"],
+  ["[ ]", "to the previous or next mark: a trip, a change of world, missing ticks"],
   ["− +", "slower, faster"],
-  ["L", "repeat the part between I and O, or all of it"],
-  ["I, O", "the part that is repeated begins, or ends, here"],
+  ["L", "loop the part between I and O, or everything"],
+  ["I, O", "start, or end, the loop here"],
 ] as const;

@@ -12,8 +12,8 @@ import { Plots } from "../panels/plots";
 import { WorldPanel } from "../panels/world";
 import { Sample } from "../sample";
 import type { DeviceScene, Readings } from "../scene/device_scene";
-import { asked, DETAIL, Governor } from "../scene/governor";
-import { computed } from "../scene/graphics";
+import { requestedLevel, DETAIL, Governor } from "../scene/governor";
+import { isDrawnInSoftware } from "../scene/graphics";
 import { Grasp } from "../scene/grasp";
 import { Orbit } from "../scene/orbit";
 import { sceneOf } from "../scene/scenes";
@@ -22,12 +22,12 @@ import { Stage } from "../scene/stage";
 import type { Subject } from "../scene/subject";
 import { TargetPane } from "../scene/target_pane";
 import { listenToViewButtons } from "../scene/view_buttons";
-import { Stranger, token, type Session, type Shape, type TargetScene, type Values } from "../session";
+import { UnknownToken, token, type Session, type Shape, type TargetScene, type Values } from "../session";
 import { status, type Silence } from "../status";
-import type { Felt, Mesh, Rows } from "../wire";
+import type { ForceMap, Mesh, Rows } from "../wire";
 import { loopHealth } from "./loop_health";
 import { KEYS, type PlayerHandle, type Recorded } from "./played";
-import { without } from "./recorded_page";
+import { hideControls } from "./recorded_page";
 import { BLOCK, RowSource, type Place } from "./row_source";
 import { WindowRows } from "./window_rows";
 
@@ -76,8 +76,8 @@ class Player {
   ) {
     this.sample = new Sample(session.columns);
     this.history = new History(session.columns);
-    const wanted = asked();
-    this.governor = new Governor(wanted ?? (computed() ? "layered" : "full"), wanted !== null);
+    const wanted = requestedLevel();
+    this.governor = new Governor(wanted ?? (isDrawnInSoftware() ? "layered" : "full"), wanted !== null);
     this.stage = new Stage(at<HTMLCanvasElement>("scene"), this.governor.best);
     this.scene = sceneOf(session);
     this.orbit = new Orbit(this.stage.camera, () => this.viewMoved(), this.scene.home(session));
@@ -93,19 +93,19 @@ class Player {
     this.plots = new Plots(this.history, session, this.scene);
     this.subject = this.scene.subject(this.stage, session);
     this.shapes = this.target?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
-    if (this.scene.colours === "currents") this.legend.coils(this.subject.range, this.scene.gives);
-    if (this.scene.colours === "none") this.legend.arrows();
+    if (this.scene.colours === "currents") this.legend.coils(this.subject.range, session.scene.gives);
+    this.legend.arrows(); // a world whose code is not here has no colours, but its force is drawn
     this.legend.device(session.scene);
     new Grasp(this.stage.canvas, this.subject, this.orbit, () => undefined).enabled = false;
     fill(session, this.scene, [], KEYS);
-    without(session.played);
+    hideControls(session.played);
     this.freezePanels();
     this.detail();
     this.buttons();
     const url = `ws://${location.host}/ws?recording=${recording}`;
     this.source = new RowSource(url, token(), session.played.rows, session.played.start, {
-      opened: () => this.opened(),
-      closed: () => this.closed(),
+      onOpen: () => this.onOpen(),
+      onClose: () => this.onClose(),
       row: (frame, row) => this.take({ frame, index: 0, row }),
       block: (number) => this.come(number),
       picture: (frame) => this.picture(frame),
@@ -140,7 +140,7 @@ class Player {
         return (performance as { memory?: { usedJSHeapSize: number } }).memory?.usedJSHeapSize ?? NaN;
       },
       shapes: () => page.shapes.places,
-      felt: (direction) => page.subject.felt(direction).force,
+      forceAt: (direction) => page.subject.forceAt(direction).force,
     };
   }
 
@@ -254,13 +254,13 @@ class Player {
         break;
       case "unpainted":
       case "mistake":
-        this.mistake(String(event["text"]));
+        this.showMistake(String(event["text"]));
     }
   }
 
-  private picture(frame: Mesh | Felt | Rows): void {
+  private picture(frame: Mesh | ForceMap | Rows): void {
     if (frame.kind === "mesh") this.subject.shape(frame);
-    else if (frame.kind === "felt") {
+    else if (frame.kind === "force map") {
       this.subject.paint(frame);
       this.legend.scale(this.subject.range);
     }
@@ -273,7 +273,7 @@ class Player {
     this.modes?.enable(false);
   }
 
-  private opened(): void {
+  private onOpen(): void {
     this.silence.disconnected = false;
     this.worldKey = "";
     this.plots.freeze(false);
@@ -284,14 +284,14 @@ class Player {
   }
 
   /** What is here can still be looked at. */
-  private closed(): void {
+  private onClose(): void {
     if (this.silence.disconnected) return;
     this.silence.disconnected = true;
     at("view").classList.add("dead");
     this.plots.freeze(true);
   }
 
-  private mistake(text: string): void {
+  private showMistake(text: string): void {
     const box = at("mistake");
     write(box, text);
     box.hidden = false;
@@ -315,7 +315,7 @@ class Player {
     }
     this.target?.draw(now);
     this.plot(now);
-    this.words(now);
+    this.updateText(now);
   }
 
   /** The plots follow the row, as far as their samples are here; while it is scrubbed they wait. */
@@ -335,7 +335,7 @@ class Player {
     if (this.plots.draw(now, changed) && changed) keep(this.costs.plots, performance.now() - begun);
   }
 
-  private words(now: number): void {
+  private updateText(now: number): void {
     if (now - this.readAt < READ) return;
     this.readAt = now;
     this.header.status(this.state, false);
@@ -397,14 +397,14 @@ const median = (list: number[]): number => [...list].sort((a, b) => a - b)[list.
 async function begin(): Promise<void> {
   const recording = new URLSearchParams(location.search).get("recording") ?? "0";
   const answer = await fetch(`/api/session?recording=${recording}`, { headers: { authorization: `Bearer ${token()}` } });
-  if (answer.status === 403) throw new Stranger(await answer.text());
+  if (answer.status === 403) throw new UnknownToken(await answer.text());
   const { handle } = new Player((await answer.json()) as PlayedSession, recording);
   window.player = handle;
 }
 
 begin().catch((mistake: unknown) =>
   cover(
-    mistake instanceof Stranger
+    mistake instanceof UnknownToken
       ? UNKNOWN
       : { title: "This recording cannot be shown", text: `${mistake instanceof Error ? mistake.message : mistake}. If \`haptorb view\` still runs, load this page again.` },
   ),

@@ -3,9 +3,9 @@
 import { at, make, write } from "../panels/dom";
 import type { Recorded } from "./played";
 
-const WHY = "A recording: it is shown as it was, and cannot be changed.";
+const WHY = "A recording: controls that need a servo are disabled.";
 
-export function without({ name, notices }: Recorded): void {
+export function hideControls({ name, notices }: Recorded): void {
   document.body.classList.add("recorded");
   document.title = `haptorb · ${name}`;
   const badge = make("p", { className: "badge recording", title: WHY }, "RECORDING");

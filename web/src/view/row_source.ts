@@ -1,6 +1,6 @@
 // The rows of one recording, asked for by time or in blocks of a thousand; blocks are kept while there is room.
 
-import { parse, type Felt, type Mesh, type Rows } from "../wire";
+import { parse, type ForceMap, type Mesh, type Rows } from "../wire";
 
 export const BLOCK = 1000; // rows
 const ROOM = 48e6; // bytes of blocks that are kept
@@ -10,12 +10,12 @@ const NEAR = 2e-6; // s: times come as float32 from the first of a block, and a 
 const RETRY = 1000; // ms between two attempts to come back
 
 export interface Answers {
-  opened(): void;
-  closed(code: number): void;
+  onOpen(): void;
+  onClose(code: number): void;
   /** one row: a frame with it alone, and its number */
   row(frame: Rows, number: number): void;
   block(number: number): void;
-  picture(frame: Mesh | Felt): void;
+  picture(frame: Mesh | ForceMap): void;
   event(event: Record<string, unknown> & { event: string }): void;
 }
 
@@ -105,7 +105,7 @@ export class RowSource {
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
       this.asked.clear();
-      this.answers.opened();
+      this.answers.onOpen();
       this.pump();
     };
     socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => {
@@ -113,7 +113,7 @@ export class RowSource {
       else this.take(data);
     };
     socket.onclose = ({ code }) => {
-      this.answers.closed(code);
+      this.answers.onClose(code);
       setTimeout(() => this.open(), RETRY);
     };
   }

@@ -48,7 +48,7 @@ export class Strip {
     this.stale = true;
   }
 
-  lay(place: Strip["place"]): void {
+  layOut(place: Strip["place"]): void {
     this.place = place;
     this.stale = true;
   }

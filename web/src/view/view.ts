@@ -2,21 +2,21 @@
 
 import { at, make, write } from "../panels/dom";
 import { cover, UNKNOWN } from "../panels/lock";
-import { Stranger, token } from "../session";
-import { Clock, SPEEDS, words } from "./clock";
+import { type Gives, UnknownToken, token } from "../session";
+import { Clock, SPEEDS, formatTime } from "./clock";
 import { fetchOverview, type Overview, type Trips } from "./overview";
 import type { Recorded, TimelineHandle } from "./played";
 import { QUANTITIES, Strip, type Quantity } from "./strip";
 
 const LATER = 600; // ms before the overview is asked for: the picture comes first
 const OFTEN = 700; // ms between two questions for what is not complete
-const SAY = 150; // ms between two changes of what a screen reader is told of the slider
+const SAY = 150; // ms between two changes of what a screen reader says of the slider
 const LONG = 2000; // ms after which progress is shown
 
 interface Opening {
   version: string;
   started: string;
-  recordings: (Recorded & { scene: string; trips: Trips })[];
+  recordings: (Recorded & { gives: Gives; trips: Trips })[];
   at: number;
   range: [number, number] | null;
   offset: number;
@@ -30,7 +30,7 @@ class Timeline {
   private offset: number;
   private last = performance.now();
   private saidAt = 0;
-  private told = NaN;
+  private spokenTime = NaN;
   private scrubbing = false;
   private readonly begun = performance.now();
 
@@ -39,11 +39,11 @@ class Timeline {
     this.offset = opening.offset;
     this.clock = new Clock(0, 0);
     this.bounds();
-    for (const [i, { name, scene }] of recordings.entries()) {
+    for (const [i, { name, gives }] of recordings.entries()) {
       const frame = make("iframe", { src: `/player?recording=${i}${location.search.replace("?", "&")}#${token()}`, title: `Recording ${name}` });
       this.frames.push(frame);
       at("frames").append(frame);
-      const strip = new Strip(recordings.length > 1 ? name : "", quantityOf(scene === "motor" ? "torque" : "force"), this.place(i));
+      const strip = new Strip(recordings.length > 1 ? name : "", quantityOf(gives), this.place(i));
       this.strips.push(strip);
       this.overviews.push(null);
       at("strips").append(strip.canvas);
@@ -131,29 +131,29 @@ class Timeline {
     const trouble = this.overviews.map((one) => one?.trouble ?? "").find(Boolean) ?? "";
     const progress = at("progress");
     progress.hidden = !trouble && (done >= 1 || performance.now() - this.begun < LONG);
-    write(progress, trouble ? `overview: ${trouble}` : `overview: ${Math.floor(100 * done)} % looked through, the rest is a sketch`);
+    write(progress, trouble ? `overview: ${trouble}` : `overview: ${Math.floor(100 * done)} % read; the rest is coarse`);
   }
 
   private listMarks(): void {
     const select = at<HTMLSelectElement>("marks");
     if (document.activeElement === select) return;
     const { marks } = this;
-    const told = marks.map(({ t, text }) => `${words(t)}  ${text}`);
-    if (told.join() === [...select.options].slice(1).map(({ text }) => text).join()) return;
+    const labels = marks.map(({ t, text }) => `${formatTime(t)}  ${text}`);
+    if (labels.join() === [...select.options].slice(1).map(({ text }) => text).join()) return;
     const head = make("option", { value: "" }, marks.length ? `${marks.length} marks` : "none");
-    select.replaceChildren(head, ...marks.map(({ t }, i) => make("option", { value: String(t) }, told[i]!)));
+    select.replaceChildren(head, ...marks.map(({ t }, i) => make("option", { value: String(t) }, labels[i]!)));
   }
 
   private go(time: number): void {
     this.clock.go(time);
-    this.told = NaN;
+    this.spokenTime = NaN;
   }
 
   private jump(direction: 1 | -1): void {
     const { time } = this.clock;
     const { marks } = this;
     const next = direction > 0 ? marks.find(({ t }) => t > time + 1e-4) : marks.filter(({ t }) => t < time - 1e-4).at(-1);
-    write(at("polite"), next ? `${next.text}, ${words(next.t)}` : "No further mark.");
+    write(at("polite"), next ? `${next.text}, ${formatTime(next.t)}` : "No other mark.");
     if (next) this.go(next.t);
   }
 
@@ -259,7 +259,7 @@ class Timeline {
     });
     const quantity = at<HTMLSelectElement>("quantity");
     quantity.append(...QUANTITIES.map(({ name }) => make("option", { value: name }, name)));
-    quantity.value = this.opening.recordings[0]!.scene === "motor" ? "torque" : "force";
+    quantity.value = this.opening.recordings[0]!.gives;
     quantity.addEventListener("change", () => {
       for (const strip of this.strips) strip.choose(quantityOf(quantity.value));
     });
@@ -286,7 +286,7 @@ class Timeline {
       if (!Number.isFinite(offset.valueAsNumber)) return;
       this.offset = offset.valueAsNumber;
       this.bounds();
-      this.strips.forEach((strip, i) => strip.lay(this.place(i)));
+      this.strips.forEach((strip, i) => strip.layOut(this.place(i)));
       this.listMarks();
       this.go(this.clock.time);
     });
@@ -329,25 +329,25 @@ class Timeline {
     this.tell(now);
   }
 
-  /** The head, the clock, and what a screen reader is told. */
+  /** The head, the clock, and what a screen reader says. */
   private tell(now: number): void {
     const { time, begin, end } = this.clock;
-    if (time !== this.told) {
+    if (time !== this.spokenTime) {
       const share = (time - begin) / Math.max(end - begin, 1e-9);
       at("head").style.transform = `translateX(${(share * at("strips").clientWidth).toFixed(1)}px)`;
-      write(at("now"), words(time));
-      this.told = time;
+      write(at("now"), formatTime(time));
+      this.spokenTime = time;
     }
     if (now - this.saidAt < SAY) return;
     this.saidAt = now;
     const shown = this.frames[0]!.contentWindow?.player?.shown;
     const tick = shown && Number.isFinite(shown.tick) ? `, tick ${shown.tick.toFixed(0)}` : "";
-    write(at("of"), `of ${words(end, 1)}${tick}`);
+    write(at("of"), `of ${formatTime(end, 1)}${tick}`);
     const slider = at("slider");
     const value = time.toFixed(3);
     if (slider.ariaValueNow === value) return;
     slider.ariaValueNow = value;
-    slider.ariaValueText = `${words(time)} of ${words(end)}${tick}`;
+    slider.ariaValueText = `${formatTime(time)} of ${formatTime(end)}${tick}`;
   }
 
   /** Buttons and the repeated part, as the clock has them. */
@@ -370,14 +370,14 @@ const quantityOf = (name: string): Quantity => QUANTITIES.find((one) => one.name
 
 async function begin(): Promise<void> {
   const answer = await fetch("/api/view", { headers: { authorization: `Bearer ${token()}` } });
-  if (answer.status === 403) throw new Stranger(await answer.text());
-  if (!answer.ok) throw new Error(`the server answered ${answer.status} to /api/view`);
+  if (answer.status === 403) throw new UnknownToken(await answer.text());
+  if (!answer.ok) throw new Error(`the server responded with ${answer.status} to /api/view`);
   new Timeline((await answer.json()) as Opening);
 }
 
 addEventListener("hashchange", () => location.reload());
 
-const UNREACHED = { title: "No viewer answers here", text: "Start `haptorb view FILE`, and open the address that it prints." };
+const UNREACHED = { title: "The program does not respond", text: "Start `haptorb view FILE`, and open the address that it prints." };
 
 if (!token()) cover(UNKNOWN);
-else begin().catch((mistake: unknown) => cover(mistake instanceof Stranger ? UNKNOWN : UNREACHED));
+else begin().catch((mistake: unknown) => cover(mistake instanceof UnknownToken ? UNKNOWN : UNREACHED));

@@ -1,4 +1,4 @@
-"""A procedure decides what is asked next from what was answered: a pure state machine, so a session can be replayed.
+"""A procedure decides what is asked next from the answers so far: a pure state machine, so a session can be replayed.
 
 No clock, no randomness, no file: the same answers give the same prompts. That is how an interrupted session resumes.
 """
@@ -36,7 +36,7 @@ class Procedure(ABC):
         """The procedure after `answer`. Raises InputError if it may not be answered so, or nothing is asked."""
         prompt = self.prompt
         if prompt is None:
-            raise InputError("this procedure is complete: no trial is left to answer")
+            raise InputError("this procedure is complete: there are no more trials")
         return self.advance(prompt.check_answer(answer))
 
 
@@ -64,7 +64,7 @@ class FixedOrder(Procedure):
         return len(self.prompts) - self.done
 
     def advance(self, answer: Answer) -> FixedOrder:
-        """One further; what was answered does not matter here."""
+        """The next trial; the answer does not matter here."""
         return replace(self, done=self.done + 1)
 
 

@@ -1,4 +1,4 @@
-"""What one trial asks, what may be answered, and what was answered."""
+"""What one trial asks, what may be answered, and the answer."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from haptorb.errors import InputError
 
-__all__ = ["Answer", "Prompt"]
+__all__ = ["Answer", "Prompt", "read_value"]
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,7 @@ class Prompt:
     interval: int = 0  #: 1 or 2: where the comparison (or `condition`) comes; 0: a single interval
     low: int = 0  #: least and
     high: int = 0  #: greatest whole number that may be answered; both 0: the answer is the position alone
+    decimal: bool = False  #: any number above `low` and up to `high` may be answered, not only a whole one
     numbers: tuple[int, ...] = ()  #: the numbers that may be answered, where they are no range
     pause: float = 0.0  #: break before this trial [s]
 
@@ -35,8 +36,9 @@ class Prompt:
         return cls(**values)
 
     def row(self) -> dict[str, Any]:
-        """As plain JSON types."""
-        return {**asdict(self), "numbers": list(self.numbers)}
+        """As plain JSON types; `decimal`, which older versions do not know, only where it is set."""
+        stored = {**asdict(self), "numbers": list(self.numbers)}
+        return stored if self.decimal else {key: value for key, value in stored.items() if key != "decimal"}
 
     @property
     def wants_number(self) -> bool:
@@ -51,6 +53,9 @@ class Prompt:
                 raise InputError("the answer to this trial is the tool's position, not a number: leave out the number")
             if answer.position is None:
                 raise InputError("the answer to this trial is the tool's position, but no position is known")
+        elif self.decimal:
+            if isinstance(value, bool) or not isinstance(value, int | float) or not self.low < value <= self.high:
+                raise InputError(f"answer must be a number above {self.low}, up to {self.high}; got {value!r}")
         elif isinstance(value, bool) or not isinstance(value, int):
             raise InputError(f"answer must be a whole number; got {value!r}")
         elif self.numbers and value not in self.numbers:
@@ -64,7 +69,7 @@ class Prompt:
 class Answer:
     """What was said, where the tool's magnet was then [m, frame S], and how long it took [s]."""
 
-    value: int | None = None
+    value: int | float | None = None
     position: tuple[float, float, float] | None = None
     seconds: float = 0.0
 
@@ -73,6 +78,15 @@ class Answer:
             raise InputError(f"position of an answer must be 3 finite numbers; got {self.position!r}")
         if not (isfinite(self.seconds) and self.seconds >= 0):
             raise InputError(f"duration of an answer must be 0 s or more; got {self.seconds!r}")
+
+
+def read_value(stored: float | None) -> int | float | None:
+    """An answer as it was given: databases keep whole numbers and others in one column.
+
+    >>> read_value(7.0), read_value(2.5), read_value(None)
+    (7, 2.5, None)
+    """
+    return int(stored) if stored is not None and stored == int(stored) else stored
 
 
 def _list_numbers(numbers: tuple[int, ...]) -> str:

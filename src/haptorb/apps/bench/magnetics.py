@@ -30,7 +30,7 @@ _FINE = (10, 6, 108)  #: what the reference uses: converged to 1e-7
 
 
 def magnetics(device: str = "pmsm", budget: float = 0.5, report: Callable[[str], None] | None = None) -> Contest:
-    """Run the contest on `device`, `budget` seconds per row; `report` is told what is running."""
+    """Run the comparison on `device`, `budget` seconds per row; `report` receives the name of what is running."""
     tell = report or (lambda text: None)
     known = motor(load(device))
     R = rotation_from_euler(np.radians(10.0), np.radians(5.0), np.radians(5.0))

@@ -1,7 +1,7 @@
 """Benchmarks that are programs of their own: `haptorb check`, and those in the folder benchmarks of a clone.
 
 They need a browser, a cross-compiled firmware or a database; in an installed package without the clone, or where one
-of these is missing, their row says so.
+of these is missing, its row says so.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def loop(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     if isinstance(facts, str):
         return [Metric("loop", "servo at 1 kHz with a client that drags", None, "", note=facts)]
     return [
-        Metric("loop", "ticks in time", facts["success_rate"], "1", limit=0.999, at_least=True),
+        Metric("loop", "ticks on time", facts["success_rate"], "1", limit=0.999, at_least=True),
         Metric("loop", "lateness, 99 %", facts["lateness_us"]["p99"], "µs", limit=150.0),
         Metric("loop", "compute per tick, median", facts["compute_us"]["p50"], "µs", limit=60.0),
         Metric("loop", "compute per tick, 99 %", facts["compute_us"]["p99"], "µs"),
@@ -47,7 +47,7 @@ def console(effort: float, tell: Callable[[str], None]) -> list[Metric]:
         Metric("console", "from drag to force shown, median", facts["median_ms"], "ms", limit=25.0, note=drawn),
         Metric("console", "the same, 90 %", facts["p90_ms"], "ms"),
         Metric("console", "from drag to force arrived, median", facts["arrived_median_ms"], "ms"),
-        Metric("console", "ticks in time beside the browser", facts["success_rate"], "1", limit=0.999, at_least=True),
+        Metric("console", "ticks on time beside the browser", facts["success_rate"], "1", limit=0.999, at_least=True),
         Metric("console", "processor time that a virtual machine's host kept", facts["stolen_share"], "1"),
     ]
 

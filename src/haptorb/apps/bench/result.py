@@ -1,4 +1,4 @@
-"""All benchmarks in one table, with the facts of the machine: measured, kept as JSON, told as text or Markdown."""
+"""All benchmarks in one table, with the facts of the machine: measured, stored as JSON, shown as text or Markdown."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class BenchResult(NotebookReport):
 
 
 def run_benchmarks(names: Iterable[str], effort: float, command: str, tell: Callable[[str, str], None]) -> BenchResult:
-    """Run the benchmarks `names`, one after the other; `tell(name, what)` is told what is running.
+    """Run the benchmarks `names`, one after the other; `tell(name, what)` is called with what is running.
 
     `effort` 1 is the full length of each, less is shorter and noisier. Raises UnknownName, InputError, PlatformError.
     """

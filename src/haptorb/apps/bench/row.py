@@ -16,7 +16,7 @@ class Metric:
     what        the quantity, in words
     value       ours, in `unit`; None where it could not be measured, and then `note` says why
     unit        such as "µs" or "1/s"
-    peer        who else did the same in the same run; empty for nobody
+    peer        the peer that did the same in the same run; empty for none
     peer_value  theirs, in `unit`
     limit       what the project promises, in `unit`; None without a promise
     at_least    the limit is a least, not a most
@@ -48,7 +48,7 @@ class Metric:
     def kept(self) -> bool | None:
         """Whether the limit is kept; None without a limit or without a figure.
 
-        >>> Metric("tick", "ticks in time", 0.9995, "1", limit=0.999, at_least=True).kept
+        >>> Metric("tick", "ticks on time", 0.9995, "1", limit=0.999, at_least=True).kept
         True
         """
         if self.limit is None or self.value is None:

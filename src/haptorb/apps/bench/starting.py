@@ -23,7 +23,7 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Medians of five starts times `effort`, compiled code at hand; the memory of one run with its console."""
     times = max(round(5 * effort), 1)
     tell("starting and ending")
-    _first_tick()  # whatever is not compiled yet is now
+    _first_tick()  # compiles what is not compiled yet
     first = median(_first_tick() for _ in range(times))
     help_time = median(_run(*_MINE, "--help") for _ in range(times))
     read = median(_run(sys.executable, "-c", "import haptorb; haptorb.load('pmsm')") for _ in range(times))

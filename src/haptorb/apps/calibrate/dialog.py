@@ -1,6 +1,6 @@
-"""`haptorb calibrate`, step by step: ask, measure, keep; refuse to go on when a step fails, and go on where it ended.
+"""`haptorb calibrate`, step by step: ask, measure, store; stop when a step fails, and resume where it ended.
 
-The driver is opened for every step anew, so that nothing is engaged while a person reads a question.
+The driver is opened separately for every step, so that nothing is engaged while a person reads a prompt.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class Dialog:
     """Who talks to the person.
 
     say   a line
-    ask   before a step; True: go on, False: not now, the steps so far are kept
-    bar   a context for a step of so many seconds, which gives what is to be told of time passing
+    ask   before a step; True: continue, False: not now, the steps so far are kept
+    bar   a context for a step of so many seconds, which returns a function to call as time passes
     """
 
     say: Callable[[str], None] = _say_nothing
@@ -81,7 +81,7 @@ def guide_calibration(
     """Take `steps` that were not taken yet, and write `out`; None if the person stopped, or if steps are still missing.
 
     Raises CalibrationError at the first step that fails: what was measured before it is kept beside `out`, and the same
-    call goes on there. The id of what was written is stored in the device, if it can keep one.
+    call resumes there. The id of what was written is stored in the device, if it can keep one.
     """
     pace, guide = pace or Pace(), guide or Dialog()
     progress = ProgressFile(out, device, driver.name)
@@ -97,16 +97,16 @@ def guide_calibration(
             continue
         missing = [name for name in step.needs if name not in progress.results]
         if missing:
-            raise InputError(f"step '{step.name}' needs the steps before it: {', '.join(missing)}")
+            raise InputError(f"step '{step.name}' needs these steps first: {', '.join(missing)}")
         guide.say(f"{number}/{len(steps)} {step.title}: {step.asks}")
         if not guide.ask(step):
-            guide.say(f"stopped before '{step.name}'; the same command resumes here")
+            guide.say(f"stopped before '{step.name}'; repeat the command to continue here")
             return None
         try:
             progress.keep(step.name, _take_step(step, device, driver, pace, guide, progress, effort))
         except (CalibrationError, DriverError) as cause:
             raise type(cause)(
-                f"step '{step.name}': {cause}. Then run the same command again: it resumes at this step"
+                f"step '{step.name}': {cause}. Then repeat the command: it continues at this step"
             ) from cause
         guide.say(f"    {step.describe(device, progress.results[step.name])}")
     absent = [name for name in NEEDED if name not in progress.results]

@@ -1,4 +1,4 @@
-"""From `--driver` to what calibration needs: a driver without a tool near the device, and who tells the time."""
+"""From `--driver` to what calibration needs: a driver without a tool near the device, and a clock."""
 
 from __future__ import annotations
 

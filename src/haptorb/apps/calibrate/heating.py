@@ -1,10 +1,10 @@
 """Heat, measured: a coil is warmed as the paper did it, each after the other where they warm each other, and watched.
 
-Its resistance tells the winding's temperature, so a small current stays on in every coil that is watched. Zárate 2020,
+Its resistance gives the winding's temperature, so a small current stays on in every observed coil. Zárate 2020,
 Fig. 6: 30 % duty for three minutes.
 
-Minutes are long for a computer that must never be silent for 15 ms. Where it was, and the firmware switched off for
-that reason alone, the second is lost and the record goes on in the next: less heat went in, and that is written down.
+In minutes, a computer may once be silent for 15 ms. If it was, and the firmware switched off for that reason alone,
+the second is lost and the record continues in the next: less heat went in, and that is recorded.
 The person has agreed to current in the coils for all of the step, with the tool away; any other trip ends it.
 """
 
@@ -135,7 +135,7 @@ def _check_currents(device: SphericalElectromagnet, currents: Array, expected: A
     """CalibrationError unless the coils carry about what they should: `currents` and `expected` (m,) [A]."""
     for k, name in enumerate(device.coils.names):
         if k in watched and currents[k] < _NOTHING:
-            raise CalibrationError(f"coil '{name}' carries no current during heating: is the device engaged?")
+            raise CalibrationError(f"coil '{name}' carries no current during heating: check that the device is engaged")
         if currents[k] > _TOO_MUCH * expected[k] + _OFFSET:
             raise CalibrationError(
                 f"coil '{name}' carries {currents[k]:.1f} A where {expected[k]:.1f} A should flow: it does not switch. "

@@ -39,7 +39,7 @@ _REPEATS = 0.02  #: odd and even readings may differ by this
 
 @dataclass(frozen=True)
 class Pace:
-    """Who tells the time and who waits; a simulation's time passes as fast as it is computed."""
+    """The clock and the waiting; a simulation's time passes as fast as it is computed."""
 
     clock: Callable[[], float] = monotonic
     wait: Callable[[float], None] = sleep
@@ -99,7 +99,7 @@ def compose_calibration(
 
 
 class DriverSession:
-    """One open driver, read and written at a steady rate; `advance` is told of every reading's time [s]."""
+    """One open driver, read and written at a steady rate; `advance` receives every reading's time [s]."""
 
     def __init__(
         self,
@@ -186,7 +186,7 @@ class DriverSession:
             duty, swing = float(swings[0][0][coil] - swings[1][0][coil]), swings[0][1] - swings[1][1]
             own, others = swing[coil], np.delete(np.abs(swing), coil)
             if duty == 0.0:
-                raise CalibrationError(f"coil '{name}': the device applied no duty; is it engaged?")
+                raise CalibrationError(f"coil '{name}': the device applied no duty; check that it is engaged")
             if abs(own) < _NOTHING * 2 * _GENTLE:
                 if others.size and others.max() > 2 * _LEAK * _GENTLE:
                     other = names[int(np.argmax(np.abs(swing)))]

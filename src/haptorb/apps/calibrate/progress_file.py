@@ -103,7 +103,7 @@ class ProgressFile:
             raise CalibrationError(f"cannot write {self.path}: {cause.strerror}") from cause
 
     def forget(self) -> None:
-        """Begin anew, or be done."""
+        """Start again, or finish."""
         self.results = {}
         self.path.unlink(missing_ok=True)
 

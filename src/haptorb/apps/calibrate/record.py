@@ -29,14 +29,14 @@ _BIN = 0.5  #: readings of a recording are averaged over so long [s]
 _LONGEST = 30 * 24 * 3600.0  #: [s]
 _LARGEST = 1e6  #: of any value, in its unit
 _MOST = 1_000_000  #: readings in a table
-_TRUST = 0.5  #: current from which the resistance tells a temperature [A]
+_TRUST = 0.5  #: current from which the resistance gives a temperature [A]
 
 
 @dataclass(frozen=True)
 class ThermalRecord:
     """The course of all coils of `device`, or of one if they are not coupled.
 
-    A winding is NaN where no current told its resistance.
+    A winding is NaN where no current gave its resistance.
     """
 
     measured: HeatRecord

@@ -44,8 +44,8 @@ class FieldsStep(Step):
         """A regression for each reading by itself: no model of the field is needed."""
         if bench.axes is not None:
             raise CalibrationError(
-                "the sensors measure one axis each; offset, gain and place can be found of three-axis sensors only: "
-                "leave out the steps 'fields' and 'sensors' (--steps)"
+                "the sensors measure one axis each; offset, gain and position can be determined for three-axis "
+                "sensors only: leave out the steps 'fields' and 'sensors' (--steps)"
             )
         device = bench.device
         resistance = np.array(before["currents"]["resistance_ohm"])
@@ -72,7 +72,7 @@ class FieldsStep(Step):
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
         """How sure the readings per ampere are, and who does not answer."""
         full = float(np.array(result["deviation_t"]) @ device.coils.current_limit)
-        failed = "".join(f"; field sensor {n + 1} does not answer: left out" for n in result["failed"])
+        failed = "".join(f"; field sensor {n + 1} does not respond: left out" for n in result["failed"])
         return f"known to {1e6 * full:.1f} µT at full current in all coils{failed}"
 
 
@@ -82,8 +82,8 @@ class SensorsStep(Step):
 
     name, title, needs, hand = "sensors", "offset, gain and place of the field sensors", ("rest", "fields"), "led"
     asks = (
-        "Coils stay off. For 45 seconds lead the tool slowly over the whole dome: round it several times, from the "
-        "summit down to the edge, on the dome and up to 20 mm above it, leaning to all sides."
+        "Coils stay off. For 45 seconds move the tool slowly over the whole dome: round it several times, from the "
+        "summit down to the edge, on the dome and up to 20 mm above it, tilted to all sides."
     )
 
     def seconds(self, bench: StepContext) -> float:
@@ -107,7 +107,7 @@ class SensorsStep(Step):
                          if not used)  # fmt: skip
         unobserved = "".join(f"; not observed: {line}" for line in result["unobserved"])
         return (
-            f"lasting errors of the tool's place {1e3 * result['place_m']:.2f} mm, of its axis "
+            f"lasting errors of the tool's position {1e3 * result['place_m']:.2f} mm, of its axis "
             f"{np.degrees(result['axis_rad']):.2f}° rms over the shell; magnet {100 * result['strength']:.1f} % of the "
             f"device file's{failed}{unobserved}"
         )

@@ -55,7 +55,7 @@ class StepContext:
 
 
 class Step(ABC):
-    """One thing to be measured; `needs` are the steps before it."""
+    """One measurement; `needs` are the steps before it."""
 
     name: str
     title: str

@@ -111,7 +111,7 @@ class HeatStep(Step):
     name, title, needs = "heat", "heat", ("rest", "currents")
     asks = (
         "Each coil is heated by about 25 K in three minutes, one after the other (only the first if the device file "
-        "couples none), while all are watched; then all cool for three. Start cold; do not touch them."
+        "couples none), while all are measured; then all cool for three. Start cold; do not touch them."
     )
 
     def seconds(self, bench: StepContext) -> float:
@@ -141,7 +141,7 @@ class HeatStep(Step):
         }
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
-        """What it stands for ever, one coil alone and all together."""
+        """The continuous power, in one coil and in all coils together."""
         heat = _read_heat(result).apply(device)
         rise_per_watt = heat.network(device.channels).rise_per_watt
         rise = heat.derate - heat.ambient
@@ -176,7 +176,7 @@ class ToolStep(Step):
             )
         if likeness < 0.0:  # safety: tool-reversed
             raise CalibrationError(
-                "the tool's magnet is reversed: the dome would pull instead of push; turn the magnet round"
+                "the tool's magnet is reversed: the dome would pull instead of push; turn the magnet over"
             )
         return {"likeness": likeness, "strength": strength}
 

@@ -20,7 +20,7 @@ _NAN = float("nan")
 
 @dataclass(frozen=True)
 class Verdict:
-    """One threshold: what was measured, what is wanted, and whether that is so."""
+    """One threshold: the measured value, the required one, and whether it is met."""
 
     what: str
     measured: str
@@ -51,7 +51,7 @@ class Fitness(NotebookReport):
         success, late = _number(self.report["success_rate"]), _number(self.report["lateness_us"]["p99"])
         trips = [trip["code"] for trip in self.report["trips"]]
         return (
-            Verdict("ticks in time", f"{100 * success:.3f} %", f"at least {100 * SUCCESS:g} %", success >= SUCCESS),
+            Verdict("ticks on time", f"{100 * success:.3f} %", f"at least {100 * SUCCESS:g} %", success >= SUCCESS),
             Verdict("lateness, 99 %", f"{late:.0f} µs", f"at most {LATENESS:g} µs", late <= LATENESS),
             Verdict("trips", ", ".join(trips) or "none", "none", not trips),
         )

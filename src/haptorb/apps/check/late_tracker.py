@@ -18,10 +18,10 @@ __all__ = ["LateTracker"]
 
 @final
 class LateTracker(Driver):
-    """Tells the poses of `inner` only every 1/`rate` [s], and each of them only `latency` [s] after it was so.
+    """Reports the poses of `inner` only every 1/`rate` [s], and each of them only `latency` [s] later.
 
-    Between two ticks a pose is taken from the one before and its velocity; the velocity that is told is the difference
-    of the last two poses, as that of a tracker that measures places. rate None: a pose in every tick.
+    Between two ticks a pose is taken from the one before and its velocity; the velocity that is reported is the
+    difference of the last two poses, as that of a tracker that measures places. rate None: a pose in every tick.
     """
 
     name, simulated = "late", False  # its poses are as old as they say, as with a real tracker
@@ -42,7 +42,7 @@ class LateTracker(Driver):
         self._inner.close()
 
     def read(self, now: float) -> Sample:
-        """The sample of `inner`, with the pose that a late tracker would have told by now."""
+        """The sample of `inner`, with the pose that a late tracker would have reported by now."""
         sample = self._inner.read(now)
         self._history.append((now, sample.pose))
         at = now - self._latency

@@ -31,7 +31,7 @@ class Machine:
 class StolenTime:
     """What others took from the loop while it was measured."""
 
-    preempted: int  #: times that the kernel gave the servo's processor to somebody else
+    preempted: int  #: times that the kernel gave the servo's processor to another process
     stolen: float  #: share of all processor time that a virtual machine's host kept for itself
     others: float  #: cores that were busy, the servo's own work included, but not what only keeps a core awake
 
@@ -93,7 +93,7 @@ def _count_preemptions(pid: int) -> int:
 
 
 def _count_idle_ticks(pid: int) -> int:
-    """Processor time of the children of `pid` that run only where nobody else wants to, in the kernel's ticks."""
+    """Processor time of the children of `pid` that run only on an idle core, in the kernel's ticks."""
     ticks = 0
     for child in _text(f"/proc/{pid}/task/{pid}/children").split():
         fields = _text(f"/proc/{child}/stat").rpartition(")")[2].split()

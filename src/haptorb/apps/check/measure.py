@@ -24,7 +24,7 @@ def measure_fitness(
 ) -> Fitness:
     """Run for `duration` [s] and judge. With `dragging`, a client in this process points and reads at 60 Hz.
 
-    Shows a progress bar on the terminal unless told not to. Raises InputError for a duration that is no time.
+    Shows a progress bar on the terminal by default. Raises InputError for a duration that is no time.
     """
     if not (math.isfinite(duration) and duration >= 0.5):
         raise InputError(f"duration must be at least 0.5 s; got {duration!r}")

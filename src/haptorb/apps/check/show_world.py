@@ -24,7 +24,7 @@ _WORDS = {"inside": ("Inside", "green"), "close": ("Close to the limit", "yellow
 
 
 def print_world(verdict: WorldVerdict, console: Console | None = None) -> None:
-    """Print what the world asks, what the loop stands, and what to do."""
+    """Print the stiffness of the world, the limit of the loop, and advice."""
     console = console or make_console()
     setting, loop, steep = verdict.setting, verdict.loop, verdict.steep
     unit = f"{verdict.place.force}/{verdict.place.length}"
@@ -70,7 +70,7 @@ def print_world(verdict: WorldVerdict, console: Console | None = None) -> None:
         )
     for left_out in verdict.unjudged:
         print_text(console, f"Not judged: {left_out}.")
-    margin = "nothing in it can oscillate" if math.isinf(verdict.margin) else _margin(verdict.margin)
+    margin = "nothing can oscillate" if math.isinf(verdict.margin) else _margin(verdict.margin)
     words, colour = _WORDS[verdict.verdict]
     print_text(console, f"{words}: {margin}.", f"bold {colour}")
     for advice in verdict.advice:

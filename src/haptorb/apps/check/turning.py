@@ -22,8 +22,8 @@ __all__ = ["UNJUDGED", "find_asked_part", "steepest_turn", "turning_workspace"]
 
 #: what the analysis of a world that asks torque leaves out
 UNJUDGED = (
-    "the force that comes along with a torque, and what a compromise of force and torque changes",
-    "a torque that changes with the place, and a force that changes with the orientation",
+    "the force that accompanies a torque, and the errors of a compromise between force and torque",
+    "a torque that changes with position, and a force that changes with orientation",
 )
 
 _CLIMBS, _MOST = 4, 4  #: of the steepest poses, from which it climbs on; of candidates of each kind
@@ -37,7 +37,7 @@ def turning_workspace(device: Device) -> Workspace:
     """Small turns of a tool about its magnet [rad]: units and grip; the poses are those of `steepest_turn`.
 
     A hand is met at the arm at which its fingers hold the tool: damping and stiffness times the arm squared.
-    InputError for a kind of device whose workspace tells no poses of a tool.
+    InputError for a kind of device whose workspace contains no poses of a tool.
     """
     grip = workspace(device).turning_grip
     if grip is None:
@@ -46,7 +46,9 @@ def turning_workspace(device: Device) -> Workspace:
 
 
 def _refuse(device: Device) -> InputError:
-    return InputError(f"device '{device.name}' is a {device.kind.title}; it is not known how a hand turns its mover")
+    return InputError(
+        f"device '{device.name}' is a {device.kind.title}; the rotational grip of a hand on its mover is not known"
+    )
 
 
 def _no_field(world: World) -> Field:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptorb.control.clutch.linkage import MOTOR_GAINS
+from haptorb.control.clutch.gains import MOTOR_GAINS
 from haptorb.control.stability.gradient import Field
 from haptorb.control.stability.hand_grip import HandGrip
 from haptorb.devices.coil_array.coil_array import CoilArray

@@ -37,7 +37,7 @@ class Setting:
 
     rate: float = 1000.0  #: of the servo [Hz]
     tracker_rate: float | None = None  #: [Hz]; None: a pose in every tick
-    latency: float = 0.0  #: age of a pose when it is told [s]
+    latency: float = 0.0  #: age of a pose when it is reported [s]
     grip: str = "light"
     hand: HandGrip = GRIPS["light"]  #: the hand alone
     bandwidth: float | None = None  #: of the filter behind field sensors, with the tracker `hall` [Hz]; None: no filter
@@ -133,7 +133,7 @@ class WorldVerdict(NotebookReport):
         if quicker is not None:
             found.append(f"Run the servo at --rate {math.ceil(quicker * setting.rate):d}.")
         if self.margins and self.margins[0][1].damping * abs(self.loop.period) > self.hand.mass:
-            found.append("The delayed damping of the world is the cause, not its stiffness: reduce it.")
+            found.append("The delayed damping of the world is the cause, not its stiffness: reduce the damping.")
         damper = _least(lambda x: self._stiffness_held_by(replace(self.hand, damping=x * self.hand.damping)), 100.0)
         if damper is not None and self.hand.damping > 0.0:
             found.append(
@@ -196,9 +196,9 @@ class WorldVerdict(NotebookReport):
 def judge_world(
     device: Device, world: World, setting: Setting, name: str = "", render: str | None = None
 ) -> WorldVerdict:
-    """Look at `world` all over the workspace of `device`; seconds.
+    """Check `world` over the whole workspace of `device`; takes seconds.
 
-    render: part of the wrench that is rendered; None: what the world asks, see `choice_of`. Raises InputError for a
+    render: part of the wrench to render; None: as the world defines, see `choice_of`. Raises InputError for a
     latency above the expiry of poses, and for a part that the device cannot render.
     """
     if setting.latency > device.limits.expiry:

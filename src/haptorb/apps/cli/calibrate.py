@@ -25,12 +25,12 @@ def register(app: typer.Typer) -> None:
 def calibrate(
     device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")] = "omni",
     driver: Annotated[str, typer.Option(help="Driver: sim, serial:PORT or i2c:BUS.")] = "sim",
-    out: Annotated[Path | None, typer.Option(help="File to write [DEVICE.calibration.json].")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write (default: DEVICE.calibration.json).")] = None,
     steps: Annotated[
         str | None,
         typer.Option(help="Only these steps, comma-separated: rest, currents, magnetic, fields, heat, tool, sensors."),
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not prompt: device is ready for every step.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not prompt; the device is ready.")] = False,
     thermal: Annotated[
         Path | None,
         typer.Option(help="Thermal record instead of the heat step: an MCAP recording, or CSV with t_s, power_w, "
@@ -39,12 +39,13 @@ def calibrate(
     restart: Annotated[bool, typer.Option("--restart", help="Repeat steps that are already done.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     no_watchdog: Annotated[
-        bool, typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; keep hands off the device.")
+        bool,
+        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; nobody may touch the device."),
     ] = False,
     seed: Annotated[int, typer.Option(help="Seed of the simulated noise.")] = 0,
     json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,
 ) -> None:  # fmt: skip
-    """Calibrate a device: current sensing, field per ampere, heat, tool, field sensors. Resumes where it ended."""
+    """Calibrate a device: current sensing, field per ampere, heat, tool and field sensors. It can be resumed."""
     import numpy as np
 
     from haptorb.apps.calibrate import thermal_record

@@ -31,24 +31,25 @@ def check(
     duration: Annotated[float, typer.Option(help="Duration of the measurement [s].")] = 30.0,
     rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
     alone: Annotated[
-        bool, typer.Option("--alone", help="Measure without a client that drags and reads at 60 Hz.")
+        bool, typer.Option("--alone", help="Measure without a client that drags the tool and reads at 60 Hz.")
     ] = False,
     world: Annotated[
         str | None,
-        typer.Option(
-            help="Check this world, or your own (FILE.py:NAME), and not the computer: can your loop render it stably?"
-        ),
+        typer.Option(help="World whose stability to check, instead of the computer: a name, or your own FILE.py:NAME."),
     ] = None,
     scene: Annotated[
-        str | None, typer.Option(help="Check the coupling of this MuJoCo scene, shipped or FILE.xml, against a wall.")
+        str | None,
+        typer.Option(help="MuJoCo scene whose coupling to check against a wall: a supplied one, or FILE.xml."),
     ] = None,
-    body: Annotated[str | None, typer.Option(help="With --scene: body that is held (default: as it says).")] = None,
+    body: Annotated[
+        str | None, typer.Option(help="With --scene: body to hold (default: the one that the scene names).")
+    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", help='World parameter, NAME=VALUE, NAME="VALUE UNIT" or NAME=X,Y,Z; repeatable.'),
     ] = None,
     render: Annotated[
-        str | None, typer.Option(help="With --world: part of the wrench that is rendered: force, torque, both.")
+        str | None, typer.Option(help="With --world: part of the wrench to render: force, torque, both.")
     ] = None,
     tracker: Annotated[
         str | None, typer.Option(help="With --world: hall (field sensors with their filter), or hall:HZ.")
@@ -61,11 +62,11 @@ def check(
         str, typer.Option(help="Grip of the hand: loose, light, firm, or MASS,DAMPING,STIFFNESS in kg, N·s/m, N/m.")
     ] = "light",
     plot: Annotated[
-        Path | None, typer.Option(help="With --world: draw the Z-width into this PNG, SVG or PDF file.")
+        Path | None, typer.Option(help="With --world: plot the Z-width to this PNG, SVG or PDF file.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Check this computer or, with --world, whether your loop can render that world stably. Exit code 1 means no."""
+    """Check this computer or, with --world, whether the loop renders that world stably. Exit code 1: it does not."""
     if scene is not None or body is not None:
         from haptorb.apps.cli.check_scene import judge_scene
         from haptorb.devices.loader import load
@@ -133,8 +134,8 @@ def _judge(
     from haptorb.apps.cli.world_option import choose_world_option
     from haptorb.worlds.own.world_file import WorldFile
 
-    felt = choose_world_option(world, settings, device)
-    verdict = judge_world(device, felt.load() if isinstance(felt, WorldFile) else felt, setting, world, render)
+    chosen = choose_world_option(world, settings, device)
+    verdict = judge_world(device, chosen.load() if isinstance(chosen, WorldFile) else chosen, setting, world, render)
     if json:
         print_json(verdict.numbers())
     else:

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
-_EVERY = 0.05  #: between two looks at the servo's rows [s]
-
 
 def register(app: typer.Typer) -> None:
     """Add the command to `app`."""
@@ -42,7 +40,7 @@ def feel(
     ] = False,
     rate: Annotated[list[str] | None, typer.Option(help="Enter a score, NAME=1…7; repeatable.")] = None,
     choose: Annotated[str | None, typer.Option(help="Record this design as the choice.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the comparison into this PNG, SVG or PDF file.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Plot the comparison to this PNG, SVG or PDF file.")] = None,
     headless: Annotated[
         bool, typer.Option("--headless", help="Run without the console; a simulated hand moves the handle.")
     ] = False,
@@ -51,7 +49,7 @@ def feel(
     browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
 ) -> None:
-    """Feel designs, rate each from 1 to 7, and compare them. At the end there is a report."""
+    """Feel designs, rate each from 1 to 7, and compare them. Writes a report at the end."""
     from haptorb.apps.cli.feel_session.choice import DesignChoice
     from haptorb.apps.cli.feel_session.running import feel_with_console, feel_without_console, find_scale
     from haptorb.apps.feel import FeelSession

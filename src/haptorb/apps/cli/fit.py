@@ -24,7 +24,7 @@ def fit_multipole(
     part: Annotated[str, typer.Option(help="Part to fit: magnet or coil.")] = "magnet",
     dipoles: Annotated[int | None, typer.Option(help="Largest number of pole pairs (default: as in the file).")] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Draw exact, fitted and stored field into this PNG, SVG or PDF file.")
+        Path | None, typer.Option(help="Plot exact, fitted and stored field to this PNG, SVG or PDF file.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:

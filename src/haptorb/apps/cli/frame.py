@@ -29,7 +29,7 @@ def frame(
     tracker: Annotated[
         str, typer.Option(help="Tracker with its own frame: osc:PORT, osc:HOST:PORT, lsl:NAME or natnet:HOST.")
     ] = "osc:9000",
-    out: Annotated[Path | None, typer.Option(help="File to write [DEVICE.frame.json].")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write (default: DEVICE.frame.json).")] = None,
     rehearse: Annotated[
         bool,
         typer.Option("--rehearse", help="Rehearse with a simulated tracker and person, through OSC on this computer."),

@@ -31,7 +31,7 @@ def probe(
     bus: Annotated[list[int] | None, typer.Option("--bus", help="Only these I²C buses.")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Find connected devices and list what answers. The coils stay off."""
+    """Find connected devices and list the parts that respond. The coils stay off."""
     from haptorb.runtime.realtime.linux import require_linux
 
     require_linux("`haptorb hardware`")
@@ -45,7 +45,7 @@ def probe(
         found.append({**vars(one), "about": list(one.about)})
         if json:
             continue
-        tell(f"{one.place}: {'answers' if one.answers else 'no answer'}")
+        tell(f"{one.place}: {'responds' if one.answers else 'no answer'}")
         for sentence in one.about:
             tell(f"  {sentence}", indent="    ")
         if one.driver:
@@ -84,12 +84,12 @@ def jog(
     coil: Annotated[str, typer.Argument(help="Coil: x, y or z.")],
     driver: DriverOption,
     device: DeviceArgument = "omni",
-    duty: Annotated[float, typer.Option(help="Peak duty, at most 0.2 in size.")] = 0.05,
+    duty: Annotated[float, typer.Option(help="Peak duty, −0.2 to 0.2.")] = 0.05,
     seconds: Annotated[float, typer.Option(help="Duration of the ramp up and down [s], 0.2 to 10.")] = 1.0,
     current: Annotated[float, typer.Option(help="Switch off above this current [A].")] = 3.0,
     no_watchdog: Annotated[
         bool,
-        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; keep hands off the device."),
+        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; nobody may touch the device."),
     ] = False,
     json: JsonOption = False,
 ) -> None:
@@ -138,12 +138,12 @@ def emulate(
         typer.Option(help="Height of the tool's magnet above the centre [mm]; 500 is far enough for calibration."),
     ] = None,
     led: Annotated[
-        bool, typer.Option("--led", help="Lead the tool over the dome, as the calibration's step 'sensors' asks.")
+        bool, typer.Option("--led", help="Move the tool over the dome, for the calibration step 'sensors'.")
     ] = False,
-    dead: Annotated[int | None, typer.Option(help="Number of a field sensor that has failed, from 1.")] = None,
+    dead: Annotated[int | None, typer.Option(help="Number of a failed field sensor, from 1.")] = None,
     duration: Annotated[float, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = float("inf"),
 ) -> None:
-    """Run the real firmware on an emulated board with a simulated device, to try the other commands on."""
+    """Run the real firmware on an emulated board with a simulated device, for trying the other commands."""
     from haptorb.runtime.realtime.linux import require_linux
 
     require_linux("`haptorb hardware`")

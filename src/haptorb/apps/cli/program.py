@@ -56,7 +56,7 @@ def tell_version(wanted: bool) -> None:
 @app.callback()
 def start(
     version: Annotated[
-        bool, typer.Option("--version", help="Print the version and end.", is_eager=True, callback=tell_version)
+        bool, typer.Option("--version", help="Print the version and exit.", is_eager=True, callback=tell_version)
     ] = False,
 ) -> None:
     """Design, simulate and run spherical electromagnetic haptic devices."""

@@ -35,12 +35,13 @@ def register(app: typer.Typer) -> None:
 def info(
     file: Annotated[Path, typer.Argument(help="Recording: an MCAP file of `haptorb run --record`.")],
     whole: Annotated[
-        bool, typer.Option("--all", help="Also of a long recording (above 32 MiB): largest values over all ticks.")
+        bool,
+        typer.Option("--all", help="Compute the largest values over all ticks of a long recording (above 32 MiB) too."),
     ] = False,
     fields: Annotated[bool, typer.Option("--fields", help="List the fields with width, unit and meaning.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Show what a recording holds: device, worlds, length, largest force, what was lost."""
+    """Summarise a recording: device, worlds, length, largest force, lost ticks."""
     from haptorb.runtime.recording.recording import Recording
 
     recording = Recording(file)
@@ -105,11 +106,18 @@ def _parse_number(text: str) -> float | None:
 def export(
     file: Annotated[Path, typer.Argument(help="Recording: an MCAP file of `haptorb run --record`.")],
     to: Annotated[str, typer.Option(help="Format: csv, parquet or npz.")] = "csv",
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write [FILE with its ending].")] = None,
-    start: Annotated[str | None, typer.Option(help='Time after the first tick, such as "2.5 s" [first tick].')] = None,
-    end: Annotated[str | None, typer.Option(help='Time after the first tick, such as "10 s" [last tick].')] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="File to write (default: FILE with its suffix).")
+    ] = None,
+    start: Annotated[
+        str | None, typer.Option(help='Start, as time after the first tick, such as "2.5 s" (default: first tick).')
+    ] = None,
+    end: Annotated[
+        str | None, typer.Option(help='End, as time after the first tick, such as "10 s" (default: last tick).')
+    ] = None,
     fields: Annotated[
-        str | None, typer.Option(help="Fields, with commas between them: t,p,asked [all]. haptorb info --fields")
+        str | None,
+        typer.Option(help="Fields, separated by commas: t,p,asked (default: all; haptorb info --fields lists them)."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,

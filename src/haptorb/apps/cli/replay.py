@@ -29,22 +29,23 @@ def register(app: typer.Typer) -> None:
 
 
 def replay(
-    file: Annotated[Path, typer.Argument(help="Recording: of `haptorb run --record`, a study, or a trip's black box.")],
-    out: Annotated[Path | None, typer.Option(help="Write what comes out to this recording (MCAP).")] = None,
-    compare: Annotated[Path | None, typer.Option(help="Draw both runs to this .png, .svg or .pdf.")] = None,
+    file: Annotated[Path, typer.Argument(help="Recording of a run, a study or a trip (MCAP).")],
+    out: Annotated[Path | None, typer.Option(help="Write the result to this recording (MCAP).")] = None,
+    compare: Annotated[Path | None, typer.Option(help="Plot both runs to this PNG, SVG or PDF file.")] = None,
     world: Annotated[
-        str | None, typer.Option(help="Render this world instead: a name, or FILE.py:NAME; as recorded: recorded.")
+        str | None,
+        typer.Option(help="World to render instead: a name, FILE.py:NAME, or recorded (the recorded wrench)."),
     ] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="With --world: parameter, NAME=VALUE, as for `haptorb run`.")
     ] = None,
-    estimator: Annotated[str | None, typer.Option(help="Estimator instead of the recorded run's.")] = None,
-    model: Annotated[str | None, typer.Option(help="Controller model instead of the recorded run's.")] = None,
-    rate: Annotated[float | None, typer.Option(help="Loop rate [Hz] instead of the recorded run's.")] = None,
+    estimator: Annotated[str | None, typer.Option(help="Estimator to use instead of the recorded one.")] = None,
+    model: Annotated[str | None, typer.Option(help="Controller model to use instead of the recorded one.")] = None,
+    rate: Annotated[float | None, typer.Option(help="Loop rate [Hz] to use instead of the recorded one.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Let --out and --compare replace existing files.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Run a recording again: is every number of every tick the same, and what would another world have felt like?"""
+    """Run a recording again and compare every number of every tick. Can replace world, estimator, model or rate."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the loop: sums in another order are other numbers
     from haptorb.apps.figure_file import check_figure_file
     from haptorb.runtime.recording.recording import Recording
@@ -52,7 +53,7 @@ def replay(
     from haptorb.runtime.replay.replay_file import check_replay_file
 
     if settings and world in (None, "recorded"):
-        raise InputError("--set changes the world of --world: name one")
+        raise InputError("--set needs --world: it changes the parameters of that world")
     recording = Recording(file)
     if out is not None:
         check_replay_file(out, overwrite=force)

@@ -49,12 +49,15 @@ def run(
         str | None,
         typer.Option(help="MuJoCo scene to render: peg, outlet, boxes, drawer, or your own FILE.xml."),
     ] = None,
-    body: Annotated[str | None, typer.Option(help="With --scene: body that is held (default: as it says).")] = None,
+    body: Annotated[
+        str | None, typer.Option(help="With --scene: body to hold (default: the one that the scene names).")
+    ] = None,
     grip: Annotated[
-        str, typer.Option(help="With --scene: hand that holds it, loose, light, firm or MASS,DAMPING,STIFFNESS.")
+        str, typer.Option(help="With --scene: grip of the hand: loose, light, firm or MASS,DAMPING,STIFFNESS.")
     ] = "light",
     latency: Annotated[
-        float | None, typer.Option(help="With --scene: latency of the tracker [ms] (default: 0; 5 if it is external).")
+        float | None,
+        typer.Option(help="With --scene: latency of the tracker [ms] (default: 0; 5 for an external tracker)."),
     ] = None,
     driver: Annotated[
         str, typer.Option(help="Driver: sim (simulated device), serial:PORT or i2c:BUS (real device).")
@@ -66,7 +69,9 @@ def run(
             "osc:HOST:PORT, lsl:NAME, natnet:HOST, replay:FILE."
         ),
     ] = "pointer",
-    prediction: Annotated[float, typer.Option(help="Longest prediction of a tracker's pose [ms], 0 to 20.")] = 4.0,
+    prediction: Annotated[
+        float, typer.Option(help="Longest time by which a tracker's pose is predicted [ms], 0 to 20.")
+    ] = 4.0,
     estimator: Annotated[
         str | None,
         typer.Option(help="Estimator: tracker or, from a motor's field sensors, least-squares, network, linear."),
@@ -81,11 +86,15 @@ def run(
     ] = None,
     render: Annotated[
         str | None,
-        typer.Option(help="Part of the world's wrench to render on a tool: force, torque, both (default: as asked)."),
+        typer.Option(
+            help="Part of the world's wrench to render on a tool: force, torque, both (default: as the world defines)."
+        ),
     ] = None,
     torque_arm: Annotated[
         float | None,
-        typer.Option(help="For both: 1 N weighs as much as this arm [mm] x 1 N of torque (default: 43.5)."),
+        typer.Option(
+            help="With --render both: arm that weights torque errors against force errors [mm] (default: 43.5)."
+        ),
     ] = None,
     rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
     seed: Annotated[int, typer.Option(help="Seed of the simulated noise.")] = 0,
@@ -95,19 +104,19 @@ def run(
     duration: Annotated[float | None, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = None,
     no_watchdog: Annotated[
         bool,
-        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; keep hands off the device."),
+        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; nobody may touch the device."),
     ] = False,
     serve: Annotated[
         list[str] | None,
         typer.Option(
-            help="Serve programs: haply[:PORT[:EVENTS]], osc[:[HOST:]PORT], lsl, foxglove[:PORT]; repeatable."
+            help="Serve other programs: haply[:PORT[:EVENTS]], osc[:[HOST:]PORT], lsl, foxglove[:PORT]; repeatable."
         ),
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
     browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the report at the end as one JSON object.")] = False,
 ) -> None:
-    """Run a device with a world and the console. Default: simulated Omni, dome under the stylus."""
+    """Run a device with a world and the console. Default: simulated Omni with a dome."""
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
     from haptorb.runtime.processes.prestart import PrestartedProcess
@@ -126,15 +135,15 @@ def run(
 
         choices = check_servers(serve or [])
         found = load(device)
-        felt: World | WorldFile | SceneFile
+        chosen: World | WorldFile | SceneFile
         if scene is None and body is None:
             first = "remote" if feels_alone(choices) else default_world(found)
-            felt = choose_world_option(world or first, settings or [], found)
+            chosen = choose_world_option(world or first, settings or [], found)
         else:
-            felt = choose_scene_option(scene, body, world, settings or [], found)
+            chosen = choose_scene_option(scene, body, world, settings or [], found)
         build_tables(found)
         servo = Servo(
-            device, add_client_force(felt, choices), driver=driver, tracker=tracker, prediction=1e-3 * prediction,
+            device, add_client_force(chosen, choices), driver=driver, tracker=tracker, prediction=1e-3 * prediction,
             frame=frame, rate=rate, seed=seed, model=model, record=record or False,
             overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
             watchdog=not no_watchdog, render=render, torque_arm=None if torque_arm is None else 1e-3 * torque_arm,
@@ -210,14 +219,14 @@ def _run_with_console(
 
         with tell_missing_pose(servo), tell_part(servo):
             number = console.serve(open_browser=browser, until=look)
-        servo.check()  # a servo that died says why, and the exit code says that it did
+        servo.check()  # a servo that failed reports why, and sets the exit code
     _report(servo, json)
     return number or 0
 
 
 @contextmanager
 def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> Iterator[None]:
-    """`servo` running, and closed on the way out; people are told why when the start takes long."""
+    """Run `servo` and close it on the way out; when the start takes long, say why."""
     hint = Timer(
         3.0, say, ["Starting ... The first start after an installation compiles code: about 15 s on two cores."]
     )
@@ -264,7 +273,7 @@ def _report(servo: Servo, json: bool) -> None:
         torque = f", torque {1e3 * report['peak_torque_nm']:.1f} mN·m"
         turned = torque if report["rendered_part"] in ("torque", "both") else ""
         say(
-            f"{report['ticks']} ticks, {100 * rate:.2f} % in time, p99 lateness {late:.0f} µs, "
+            f"{report['ticks']} ticks, {100 * rate:.2f} % on time, p99 lateness {late:.0f} µs, "
             + (
                 f"peak torque {report['peak_torque_nm']:.2f} N·m"
                 if servo.modes

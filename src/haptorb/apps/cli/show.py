@@ -37,7 +37,7 @@ def register(app: typer.Typer) -> None:
 
 
 def devices(
-    name: Annotated[str | None, typer.Argument(help="Device whose file is printed, to start your own from.")] = None,
+    name: Annotated[str | None, typer.Argument(help="Device whose file to print.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """List the devices that come with haptorb; with a name, print its file: haptorb devices omni > mine.toml."""
@@ -59,7 +59,7 @@ def devices(
 
 
 def worlds(
-    name: Annotated[str | None, typer.Argument(help="World whose parameters are listed.")] = None,
+    name: Annotated[str | None, typer.Argument(help="World whose parameters to list.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """List the worlds; with a name, the parameters of that world."""
@@ -81,7 +81,7 @@ def worlds(
     print_text(console, _nature(world.passive, world.continuous, world.needs_target), "dim")
     made = world()
     if isinstance(made, DynamicWorld):
-        print_text(console, f"remembers {', '.join(f'{one.name} [{one.unit}]' for one in made.memory_fields)}", "dim")
+        print_text(console, f"memory: {', '.join(f'{one.name} [{one.unit}]' for one in made.memory_fields)}", "dim")
     for remark in made.remarks:
         print_text(console, remark)
     if not known:
@@ -106,32 +106,40 @@ def _nature(passive: bool, continuous: bool, needs_target: bool) -> str:
 
 def inspect(
     devices: Annotated[list[str], typer.Argument(help="Device names, or paths of device files: one or several.")],
-    plot: Annotated[Path | None, typer.Option(help="Draw the figures into this PNG, SVG or PDF file.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Write the figures to this PNG, SVG or PDF file.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON; a list for several devices.")] = False,
     assumed: Annotated[bool, typer.Option("--assumed", help="List the assumed values with their reasons.")] = False,
-    override: Annotated[bool, typer.Option("--override", help="Inspect a device that the validation refuses.")] = False,
+    override: Annotated[bool, typer.Option("--override", help="Inspect a device that fails the validation.")] = False,
     errors: Annotated[
         bool, typer.Option("--errors", help="Show the error budget of the delivered wrench of one device.")
     ] = False,
     wrench: Annotated[
         str | None,
-        typer.Option(help='With --errors: wrench asked for, such as "100 mN" or "0.4 N*m" [half of the least peak].'),
+        typer.Option(
+            help='With --errors: wrench asked, such as "100 mN" or "0.4 N*m" (default: half of the smallest peak).'
+        ),
     ] = None,
     estimator: Annotated[
-        str | None, typer.Option(help="With --errors: what tells where the mover is [the kind's first].")
+        str | None,
+        typer.Option(help="With --errors: source of the mover's pose (default: the first estimator of its kind)."),
     ] = None,
     calibration: Annotated[
         Path | None, typer.Option(help="With --errors: calibration file, from `haptorb calibrate`.")
     ] = None,
-    samples: Annotated[int, typer.Option(help="With --errors: devices drawn for each region of the workspace.")] = 2000,
-    seed: Annotated[int, typer.Option(help="With --errors: seed of what is drawn.")] = 0,
+    samples: Annotated[
+        int, typer.Option(help="With --errors: number of simulated devices for each region of the workspace.")
+    ] = 2000,
+    seed: Annotated[int, typer.Option(help="With --errors: seed of the simulated devices.")] = 0,
     sensing: Annotated[
-        bool, typer.Option("--sensing", help="How well the field sensors locate the tool, error by error.")
+        bool,
+        typer.Option(
+            "--sensing", help="Show how accurately the field sensors locate the tool, for each source of error."
+        ),
     ] = False,
 ) -> None:
-    """Show what devices can do: workspace, forces, heat limits and model errors; several side by side.
+    """Show the capabilities of a device: workspace, forces, heat limits, model errors; several devices side by side.
 
-    With --errors: the band in which the wrench of 95 % of such devices lies, and what contributes most to it.
+    With --errors: the 95 % band of the delivered wrench and its sources of error.
     """
     from haptorb.apps.figure_file import check_figure_file, write_figure
     from haptorb.apps.inspect import Comparison, card, name_devices
@@ -198,7 +206,7 @@ def _print_sensing(devices: list[Device], json: bool) -> None:
     from haptorb.apps.inspect.sensing import sensing_accuracy
 
     if len(devices) > 1:
-        raise InputError(f"--sensing tells about one device; got {len(devices)}")
+        raise InputError(f"--sensing is for one device; got {len(devices)}")
     found = sensing_accuracy(devices[0])
     if json:
         print_json(found.numbers())
@@ -209,14 +217,14 @@ def _print_sensing(devices: list[Device], json: bool) -> None:
 def show(
     device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="PNG, SVG or PDF file [DEVICE.drawing.png].")
+        Path | None, typer.Option("--output", "-o", help="PNG, SVG or PDF file to write (default: DEVICE.drawing.png).")
     ] = None,
     view: Annotated[str, typer.Option(help="View: section, 3d or both.")] = "both",
-    azimuth: Annotated[float, typer.Option(help="Direction of the section's plane [deg], from +x towards +y.")] = 0.0,
+    azimuth: Annotated[float, typer.Option(help="Azimuth of the section plane [deg], from +x towards +y.")] = 0.0,
     json: Annotated[
-        bool, typer.Option("--json", help="Print the parts and their places as JSON; draw with -o.")
+        bool, typer.Option("--json", help="Print the parts and their positions as JSON; with -o, draw too.")
     ] = False,
-    override: Annotated[bool, typer.Option("--override", help="Draw a device that the validation refuses.")] = False,
+    override: Annotated[bool, typer.Option("--override", help="Draw a device that fails the validation.")] = False,
 ) -> None:
     """Draw a device to scale: coils, magnets, core and sensors in section and in three dimensions."""
     from haptorb.apps.figure_file import check_figure_file, write_figure

@@ -22,24 +22,22 @@ def register(app: typer.Typer) -> None:
 
 
 def view(
-    file: Annotated[str, typer.Argument(help="Recording (MCAP), or a part of it: FILE#t=FROM,TO as a study notes it.")],
-    other: Annotated[str | None, typer.Argument(help="Recording that is played beside it.")] = None,
+    file: Annotated[str, typer.Argument(help="Recording (MCAP), or a part of it: FILE#t=FROM,TO [s].")],
+    other: Annotated[str | None, typer.Argument(help="Recording to play beside it.")] = None,
     at: Annotated[
-        str | None, typer.Option(help='Time after the first tick to begin at, such as "12.5 s" (default: 0 s).')
+        str | None, typer.Option(help='Time at which to begin, after the first tick, such as "12.5 s" (default: 0 s).')
     ] = None,
-    offset: Annotated[
-        str, typer.Option(help='How much later the other recording begins, such as "0.5 s" or "-2 s".')
-    ] = "0 s",
+    offset: Annotated[str, typer.Option(help='Delay of the other recording, such as "0.5 s" or "-2 s".')] = "0 s",
     device: Annotated[
         str | None,
-        typer.Option("--as", help="Device, or path of its file, that is drawn (default: the recording's own)."),
+        typer.Option("--as", help="Device to draw, name or path of a device file (default: the recording's)."),
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the page; 0 takes any free port.")] = 8767,
     browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
-    duration: Annotated[float | None, typer.Option(help="Serve for so long [s] (default: until Ctrl-C).")] = None,
+    duration: Annotated[float | None, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the address and the recordings as JSON.")] = False,
 ) -> None:
-    """Play a recording in the browser, or two side by side: picture, plots and numbers as live. No servo runs."""
+    """Play a recording, or two side by side, in the console's page. No servo runs."""
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
     from haptorb.apps.cli.recording import parse_time

@@ -1,6 +1,6 @@
 """The console: one page on this computer, to put a hand on the device and see every number of it.
 
-Names are loaded when they are first used: the process that computes the felt map needs no web server.
+Names are loaded when they are first used: the process that computes the force map needs no web server.
 """
 
 from __future__ import annotations

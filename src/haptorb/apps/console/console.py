@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Self, final
 
 from haptorb.apps.console.designs.design_session import DesignSession
-from haptorb.apps.console.force_map import FeltMap
+from haptorb.apps.console.force_map import ForceMapSource
 from haptorb.apps.console.force_map_process import ForceMapProcess
 from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.site import application
@@ -18,7 +18,7 @@ from haptorb.apps.web.server import HOST, bind_socket, prioritize, server, signa
 
 __all__ = ["PORT", "Console"]
 
-PORT = 8765  #: unless told otherwise
+PORT = 8765  #: default
 
 
 @final
@@ -32,7 +32,7 @@ class Console:
             print(console.url)
             console.serve()
 
-    Best made before the servo starts: then the process that paints the felt map loads at the same time.
+    Best made before the servo starts: then the process that paints the force map loads at the same time.
 
     port      0 takes any free one
     designs   a session in which designs are felt and rated; its panel stands in place of the world's
@@ -45,18 +45,18 @@ class Console:
         servo: RunningServo,
         port: int = PORT,
         *,
-        felt: FeltMap | None = None,
+        force_map: ForceMapSource | None = None,
         designs: DesignSession | None = None,
         framed_by: str = "",
     ) -> None:
         self._servo = servo
         self._socket = bind_socket(port)
         try:
-            app = application(servo, felt, designs, framed_by)
+            app = application(servo, force_map, designs, framed_by)
         except BaseException:
             self._socket.close()
             raise
-        self._felt: ForceMapProcess | None = app.state.felt
+        self._force_map: ForceMapProcess | None = app.state.force_map
         self.port = int(self._socket.getsockname()[1])
         self.token: str = app.state.token  #: what a program says instead: `Authorization: Bearer TOKEN`
         self.origin = f"http://{HOST}:{self.port}"
@@ -71,7 +71,7 @@ class Console:
     def serve(self, *, open_browser: bool = False, until: Callable[[], bool] = lambda: False) -> int | None:
         """Serve until `close`, SIGINT or SIGTERM (the signal's number is returned), `until()`, or the servo's end.
 
-        Signals are only heard in the main thread; the handlers of before are put back.
+        Signals are received only in the main thread; the former handlers are restored.
         """
         signals_seen: list[int] = []
 
@@ -91,7 +91,7 @@ class Console:
                 opened = True
                 threading.Thread(target=open_browser_at, args=(self.url,), daemon=True).start()
             if not self._servo.alive or until():
-                # One more moment, so that the page can say so before the socket closes.
+                # One more moment, so that the page can show it before the socket closes.
                 await asyncio.sleep(0.7 if not self._servo.alive else 0.0)
                 self._server.should_exit = True
                 break
@@ -108,5 +108,5 @@ class Console:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
         self._socket.close()
-        if self._felt is not None:
-            self._felt.close()
+        if self._force_map is not None:
+            self._force_map.close()

@@ -13,26 +13,26 @@ from haptorb.devices.device import Device
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 
-__all__ = ["FeltMap", "Flags", "ForceMapWorker"]
+__all__ = ["Flags", "ForceMapSource", "ForceMapWorker"]
 
 #: shape (n,)
 Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 #: (name and values of the world, model that is inverted, points (n, 3) [m]) → radial force (n,) [N] and whether the
 #: device is at its limit
-FeltMap = Callable[[str, Mapping[str, Any], str, Array], tuple[Array, Flags]]
+ForceMapSource = Callable[[str, Mapping[str, Any], str, Array], tuple[Array, Flags]]
 
 
 @final
 class ForceMapWorker:
     """Recomputes the map in a thread whenever the world changes; of several changes only the newest is painted."""
 
-    def __init__(self, device: Device, felt: FeltMap) -> None:
+    def __init__(self, device: Device, force_map: ForceMapSource) -> None:
         if device.shell is None:
             raise InputError(f"device '{device.name}' has no dome, so it has no force map")
         self.directions, self.triangles = shell()
         self._points = self.directions * device.shell.contact_distance
-        self._felt = felt
+        self._force_map = force_map
         self._wanted: tuple[str, Mapping[str, Any], str, int] | None = None
         self._task: asyncio.Task[None] | None = None
         self.force = np.zeros(len(self.directions))
@@ -60,8 +60,8 @@ class ForceMapWorker:
         while self._wanted is not None:
             (name, values, model, version), self._wanted = self._wanted, None
             try:
-                self.force, self.saturated = await asyncio.to_thread(self._felt, name, values, model, self._points)
-            except Exception as mistake:  # whatever a world's own code raises: the page says it, the loop goes on
+                self.force, self.saturated = await asyncio.to_thread(self._force_map, name, values, model, self._points)
+            except Exception as mistake:  # any exception of a world's own code: the page shows it, the loop continues
                 failed(f"the force map of '{name}' cannot be computed: {mistake}")
             else:
                 self.version = version

@@ -1,4 +1,4 @@
-"""The felt map computed in a process of its own, with low priority.
+"""The force map computed in a process of its own, with low priority.
 
 Loading and running a world's compiled code holds a Python process up for as long as half a second. In the console's
 process that would starve the servo's heartbeat and the hand on the stylus.
@@ -31,7 +31,7 @@ class ForceMapProcess:
     """Call it like a function: (name and values of a world, model, points (n, 3) [m]) → radial force (n,) [N] and
     saturated (n,).
 
-    Started by `start` or the first call, and again if it died; a call blocks until the answer is there.
+    Started by `start` or the first call, and again if it has ended; a call blocks until the reply is there.
     """
 
     def __init__(self, device: Device) -> None:
@@ -40,7 +40,7 @@ class ForceMapProcess:
         self._one_at_a_time = threading.Lock()
         #: the user's worlds by name, which the process cannot import
         self.own_worlds: Callable[[], Mapping[str, World]] = dict
-        self.render: str | None = None  #: part of the wrench that is rendered whatever the world asks
+        self.render: str | None = None  #: part of the wrench to render, overriding the world
 
     def __call__(self, name: str, values: Mapping[str, Any], model: str, points: Array) -> tuple[Array, Flags]:
         with self._one_at_a_time:
@@ -120,7 +120,7 @@ def main() -> None:
     model, points, part to render or None)."""
     os.nice(10)
     questions, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever a world prints is not an answer
+    os.dup2(2, 1)  # a world's output is not a reply
     from haptorb.runtime.exchange.plan import unpack
     from haptorb.simulation.force_map import force_map
     from haptorb.worlds import find_world
@@ -137,7 +137,7 @@ def main() -> None:
         try:
             world = find_world(name)(**values) if packed is None else unpack(packed).replace(**values)
             answer = force_map(device, _select_lasting(world), points, model=model, render=render)
-        except Exception as mistake:  # whatever a world's own code raises is the answer
+        except Exception as mistake:  # any exception of a world's own code is the reply
             answer = f"{type(mistake).__name__}: {mistake}"
         try:
             pickle.dump(answer, answers)

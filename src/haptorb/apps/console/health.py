@@ -43,7 +43,7 @@ class Health:
 
     def look(self) -> dict[str, float | None]:
         """Rate [Hz], share of deadlines met, 50th and 99th percentile of lateness and median compute time [µs], 99th
-        percentile of the age of poses that were believed [ms]."""
+        percentile of the age of valid poses [ms]."""
         self._cursor, rows = self._servo.rows(self._cursor)
         if len(rows):
             compute = rows[:, self._stages].sum(axis=1)

@@ -22,7 +22,7 @@ class ConsolePage:
     def __init__(self, socket: WebSocket) -> None:
         self.socket = socket
         self.events: dict[str, dict[str, Any]] = {}
-        self.felt = -1  #: version of the felt map that it has
+        self.force_version = -1  #: version of the force map that it has
         self.dropped = 0  #: rows that it will never get
         self.soon = asyncio.Event()  #: something is worth sending before the frame is full
 
@@ -32,12 +32,12 @@ class ConsolePage:
         self.soon.set()
 
     async def send_events(self) -> None:
-        """Everything that was told; TimeoutError as in `send`."""
+        """Every message to the page; TimeoutError as in `send`."""
         while self.events:
             event = self.events.pop(next(iter(self.events)))
             async with asyncio.timeout(PATIENCE):
                 await self.socket.send_text(json.dumps(event, allow_nan=False, default=to_json))
-            await asyncio.sleep(0)  # if that went wrong, the server hears of it now
+            await asyncio.sleep(0)  # if that failed, the server sees it now
 
     async def send(self, frame: bytes) -> None:
         """One frame; TimeoutError if the page has not taken the earlier ones after five seconds."""

@@ -1,15 +1,16 @@
-"""The hand behind the page's pointer: held by a person, or resting where it was let go.
+"""The hand behind the page's pointer: held by a person, or at rest where it was released.
 
 While a person drags, their own messages keep the pose fresh: if the page freezes or goes away in the middle of a drag
-nobody refreshes it, it expires, and the guard lets go. A browser on a busy computer stutters, though: as long as its
+it is not renewed, it expires, and the guard releases. A browser on a busy computer stutters, though: as long as its
 socket is open, a pause is bridged. A hand at rest has no such person behind it, so the server keeps it fresh for as
 long as the page stays connected.
 
 Two limits, `Patience`, bound how long a force may last that no person holds: what the page's main thread may be silent
 before the page's own worker drops the pose, and what the worker may be silent before this end does. A real device
 allows a quarter of a second at most; then the pose expires (`limits.expiry`), the guard fades the force out within
-50 ms and trips. A simulated one can hurt nobody, and no tracker has failed: it allows a second, and then the simulated
-hand lets go and is back at its rest within 1.5 s, without a trip. A page that goes away in the middle of a drag lets
+50 ms and trips. A simulated one cannot hurt anyone, and no tracker has failed: it allows a second, and then the
+simulated hand releases the pointer and is back at rest within 1.5 s, without a trip. A page that goes away in the
+middle of a drag lets
 the pose expire with either. This process too may wait for a processor: the simulated hand stays where it is for 0.3 s
 without a word from here.
 """
@@ -31,7 +32,7 @@ __all__ = ["PATIENCE", "PATIENCE_SIMULATED", "Patience", "PointerRelay", "patien
 
 
 class Patience(NamedTuple):
-    """How long a held pointer stays believed without a word from whoever should renew it [s]."""
+    """How long a held pointer stays valid without renewal [s]."""
 
     page: float  #: from the page's main thread to its worker
     worker: float  #: from the worker to the server
@@ -43,7 +44,7 @@ PATIENCE_SIMULATED = Patience(page=1.0, worker=1.0)
 _STARVATION = 0.3  #: what a simulated hand bridges while this process has no processor [s]
 #: how close the row's goal must be to the page's to be its answer [m]: float32 on the way
 _SAME = 1e-6
-#: a hand that was let go for so long is at rest [s]
+#: this long after its release a hand is at rest [s]
 SETTLED = 0.5
 #: an answer that has not come by then will not come [s]
 _PATIENCE = 0.5
@@ -63,14 +64,14 @@ class PointerRelay:
         self._simulated, self._grace = servo.driver == "sim", patience_for(servo.driver).worker
         self._patience = _STARVATION if self._simulated else 0.0
         self._last: tuple[Array, Array | None, float] | None = None  # what is held, and when it was last said
-        self._rested = 0.0  # when it was let go
+        self._rested = 0.0  # when it was released
         self._resting: tuple[Array, Array | None] | None = None
         # the page's stamp, our time, position, orientation
         self._pending: deque[tuple[float, float, Array, Array | None]] = deque(maxlen=64)
         self.held = False
 
     def point(self, pointer: Pointer) -> None:
-        """The page's pointer moved, or was let go at `pointer.p`."""
+        """The page's pointer moved, or was released at `pointer.p`."""
         self._servo.point(pointer.p, pointer.q, patience=self._patience)
         self.held = pointer.held
         self._resting = None if pointer.held else (pointer.p, pointer.q)
@@ -93,15 +94,15 @@ class PointerRelay:
     def release(self) -> None:
         """The page went away: a hand at rest goes home, a drag is left to expire.
 
-        A browser that closes a page in the middle of a drag says first that the pointer was let go; that is no rest.
+        A browser that closes a page in the middle of a drag first sends that the pointer was released; that is no rest.
         """
         if self._resting is not None and time.monotonic() - self._rested > SETTLED:
             self._servo.release()
         self._forget()
 
     def drop(self) -> None:
-        """The page is hidden or hangs: a drag is over. A simulated hand lets go; a real device's pose is left to
-        expire."""
+        """The page is hidden or hangs: a drag is over. A simulated hand releases the tool; a real device's pose is left
+        to expire."""
         if self._last is None:
             return
         if self._simulated:
@@ -109,7 +110,7 @@ class PointerRelay:
         self._forget()
 
     def let_go(self) -> None:
-        """Let go of the tool altogether."""
+        """Release the tool at once."""
         self._servo.release()
         self._forget()
 

@@ -69,7 +69,7 @@ class RunningServo(DescribedServo, Protocol):
 
     @property
     def own_worlds(self) -> Mapping[str, World]:
-        """Worlds beside the catalogue's that `set_world` knows, by name; another mapping after one was loaded anew."""
+        """Worlds beside the catalogue's that `set_world` knows, by name; another mapping after one was reloaded."""
         ...
 
     @property
@@ -79,7 +79,7 @@ class RunningServo(DescribedServo, Protocol):
 
     @property
     def render(self) -> str | None:
-        """Part of the wrench that is rendered whatever the world asks; None: what it asks."""
+        """Part of the wrench to render, overriding the world; None: the world's."""
         ...
 
     @property
@@ -126,7 +126,7 @@ class RunningServo(DescribedServo, Protocol):
         ...
 
     def release(self) -> None:
-        """The hand lets go of the pointer."""
+        """The hand releases the pointer."""
         ...
 
     def stop(self) -> None:

@@ -89,6 +89,7 @@ def motor_scene(device: SphericalMotor) -> dict[str, Any]:
     """A rotor with magnets over a stator with coils, and its handle."""
     return {
         "kind": "motor",
+        "gives": "torque",
         "workspace": device.workspace_tilt,
         "handle_length": device.rotor.handle_length,
         "groups": np.asarray(device.groups, dtype=np.float64).tolist(),

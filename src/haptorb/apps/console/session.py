@@ -65,10 +65,10 @@ def _is_renderable(device: Device, kind: type[World]) -> bool:
 
 
 def _scene(device: Device) -> dict[str, Any]:
-    """How the page draws the device: its kind's own scene, or axes."""
+    """How the page draws the device: its kind's own scene, or axes; a scene that does not say what it gives shows
+    force."""
     describe = device.kind.part("scene")
-    scene: dict[str, Any] = axes_scene(device) if describe is None else describe(device)
-    return scene
+    return {"gives": "force", **(axes_scene(device) if describe is None else describe(device))}
 
 
 def _word(trip: Trip, tracker: str) -> str:
@@ -79,7 +79,7 @@ def _word(trip: Trip, tracker: str) -> str:
 
 
 def session(servo: DescribedServo, started: str) -> dict[str, Any]:
-    """The JSON of /api/session but for `worlds_now`; `started` tells one run of the server from another."""
+    """The JSON of /api/session but for `worlds_now`; `started` distinguishes one run of the server from another."""
     device = servo.device
     heat = device.coils.heat
     return {

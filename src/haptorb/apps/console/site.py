@@ -13,7 +13,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 
 from haptorb.apps.console.designs.design_session import DesignSession
-from haptorb.apps.console.force_map import FeltMap, ForceMapWorker
+from haptorb.apps.console.force_map import ForceMapSource, ForceMapWorker
 from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.session import session, worlds_now
 from haptorb.apps.console.socket_hub import ConsoleSocketHub
@@ -30,15 +30,18 @@ STATIC = Path(__file__).parent / "static"
 
 
 def application(
-    servo: RunningServo, felt: FeltMap | None = None, designs: DesignSession | None = None, framed_by: str = ""
+    servo: RunningServo,
+    force_map: ForceMapSource | None = None,
+    designs: DesignSession | None = None,
+    framed_by: str = "",
 ) -> Starlette:
     """The ASGI application for one running servo, for those who know `app.state.token`.
 
     With `designs`, pages choose and rate those, and neither world nor parameters. Pages of the origin `framed_by`, of
     this program, may frame the console's.
 
-    `felt` answers what the device would give at points in space; by default the simulation of `servo.device` does.
-    `app.state.felt` is the process behind that, to be closed at the end, or None.
+    `force_map` answers what the device would give at points in space; by default the simulation of `servo.device` does.
+    `app.state.force_map` is the process behind that, to be closed at the end, or None.
     Raises InputError if the page has not been built, or the environment's HAPTORB_TOKEN cannot be one.
     """
     token = choose_token()
@@ -51,13 +54,13 @@ def application(
     painter, process = None, None
     compute = device.kind.part("force_map")
     if compute is not None and device.shell is not None:
-        if felt is None:
-            felt = process = compute(device)
+        if force_map is None:
+            force_map = process = compute(device)
             process.start()
             process.own_worlds = lambda: servo.own_worlds
             process.render = servo.render
-        painter = ForceMapWorker(device, felt)
-    room = ConsoleSocketHub(servo, painter, designs)
+        painter = ForceMapWorker(device, force_map)
+    hub = ConsoleSocketHub(servo, painter, designs)
     known = session(servo, uuid4().hex)
 
     async def file(request: Request) -> Response:
@@ -73,11 +76,11 @@ def application(
             Route("/", file),
             Route("/static/{name}", file),
             Route("/api/session", describe),
-            WebSocketRoute("/ws", room.join),
+            WebSocketRoute("/ws", hub.join),
         ],
         middleware=[Middleware(AccessGate, token=token, framed_by=framed_by)],
-        lifespan=run_beside(room.keep),
+        lifespan=run_beside(hub.keep),
     )
-    app.state.felt = process
+    app.state.force_map = process
     app.state.token = token
     return app

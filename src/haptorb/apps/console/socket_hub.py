@@ -124,7 +124,7 @@ class ConsoleSocketHub:
             await asyncio.sleep(0)  # however much one page says, the others have their turn
 
     def _handle_message(self, page: ConsolePage, message: Mapping[str, Any]) -> None:
-        """One message of a page: its pointer, or a command; a stop before all else, whoever says it and however."""
+        """One message of a page: its pointer, or a command; a stop before all else, from any page and in any form."""
         try:
             if (text := message.get("text")) is not None:
                 if asks_to_stop(text):  # safety: console-stop-first
@@ -148,7 +148,7 @@ class ConsoleSocketHub:
             case "stop":  # in letters that `asks_to_stop` does not read
                 self._stop()
             case _ if page is not self._pages[0]:
-                raise InputError("another page is in control; this one only watches (it may still stop)")
+                raise InputError("another page is in control; this one only watches, and can still stop")
             case "engage":
                 self._hand.end_expired_drag()
                 self._cancel_engage()
@@ -169,7 +169,7 @@ class ConsoleSocketHub:
                     raise InputError("the clutch is set by `engaged`, true or false")
                 self._servo.clutch(command["engaged"])
             case "world" if self._designs is not None:
-                raise InputError("in a feel session the panel 'Designs' chooses what is felt")
+                raise InputError("in a feel session choose designs in the panel 'Designs'")
             case "feel" if self._designs is not None:
                 self._designs.execute(page, command)
             case "cool":
@@ -224,7 +224,7 @@ class ConsoleSocketHub:
             self._painter.want(name, dict(values), now[2], self._version, self._send_map, self._report_map_failure)
 
     def _notice_refused(self) -> None:
-        """Tell everyone when somebody else speaks to the tracker, or it jumps: nothing else would show it."""
+        """Inform every page when another sender feeds the tracker, or it jumps: nothing else would show it."""
         counted = self._servo.tracker_refusals
         refused = {why: counted.get(why, 0) for why in _TELLING}
         news = [f"{refused[why] - n} poses {REASONS[why]}" for why, n in self._refused.items() if refused[why] > n]
@@ -261,9 +261,9 @@ class ConsoleSocketHub:
         due = time.monotonic()
         while True:
             await page.send_events()
-            if self._painter is not None and self._painter.version > page.felt:
-                page.felt = self._painter.version
-                await page.send(encode_force_frame(self._painter.force, self._painter.saturated, page.felt))
+            if self._painter is not None and self._painter.version > page.force_version:
+                page.force_version = self._painter.version
+                await page.send(encode_force_frame(self._painter.force, self._painter.saturated, page.force_version))
             end = self._recent.look()
             echo = math.nan
             if end > newest and page is self._pages[0]:

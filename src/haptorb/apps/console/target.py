@@ -20,7 +20,7 @@ from haptorb.worlds import Outlet, SnapFit, find_world
 
 __all__ = ["prepare", "target_scene", "world_remarks"]
 
-_PLACES = 7  #: along a wedge, where the way a hook bends is told; between them it is interpolated
+_PLACES = 7  #: along a wedge, where the deflection of a hook is sent; between them it is interpolated
 _STEM = 0.8  #: of the gap between the wedges that the part of a snap-fit fills behind its edges: for the eye
 _HEAD = 1.5e-3  #: thickness of that part's edge: for the eye [m]
 

@@ -20,7 +20,7 @@ __all__ = ["COLUMNS", "Columns", "Pointer", "encode_force_frame", "mesh_frame", 
 
 MAGIC = 0x48_4F_52_42  #: "HORB", read as a little-endian number
 VERSION = 1
-ROWS, MESH, FELT = 1, 2, 3
+ROWS, MESH, FORCE_MAP = 1, 2, 3
 
 #: magic, kind, version, count, width, t0, tick0, echo, dropped
 _HEADER = struct.Struct("<IHHIIdddd")
@@ -93,7 +93,7 @@ def mesh_frame(directions: Array, triangles: Array) -> bytes:
 
 def encode_force_frame(force: Array, saturated: np.ndarray[tuple[int], np.dtype[np.bool_]], version: int) -> bytes:
     """The radial force (n,) [N] at each vertex, outward positive, and whether the device is at its limit there."""
-    header = _HEADER.pack(MAGIC, FELT, VERSION, len(force), 0, float(version), 0.0, math.nan, 0.0)
+    header = _HEADER.pack(MAGIC, FORCE_MAP, VERSION, len(force), 0, float(version), 0.0, math.nan, 0.0)
     return header + force.astype("<f4").tobytes() + saturated.astype(np.uint8).tobytes()
 
 
@@ -104,7 +104,7 @@ class Pointer:
     stamp: float  #: the page's clock at the pointer's event [ms]; NaN: a refresh that wants no answer
     p: Array  #: (3,) [m]
     q: Array | None  #: (4,) quaternion (x, y, z, w), or None: the device's own way of holding it
-    held: bool  #: True while a hand is on it, False when it was let go and rests there
+    held: bool  #: True while a hand is on it, False when it was released and rests there
 
 
 def pointer(message: bytes) -> Pointer:

@@ -18,9 +18,9 @@ _PERIOD = 1.0  #: between two times of storing [s]
 
 
 def keep_candidates(writer: ResultsWriter, found: Iterable[Evaluation], design: Design, total: int) -> Tally:
-    """Store what is `found` of a run of `total` candidates; what they come to, together with what was stored before.
+    """Store the candidates `found` in a run of `total`; returns the tally, together with what was stored before.
 
-    Whatever ends it early, ^C too, what was computed until then is stored.
+    If it ends early, also by ^C, what was computed until then is stored.
     """
     known = [one for number, one in writer.list_known().items() if number < total]
     tally = Tally(design, known)

@@ -1,4 +1,4 @@
-"""What a run has come to so far: how many candidates, which constraint refuses how many, and the best."""
+"""The state of a run: how many candidates, how many each constraint refuses, and the best."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Tally:
         """For a bar: the best so far, and the share of refused candidates."""
         parts = [f"best {goal.name} {self._format_best(goal)}" for goal in self.design.goals[:_MOST] if self.best]
         if self.count:
-            parts.append(f"{100 * self.refused.total() / self.count:.0f} % refused")
+            parts.append(f"{100 * self.refused.total() / self.count:.0f} % rejected")
         return ", ".join(parts)
 
     @property
@@ -69,7 +69,7 @@ class Tally:
         text = f"{self.count} designs: {self.valid} valid"
         if self.refused:
             whom = ", ".join(f"{count} by {name}" for name, count in self.refused.most_common())
-            text += f", {self.refused.total()} refused: {whom}"
+            text += f", {self.refused.total()} rejected: {whom}"
         return text
 
     @property
@@ -82,11 +82,11 @@ class Tally:
         example = self._examples[name, kind]
         share = f"{count} of {self.count} designs"
         if name == OBJECTIVE:
-            what, remedy = f"an objective has no number for {share}", "Mend the objective, or change the ranges"
+            what, remedy = f"an objective is not a number for {share}", "Correct the objective, or change the ranges"
         elif name == DEVICE:
-            what, remedy = f"the values of {share} make no device", "Change the ranges"
+            what, remedy = f"the values of {share} do not form a valid device", "Change the ranges"
         else:
-            what, remedy = f"constraint '{name}' refuses {share}", "Change the ranges, or relax the constraint"
+            what, remedy = f"constraint '{name}' rejects {share}", "Change the ranges, or relax the constraint"
         reason = shorten(example.reason, _LONGEST, placeholder=" ...")
         return f"no design is valid: {what}. Design {example.number} ({often} alike): {reason}. {remedy}"
 

@@ -40,7 +40,7 @@ _KEYS = {
 
 TORQUE_JND = 0.127  #: just noticeable difference of a torque of 60 mN·m, relative
 ASKED = 0.06  #: torque that is asked of the motor [N·m]
-_ELSEWHERE = 1.0  #: a pause after which an estimator must find the rotor anew [s]
+_ELSEWHERE = 1.0  #: a pause after which an estimator must locate the rotor again [s]
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from haptorb.simulation.parts.noise import seed_noise
 
 __all__ = ["SensorEffect", "SensorEffects", "find_effects"]
 
-_ELSEWHERE = 1.0  #: a pause after which the rotor must be found anew [s]
+_ELSEWHERE = 1.0  #: a pause after which the rotor must be located again [s]
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ def print_comparison(comparison: EstimatorComparison, console: Console) -> None:
             Column("NRMSE, workspace", "%"), Column("worst", "mN·m/A"), Column("torque error", "mN·m"),
             Column("torque error", "JND"), Column("orientation error", "°"), Column("refused", "%"),
         ),
-        f"K of electromagnet {comparison.coil} of '{comparison.device}', and what follows from it",
+        f"K of electromagnet {comparison.coil} of '{comparison.device}', and its effect",
     )  # fmt: skip
     for disturbance in comparison.disturbances:
         for number, estimator in enumerate(comparison.estimators):
@@ -37,8 +37,8 @@ def print_comparison(comparison: EstimatorComparison, console: Console) -> None:
     print_table(console, table)
     print_text(
         console,
-        "\nNRMSE: rms error over rms. Torque error: rms of what is delivered when 60 mN·m are "
-        "asked; JND: its 95th percentile over 12.7 %, the just-noticeable difference.",
+        "\nNRMSE: rms error over rms. Torque error: rms error of the torque given when 60 mN·m are asked; JND: its "
+        "95th percentile over 12.7 %, the just-noticeable difference.",
     )
     for name, times in comparison.latency.items():
         print_text(console, f"one update of {name}: median {times['median']:.0f} µs, 95 % within {times['p95']:.0f} µs")
@@ -75,7 +75,8 @@ def print_effects(effects: SensorEffects, console: Console) -> None:
     print_text(
         console,
         f"\nrms over {effects.orientations} orientations of each of {effects.devices} devices drawn from the device "
-        "file's distributions. Torque error: of what is delivered when 60 mN·m are asked; JND: its 95th percentile "
+        "file's distributions. Torque error: error of the torque given when 60 mN·m are asked; JND: its 95th "
+        "percentile "
         "over 12.7 %, the just-noticeable difference.",
     )
 

@@ -100,7 +100,9 @@ def train_coil(
     groups = neighbourhoods(motor, reach)
     near = next((near for near in groups if coil in near.coils), None)
     if near is None:
-        raise InputError(f"coil {coil + 1} is none of the {len(motor.electromagnets)} of device '{motor.name}'")
+        raise InputError(
+            f"coil {coil + 1} does not exist: there are {len(motor.electromagnets)} on device '{motor.name}'"
+        )
     member = int(np.flatnonzero(near.coils == coil)[0])
     R = workspace_grid(motor, grid)
     x, y = (

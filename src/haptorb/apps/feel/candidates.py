@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import ValidationError
 
 from haptorb.apps.feel.design_file import ONLY, DesignFile, DesignTable
-from haptorb.control.clutch.modes import Gains
+from haptorb.control.clutch.gains import Gains
 from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.mistakes import explain_mistakes
@@ -29,7 +29,7 @@ from haptorb.worlds.snap_fit.root_load import RootLoad
 
 __all__ = ["Candidate", "Candidates", "load_designs", "own_candidate"]
 
-_MISTAKES = 40  #: told at once
+_MISTAKES = 40  #: reported at once
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,11 @@ class Candidate:
     """One design as it can be felt."""
 
     name: str
-    title: Annotated[str, m.Meaning("headline of the file"), m.Form("text")]
+    title: Annotated[str, m.Meaning("title of the file"), m.Form("text")]
     material: str  #: empty for a world of the user's own
-    world: Annotated[World, m.Meaning("what the hooks belong to: a part that snaps in, or a socket with a plug")]
+    world: Annotated[
+        World, m.Meaning("kind of design: a part that snaps in (snap_fit), or a socket with a plug (outlet)")
+    ]
     remarks: tuple[str, ...]  #: what should be said about it though it can exist
     digest: str  #: of everything that makes its feel; ratings and traces carry it
     root: RootLoad | None = None  #: what the hook's root bears where it is bent most; None for a world without a hook
@@ -54,7 +56,7 @@ class Candidate:
 class Candidates:
     """A file's designs, in its order."""
 
-    title: Annotated[str, m.Meaning("headline of the file"), m.Form("text")]
+    title: Annotated[str, m.Meaning("title of the file"), m.Form("text")]
     beam: Annotated[Model, m.Meaning("beam model: Timoshenko's, loaded where the contact is, or the paper's")]
     gains: Gains
     designs: tuple[Candidate, ...]
@@ -127,7 +129,7 @@ def _material(name: str, design: DesignTable) -> tuple[float, float, bool]:
 
 
 def _mistakes_of_common(common: dict[str, Any]) -> list[str]:
-    """What is wrong in [common] by itself: told once, and not for every design."""
+    """Mistakes in [common] itself: reported once, and not for every design."""
     try:
         DesignTable.model_validate(common)
     except ValidationError as cause:

@@ -68,16 +68,16 @@ class DesignTable(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    title: Annotated[str, m.Meaning("headline of the design"), m.Form("text"), m.Without("the name of its table")] = ""
+    title: Annotated[str, m.Meaning("title of the design"), m.Form("text"), m.Without("the name of its table")] = ""
     material: Annotated[
         str,
         m.Meaning("material of the hook"),
-        m.Form("one of the known ones, or any with youngs_modulus and poisson_ratio"),
+        m.Form("a known material, or any name with youngs_modulus and poisson_ratio"),
     ]
     metal: Annotated[
         Annotated[bool, Field(strict=True)] | None,
         m.Meaning("whether the material is a metal"),
-        m.Without("as the known material; else false"),
+        m.Without("that of the known material, else false"),
     ] = None
     youngs_modulus: Annotated[
         Modulus | None,
@@ -93,7 +93,7 @@ class DesignTable(BaseModel):
     ] = None
     yield_strength: Annotated[
         Modulus | None,
-        m.Meaning("stress at which the material yields, for the report's yield margin"),
+        m.Meaning("yield strength of the material, for the yield margin in the report"),
         m.Without("that of the known material"),
     ] = None
     friction: Annotated[
@@ -172,11 +172,13 @@ class DesignFile(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    title: Annotated[str, m.Meaning("headline of the file"), m.Form("text")]
+    title: Annotated[str, m.Meaning("title of the file"), m.Form("text")]
     world: Annotated[
         str,
         AfterValidator(_check_world),
-        m.Meaning("what the hooks belong to: a part that snaps in, or a socket with a plug; or a world of your own"),
+        m.Meaning(
+            "kind of design: a part that snaps in (snap_fit), a socket with a plug (outlet), or a world of your own"
+        ),
         m.Form("snap_fit, outlet or FILE.py:NAME"),
     ]
     beam: Annotated[Model, m.Meaning("beam model: Timoshenko's, loaded where the contact is, or the paper's")] = (
@@ -187,7 +189,7 @@ class DesignFile(BaseModel):
     ] = 1.0
     common: Annotated[
         dict[str, Any],
-        m.Meaning("keys of designs that hold for all; a design may set its own"),
+        m.Meaning("keys common to all designs; a design may override them"),
         m.Form("the keys of [design.NAME]"),
         m.Without("none"),
     ] = Field(default_factory=dict)

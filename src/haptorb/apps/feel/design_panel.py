@@ -25,7 +25,7 @@ class DesignPanel:
 
     @property
     def hidden(self) -> bool:
-        """Whether no page may be told name, values or picture of what is felt."""
+        """Whether name, values and picture of the design are hidden from every page."""
         return self._live.hidden
 
     def describe(self) -> dict[str, Any]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_forces", "draw_hook"]
 
-_DOTS = 4000  #: of felt forces in one picture: more cannot be told apart
+_DOTS = 4000  #: of forces in one picture: more cannot be distinguished
 _X, _FX = COLUMNS.index("x_m"), COLUMNS.index("fx_n")
 
 

@@ -61,7 +61,7 @@ class LiveSession:
         self.person = check_person(person)
         self.finished = False
         self.version = 0  #: another number after every change
-        self.news: Callable[[str], None] = lambda text: None  #: is told what was rated or chosen, in words
+        self.notify: Callable[[str], None] = lambda text: None  #: is called with what was rated or chosen, in words
         order = self._order
         self._pair = {"a": order[0], "b": order[1 % len(order)]}
         self._now = self._start(self._find_next(None))
@@ -97,7 +97,7 @@ class LiveSession:
         return self._orders[self.person]
 
     def describe(self) -> dict[str, Any]:
-        """Everything that the page shows, as plain JSON types; nothing in it tells a hidden design."""
+        """Everything that the page shows, as plain JSON types; nothing in it reveals a hidden design."""
         with self._lock:
             order, last = self._order, {one.design: one.score for one in self._list_ratings()}
             return {
@@ -151,7 +151,7 @@ class LiveSession:
             self._check_running()
             now = self._now
             if feeling and feeling != now.id:
-                raise InputError("another design was chosen before this score arrived; it was not kept. Rate again")
+                raise InputError("another design was chosen before this score arrived: not stored. Rate again")
             if isinstance(score, bool) or not isinstance(score, int) or not SCORES[0] <= score <= SCORES[1]:
                 low, high = SCORES
                 raise InputError(f"a score is a whole number from {low} to {high}; got {quote(score)}. Rate again")
@@ -162,7 +162,7 @@ class LiveSession:
             self._tell(f"{self.label}: rated {score}" + (f" by {self.person}" if self.person else ""))
 
     def feel_next(self) -> None:
-        """Go on to one of the designs that this person rated least often, in random order."""
+        """Continue with one of the designs that this person rated least often, in random order."""
         with self._lock:
             self.feel(self._find_next(self.current))
 
@@ -193,7 +193,7 @@ class LiveSession:
             self._tell(f"{slot.upper()}: {self._label(design)}")
 
     def set_person(self, code: str) -> None:
-        """Somebody else feels from now on: their ratings and their order are their own."""
+        """Another person feels from now on, with separate ratings and order."""
         with self._lock:
             self._check_running()
             code = check_person(code)
@@ -289,7 +289,7 @@ class LiveSession:
 
     def _tell(self, text: str) -> None:
         self.version += 1
-        self.news(text)
+        self.notify(text)
 
 
 def check_slot(slot: object) -> str:

@@ -37,7 +37,7 @@ class PeakComparison:
     computed: float
     felt: float | None  #: None: the part was never moved this way
     causes: tuple[tuple[str, float], ...] = ()  #: what, and how much it adds to the felt peak [N]; they add up
-    hand: str = ""  #: what of it did not come to the hand, and why; empty if all of it did
+    hand: str = ""  #: the part of it that did not reach the hand, and why; empty if all of it did
 
     @property
     def agrees(self) -> bool:
@@ -91,7 +91,7 @@ def _compare(design: Candidate, run: InsertionForces, traces: Sequence[Array], w
     peak_at = float(run.place[int(curve.argmax())])
     steps = (
         (_explain_place(x, peak_at, reached, sign), quick - computed),
-        (f"slow motion ({1e3 * abs(speed):.1f} mm/s), in which friction is not yet whole:", slow - quick),
+        (f"slow motion ({1e3 * abs(speed):.1f} mm/s), without full friction:", slow - quick),
         (_explain_aside(rows[at]), felt - slow),
     )
     causes = tuple((what, amount) for what, amount in steps if abs(amount) >= _SHARE * computed)
@@ -109,7 +109,7 @@ def _speeds(rows: Array) -> Array:
 
 def _explain_place(x: float, peak_at: float, reached: float, sign: float) -> str:
     if sign * reached < sign * peak_at - 1e-4:
-        return f"the part got to X' = {1e3 * reached:.1f} mm, the peak is at {1e3 * peak_at:.1f} mm:"
+        return f"the part reached X' = {1e3 * reached:.1f} mm, the peak is at {1e3 * peak_at:.1f} mm:"
     return f"felt at X' = {1e3 * x:.1f} mm, the peak is at {1e3 * peak_at:.1f} mm:"
 
 
@@ -118,17 +118,18 @@ def _explain_aside(row: Array) -> str:
     turn = 2.0 * np.degrees(np.arccos(np.clip(abs(row[COLUMNS.index("qw")]), 0.0, 1.0)))
     if aside < _MIDDLE and turn < _STRAIGHT:
         return "the loop's own estimate of the speed in this tick:"
-    return f"not in the middle ({1e3 * aside:.1f} mm aside, turned by {turn:.1f}°):"
+    return f"off centre ({1e3 * aside:.1f} mm sideways, turned by {turn:.1f}°):"
 
 
 def _explain_hand(row: Array) -> str:
-    """What of the force at the part did not come to the handle; empty if all of it did, or nobody knows."""
+    """The part of the force that did not reach the handle; empty if all of it did, or if unknown."""
     asked, given, gain, saturated = (float(row[k]) for k in (_ASKED, _GIVEN, _GAIN, _SATURATED))
     if np.isnan(asked) or asked <= 0.0:
         return ""
     if gain < 1.0 - AGREE:
         return (
-            f"the guard passed {100 * gain:.0f} % of it: the force was still rising after a start, or a coil was warm"
+            f"the guard passed {100 * gain:.0f} % of it: the force was still ramping up after a start, or a coil "
+            "was warm"
         )
     if abs(given - asked) <= AGREE * asked:
         return ""

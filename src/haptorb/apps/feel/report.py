@@ -82,7 +82,7 @@ def _compare(session: FeelSession, runs: dict[str, InsertionForces], felt: dict[
             f"{score:.1f} ({count})" if count else "not rated",
         ])  # fmt: skip
     head = [
-        "design", "insert [N]", "pull out [N]", "strain at the root [%]", "stress there [MPa]", "yield margin",
+        "design", "insert [N]", "pull out [N]", "strain at the root [%]", "stress at the root [MPa]", "yield margin",
         "times felt", f"mean score {SCORES[0]} to {SCORES[1]} (ratings)",
     ]  # fmt: skip
     return ["<h2>Designs compared</h2>", scroll_table_html(head, rows)]
@@ -104,7 +104,7 @@ def _list_ratings(session: FeelSession) -> list[str]:
     body = ["<h2>Ratings</h2>", scroll_table_html(["design", *(person or "no code" for person in people)], rows)]
     if old := session.find_outdated():
         body.append(
-            f"<p class='quiet'>{len(old)} ratings are left out: their designs have been changed or removed since.</p>"
+            f"<p class='quiet'>{len(old)} ratings are left out, because their designs have been changed or removed.</p>"
         )
     return body
 

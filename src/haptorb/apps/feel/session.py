@@ -61,7 +61,8 @@ class FeelSession:
         known = [design.name for design in self.candidates.designs]
         if rated and rated.isdisjoint(known):
             raise InputError(
-                f"{self._path} is about other designs ({', '.join(sorted(rated)[:8])}), none of which is in this file "
+                f"{self._path} belongs to other designs ({', '.join(sorted(rated)[:8])}), none of which is in this "
+                "file "
                 f"({', '.join(known[:8])}); choose another folder with --session, or use the file it belongs to"
             )
 
@@ -173,7 +174,7 @@ class FeelSession:
         return {name: (len(s), sum(s) / len(s) if s else math.nan) for name, s in given.items()}
 
     def people(self) -> tuple[str, ...]:
-        """Everybody who rated, in the order of their first rating; "" for whoever gave no code."""
+        """Every person who rated, in the order of their first rating; "" for one without a code."""
         return tuple(dict.fromkeys(rating.person for rating in self.ratings()))
 
     def find_outdated(self) -> tuple[DesignRating, ...]:

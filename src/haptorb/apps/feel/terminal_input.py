@@ -41,7 +41,7 @@ def execute_line(live: LiveSession, line: str) -> None:
 
 
 def read_lines(live: LiveSession, lines: Iterator[str], tell: Callable[[str], None]) -> None:
-    """Execute `lines` until the session or the input ends; a mistake is told, and the next line read."""
+    """Execute `lines` until the session or the input ends; a mistake is reported, and the next line read."""
     for line in lines:
         if live.finished:
             return

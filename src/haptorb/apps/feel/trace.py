@@ -20,7 +20,7 @@ from haptorb.runtime.row import RowLayout
 __all__ = ["COLUMNS", "HAND", "Trace", "read_trace", "trace_rows", "write_trace"]
 
 COLUMNS = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
-#: what came to the handle: torque asked and given, the guard's share, whether the device was at its limit
+#: what reached the handle: torque asked and given, the guard's share, whether the device was at its limit
 HAND = ("asked_nm", "given_nm", "guard_gain", "saturated")
 
 _BLOCK = 500  #: rows that are written in one go
@@ -36,7 +36,7 @@ class Trace:
         self._parts: list[Array] = []
 
     def append(self, target: State, wrench: Array) -> None:
-        """A tick: where the target was and what acted on it (6,); what came to the handle is unknown."""
+        """A tick: where the target was and what acted on it (6,); what reached the handle is unknown."""
         from scipy.spatial.transform import Rotation
 
         turn = Rotation.from_matrix(target.R_SR).as_quat()
@@ -64,7 +64,7 @@ class Trace:
 
 
 def trace_rows(layout: RowLayout, rows: Array) -> Array:
-    """(n, 18) by COLUMNS and HAND: the ticks among the servo's `rows` (n, width) whose pose was believed."""
+    """(n, 18) by COLUMNS and HAND: the ticks among the servo's `rows` (n, width) with a valid pose."""
     known = rows[rows[:, layout["valid"].start] > 0]
     parts = [known[:, layout[name]] for name in ("t", "object", "object_q", "object_wrench")]
     torques = [np.linalg.norm(known[:, layout[name]][:, 3:], axis=1) for name in ("asked", "given")]

@@ -1,4 +1,4 @@
-"""Which of a servo's rows belong to which feeling: the number of the world in a row tells."""
+"""Which of a servo's rows belong to which trial: by the number of the world in a row."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ class ScaleLimits:
     """
 
     largest: float = 1.0
-    reason: str = "the stability check has not answered yet"
+    reason: str = "the stability check is still running"
     hand_per_part: float = 0.2
 
 
@@ -31,7 +31,7 @@ class ScaleLimits:
 class TrueScale:
     """The way from a force on the part along X' to the hand, in translation.
 
-    >>> from haptorb.control.clutch.linkage import MOTOR_GAINS
+    >>> from haptorb.control.clutch.gains import MOTOR_GAINS
     >>> from haptorb.devices.loader import load
     >>> scale = TrueScale.of(load("pmsm"), MOTOR_GAINS)
     >>> scale.hand_per_part, scale.whole
@@ -68,7 +68,7 @@ class TrueScale:
 
     @property
     def unknown_limits(self) -> ScaleLimits:
-        """The limits as long as nobody has computed them."""
+        """The limits until they are computed."""
         return ScaleLimits(hand_per_part=self.hand_per_part)
 
     def find_saturation(self, peak: float) -> float:

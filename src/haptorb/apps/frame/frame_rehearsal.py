@@ -20,7 +20,7 @@ from haptorb.simulation.synthetic_tracker import SimulatedPerson, SyntheticTrack
 
 __all__ = ["PACE", "Rehearsal", "measure_miss", "rehearsal_port"]
 
-PACE = 0.08  #: of a simulated person, who need not be told twice
+PACE = 0.08  #: of a simulated person, who understands at once
 _RATE = 200.0  #: poses per second
 
 
@@ -40,7 +40,7 @@ class Rehearsal:
         self.tracker = SyntheticTracker.draw(seed)
         self._person = SimulatedPerson(device, self.tracker, seed)
         self._port = port
-        self._own_port = 0  # of the first stroke's socket, and of all later ones: a tracker hears one sender
+        self._own_port = 0  # of the first stroke's socket, and of all later ones: a tracker accepts one sender
 
     @contextmanager
     def doing(self, stroke: Stroke) -> Iterator[None]:

@@ -1,6 +1,7 @@
-"""What a person does to register a tracker's frame: the dome, every mark, and a roll; heard, and then judged together.
+"""What a person does to register a tracker's frame: the dome, every mark, and a roll; recorded, and then evaluated
+together.
 
-Nothing is switched on. A minute and a half in all, so a step that fails is begun again with the others.
+Nothing is switched on. It takes a minute and a half, so after a failed step all steps start again.
 """
 
 from __future__ import annotations
@@ -34,11 +35,11 @@ _DRAINED = 200  #: reads after which what waits is left waiting: a flood
 
 @dataclass(frozen=True)
 class Stroke:
-    """One thing to do with the tool while the tracker is heard."""
+    """One step with the tool while the tracker is recorded."""
 
     name: str
     asks: str  #: of the person, before it begins
-    seconds: float  #: how long it is heard
+    seconds: float  #: how long it is recorded
 
     def scale_time(self, pace: float) -> Stroke:
         """The same in `pace` times the time."""
@@ -50,7 +51,7 @@ def check_device(device: Device) -> SphericalElectromagnet:
     known = electromagnet(device, "`haptorb frame`")
     if known.marks is None:
         raise InputError(
-            f"device '{known.name}': its file has no [marks]; measure three places where the tip can stand, and add "
+            f"device '{known.name}': its file has no [marks]; measure three points that can hold the tip, and add "
             "them as in omni.toml"
         )
     return known
@@ -60,7 +61,7 @@ def strokes(device: SphericalElectromagnet) -> tuple[Stroke, ...]:
     """The steps in their order: "dome", "mark NAME" for each, "roll"."""
     marks = () if device.marks is None else device.marks.names
     stands = [
-        Stroke(f"mark {name}", f"Put the tip into mark '{name}' and keep it there; tilt the tool by 20° or more "
+        Stroke(f"mark {name}", f"Put the tip into mark '{name}' and hold it there; tilt the tool by 20° or more "
                "to all sides, and roll it.", 8.0)
         for name in marks
     ]  # fmt: skip
@@ -81,7 +82,7 @@ def register_frame(
     bar: Bar,
     pace: float = 1.0,
 ) -> FrameRegistration | None:
-    """Hear every stroke and register; None if the person stopped.
+    """Record every stroke and register; None if the person stopped.
 
     Raises DriverError if nothing comes from the tracker, CalibrationError if what came determines no frame.
     """
@@ -133,7 +134,7 @@ def _record_stroke(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) 
     if sum(refused.values()) > valid:
         what = ", ".join(f"{count} {why}" for why, count in refused.items())
         raise CalibrationError(
-            f"step '{stroke.name}': most messages held no valid pose ({what}, {valid} poses); is the tool seen from "
+            f"step '{stroke.name}': most messages had no valid pose ({what}, {valid} poses); is the tool seen from "
             "all sides, and is the message format as documented?"
         )
     return Touches.of(np.array(p), np.array(q), f"step '{stroke.name}'")

@@ -200,7 +200,7 @@ def _find_valley(path: GuidancePath, run: Callable[[World], Trial], force: float
     """The valley whose mean force is `force` [N], and its trial.
 
     A valley that is too stiff for hand and tracker oscillates, and its force jumps. Where none has that force, it is
-    the valley with the least error, of whatever force.
+    the valley with the least error, at any force.
     """
     attempts: list[tuple[Trial, Guidance]] = []
     stiffness, (low, high) = _STRENGTHS["valley"] / _WIDTH, (0.0, np.inf)

@@ -4,8 +4,8 @@ The hand is a spring and a damper towards where the person means to be (the simu
 on with the person's own pace, slower in bends (speed falls with the cube root of curvature: Lacquaniti, Terzuolo and
 Viviani 1983), in the path's direction as the person knew it a reaction time ago, wrong by an angle that wanders. It
 trembles at 8 to 12 Hz, and it yields to what the hand felt a while ago. So there is no force that a fixed place would
-need for ever: who draws without seeing the path has no such place. `insistence` gives one: the person means a line of
-his own beside the path, and goes back to it.
+need permanently: a person who draws without seeing the path has no such position. `insistence` gives one: the person
+means a line of his own beside the path, and goes back to it.
 
 Assumed, and not fitted to a person: 4° of error, 0.25 s to yield, 0.1 mm of tremor.
 """
@@ -27,7 +27,7 @@ from haptorb.worlds.path_guidance.path_search import fill_frame, find_arc, follo
 __all__ = ["Habits", "Person"]
 
 _PRESS = 0.1  #: with which the tip is put on the dome [N]
-_BEND = 0.02  #: radius of a bend that nobody slows down for [m]
+_BEND = 0.02  #: radius of a bend that needs no slowing down [m]
 _SPAN = 3e-3  #: length over which a bend is felt as one [m]
 _REACH = 5e-3  #: in which the person looks for the own place on the path [m]
 

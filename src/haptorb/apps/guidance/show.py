@@ -41,7 +41,7 @@ def print_guidance(found: GuidanceComparison, console: Console) -> None:
     ways = tuple(way for way in WAYS if any(key[1] == way for key in found.drift))
     rest = TextTable(
         (Column("grip", kind="key"), *(Column(way, "mm") for way in ways), Column("error", "1"), Column("force", "%")),
-        "Way of a hand at rest in 5 s; the plan's error over the valley's, and by how much their forces differ",
+        "Motion of a resting hand in 5 s; error of the plan relative to the valley, and difference of their forces",
     )
     for grip in grips:
         rest.add_row(
@@ -54,11 +54,11 @@ def print_guidance(found: GuidanceComparison, console: Console) -> None:
     print_table(console, rest)
     print_text(
         console,
-        "\nError: mean deviation across the path. Force: mean that is asked for. The valley (world guidance) is as "
-        "stiff as it must be to use the mean force of the plan (world path_guidance). Where a valley of that "
-        "force oscillates, it is the valley with the least error, and the plan has a wider tolerance, to use no "
-        "more force than that. The plan takes the hand for 30 % lighter and less damped than it is. Spring: to a "
-        "point that goes along by the clock.",
+        "\nError: mean deviation across the path. Force: mean force asked. The valley (world guidance) is as "
+        "stiff as it must be to use the mean force of the plan (world path_guidance). If a valley of that force "
+        "oscillates, it is the valley with the smallest error, and the plan has a wider tolerance, so that it uses no "
+        "more force than that valley. The plan assumes 70 % of the hand's mass and damping. Spring: to a point that "
+        "moves along the path at constant speed.",
     )
 
 
@@ -89,5 +89,5 @@ def plot_guidance(found: GuidanceComparison, path: Path) -> None:
             above.legend(frameon=False, fontsize=8)
         for place in (above, middle, below):
             place.spines[["top", "right"]].set_visible(False)
-    figure.suptitle(f"Guidance along a path by four ways, simulated hands on '{found.device}'", fontsize=11)
+    figure.suptitle(f"Four kinds of guidance along a path, simulated hands on '{found.device}'", fontsize=11)
     write_figure(figure, path, "--plot")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptorb.apps.check.late_tracker import LateTracker
-from haptorb.apps.check.noisy_tracker import NoisyTracker
+from haptorb.apps.guidance.noisy_tracker import NoisyTracker
 from haptorb.apps.guidance.person import Habits, Person, place_across
 from haptorb.control.stability.hand_grip import HandGrip
 from haptorb.devices.electromagnet.electromagnet import Hand, SphericalElectromagnet
@@ -25,7 +25,7 @@ __all__ = ["Trial", "run_trial"]
 
 TRACKER_RATE = 240.0  #: [Hz]
 LATENCY = 4e-3  #: of the tracker [s]
-NOISE = 2e-5  #: of the place that it tells, rms in each direction [m]
+NOISE = 2e-5  #: of the position that it reports, rms in each direction [m]
 _BEGIN = 1.0  #: the guard has ramped up, and the person is under way [s]
 
 

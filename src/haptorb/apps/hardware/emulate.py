@@ -48,9 +48,9 @@ def emulate(
             f"{1e3 * height:g} mm"
         )
     if led and height is not None:
-        raise InputError("a tool that is led has no fixed height: give --led or --height")
+        raise InputError("a tool moved by --led has no fixed height: use --led or --height")
     if dead is not None and not 1 <= dead <= known.sensors:
-        raise InputError(f"the field sensor that has failed must be 1 to {known.sensors}; got {dead}")
+        raise InputError(f"the failed field sensor must be 1 to {known.sensors}; got {dead}")
     with tempfile.TemporaryDirectory() as folder:
         goal = (lambda t: lead_tool(known, t)) if led else None if height is None else _rest_pose(height)
         physics = EmulatedDevice(known, Path(folder, "physics"), goal)

@@ -15,11 +15,11 @@ from haptorb.runtime.drivers.driver import Driver
 __all__ = ["GENTLE_CURRENT", "GENTLE_DUTY", "Jog", "jog"]
 
 GENTLE_DUTY = 0.2  #: nothing above this is gentle [1]
-GENTLE_CURRENT = 5.3  #: what every coil stands for ever: 17 W in 0.6 Ω [A]
+GENTLE_CURRENT = 5.3  #: continuous current of every coil: 17 W in 0.6 Ω [A]
 
 _RATE = 250.0  #: of the duties [Hz]: the firmware switches off after 15 ms of silence
 _RAMP = 0.4  #: of the time goes up, as much down
-_ENOUGH = 0.1  #: current from which a resistance can be told [A]
+_ENOUGH = 0.1  #: current from which a resistance can be measured [A]
 _FACTOR = 1.6  #: resistance may be off by this before something is wrong
 
 
@@ -53,7 +53,7 @@ def jog(
     """Move `coil` of `device` to `duty` and back within `seconds` through `driver` (not open yet).
 
     Raises InputError for what is not gentle, DriverError if the current exceeds `current_limit` [A] or the device
-    gives up; the coils are off afterwards in any case.
+    stops; the coils are off afterwards in any case.
     """
     names = device.coils.names
     if coil not in names:
@@ -107,7 +107,7 @@ def _judge(device: Device, which: int, tops: list[tuple[float, np.ndarray]]) -> 
     elif np.abs(currents).max() < _ENOUGH:
         verdict.append(f"no coil carries current: check the supply, the driver of coil {names[which]} and its wires")
     elif strongest != which:
-        verdict.append(f"coil {names[strongest]} answered instead of {names[which]}: their wires are swapped")
+        verdict.append(f"coil {names[strongest]} responded instead of {names[which]}: their wires are swapped")
     else:
         resistance = device.supply.voltage * abs(duty) / abs(own)
         if own * duty < 0:

@@ -1,4 +1,4 @@
-"""What a real device reads, live, with its coils off."""
+"""The readings of a real device, live, with its coils off."""
 
 from __future__ import annotations
 

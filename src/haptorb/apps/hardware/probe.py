@@ -31,7 +31,7 @@ _CHIPS = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One place where a device might be; `driver` is what `--driver` wants, empty if nobody useful is there."""
+    """One place where a device might be; `driver` is the value for `--driver`, empty if no usable device is there."""
 
     place: str
     answers: bool
@@ -94,7 +94,7 @@ def chips_on(bus: I2cBus, place: str, clock: Callable[[], float] = monotonic) ->
         else:
             there.append(f"{part} at {address:#04x}")
     if not there:
-        return Finding(place, False, ("none of the device's chips answers",))
+        return Finding(place, False, ("none of the device's chips responds",))
     about = (*there, *missing, *_probe_hall_select(bus, clock))
     return Finding(place, True, about, "" if missing else place)
 

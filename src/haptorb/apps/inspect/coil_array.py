@@ -25,7 +25,7 @@ _AXES = ("x", "y", "z")
 
 @final
 class CoilArrayCard(Card):
-    """Forces are those of the exact model on a tool held upright, over a dome radially; the torque comes along."""
+    """Forces are those of the exact model on a tool held upright, over a dome radially; a torque accompanies them."""
 
     _device: CoilArray
 
@@ -99,7 +99,9 @@ class CoilArrayCard(Card):
             *(Column(f"continuous {axis}", "mN") for axis in _AXES), Column("weakest peak", "mN"),
             Column("core's pull", "mN"), Column("heat of 1 N up", "W"),
         )  # fmt: skip
-        table = TextTable(columns, "Force on the tool over the middle; weakest: worst of six directions and all places")
+        table = TextTable(
+            columns, "Force on the tool over the middle; weakest: worst of six directions and all positions"
+        )
         for layer in self._layers:
             forces = (*layer.peak, *layer.lasting, layer.weakest, layer.passive)
             table.add_row(f"{1e3 * layer.height:g}", *(f"{1e3 * force:.0f}" for force in forces), f"{layer.watts:.3g}")
@@ -119,8 +121,8 @@ class CoilArrayCard(Card):
         print_text(console, f"\nendurance of one coil from {room:.0f} °C by share of full current: {lasting}")
         print_text(
             console,
-            "heat: every coil by itself. The model has no heat from coil to coil; where coils touch or share a core, "
-            "expect less continuous force with many of them warm",
+            "heat: each coil separately. The model has no heat flow between coils; if coils touch or share a core, "
+            "expect less continuous force with several warm coils",
         )
         print_text(console, f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Comparison", "name_devices"]
 
-#: Okabe and Ito's colours, told apart by everybody, and a marker for each
+#: Okabe and Ito's colours, distinguished with any colour vision, and a marker for each
 _LINES = (
     *(("#0072b2", "o"), ("#d55e00", "s"), ("#009e73", "D"), ("#cc79a7", "^"), ("#e69f00", "v"), ("#56b4e9", "P")),
     ("#000000", "X"),
@@ -73,7 +73,7 @@ class Comparison(NotebookReport):
         return sorted(heads, key=lambda head: not all(head in column for column in self._columns))
 
     def draw(self) -> Figure:
-        """The curves of all devices over each other, one panel for each thing that at least one of them has."""
+        """The curves of all devices over each other, one panel for each quantity that at least one of them has."""
         from matplotlib.figure import Figure
         from matplotlib.lines import Line2D
 

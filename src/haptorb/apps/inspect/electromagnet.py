@@ -94,7 +94,7 @@ class ElectromagnetCard(Card):
                 f"±{math.degrees(device.workspace_half_angle):.0f}° about the summit, "
                 f"{reach[0]:g} to {reach[1]:g} mm from the centre to the tool's magnet",
             ),
-            ("actuated", "3 degrees of freedom: force, or torque about two axes, or a blend of both"),
+            ("actuated", "3 degrees of freedom: force, or torque about two axes, or a compromise of both"),
             ("sensed", f"tool's position and axis (5) by a tracker; {device.sensors} field sensors of 3 axes"),
         ]
         if device.sensors > 1:
@@ -108,7 +108,7 @@ class ElectromagnetCard(Card):
                 Column("distance", "mm", "key"), Column("from the summit", "°", "key"), Column("force", "mN"),
                 Column("torque", "mN·m"), Column("no torque about"),
             ),
-            "Feasible wrench on a radial tool, all coils together: least over all directions",
+            "Feasible wrench on a radial tool with all coils: smallest over all directions",
         )  # fmt: skip
         for state, able in self._feasible_wrenches:
             polar = math.degrees(math.acos(min(state.p[2] / state.distance, 1.0)))
@@ -204,7 +204,7 @@ class ElectromagnetCard(Card):
         def curve(panel: str, label: str, forces: list[float], style: str) -> Curve:
             return Curve(panel, label, across, "force [mN]", distance, [1e3 * force for force in forces], style)
 
-        radial, tangential = "Radial force, weakest place", "Tangential force, weakest place and direction"
+        radial, tangential = "Radial force, weakest position", "Tangential force, weakest position and direction"
         return [
             curve(radial, "peak", [layer.peak_radial for layer in layers], "-"),
             curve(radial, "continuous, one coil warm", [layer.lasting_radial for layer in layers], "--"),

@@ -79,7 +79,7 @@ class ErrorReport(NotebookReport):
         print_text(console, f"Error budget of {self.device.title}", "bold")
         facts = [
             ("asked", f"{1e3 * budget.asked:g} {unit} in any direction, {budget.motion}, anywhere in the workspace"),
-            ("mover known by", budget.estimator),
+            ("source of the pose", budget.estimator),
             ("propagation", f"Monte Carlo over {budget.samples} devices, seed {budget.seed}; all uncertainties normal"),
         ]
         print_facts(console, facts)
@@ -96,13 +96,15 @@ class ErrorReport(NotebookReport):
             spans = (f"{1e3 * band.low[n]:+.2g} … {1e3 * band.high[n]:+.2g}" for n in range(len(budget.components)))
             bands.add_row(band.region, *spans, f"{1e3 * band.size:.3g}", f"{budget.count_jnd(band.size):.2f}")
         print_table(console, bands)
-        print_text(console, f"size: of the error as a vector. JND: {100 * budget.jnd:.3g} % of what is asked\n", "dim")
+        print_text(
+            console, f"size: length of the error vector. JND: {100 * budget.jnd:.3g} % of the wrench asked\n", "dim"
+        )
         sources = TextTable(
             (
                 Column("source", kind="text"), Column("standard uncertainty", kind="short"),
                 Column("from", kind="short"), Column("alone", unit), Column("share", "%"), Column("total", "%"),
             ),
-            "What contributes most",
+            "Sources of error",
         )  # fmt: skip
         for share in budget.shares:
             sources.add_row(
@@ -149,7 +151,7 @@ class ErrorReport(NotebookReport):
             color="C0", label="first order",
         )  # fmt: skip
         right.set_xlabel("share of the variance [%]")
-        right.set_title("What contributes most", loc="left")
+        right.set_title("Sources of error", loc="left")
         right.legend(frameon=False)
         figure.suptitle(self.device.title, x=0.01, ha="left", fontweight="bold")
         return figure
@@ -173,7 +175,7 @@ def report_errors(
     """The error budget of `device` for wrenches of `asked` [N or N·m]; InputError where its kind has none.
 
     asked, estimator: None for the kind's own choice. `samples` devices in each region of the workspace, from `seed`;
-    `report` is told the share that is done.
+    `report` receives the share that is done.
     """
     model = device.kind.require_part("errors", device.name, "`haptorb inspect --errors`")(
         device, asked, estimator, calibration

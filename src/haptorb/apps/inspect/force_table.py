@@ -21,7 +21,7 @@ def print_force_tables(console: Console, layers: tuple[Layer, ...], supply: floa
             Column("distance", "mm", "key"), Column("peak radial", "mN"), Column("peak tangential", "mN"),
             Column("passive pull", "mN"), Column("dipole error", "%"), Column("dipole error", "JND"),
         ),
-        "Force on a radial tool at the weakest place and direction of the workspace",
+        "Force on a radial tool at the weakest position and direction in the workspace",
     )  # fmt: skip
     for layer in layers:
         peak.add_row(
@@ -32,7 +32,7 @@ def print_force_tables(console: Console, layers: tuple[Layer, ...], supply: floa
     limit = "" if supply == float("inf") else f"\npeak: within the supply's {supply:g} W, windings hot"
     print_text(
         console,
-        f"dipole error: greatest, of the dipole model's force. JND: just-noticeable difference, "
+        f"dipole error: largest error of the dipole model's force. JND: just-noticeable difference, "
         f"{100 * FORCE_JND:.0f} % of force{limit}\n",
         "dim",
     )
@@ -42,7 +42,7 @@ def print_force_tables(console: Console, layers: tuple[Layer, ...], supply: floa
             Column("distance", "mm", "key"),
             *(Column(f"{way} {state}".strip(), "mN") for way in ("radial", "tangential") for state in states),
         ),
-        "Continuous force at the weakest place and direction of the workspace",
+        "Continuous force at the weakest position and direction in the workspace",
     )
     for layer in layers:
         radial = (layer.lasting_radial, layer.lasting_radial_all_warm)
@@ -53,8 +53,8 @@ def print_force_tables(console: Console, layers: tuple[Layer, ...], supply: floa
     if coupled:
         print_text(
             console,
-            "one coil warm: each coil carries what it stands while the others are off; all coils warm: what it stands "
-            "while all carry as much",
+            "one coil warm: each coil at its continuous current, the others off; all coils warm: all at the "
+            "continuous current of that case",
             "dim",
         )
     print_text(console)

@@ -80,8 +80,8 @@ class MotorCard(Card):
             (
                 "held upright",
                 f"regulator {regulator[-1]:.3f} N·m, weight {-weight[-1]:.3f} N·m at "
-                f"{math.degrees(tilt[-1]):g}°; up to {1e3 * np.abs(rest).max():.0f} mN·m remain between, which "
-                "the currents compensate",
+                f"{math.degrees(tilt[-1]):g}°; up to {1e3 * np.abs(rest).max():.0f} mN·m remain, which the currents "
+                "compensate",
             ),
         ]
         print_card(device, console, more)

@@ -104,7 +104,7 @@ class SensingAccuracy:
             console,
             f"Noise is in every row, filtered to 100 Hz at 1 kHz. force: of {1e3 * ASKED:.0f} mN asked in any "
             f"direction. JND: just-noticeable difference, {100 * FORCE_JND:.0f} % of force. least: Cramér-Rao bound. "
-            "Errors as the device file has them; a row that names one error has that one only.",
+            "Errors as in the device file; a row that names one error has only that error.",
             "dim",
         )
 
@@ -113,7 +113,9 @@ def sensing_accuracy(device: Device) -> SensingAccuracy:
     """The table of `device`; InputError for one whose field sensors do not locate a tool."""
     located = electromagnet(device, "`haptorb inspect --sensing`")
     if located.sensors < 2:
-        raise InputError(f"device '{device.name}' has {located.sensors} field sensors; two at least locate a tool")
+        raise InputError(
+            f"device '{device.name}' has {located.sensors} field sensors; at least two are needed to locate a tool"
+        )
     currents = (0.0, float(device.driven_current.min()))
     rows = [compute_row(case, current) for case in sensing_cases(located) for current in currents]
     return SensingAccuracy(device.name, tuple(rows))
@@ -125,9 +127,9 @@ def summarize_sensing(device: SphericalElectromagnet) -> str:
     wanted = ("all, not calibrated", "all, calibrated: sensors")
     before, after = (compute_row(case, current) for case in sensing_cases(device, readings=120) if case.name in wanted)
     return (
-        f"place {1e3 * after.place:.1f} mm, axis {math.degrees(after.axis):.1f}°, force {1e3 * after.force:.0f} mN "
+        f"position {1e3 * after.place:.1f} mm, axis {math.degrees(after.axis):.1f}°, force {1e3 * after.force:.0f} mN "
         f"({after.jnd:.1f} JND) rms over the shell at {current:.0f} A after `haptorb calibrate`, "
-        f"{1e3 * before.place:.1f} mm before; error by error: --sensing"
+        f"{1e3 * before.place:.1f} mm before; --sensing lists the errors"
     )
 
 
@@ -142,7 +144,7 @@ def sensing_cases(device: SphericalElectromagnet, readings: int = 360) -> Iterat
     drift = (errors.offset_drift * warmth, errors.gain_drift * warmth)
     eddy = core.spread * core.lag(_EDDY_FREQUENCY)
     none, ideal = SensorErrors(), without_errors(device)
-    yield SensingCase("none: noise and steps only", ideal, SensorKnowledge.of(none, k))
+    yield SensingCase("none: noise and quantisation only", ideal, SensorKnowledge.of(none, k))
     for name, text in (
         ("offset", f"offset {1e3 * errors.offset:g} mT"),
         ("gain", f"gain {100 * errors.gain:g} %"),

@@ -70,7 +70,7 @@ def draw_comparison(recorded: Mapping[str, Array], replayed: Mapping[str, Array]
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(visible=True, color="#e6e6e6", linewidth=0.7)
         axes.margins(x=0)
-    figure.suptitle(f"{title}: recorded pale, replayed dashed", fontsize=12, color="#222222")
+    figure.suptitle(f"{title}: recorded faint, replayed dashed", fontsize=12, color="#222222")
     return figure
 
 

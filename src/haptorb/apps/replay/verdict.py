@@ -23,9 +23,11 @@ def tell_verdict(replay: Replay) -> str:
     if found.identical and not replay.approximate:
         return f"identical: every number of {ticks} is the same, bit for bit"
     if replay.missing:
-        return f"near, as this older recording does not hold what the driver had read: {_tell_share(found)}"
+        return f"near, because this older recording does not contain the samples: {_tell_share(found)}"
     if replay.approximate:
-        return f"near, as the recording does not say how the chain was when it begins: {_tell_share(found)}"
+        return (
+            f"near, because the recording does not contain the state of the loop at its beginning: {_tell_share(found)}"
+        )
     return f"different: {_tell_share(found)}"
 
 

@@ -14,13 +14,15 @@ Basis = Literal["computed", "held", "assumed", "own"]
 
 #: The classes, and what each of them says
 MEANINGS = {
-    "reproduced": "an independent computation meets the printed value",
-    "contradicted": "the computation does not meet the printed value, but a correction that has evidence: an erratum",
-    "differs": "neither the printed value nor a correction is met",
-    "transcribed": "a device file, a world or a table of haptorb holds the value: no computation",
-    "assumed": "the printed value was put into the model, by an assumption or a fit, and comes out again",
+    "reproduced": "an independent computation agrees with the printed value",
+    "contradicted": (
+        "the computation contradicts the printed value and agrees with a correction that has evidence: an erratum"
+    ),
+    "differs": "the computation agrees neither with the printed value nor with a correction",
+    "transcribed": "a device file, a world or a table of haptorb contains the value; nothing is computed",
+    "assumed": "the printed value was an input of the model, by an assumption or a fit, so agreement shows nothing",
     "ours": "the paper prints no such value",
-    "not checkable": "no computation can decide it",
+    "not checkable": "no computation can verify it",
 }
 CLASSES = tuple(MEANINGS)
 
@@ -97,7 +99,7 @@ class Item:
 
     @property
     def is_surprise(self) -> bool:
-        """Whether it differs and nobody has said why.
+        """Whether it differs without an explanation.
 
         >>> Item("x", "bai2012", "Fig. 4", "R²", 1.0, 0.8, "1", 0.001, known="ten nodes do no better").is_surprise
         False
@@ -125,7 +127,7 @@ class Item:
             return self.known
         if self.why or self.verdict in ("reproduced", "contradicted", "differs", "not checkable"):
             return self.why
-        return f"held by {self.held_at}" if self.held_at else MEANINGS[self.verdict]
+        return f"from {self.held_at}" if self.held_at else MEANINGS[self.verdict]
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types."""

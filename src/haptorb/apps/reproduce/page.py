@@ -24,11 +24,12 @@ _PAPERS = {
 _HEAVY = 300_000  #: bytes of SVG from which a picture is drawn as PNG
 
 _LEAD = (
-    "The printed values, the values computed here, how far they may differ and still agree, and why. Only the first "
-    "two classes show something about the papers: there a computation that does not contain the printed value meets "
-    "it, or a correction of it. For each of them there is a change of one factor or sign in the code that turns it "
-    "red. An erratum (E1, E2, …) is explained, with its evidence, on the errata page of the documentation. “Implied” "
-    "is a number that is not printed but follows from what is: an equation's value, a ratio, a sign, 1 for “all of "
+    "The printed values, the values computed here, the tolerance, and its reason. Only the first two classes are "
+    "evidence about the papers: there a computation that does not contain the printed value agrees with it, or with "
+    "a correction of it. For each of them, some change of one factor or sign in the code makes it fail. An erratum "
+    "(E1, E2, …) is explained, with its evidence, on the errata page of the documentation. “Implied” "
+    "marks a number that is not printed but follows from the paper: an equation's value, a ratio, a sign, 1 for “all "
+    "of "
     "them”."
 )
 

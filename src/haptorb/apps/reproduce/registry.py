@@ -62,7 +62,7 @@ _ALL = (
     Reproduction("bai2012", "table 3", "Dimensions and materials of the outlet"),
     Reproduction("bai2012", "figure 7", "A tilted plug between two hooks"),
     Reproduction("bai2012", "appendix B", "Compliances in closed form"),
-    Reproduction("bai2012", "figure 8", "Two phases of pulling a plug, through the whole chain", slow=True),
+    Reproduction("bai2012", "figure 8", "Two phases of pulling a plug, through the complete simulation", slow=True),
     Reproduction("zarate2020", "equations 1 and 2", "Two dipoles and their force over distance"),
     Reproduction("zarate2020", "figure 2", "Force maps: magnet, adjustable, surface"),
     Reproduction("zarate2020", "figure 3", "Code of force map and inverse"),

@@ -61,7 +61,7 @@ class Access:
         if not near and not self._is_authorized(headers, target):  # safety: serve-token
             return (
                 "from another computer this server needs the token that `haptorb run` printed: as header "
-                "'Authorization: Bearer TOKEN', or behind the address as ?token=TOKEN"
+                "'Authorization: Bearer TOKEN', or in the address as ?token=TOKEN"
             )
         return ""
 

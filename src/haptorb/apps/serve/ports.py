@@ -10,9 +10,17 @@ from pathlib import Path
 
 from haptorb.errors import InputError
 
-__all__ = ["LOOPBACK", "check_port", "is_loopback", "open_port", "port_owner"]
+__all__ = [
+    "LOOPBACK",
+    "OTHER_LOOPBACK",
+    "check_port",
+    "has_other_loopback",
+    "is_loopback",
+    "open_port",
+    "port_owner",
+]
 
-LOOPBACK = "127.0.0.1"
+LOOPBACK, OTHER_LOOPBACK = "127.0.0.1", "::1"
 _QUEUE = 128  #: connections that may wait to be taken
 _UNREAD = 262144  #: bytes that the system keeps for a client that is slow
 
@@ -40,6 +48,14 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
         return False
+
+
+def has_other_loopback() -> bool:
+    """Whether this computer answers at ::1."""
+    with suppress(OSError), socket.socket(socket.AF_INET6, socket.SOCK_STREAM) as probe:
+        probe.bind((OTHER_LOOPBACK, 0))
+        return True
+    return False
 
 
 def open_port(port: int, option: str, *, host: str = LOOPBACK, datagrams: bool = False) -> socket.socket:

@@ -11,7 +11,7 @@ __all__ = ["ServerPreparation"]
 
 @dataclass
 class ServerPreparation:
-    """spec         what the server's process is told, plain JSON types
+    """spec         the settings of the server's process, plain JSON types
     descriptors  open sockets that it inherits, in order; closed here once it has them
     address      where programs find it, for people
     remarks      what a person must know beside: a token, say
@@ -23,6 +23,6 @@ class ServerPreparation:
     remarks: tuple[str, ...] = ()
 
     def close(self) -> None:
-        """The server's process has its sockets, or nobody will. May be called twice."""
+        """The server's process has its sockets, or they are closed. May be called twice."""
         while self.descriptors:
             os.close(self.descriptors.pop())

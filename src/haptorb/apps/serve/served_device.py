@@ -1,4 +1,4 @@
-"""The running device as a server's process sees it: its rows, who may command it, and what is told of its clients."""
+"""The running device as a server's process sees it: its rows, who may command it, and its clients' news."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ServedDevice:
     def __init__(self, shared: SharedMemory, slot: int, parent: int, device: Device, facts: Mapping[str, Any]) -> None:
         self.device, self.facts, self.layout = device, dict(facts), shared.layout
         self.dropped = self.busy = 0
-        self.ending = False  #: set when this server is told to end
+        self.ending = False  #: set when this server is to end
         self._shared, self._slot, self._parent = shared, slot, parent
         self._block = shared.force_block(slot)
         self._cursor = shared.ring.count
@@ -44,7 +44,7 @@ class ServedDevice:
 
     @property
     def over(self) -> bool:
-        """Whether the server is to end: the servo has ended, or nobody is left who wants to know."""
+        """Whether the server is to end: the servo has ended, or no reader is left."""
         words = self._shared.words
         return bool(self.ending or words[Word.QUIT] or words[Word.PHASE] >= Phase.ENDED or is_parent_gone(self._parent))
 
@@ -99,14 +99,19 @@ class ServedDevice:
 
     @property
     def holder(self) -> int:
-        """Session of the client that holds the device; 0: nobody does."""
+        """Session of the client that holds the device; 0: none."""
         if self._holder and monotonic() - self._held_since > SILENCE:
             self._holder = 0
         return self._holder
 
     def command(self, session: int, force: Sequence[float]) -> bool:
         """The client `session` wants `force` (3,) [N], in the stator's frame, now. False, and nothing happens, if
-        another client holds the device, or the numbers are not finite."""
+        another client holds the device, or the numbers are not finite.
+
+        No force takes no device: many programs that only watch send zeros, because each message is answered.
+        """
+        if self.holder != session and not any(force):
+            return True
         if self.holder not in (0, session):  # safety: watcher-commands-nothing
             self.busy += 1
             return False
@@ -123,10 +128,10 @@ class ServedDevice:
             self._holder = 0
             self._block.lose(monotonic())  # safety: lost-client-told
 
-    def wish_world(self, name: str, values: Mapping[str, Any]) -> None:
-        """Ask the program that runs the servo for the world `name` with `values`; the newest wish counts, others that
-        were not heard yet are dropped."""
-        self._shared.server_wishes[self._slot].write(json.dumps({"name": name, "values": dict(values)}, default=list))
+    def request_world(self, name: str, values: Mapping[str, Any]) -> None:
+        """Ask the program that runs the servo for the world `name` with `values`; the newest counts, others that
+        were not read yet are dropped."""
+        self._shared.server_requests[self._slot].write(json.dumps({"name": name, "values": dict(values)}, default=list))
 
     def report(self, server: str, address: str, clients: Sequence[Mapping[str, Any]], **more: Any) -> None:
         """Tell people who is connected: each of `clients` has `name`, `session`, `rate_hz` and `holds`. At most four
@@ -139,7 +144,7 @@ class ServedDevice:
         self._shared.server_facts[self._slot].write(json.dumps(facts))
 
     def conclude(self) -> None:
-        """This server has ended: nobody is connected to it any more; what it counted stays for the run's report."""
+        """This server has ended: no client is connected any more; its counts stay for the run's report."""
         if self._facts:
             self._facts |= {"count": 0, "clients": [], "dropped": self.dropped}
             self._shared.server_facts[self._slot].write(json.dumps(self._facts))

@@ -21,7 +21,7 @@ class ServerKind:
     module   that has its `prepare` and `serve`, see `KindModule`
     package  that must be installed for it; empty: none
     world    what becomes of the world: "alone": without --world, the clients' force is all that is felt; "added": the
-             clients' force comes to what is felt anyhow; "unchanged": its clients command no force
+             clients' force is added to the current world; "unchanged": its clients command no force
     """
 
     form: str

@@ -1,6 +1,6 @@
 """A server's own process: `python -m haptorb.apps.serve.server_process`; what it is to do comes on its standard input.
 
-Whatever its clients do, the loop only ever reads what this process has written into the memory that they share.
+Whatever its clients do, the loop only reads what this process has written into the shared memory.
 """
 
 from __future__ import annotations

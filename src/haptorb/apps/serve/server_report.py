@@ -1,4 +1,4 @@
-"""What the servers of a run counted, as the run's report tells it."""
+"""What the servers of a run counted, for the run's report."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["describe_servers"]
 _COUNTS = {
     "dropped": "rows dropped because the server was too slow",
     "not_sent": "messages dropped for slow readers",
-    "unread": "messages of a flood not read",
+    "unread": "messages lost in a flood",
     "refused": "messages or connections refused",
 }
 

@@ -30,9 +30,9 @@ from haptorb.version import __version__
 __all__ = ["Serving"]
 
 _START = 30.0  #: longest wait for a server's process [s]
-_FINISH = 1.5  #: to end as told before it is killed [s]
-_ABOVE = 0.002  #: the dome, where a tool that nobody else holds is held [m]
-_LOOK = 0.02  #: between two looks for what servers wish [s]
+_FINISH = 1.5  #: to end on request before it is killed [s]
+_ABOVE = 0.002  #: the dome, where a tool that is not held otherwise is held [m]
+_LOOK = 0.02  #: between two looks for what servers request [s]
 
 
 @final
@@ -41,7 +41,7 @@ class _Server:
         self.choice, self.number = choice, number
         self.preparation: ServerPreparation = load_kind(choice.kind).prepare(choice.where)
         self.process: subprocess.Popen[bytes] | None = None
-        self.wish_version = 0  # version of the last wish
+        self.request_version = 0  # version of the last request
         self.reported_end = False  # that its process has ended
 
 
@@ -96,7 +96,7 @@ class Serving:
         self._watcher.start()
 
     def hold_tool(self) -> None:
-        """Without console nobody holds a simulated tool: it is held where it rests, so that clients have a cursor."""
+        """Without a console no hand holds a simulated tool: it is held at rest, so that clients have a cursor."""
         servo = self._servo
         if self._servers and servo.driver == "sim" and servo.tracker in ("pointer", "hall"):
             shell = servo.device.shell
@@ -119,7 +119,7 @@ class Serving:
             errors=self._errors(one), stdin=subprocess.PIPE, descriptors=tuple(prepared.descriptors),
         )  # fmt: skip
         assert one.process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # it is dead already: `start` says why
+        with contextlib.suppress(BrokenPipeError):  # it has ended already: `start` reports why
             one.process.stdin.write(pack(spec))
             one.process.stdin.close()
 
@@ -135,26 +135,26 @@ class Serving:
         return text or ("no answer" if code is None else f"its process ended with code {code}")
 
     def _watch(self, shared: SharedMemory) -> None:
-        """Do what servers wish, and tell people of one that ended."""
+        """Do what servers request, and tell people of one that ended."""
         while not self._ending.wait(_LOOK):
             for one in self._servers:
-                self._take_wish(one, shared.server_wishes[one.number])
+                self._take_request(one, shared.server_requests[one.number])
                 over = one.process is not None and one.process.poll() is not None
                 if over and self._servo.alive and not one.reported_end:
                     one.reported_end = True
-                    show(f"--serve {one.choice.kind} ended, the servo goes on: {self._explain_end(one)}\n")
+                    show(f"--serve {one.choice.kind} ended, the servo continues: {self._explain_end(one)}\n")
 
-    def _take_wish(self, one: _Server, wishes: TextSlot) -> None:
-        if wishes.version == one.wish_version:
+    def _take_request(self, one: _Server, requests: TextSlot) -> None:
+        if requests.version == one.request_version:
             return
-        one.wish_version, text = wishes.read()
+        one.request_version, text = requests.read()
         if not text:
             return
         try:
-            wish = json.loads(text)
-            self._servo.set_world(wish["name"], wish["values"])
+            request = json.loads(text)
+            self._servo.set_world(request["name"], request["values"])
         except HaptorbError as cause:
-            show(f"--serve {one.choice.kind}: a client's wish was refused: {cause}\n")
+            show(f"--serve {one.choice.kind}: a client's command was refused: {cause}\n")
 
     def end(self) -> None:
         """End all servers. May be called twice."""
@@ -185,7 +185,7 @@ class Serving:
 
 
 def describe_run(servo: Servo) -> dict[str, Any]:
-    """What a server's process is told of the run, plain JSON types."""
+    """What a server's process needs to know of the run, plain JSON types."""
     return {
         "driver": servo.driver,
         "tracker": servo.tracker,

@@ -41,7 +41,7 @@ def cut_part(part: RoundPart, plane: SectionPlane) -> list[Outline]:
 
     Along e, the axis' direction in the plane, and f beside it, the plane's points are r = x e + y f + z n from the
     part's centre, with z the same for all. A point belongs to the part where its height along the axis is within half
-    the length, and its distance from the axis between the radii: for each x two stretches of y, which meet where the
+    the length, and its distance from the axis between the radii: for each x two intervals of y, which meet where the
     hole is not cut.
     """
     x_axis, z_axis, eye = plane.axes

@@ -15,7 +15,7 @@ from haptorb.numerics.arrays import Array
 __all__ = ["draw_space"]
 
 _ELEVATION, _AZIMUTH = 24.0, -62.0  #: of the view, as in the console [°]
-_CLEAR = 0.35  #: opacity of many moving parts, which would hide what stands still
+_CLEAR = 0.35  #: opacity of many moving parts, which would hide the fixed ones
 
 
 def draw_space(axes: Any, geometry: Geometry) -> None:

@@ -1,10 +1,8 @@
-"""Colours of a drawing, told apart by every kind of colour vision, and the scale bar."""
+"""Colours of a drawing, distinguished with any colour vision, and the scale bar."""
 
 from __future__ import annotations
 
-from haptorb.devices.geometry import RoundPart
-
-__all__ = ["BODY", "CORE", "LABELS", "NORTH", "REACH", "SENSOR", "SOUTH", "choose_bar", "list_kinds"]
+__all__ = ["BODY", "CORE", "LABELS", "NORTH", "REACH", "SENSOR", "SOUTH", "choose_bar"]
 
 #: Okabe and Ito's
 NORTH, SOUTH, SENSOR, REACH = "#d55e00", "#0072b2", "#009e73", "#56b4e9"
@@ -27,8 +25,3 @@ def choose_bar(size: float) -> float:
                 best = step * power
         power *= 10.0
     return round(best, 12)
-
-
-def list_kinds(parts: tuple[RoundPart, ...]) -> list[str]:
-    """Roles of `parts`, each once, in order."""
-    return list(dict.fromkeys(part.role for part in parts))

@@ -17,7 +17,7 @@ def open_output() -> None:
 
 
 def drop_output() -> None:
-    """Standard output takes no more: what waits for it goes nowhere, or Python would try again, and say so, at exit."""
+    """Standard output is closed: discard what waits for it, or Python would try again, and report it, at exit."""
     with suppress(OSError, ValueError):  # a stream without a file
         output, nowhere = sys.stdout.fileno(), os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, output)

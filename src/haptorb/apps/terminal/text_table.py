@@ -166,7 +166,7 @@ def _wrap_texts(table: TextTable | None, width: int) -> TextTable | None:
 
 
 def _wrap_cell(cell: str, width: int) -> str:
-    """Lines that begin with spaces keep them when they go on."""
+    """Lines that begin with spaces keep them when they are wrapped."""
     lines = []
     for line in cell.split("\n"):
         margin = " " * (len(line) - len(line.lstrip()))

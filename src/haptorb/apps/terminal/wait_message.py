@@ -1,4 +1,4 @@
-"""What is said while a command waits for somebody else's code."""
+"""The message while a command waits for another package's code."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from haptorb.apps.terminal.console import say
 
 __all__ = ["announce_wait"]
 
-_AFTER = 2.0  #: nobody wonders sooner [s]
+_AFTER = 2.0  #: no message sooner [s]
 
 
 @contextmanager

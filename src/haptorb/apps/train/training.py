@@ -37,7 +37,7 @@ class Training(NotebookReport):
         return f"<Training of {len(self.networks.record['networks'])} networks of {self.networks.device}: {self.path}>"
 
     def numbers(self) -> dict[str, Any]:
-        """Everything told, as plain JSON types."""
+        """All results, as plain JSON types."""
         return {
             "device": self.networks.device,
             "digest": self.networks.digest,

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from haptorb.devices.device import Device
+from haptorb.devices.device_text import DeviceText
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import HaptorbError, InputError
 
@@ -16,9 +17,9 @@ def find_device(path: Path, note: Mapping[str, str], name: str | None) -> tuple[
     """The device, and what a person should know about where it came from (else "").
 
     note  of the recording, on its device
-    name  of a device, or path of its file, that is taken whatever the recording says; None: what that says
+    name  of a device, or path of its file, that overrides the recording's; None: the recording's
 
-    Raises DeviceError or UnknownName for a `name` that is none, InputError where nobody says which device it was.
+    Raises DeviceError or UnknownName for a wrong `name`, InputError where the device is unknown.
     """
     if name is not None:
         device = load(name)
@@ -27,19 +28,19 @@ def find_device(path: Path, note: Mapping[str, str], name: str | None) -> tuple[
             device,
             "" if digest == device.digest else f"drawn as '{device.name}'; it was recorded with another device",
         )
-    if text := note.get("file", ""):
+    if text := DeviceText.from_note(note):
         try:
-            return parse(text, note.get("name", "of the recording")), ""
+            return parse(text.own, note.get("name", "of the recording"), bases=text.bases), ""
         except HaptorbError as cause:
             if note.get("name", "") not in catalogue():
                 raise InputError(
                     f"{path}: this version of haptorb cannot read its device: {cause}; name one with --as"
                 ) from cause
-            trouble = f"device '{note['name']}' is drawn as this version knows it, not as the recording says: {cause}"
+            trouble = f"device '{note['name']}' is drawn as in this version, not as in the recording: {cause}"
             return load(note["name"]), trouble
     # The file of a trip says no device; its name begins with the device's.
     known = sorted(catalogue(), key=len, reverse=True)
     for one in (note.get("name", ""), *(one for one in known if path.name.startswith(f"{one}-"))):
         if one in known:
             return load(one), f"the recording does not describe its device: '{one}' is assumed"
-    raise InputError(f"{path} does not say which device it was made with: name one with --as")
+    raise InputError(f"{path} does not state its device: name one with --as")

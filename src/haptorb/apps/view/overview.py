@@ -43,7 +43,7 @@ class Overview:
         self._asked = -math.inf  # when it was to give way
 
     def start(self) -> None:
-        """Begin, if it has not begun."""
+        """Start, unless it has started."""
         if self._started:
             return
         self._started = True
@@ -72,10 +72,10 @@ class Overview:
                 self._done, _, self._ranges, self._events = answer
         process.wait()
         if self._done < self._rows and not self._trouble:
-            self._trouble = "the process that makes the overview ended"
+            self._trouble = "the process that computes the overview ended"
 
     def give_way(self) -> None:
-        """Rest for a moment, where a process is at work: somebody scrubs, which needs the processors more."""
+        """Pause a process at work for a moment: scrubbing needs the processors more."""
         process, now = self._process, time.monotonic()
         if process is None or process.stdin is None or self._done >= self._rows or now < self._asked + _OFTEN:
             return

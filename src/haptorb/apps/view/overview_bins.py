@@ -1,4 +1,4 @@
-"""A recording of any length at a glance: least and greatest of each stretch of time, and where something happened."""
+"""A recording of any length at a glance: least and greatest of each interval, and where something happened."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from haptorb.runtime.recording.recording import Recording
 
 __all__ = ["BINS", "CHANNELS", "OverviewBins"]
 
-BINS = 1200  #: stretches of time: about one for each pixel of a wide screen
+BINS = 1200  #: intervals: about one for each pixel of a wide screen
 _TRIPPED = 4  #: state of the guard
 _MOST = 400  #: events of a kind that are kept
 

@@ -2,9 +2,9 @@
 
     python -m haptorb.apps.view.overview_process FILE START END
 
-Each byte on its standard input has it rest for a moment, because somebody scrubs; it ends with its standard input. It
+Each byte on its standard input pauses it for a moment, because a user scrubs; it ends with its standard input. It
 writes pickled (rows done, rows in all, ranges, events) to its standard output: first a sketch of one piece for each
-stretch of time, of which nothing is done, then every second, and at the end.
+interval not yet done, then every second, and at the end.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from haptorb.errors import HaptorbError
 from haptorb.runtime.recording.recording import Recording
 
 _PIECE = 4000  #: rows that are read at once
-_SKETCH = 8  #: rows of a stretch for the sketch
+_SKETCH = 8  #: rows of an interval for the sketch
 _EVERY = 0.7  #: between two words [s]
 _REST = 0.4  #: after a byte [s]
 
@@ -56,7 +56,7 @@ def main() -> None:
     except HaptorbError as cause:
         _say(answers, str(cause))
     except BrokenPipeError:
-        os._exit(0)  # nobody wants to know any more
+        os._exit(0)  # no reader is left
 
 
 def _listen(rest: list[float]) -> None:

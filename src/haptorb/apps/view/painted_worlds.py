@@ -7,7 +7,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from typing import final
 
-from haptorb.apps.console.force_map import FeltMap
+from haptorb.apps.console.force_map import ForceMapSource
 from haptorb.apps.console.shell import shell
 from haptorb.apps.console.wire import encode_force_frame
 from haptorb.apps.view.played_recording import PlayedRecording
@@ -20,10 +20,12 @@ _MOST = 32  #: maps
 
 @final
 class PaintedWorlds:
-    """Paints worlds of `recording`, whose device must have a dome, with `felt`; `end` ends what computes it."""
+    """Paints worlds of `recording`, whose device must have a dome, with `force_map`; `end` ends what computes it."""
 
-    def __init__(self, recording: PlayedRecording, felt: FeltMap, end: Callable[[], None] = lambda: None) -> None:
-        self._recording, self._felt, self.close = recording, felt, end
+    def __init__(
+        self, recording: PlayedRecording, force_map: ForceMapSource, end: Callable[[], None] = lambda: None
+    ) -> None:
+        self._recording, self._force_map, self.close = recording, force_map, end
         self.directions, self.triangles = shell()
         self._points = self.directions * recording.device.shell.contact_distance if recording.device.shell else None
         self._frames: OrderedDict[tuple[str, str, str], bytes] = OrderedDict()
@@ -40,7 +42,7 @@ class PaintedWorlds:
         name, values = found
         key = name, repr(sorted(values.items())), model
         if key not in self._frames:
-            force, saturated = await asyncio.to_thread(self._felt, name, values, model, self._points)
+            force, saturated = await asyncio.to_thread(self._force_map, name, values, model, self._points)
             self._frames[key] = encode_force_frame(force, saturated, change)
             while len(self._frames) > _MOST:
                 self._frames.popitem(last=False)

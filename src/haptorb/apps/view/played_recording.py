@@ -21,7 +21,7 @@ from haptorb.version import __version__
 __all__ = ["PlayedRecording"]
 
 _NEAR = 2e-6  #: the page's times come as float32: a tick's own time must find it [s]
-_NEWEST = 64  #: characters of a version that are told
+_NEWEST = 64  #: characters of a version that are shown
 
 
 @final
@@ -67,16 +67,16 @@ class PlayedRecording:
 
     @property
     def render(self) -> str | None:
-        """Part of the wrench that was rendered whatever the world asked; None: what it asked."""
+        """Part of the wrench that was rendered, overriding the world; None: the world's."""
         return self._servo.render
 
     def _list_notices(self) -> list[str]:
         notices = []
         if self._recording.truncated:
-            notices.append(f"the file has no end: recorded up to {self.seconds:.2f} s, the rest was cut off")
+            notices.append(f"the file is truncated: recorded up to {self.seconds:.2f} s, the rest was cut off")
         made = self._recording.metadata.get("versions", {}).get("haptorb", "")[:_NEWEST]
         if _order(made) > _order(__version__):
-            notices.append(f"made by haptorb {made}, newer than this one ({__version__}): what is new is not shown")
+            notices.append(f"made by haptorb {made}, newer than this one ({__version__}): new fields are not shown")
         if self._columns.missing:
             notices.append(f"not in the recording, so not shown: {', '.join(self._columns.missing)}")
         notices += [
@@ -107,7 +107,7 @@ class PlayedRecording:
         found = self.find_world(change)
         if found is None:
             return {"name": "unknown", "values": {}, "model": model, "scene": None, "shapes": [],
-                    "remarks": ["The recording does not say which world this was."]}  # fmt: skip
+                    "remarks": ["The recording does not state which world this was."]}  # fmt: skip
         return describe_world(*found, model, self.device)
 
     def describe(self, started: str) -> dict[str, Any]:

@@ -15,7 +15,7 @@ __all__ = ["RecordedServo"]
 class RecordedServo:
     """Device, driver, tracker and models of a run, by the recording's note of it."""
 
-    part_remarks: tuple[str, ...] = ()  #: how a part was rendered is told by the numbers alone
+    part_remarks: tuple[str, ...] = ()  #: the numbers alone show how a part was rendered
 
     def __init__(self, device: Device, run: Mapping[str, str]) -> None:
         self.device = device

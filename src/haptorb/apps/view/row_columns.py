@@ -1,4 +1,4 @@
-"""The columns of the console's frames, taken from the fields of a recording by name, whoever ordered them."""
+"""The columns of the console's frames, taken from the fields of a recording by name, in any order."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def application(
         return respond(files, "player.html")
 
     async def describe(request: Request) -> Response:
-        descriptions = [one["played"] | {"scene": one["scene"]["kind"], "trips": one["trips"]} for one in known]
+        descriptions = [one["played"] | {"gives": one["scene"]["gives"], "trips": one["trips"]} for one in known]
         return JSONResponse({"version": __version__, "started": started, "recordings": descriptions, **opening})
 
     async def describe_one(request: Request) -> Response:

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, final
 
-from haptorb.apps.console.force_map import FeltMap
+from haptorb.apps.console.force_map import ForceMapSource
 from haptorb.apps.view.painted_worlds import PaintedWorlds
 from haptorb.apps.view.played_recording import PlayedRecording
 from haptorb.apps.view.site import application
@@ -19,7 +19,7 @@ from haptorb.errors import InputError
 
 __all__ = ["PORT", "Viewer"]
 
-PORT = 8767  #: unless told otherwise; the console's and the study's are others
+PORT = 8767  #: default; the console's and the study's are others
 _LOOK = 0.1  #: between two looks whether to end [s]
 
 
@@ -37,7 +37,7 @@ class Viewer:
     span      first and last time of the part that is repeated, on the loop's clock [s]; None: nothing is
     offset    how much later the second recording begins than the first [s]; below 0: earlier
     device    name or path of the device that is drawn; None: that of the recording
-    felt      answers what a device would give at points in space; None: the device's own simulation
+    force_map  answers what a device would give at points in space; None: the device's own simulation
     Raises RecordingError or InputError for files that cannot be played, a port that cannot be had, or pages that are
     not built.
     """
@@ -51,7 +51,7 @@ class Viewer:
         span: tuple[float, float] | None = None,
         offset: float = 0.0,
         device: str | None = None,
-        felt: FeltMap | None = None,
+        force_map: ForceMapSource | None = None,
     ) -> None:
         if not 1 <= len(paths) <= 2:
             raise InputError(f"one or two recordings can be played; got {len(paths)}")
@@ -61,7 +61,7 @@ class Viewer:
         try:
             for path in paths:
                 self.recordings.append(PlayedRecording(Path(path), device))
-            self._painted = [_paint(recording, felt) for recording in self.recordings]
+            self._painted = [_paint(recording, force_map) for recording in self.recordings]
             part = self._clip(span)
             begin = (part[0] if part else 0.0) if at is None else at
             self.opening = {"at": begin, "range": part, "offset": offset}  #: what the page begins with [s]
@@ -79,7 +79,7 @@ class Viewer:
     ) -> int | None:
         """Serve until `close`, SIGINT or SIGTERM (the signal's number is returned), or for `until` seconds.
 
-        `ready` is called once a browser gets an answer. Signals are only heard in the main thread.
+        `ready` is called once a browser gets a reply. Signals are received only in the main thread.
         """
         signals_seen: list[int] = []
 
@@ -122,7 +122,7 @@ class Viewer:
         first, last = (min(max(time - one.start, 0.0), one.seconds) for time in span)
         if last <= first:
             raise InputError(
-                f"{one.name} has nothing from {span[0]:g} s to {span[1]:g} s: it is from {one.start:g} s to "
+                f"{one.name} has no ticks from {span[0]:g} s to {span[1]:g} s: it is from {one.start:g} s to "
                 f"{one.start + one.seconds:g} s"
             )
         return first, last
@@ -143,12 +143,12 @@ class Viewer:
         self._end()
 
 
-def _paint(recording: PlayedRecording, felt: FeltMap | None) -> PaintedWorlds | None:
+def _paint(recording: PlayedRecording, force_map: ForceMapSource | None) -> PaintedWorlds | None:
     compute = recording.device.kind.part("force_map")
     if compute is None or recording.device.shell is None:
         return None
-    if felt is not None:
-        return PaintedWorlds(recording, felt)
+    if force_map is not None:
+        return PaintedWorlds(recording, force_map)
     process = compute(recording.device)
     process.render = recording.render
     return PaintedWorlds(recording, process, process.close)

@@ -19,7 +19,8 @@ def open_browser_at(url: str) -> None:
     """Open the browser at `url`; blocks for half a minute, for a thread that may be left.
 
     A program's arguments can be read by everybody (`ps`), so the browser is given a file that leads to the address and
-    that only this account may read. A browser in a cage that cannot read it says so; then the printed address helps.
+    that only this account may read. A sandboxed browser that cannot read it shows an error; then use the printed
+    address.
     """
     with contextlib.suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, 0, 0)  # the browser is an ordinary program

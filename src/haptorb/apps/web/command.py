@@ -1,6 +1,6 @@
 """What a page asks for: one JSON object per text message, read strictly, and the Stop in it before anything else.
 
-Whatever a message holds, reading it ends in a command or in an InputError that can be sent back: no number is too long
+Every message becomes a command, or an InputError that can be sent back: no number is too long
 to be handled, nothing is nested deeper than a command is, every text can be written into a file.
 """
 
@@ -23,7 +23,7 @@ _STOP = re.compile(r'"do"\s*:\s*"stop"')
 
 
 def asks_to_stop(text: str) -> bool:
-    """Whether a text message is a Stop, whatever else is right or wrong with it.
+    """Whether a text message is a Stop, however malformed the rest.
 
     To be asked before `command`: a Stop is obeyed even when the message cannot be read as JSON.
 
@@ -52,7 +52,7 @@ def command(text: str) -> dict[str, Any]:
     _check(found)
     do = found.get("do")
     if not isinstance(do, str) or len(do) > _NAME:
-        raise InputError(f'a command must say what to do: {{"do": NAME}} with a name of at most {_NAME} characters')
+        raise InputError(f'a command must state its action: {{"do": NAME}} with a name of at most {_NAME} characters')
     return found
 
 

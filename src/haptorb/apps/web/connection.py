@@ -1,7 +1,7 @@
 """Connections that cannot wear the server out: few before they are pages, none for long, and none that only fills up.
 
-Every program of this computer can connect, whoever runs it. What that costs is bounded here: how many connections may
-ask for something at once, for how long, and how much is read from one before the others have their turn. Whatever is
+Every program of this computer can connect, from any account. The cost is bounded here: how many connections may
+make requests at once, for how long, and how much is read from one before the others have their turn. What is
 sent, at worst that connection ends.
 """
 
@@ -84,7 +84,7 @@ class Socket(WebSocketsSansIOProtocol):
         self.loop.call_later(LIFE, self._abort_handshake)
 
     def _abort_handshake(self) -> None:
-        """A handshake that came to nothing."""
+        """A handshake that failed."""
         if not self.handshake_complete:
             self.transport.abort()
 

@@ -37,7 +37,7 @@ class Server(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None, None, None]:
-        """Leave every signal to whoever has it."""
+        """Leave every signal to its present handler."""
         yield
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -113,10 +113,10 @@ def bind_socket(port: int) -> socket.socket:
 def prioritize() -> Generator[None, None, None]:
     """This thread keeps a hand's pose fresh: it goes before ordinary programs, where that is permitted (on Linux).
 
-    Nor is it held up by a search for garbage in what exists now, which takes as long as a pose lives; what is made from
-    now on is still collected.
+    Nor is it held up by a search for garbage in what exists now, which takes as long as a pose is valid; what is made
+    from now on is still collected.
     """
-    frozen = gc.get_freeze_count() > 0  # by somebody else, whose business it stays
+    frozen = gc.get_freeze_count() > 0  # by other code, which will undo it
     if not frozen:  # else a servo may run already, and the search could silence its host
         gc.collect()
     gc.freeze()

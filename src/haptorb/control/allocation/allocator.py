@@ -23,7 +23,7 @@ class Saturation(IntEnum):
     NONE = 0
     CURRENT = 1  #: a coil's current limit
     POWER = 2  #: the supply's power limit
-    ALONG = 3  #: the guard's limit of force or torque, for what comes along with what was asked
+    ALONG = 3  #: the guard's limit of the accompanying force or torque
     AXIS = 4  #: no current turns a tool about its magnet's own axis
     COILS = 5  #: too few coils for force and torque at once: a compromise
 
@@ -50,9 +50,9 @@ _TEXTS = (
     "",
     "a coil's current limit",
     "the supply's power limit",
-    "the limit of the force that comes along",
-    "the magnet's own axis, about which no current turns it",
-    "the number of coils, too few for force and torque at once",
+    "the limit of the accompanying force",
+    "the magnet's own axis, about which there is no torque",
+    "the number of coils, too few for force and torque together",
 )
 SATURATIONS = tuple(Saturation)  #: by number: many times faster than a call of the class
 _FLOAT = np.dtype(np.float64)  #: to name the type takes longer than to see that an array has it

@@ -83,7 +83,7 @@ def solve_compromise(H: Array, g: Array, limit: Array, resistance: Array, power:
                 break
             if at < 0.0:
                 low, below = middle, at
-                above *= 0.5  # Illinois: else one end would stay for ever
+                above *= 0.5  # Illinois: else one end would never move
             else:
                 high, above = middle, at
                 below *= 0.5

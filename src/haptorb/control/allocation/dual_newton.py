@@ -1,7 +1,7 @@
 """The shortest vector within a box that solves three equations: semismooth Newton on the dual, in compiled code.
 
 The dual function Σ φ_j(Q_jᵀν) − tᵀν (φ_j: Huber's function) is convex and piecewise quadratic, with three unknowns
-whatever the number of channels. Its minimum is found by Newton steps with an exact line search; without the exact
+for any number of channels. Its minimum is found by Newton steps with an exact line search; without the exact
 search such a method cycles on a good part of all problems. The rows of Q are made orthonormal first, so that an
 ill-conditioned problem costs no iterations.
 """

@@ -5,8 +5,8 @@ about its own axis (rank 2), or a compromise; a motor with many channels can giv
 serves all: minimise ‖W (A i − w)‖², and where many currents do so, take the smallest. Zárate 2020's radial case is the
 special case of force weights at a radial tool.
 
-Whatever exceeds a channel's limit, or the supply's power, scales all currents by one factor: the direction of the
-wrench is kept, its magnitude is cut and the cut is told.
+Above a channel's limit, or the supply's power, all currents are scaled by one factor: the direction of the wrench
+is kept, its magnitude is cut and the cut is reported.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def least_squares_currents(
             currents[j] = np.nan
         return np.nan
 
-    tall = m <= 6  # keep the short side as columns: at most six, whatever m
+    tall = m <= 6  # keep the short side as columns: at most six, for any m
     k = m if tall else 6
     columns = np.empty((6, m)) if tall else np.empty((m, 6))
     for i in range(6):
@@ -241,7 +241,7 @@ class LeastSquaresAllocator(Allocator):
         cls, current_limit: ArrayLike, *, compensate_passive: bool = False, resistance: ArrayLike | None = None,
         power: float = np.inf,
     ) -> LeastSquaresAllocator:  # fmt: skip
-        """Force only: what torque comes along is in the residual."""
+        """Force only: the accompanying torque is in the residual."""
         return cls(current_limit, FORCE, compensate_passive=compensate_passive, resistance=resistance, power=power)
 
     @classmethod

@@ -24,7 +24,7 @@ class MotorCapability:
     tilts        (t,) [rad] values of ψ and of λ
     spins        number of φ looked at per tilt
     peak         (t, t, 3) torque about each axis alone, currents at their limits [N·m]
-    continuous   (t, t, 3) the same with currents that may flow for ever [N·m]
+    continuous   (t, t, 3) the same with continuous currents [N·m]
     condition    (t, t) greatest over smallest singular value of the channels' torque characteristic
     weakest      (t, t) smallest singular value [N·m/A]
     power        (t, t, 3) least heat for a torque about each axis, at the reference temperature [W/(N·m)²]

@@ -28,16 +28,16 @@ def part_remarks(device: SphericalElectromagnet, choice: WrenchChoice) -> tuple[
     most = np.minimum(device.coils.current_limit, np.sqrt(device.supply.power / device.greatest_resistance))
     moment = float((np.linalg.norm(device.moment_per_current, axis=0) * most).max())
     torque = MU0 * moment * device.tool.moment / (4 * np.pi * d**3)
-    axis = "About the tool's own axis no current turns it."
+    axis = "There is no torque about the tool's own axis."
     texts = dict.fromkeys(PARTS, "")
     if choice.fixed == "force":
-        texts["force"] = "Only force is rendered, as chosen: a torque that the world asks is left out."
+        texts["force"] = "Only force is rendered, as chosen: torque from the world is left out."
     texts["torque"] = (
         f"Torque is rendered: as point dipoles at contact, up to about {1e3 * torque:.2g} mN·m across the tool's axis, "
-        f"with {3 * torque / d:.2g} N of force that come along. {axis}"
+        f"together with a force of {3 * torque / d:.2g} N. {axis}"
     )
     texts["both"] = (
-        f"Force and torque are rendered as a compromise of {device.channels} coils: six numbers cannot be had at once, "
-        f"1 N weighs as much as {1e3 * choice.weight:.3g} mm × 1 N of torque. {axis}"
+        f"Force and torque are rendered as a compromise of {device.channels} coils, which cannot produce six "
+        f"independent components; errors of 1 N are weighted like {1e3 * choice.weight:.3g} mm × 1 N of torque. {axis}"
     )
     return tuple(texts[part] for part in PARTS)

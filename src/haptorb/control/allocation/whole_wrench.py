@@ -25,29 +25,31 @@ from haptorb.control.allocation.allocator import (
 )
 from haptorb.control.allocation.bounded_compromise import solve_compromise
 from haptorb.control.allocation.least_squares import least_squares_currents
-from haptorb.control.allocation.supply_power import hold_power
+from haptorb.control.allocation.wrench_limits import (
+    WRENCH_LIMITS,
+    check_greatest,
+    hold_limits,
+    is_missing,
+    subtract_passive,
+)
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["TORQUE_ARM", "WholeWrenchAllocator", "check_arm", "share_within"]
+__all__ = ["TORQUE_ARM", "WholeWrenchAllocator", "check_arm"]
 
 TORQUE_ARM = 0.127 * 60e-3 / (0.07 * 2.5)  #: 43.5 mm [m]
 
-_CURRENT, _POWER, _ALONG = int(Saturation.CURRENT), int(Saturation.POWER), int(Saturation.ALONG)
+_CURRENT = int(Saturation.CURRENT)
 _AXIS, _COILS = int(Saturation.AXIS), int(Saturation.COILS)
 _TURNED = np.array((0.0, 0.0, 0.0, 1.0, 1.0, 1.0))
 _TRUNCATION = 1e-6
-_MISSING = 0.02  #: share of what was asked that may be missing without a word
-_LEAST = (1e-3, 1e-5)  #: force [N] and torque [N·m] that may
 
 _SETTINGS = fields(
     ("together", "?"),  # force and torque, not torque alone
     ("arm", "f8"),  # [m]
-    ("power", "f8"),  # of the supply [W]
-    ("force", "f8"),  # greatest on the mover [N]
-    ("torque", "f8"),  # greatest on the mover [N·m]
+    ("limits", WRENCH_LIMITS),
 )
 
 
@@ -63,22 +65,6 @@ def check_arm(arm: float) -> float:
 
 
 @kernel
-def share_within(passive: Array, active: Array, first: int, greatest: float) -> float:
-    """The greatest share of `active` (6,), at most 1, that keeps three of its components with `passive` within
-    `greatest`; 0 where the passive wrench alone is beyond it."""
-    a, b, c = 0.0, 0.0, -greatest * greatest
-    for i in range(first, first + 3):
-        a += active[i] * active[i]
-        b += active[i] * passive[i]
-        c += passive[i] * passive[i]
-    if a + 2.0 * b + c <= 0.0:
-        return 1.0
-    if c >= 0.0 or a == 0.0:
-        return 0.0
-    return float(min(1.0, (np.sqrt(b * b - a * c) - b) / a))
-
-
-@kernel
 def _allocate(
     settings: Records, matrix: Array, passive: Array, wrench: Array, limit: Array, resistance: Array, currents: Array,
     residual: Array,
@@ -87,13 +73,7 @@ def _allocate(
     s = settings[0]
     m = limit.shape[0]
     target = np.empty(6)
-    total = 0.0
-    for i in range(6):
-        target[i] = wrench[i] - passive[i]
-        total += target[i]
-        for j in range(m):
-            total += matrix[i, j]
-    if not np.isfinite(total):
+    if not subtract_passive(matrix, passive, wrench, target):
         return np.nan, 0
     scale, reason = 1.0, 0
     if s.together:
@@ -104,33 +84,15 @@ def _allocate(
                 g[j] += weight * matrix[i, j] * target[i]
                 for k in range(m):
                     H[j, k] += weight * matrix[i, j] * matrix[i, k]
-        reason = solve_compromise(H, g, limit, resistance, s.power, currents)
+        reason = solve_compromise(H, g, limit, resistance, s.limits.power, currents)
     else:
         scale = least_squares_currents(matrix, target, _TURNED, limit, _TRUNCATION, 0.0, currents)
         if scale < 1.0:
             reason = _CURRENT
-    share = hold_power(currents, resistance, s.power)
-    if share < 1.0 - 1e-6:
-        scale *= share
-        reason = _POWER
-    active = np.zeros(6)
-    for i in range(6):
-        for j in range(m):
-            active[i] += matrix[i, j] * currents[j]
-    share = min(share_within(passive, active, 0, s.force), share_within(passive, active, 3, s.torque))
-    if share < 1.0:  # safety: what-comes-along-is-limited
-        scale *= share
-        reason = _ALONG
-        for j in range(m):
-            currents[j] *= share
-    missing, asked = np.zeros(2), np.zeros(2)
-    for i in range(6):
-        residual[i] = target[i] - share * active[i]
-        missing[i // 3] += residual[i] * residual[i]
-        asked[i // 3] += wrench[i] * wrench[i]
+    scale, reason = hold_limits(matrix, passive, target, resistance, s.limits, currents, residual, scale, reason)
     if reason == 0:
         for part in range(0 if s.together else 1, 2):
-            if np.sqrt(missing[part]) > max(_MISSING * np.sqrt(asked[part]), _LEAST[part]):
+            if is_missing(residual, wrench, part):
                 reason = _COILS if s.together else _AXIS
     return scale, reason
 
@@ -141,7 +103,7 @@ class WholeWrenchAllocator(Allocator):
     current_limit   (m,) greatest magnitude per channel [A]
     resistance      (m,) of the channels as warm as they may be [Ω]
     power           greatest power Σ R i² that the supply gives [W]
-    greatest        force [N] and torque [N·m] on the mover: what comes along with what was asked is limited, too
+    greatest        largest force [N] and torque [N·m] on the mover; they also limit the accompanying part
     arm             1 N weighs as much as `arm` [m] × 1 N of torque, where both are asked
 
     A torque beyond the limits keeps its direction, as forces do. Force and torque together are the nearest that the
@@ -155,7 +117,7 @@ class WholeWrenchAllocator(Allocator):
     >>> (given[3:].round(6) + 0.0).tolist(), given[1].round(2).item()
     ([0.005, 0.0, 0.0], 0.27)
     >>> torque.allocate(over, (0, 0, 0, 0, 0, 0.005)).saturated.text
-    "the magnet's own axis, about which no current turns it"
+    "the magnet's own axis, about which there is no torque"
     """
 
     def __init__(
@@ -170,12 +132,10 @@ class WholeWrenchAllocator(Allocator):
     ) -> None:
         self.current_limit = check_limit(current_limit)
         self.resistance = check_power(resistance, power, len(self.current_limit))
-        if not (greatest[0] > 0.0 and greatest[1] > 0.0):
-            raise InputError(f"the greatest force and torque must be above 0; got {greatest!r}")
         self.together = together
         self._settings = np.zeros(1, dtype=_SETTINGS)
-        self._settings["together"], self._settings["arm"], self._settings["power"] = together, check_arm(arm), power
-        self._settings["force"], self._settings["torque"] = greatest
+        self._settings["together"], self._settings["arm"] = together, check_arm(arm)
+        self._settings["limits"] = (power, *check_greatest(greatest))
 
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
         """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""

@@ -1,6 +1,6 @@
 """The chain of a coil array, from the force asked for to the force on the tool, with errors in it.
 
-The controller believes the device file and a pose; the true device has other magnets, other currents, another pose, and
+The controller uses the device file and a pose; the true device has other magnets, other currents, another pose, and
 coils that are off their places, askew and stronger or weaker. Both use the exact model. A soft core's answer to a coil
 that is elsewhere is taken from its slope, in every component of the coil's place and axis. The force is at rest.
 """
@@ -32,14 +32,14 @@ _STILL = np.zeros(3)
 
 @dataclass
 class ArrayTrial(ChainTrial):
-    """How one device differs from what is believed of it."""
+    """How one device differs from its model."""
 
-    strength: float  #: remanence of the tool's magnets, true over believed
+    strength: float  #: remanence of the tool's magnets, true over model
     shift: Array  #: (m, 3) true less stated place of each coil [m]
     lean: Array  #: (m, 3) rotation from the stated to the true axis of each coil [rad]
     turns: Array  #: (m,) relative error of each coil's field
-    place: Array  #: (3,) believed less true place of the tool [m]
-    turn: Array  #: (3,) rotation from the tool's true to its believed orientation [rad]
+    place: Array  #: (3,) estimated minus true position of the tool [m]
+    turn: Array  #: (3,) rotation from the tool's true to its estimated orientation [rad]
 
     def strengthen(self, factors: Array) -> None:
         """Multiply the magnets' strength by `factors` (1,)."""
@@ -56,7 +56,7 @@ class ArrayPoint(NamedTuple):
 
 @final
 class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
-    """The error budget of `device` for forces of `asked` [N], with `sources`; a tracker tells the pose."""
+    """The error budget of `device` for forces of `asked` [N], with `sources`; a tracker measures the pose."""
 
     unit, jnd, motion, estimator = "N", FORCE_JND, "at rest", "tracker"
     regions = ("in contact", "lower half of the space", "upper half of the space")
@@ -66,7 +66,7 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
         normal, level = ("radial", "tangential") if device.surface.is_dome else ("upwards", "along the plate")
         self.components = (Component(normal, (2,)), Component(level, (0, 1)))
         self._device, self._allocator, self._loop = device, array_allocator(device), CurrentLoop(device)
-        self._known, self._rows = device.magnetics, device.windings.rows
+        self._known = device.magnetics
 
     def draw_point(self, region: int, rng: np.random.Generator) -> ArrayPoint:
         """Anywhere in the region, spread evenly over the surface; the force in any direction."""
@@ -85,7 +85,7 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
         return ArrayPoint(p, R, wrench)
 
     def make_trial(self) -> ArrayTrial:
-        """The device as it is believed to be."""
+        """The device of the model."""
         m = self._device.channels
         return ArrayTrial(
             **vars(ChainTrial.exact(m)), strength=1.0, shift=np.zeros((m, 3)), lean=np.zeros((m, 3)),
@@ -104,19 +104,20 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
 
     def _deliver(self, point: ArrayPoint, trial: ArrayTrial, currents: Array) -> Array:
         """(3,) the true force [N]: of the coils with the magnets' strength, of the core with its square."""
-        rows, known = self._rows.copy(), self._known
-        rows[:, :3] += trial.shift
-        axis = rows[:, 3:6] + np.cross(trial.lean, rows[:, 3:6])
-        rows[:, 3:6] = axis / np.linalg.norm(axis, axis=1, keepdims=True)
-        rows[:, 6] *= 1 + trial.turns
+        known = self._known
+        coils = known.coils.copy()
+        coils["centre"] += trial.shift
+        axis = coils["axis"] + np.cross(trial.lean, coils["axis"])
+        coils["axis"] = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+        coils["turns"] *= 1 + trial.turns
         answers = known.answers
         if known.core_radius > 0.0:
             off = np.concatenate([trial.shift, trial.lean], axis=1)
             answers = answers + np.einsum("ji,ijkc->jkc", off, self._slopes)
             answers *= (1 + trial.turns)[:, None, None]
-        pose, matrix, passive = np.empty((4, 3)), np.empty((6, len(rows))), np.empty(6)
+        pose, matrix, passive = np.empty((4, 3)), np.empty((6, len(coils))), np.empty(6)
         pose[:3], pose[3] = point.R, point.p
-        array_wrench(known._replace(coils=rows, answers=answers), pose, matrix, passive)
+        array_wrench(known._replace(coils=coils, answers=answers), pose, matrix, passive)
         force: Array = trial.strength * (matrix[:3] @ currents) + trial.strength**2 * passive[:3]
         return force
 

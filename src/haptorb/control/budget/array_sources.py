@@ -25,7 +25,7 @@ class CoilPlaces(ErrorSource[ArrayTrial]):
     """Where each coil is."""
 
     def __init__(self, standard: float, origin: str, coils: int) -> None:
-        super().__init__("places of the coils", format_quantity(standard, "m"), origin, 3 * coils)
+        super().__init__("positions of the coils", format_quantity(standard, "m"), origin, 3 * coils)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
@@ -58,26 +58,26 @@ class CoilStrengths(ErrorSource[ArrayTrial]):
 
 
 class ToolPlace(ErrorSource[ArrayTrial]):
-    """The place that the tracker tells."""
+    """The position from the tracker."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("tracked place", format_quantity(standard, "m"), origin, 3)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
-        """Move the believed place."""
+        """Move the estimated position."""
         trial.place += self._standard * deviates
 
 
 class ToolOrientation(ErrorSource[ArrayTrial]):
-    """The orientation that the tracker tells."""
+    """The orientation from the tracker."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("tracked orientation", f"{np.degrees(standard):.3g}°", origin, 3)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
-        """Turn the believed tool."""
+        """Turn the estimated tool."""
         trial.turn += self._standard * deviates
 
 

@@ -1,4 +1,4 @@
-"""The size of the wrench whose error is told: one that the device can give everywhere in its workspace."""
+"""The size of the wrench whose error is stated: one that the device can give everywhere in its workspace."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from haptorb.errors import InputError
 
 __all__ = ["choose_size"]
 
-_SHARE = 0.5  #: of the least peak wrench: what is asked for if nobody says how much
+_SHARE = 0.5  #: of the least peak wrench: the default size
 
 
 def choose_size(device: str, asked: float | None, most: float, unit: str) -> float:

@@ -2,7 +2,7 @@
 
 Above 2.5 % of its limit a coil's resistance is learned from the measured current, so that this current, and not the
 true one, becomes the wanted one: errors of resistance and supply vanish, those of the current sensor remain. Below,
-the resistance is believed to be the device file's, and it is the other way round.
+the resistance is taken from the device file, and it is the other way round.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _WINDOW = 100.0  #: ticks over which the learned resistance averages, at 1 kHz
 
 @dataclass
 class ChainTrial:
-    """How the electronics differ from what is believed; all zeros: not at all."""
+    """How the electronics differ from their model; all zeros: not at all."""
 
     gain: Array  #: (m,) of the current sensors, relative
     offset: Array  #: (m,) of the current sensors [A]
@@ -121,7 +121,7 @@ class CurrentSteps(ErrorSource[C]):
         read = np.hypot(supply.current_noise, supply.current_step / np.sqrt(12)) / np.sqrt(_WINDOW)
         self._standard: Array = np.hypot(step / np.sqrt(12), read)
         text = format_quantity(float(self._standard.max()), "A")
-        super().__init__("steps and noise of the currents", text, "computed", device.channels)
+        super().__init__("quantisation and noise of the currents", text, "computed", device.channels)
 
     def perturb(self, deviates: Array, trial: C) -> None:
         """Add to the currents."""

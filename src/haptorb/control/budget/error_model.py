@@ -51,7 +51,7 @@ class ErrorModel(ABC, Generic[T, P]):
     device      its name
     estimator   how the controller knows where the mover is
     sources     of error, independent of each other
-    regions     names of the parts of the workspace that are told apart
+    regions     names of the parts of the workspace, each with its own budget
     components  of the error
     unit        "N" or "N·m"
     jnd         just-noticeable difference, relative
@@ -75,7 +75,7 @@ class ErrorModel(ABC, Generic[T, P]):
 
     @abstractmethod
     def make_trial(self) -> T:
-        """The device as it is believed to be."""
+        """The device of the model."""
 
     @abstractmethod
     def wrench_error(self, point: P, trial: T) -> Array:

@@ -1,4 +1,4 @@
-"""Where the Hall tracker believes the tool to be, if magnets, coils, currents and sensors are not what it believes.
+"""The Hall tracker's estimate of the tool's pose, if magnets, coils, currents and sensors differ from its model.
 
 One step of the tracker's own weighted least squares, from the true pose: right to first order in the errors.
 """
@@ -35,7 +35,7 @@ class CalibratedTrial(Protocol):
 class HallPoint(NamedTuple):
     """The tracker's least squares about one true pose."""
 
-    field: Array  #: (k, 3) of the believed tool at the sensors [T]
+    field: Array  #: (k, 3) of the estimated tool at the sensors [T]
     solve: (
         Array  #: (5, 3 k) from what is left of the readings to the place [m/T] and the turns about R's x and y [rad/T]
     )
@@ -72,7 +72,7 @@ class HallFit:
     def read(self, trial: SensorTrial, tool: State, strength: float, moment: Array, currents: Array) -> Array:
         """(k, 3) [T] the readings less what the tracker takes off for the currents.
 
-        The magnet of `tool` has `strength` times the believed remanence; the electromagnet has `moment` (3,) [A·m²]
+        The magnet of `tool` has `strength` times the model's remanence; the electromagnet has `moment` (3,) [A·m²]
         under the true `currents` (m,) [A]. Core and coils are at the origin, the sensors off by their placement.
         """
         model = self._model._replace(sensors=np.ascontiguousarray(self._model.sensors + trial.placement))

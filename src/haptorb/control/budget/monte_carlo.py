@@ -89,7 +89,7 @@ class ErrorBudget:
 def error_budget(
     model: ErrorModel[T, P], samples: int = 2000, seed: int = 0, report: Report | None = None
 ) -> ErrorBudget:
-    """The budget of `model` from `samples` devices in each region; `report` is told the share that is done, 0 to 1.
+    """The budget of `model` from `samples` devices in each region; `report` receives the share that is done, 0 to 1.
 
     Raises InputError for fewer than 100 samples or a negative seed.
     """

@@ -35,12 +35,12 @@ COMPONENTS = (Component("about X", (0,)), Component("about Y", (1,)), Component(
 
 @dataclass
 class MotorTrial(SensorTrial):
-    """How one motor differs from what is believed of it."""
+    """How one motor differs from its model."""
 
-    polarization: Array  #: (p,) of each magnet, true over believed
-    coils: Array  #: (c,) torque per ampere and field of each coil, true over believed
-    regulator: float  #: its torque, true over believed
-    weight: float  #: torque of the rotor's weight, true over believed
+    polarization: Array  #: (p,) of each magnet, true over model
+    coils: Array  #: (c,) torque per ampere and field of each coil, true over model
+    regulator: float  #: its torque, true over model
+    weight: float  #: torque of the rotor's weight, true over model
     turn: Array  #: (3,) rotation from the true to the tracked orientation [rad]
 
     def strengthen(self, factors: Array) -> None:
@@ -53,7 +53,7 @@ class MotorPoint(NamedTuple):
 
     R: Array  #: (3, 3)
     wrench: Array  #: (6,) [N, N·m]
-    field: Array  #: (k, 3) of the believed magnets at the sensors [T]
+    field: Array  #: (k, 3) of the model's magnets at the sensors [T]
     solve: Array  #: (4, 3 k) from what is left of the readings to the rotation [rad/T] and the strength [1/T]
 
 
@@ -98,7 +98,7 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
         return MotorPoint(R, wrench, field, solve)
 
     def _linearize(self, R: Array) -> tuple[Array, Array]:
-        """(k, 3) field of the believed magnets at R [T], and the (4, 3 k) least-squares solution about it."""
+        """(k, 3) field of the model's magnets at R [T], and the (4, 3 k) least-squares solution about it."""
         device, pair = self._device, self._device.tables.field_pair
         sensors = device.sensor_layout.directions
         field, slopes = np.empty((len(sensors), 3)), np.empty((1, len(sensors), 3, 3))
@@ -110,7 +110,7 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
         return field, np.asarray(np.linalg.solve(design.T @ design, design.T), dtype=np.float64)
 
     def make_trial(self) -> MotorTrial:
-        """The motor as it is believed to be."""
+        """The motor of the model."""
         device = self._device
         exact = ChainTrial.exact(device.channels)
         return MotorTrial(
@@ -152,7 +152,7 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
         return torque
 
     def _fit_readings(self, point: MotorPoint, trial: MotorTrial, currents: Array) -> tuple[Array, float]:
-        """(3,) rotation from the true to the believed orientation [rad], and the believed strength of the magnets."""
+        """(3,) rotation from the true to the estimated orientation [rad], and the estimated strength of the magnets."""
         device, pair = self._device, self._device.tables.field_pair
         sensors = device.sensor_layout.directions
         field = np.empty((1, len(sensors), 3))

@@ -59,14 +59,14 @@ class RotorWeight(ErrorSource[MotorTrial]):
 
 
 class TrackedOrientation(ErrorSource[MotorTrial]):
-    """The orientation that a tracker tells."""
+    """The orientation from a tracker."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("tracked orientation", f"{np.degrees(standard):.3g}°", origin, 3)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: MotorTrial) -> None:
-        """Turn the believed rotor."""
+        """Turn the estimated rotor."""
         trial.turn += self._standard * deviates
 
 

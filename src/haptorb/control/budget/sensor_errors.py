@@ -80,7 +80,7 @@ class SensorPlacement(ErrorSource[S]):
     """Where each field sensor is."""
 
     def __init__(self, standard: float, origin: str, sensors: int) -> None:
-        super().__init__("field sensors, place", format_quantity(standard, "m"), origin, 3 * sensors)
+        super().__init__("field sensors, position", format_quantity(standard, "m"), origin, 3 * sensors)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: S) -> None:

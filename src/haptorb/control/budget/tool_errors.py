@@ -1,6 +1,6 @@
 """The chain of a spherical electromagnet, from the force asked for to the force on the tool, with errors in it.
 
-The controller believes the device file and a pose; the true device has other magnets, other currents and another pose.
+The controller uses the device file and a pose; the true device has other magnets, other currents and another pose.
 Both use the exact model: its own errors are 1e-7 and no part of the budget. The force is at rest: what the loop's
 delay and the coils' inductance do to a force that changes is known, and not uncertain.
 """
@@ -34,14 +34,14 @@ COMPONENTS = (Component("radial", (2,)), Component("tangential", (0, 1)))
 
 @dataclass
 class ToolTrial(SensorTrial):
-    """How one device differs from what is believed of it."""
+    """How one device differs from its model."""
 
-    strength: float  #: remanence of the tool's magnet, true over believed
+    strength: float  #: remanence of the tool's magnet, true over model
     moments: Array  #: (3, 3) true moment per ampere [m²]
-    core_radius: float  #: true less believed [m]
+    core_radius: float  #: true minus model [m]
     shift: Array  #: (3,) of core and coils from the frame's origin [m]
-    place: Array  #: (3,) believed less true place of the tool's magnet [m]
-    turn: Array  #: (3,) rotation from the tool's true to its believed axis [rad]
+    place: Array  #: (3,) estimated minus true position of the tool's magnet [m]
+    turn: Array  #: (3,) rotation from the tool's true to its estimated axis [rad]
     remanent: Array  #: (3,) moment that stays in the core [A·m²]
     lag: complex  #: what eddy currents take of a moment that turns, relative
     turning: Array  #: (3,) any vector; its part across the force is the direction into which the force turns
@@ -101,7 +101,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         self._tables = [self._tabulate(k * self._span) if radius_span else self._pull.table for k in (-1, 0, 1)]
 
     def _tabulate(self, more: float) -> Array:
-        """The core's pull if its radius were `more` [m] than believed."""
+        """The core's pull if its radius were `more` [m] larger than in the model."""
         known = self._pull
         return replace(known, core_radius=known.core_radius + more).table
 
@@ -124,7 +124,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         return ToolPoint(p, R, wrench, self._hall.linearize(p, R, currents))
 
     def make_trial(self) -> ToolTrial:
-        """The device as it is believed to be."""
+        """The device of the model."""
         exact, k = ChainTrial.exact(self._device.channels), self._device.sensors
         return ToolTrial(
             **vars(exact), mixing=np.zeros((k, 3, 3)), reading=np.zeros((k, 3)), placement=np.zeros((k, 3)),
@@ -155,7 +155,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
     def _locate(
         self, hall: HallFit, point: ToolPoint, trial: ToolTrial, moment: Array, currents: Array
     ) -> tuple[Array, Array]:
-        """(3,) believed less true place [m], and rotation from the true to the believed axis [rad].
+        """(3,) estimated minus true position [m], and rotation from the true to the estimated axis [rad].
 
         Core and coils are off their place by `trial.shift`, which the tracker does not know: for them, tool and
         sensors are off, the other way.

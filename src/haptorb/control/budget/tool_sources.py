@@ -23,7 +23,7 @@ __all__ = ["tool_errors"]
 
 ESTIMATORS = ("tracker", "hall")
 _AVERAGED = 3.3  #: readings that the Hall tracker's filter is worth, at 1 kHz: it leaves 0.55 of the noise
-_SPAN = 3.0  #: standard uncertainties up to which the core's radius is looked up; beyond, the parabola goes on
+_SPAN = 3.0  #: standard uncertainties up to which the core's radius is looked up; beyond, the parabola continues
 
 
 class Moments(ErrorSource[ToolTrial]):
@@ -39,26 +39,26 @@ class Moments(ErrorSource[ToolTrial]):
 
 
 class TrackedPlace(ErrorSource[ToolTrial]):
-    """The place that the tracker tells."""
+    """The position from the tracker."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("tracked place", format_quantity(standard, "m"), origin, 3)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Move the believed place."""
+        """Move the estimated position."""
         trial.place += self._standard * deviates
 
 
 class TrackedAxis(ErrorSource[ToolTrial]):
-    """The direction that the tracker tells."""
+    """The direction from the tracker."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("tracked axis", f"{np.degrees(standard):.3g}°", origin, 3)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Turn the believed axis."""
+        """Turn the estimated axis."""
         trial.turn += self._standard * deviates
 
 
@@ -66,7 +66,7 @@ class CorePlace(ErrorSource[ToolTrial]):
     """Where core and coils are."""
 
     def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("place of core and coils", format_quantity(standard, "m"), origin, 3)
+        super().__init__("position of core and coils", format_quantity(standard, "m"), origin, 3)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: ToolTrial) -> None:

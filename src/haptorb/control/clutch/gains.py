@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, check_finite
 
-__all__ = ["Gains", "three"]
+__all__ = ["MOTOR_GAINS", "Gains", "three"]
 
 
 def three(value: ArrayLike, what: str) -> tuple[float, float, float]:
@@ -59,7 +59,9 @@ class Gains:
         """
         factor = float(check_finite(factor, "factor"))
         if factor < 0:
-            raise InputError(f"factor must not be negative: the torques would push the wrong way; got {factor:g}")
+            raise InputError(
+                f"factor must not be negative: the torques would act in the wrong direction; got {factor:g}"
+            )
         move, turn = (three(factor * check_finite(part, "gains"), "gains") for part in self.torques)
         return replace(self, translate_torque=move, rotate_torque=turn)
 
@@ -95,3 +97,7 @@ class Gains:
         if np.isfinite(ratio).all() and ratio.min() >= 0 and np.ptp(ratio) <= 1e-9 * ratio.max():
             return "scaled"
         return "active"
+
+
+#: 40° of handle, which a hand can sweep within the workspace, pull the plug all the way out; else the defaults
+MOTOR_GAINS = Gains(translate=(0.024, 0.004, 0.01))

@@ -10,21 +10,14 @@ import math
 from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel, tick_kernel
 
-__all__ = [
-    "CLUTCH",
-    "STEEPEST",
-    "advance_clutch",
-    "fill_rotor_wrench",
-    "fill_target_pose",
-    "follow_rotor",
-]
+__all__ = ["CLUTCH", "STEEPEST", "advance_clutch", "fill_rotor_wrench", "follow_rotor"]
 
 STEEPEST = math.radians(80.0)  #: tilt λ at which Euler angles come too close to their pole, for rotor and target
 _HIGHEST = math.sin(STEEPEST)
 _TURN = 2.0 * math.pi
 
 CLUTCH = fields(
-    # settings: the gains of `Gains`, as printed, and the times of `TwoModes`
+    # settings: the gains of `Gains`, as printed, and the times of `ModedLinkage`
     ("translate", "f8", (3,)),  # ζ̂ [m/rad] of X', Y', Z' (by λ, ψ, φ)
     ("rotate", "f8", (3,)),  # ζ of λ', ψ', φ'
     ("translate_torque", "f8", (3,)),  # η̂ [m] of F_Y', F_X', F_Z' (to T_ψ, T_λ, T_φ)
@@ -96,7 +89,7 @@ def advance_clutch(clutch: Records, R: Array, w: Array, dt: float) -> bool:
 
 
 @kernel
-def fill_target_pose(clutch: Records, pose: Array) -> None:
+def _fill_target_pose(clutch: Records, pose: Array) -> None:
     """Fill pose (6, 3): R' (3, 3), position [m], w' [rad/s] and v' [m/s] of the target, primed frame."""
     m = clutch[0]
     rates, attitude = m.rates, m.attitude
@@ -121,10 +114,10 @@ def fill_target_pose(clutch: Records, pose: Array) -> None:
 
 @tick_kernel
 def follow_rotor(clutch: Records, R: Array, w: Array, dt: float, pose: Array, share: Array) -> bool:
-    """`advance_clutch` and `fill_target_pose` at once; share (2,): how firmly translation and rotation are joined."""
+    """`advance_clutch` and `_fill_target_pose` at once; share (2,): how firmly translation and rotation are joined."""
     if not advance_clutch(clutch, R, w, dt):
         return False
-    fill_target_pose(clutch, pose)
+    _fill_target_pose(clutch, pose)
     share[0], share[1] = clutch[0].moving, clutch[0].turning
     return True
 

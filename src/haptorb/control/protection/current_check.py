@@ -1,4 +1,4 @@
-"""Does a coil carry what it was told to carry? Measured currents against those that the applied voltages must give.
+"""Does a coil carry its set current? Measured currents against those that the applied voltages must give.
 
 A current sensor that reads nothing, a tenth or ten times as much makes everything behind it wrong: the heat that is
 observed, the resistance that is learned, the limit that is kept. So the readings are compared with a model of the coil
@@ -31,7 +31,7 @@ _LOWEST, _HIGHEST = 0.75, 1.0 / 0.75  #: learned over expected resistance
 def check_currents(clock: Record, coils: Records, age: float) -> bool:
     """Whether the currents measured in this tick, `age` [s] old, match the duties applied since the last one.
 
-    clock is a CLOCK, after a restart of which the comparison begins anew; of `coils` (m,) current, applied, emf (from
+    clock is a CLOCK, after a restart of which the comparison restarts; of `coils` (m,) current, applied, emf (from
     now on) and winding are read.
     """
     elapsed, restart = clock.elapsed, clock.restart

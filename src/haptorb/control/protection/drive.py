@@ -1,6 +1,6 @@
 """From wanted currents to duty cycles, with the resistance that the coils have now: Zárate 2020 eqs. (3), (4), (6).
 
-Each coil's resistance is learned from what flowed. Cold start, zero current and saturation leave the last believed
+Each coil's resistance is learned from what flowed. Cold start, zero current and saturation keep the last estimated
 resistance in place; it can never leave what copper can have.
 """
 
@@ -14,7 +14,7 @@ from haptorb.numerics.compiled import kernel
 __all__ = ["choose_duties", "lag_of", "rest_coils"]
 
 _WINDOW = 0.05  #: time constant of the sliding window of eq. (6) [s]
-_STEADY = 0.25  #: a current that changes by more than this share in a tick tells more of inductance than resistance
+_STEADY = 0.25  #: a current that changes by more than this share in a tick shows inductance more than resistance
 
 
 @kernel
@@ -35,7 +35,7 @@ def _learn_resistance(d: Record, coils: Records) -> None:
         c.drive_current = now
         if abs(now - then) > _STEADY * abs(now):
             continue
-        # What the voltage would have led to if it had lasted: it is this current that the resistance tells.
+        # What the voltage would have led to if it had lasted: this current shows the resistance.
         left = _decay_share(c, d.dt)
         i = (now - left * then) / (1.0 - left)
         # Eq. (6) is mean duty over mean current; weighting both with the current is the same for steady currents, and

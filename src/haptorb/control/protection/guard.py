@@ -1,7 +1,7 @@
-"""The guard's rules: what may be asked, what may flow, and when to switch off for good.
+"""The guard's rules: what may be asked, what may flow, and when to switch off until a person engages.
 
 Off is the default state and the end of every path. A trip latches with its reason; only a person who engages leaves it,
-and only when the reason is gone. The guard trusts nobody above it, least of all the world.
+and only when the reason is gone. The guard trusts nothing above it, least of all the world.
 
 Lines that keep a rule are marked with `safety:` and its name; `scripts/prove_safety.py` breaks each and sees a test
 go red.
@@ -32,8 +32,8 @@ _NONE, _SAMPLE, _OVERCURRENT = int(Trip.NONE), int(Trip.SAMPLE_NOT_FINITE), int(
 
 @kernel
 def trip(g: Record, reason: int) -> None:
-    """Coils off, latched. The first `reason` stands until somebody engages; a later one does not hide it."""
-    if reason != _EXPIRED:  # that one fades; whatever comes while it does, a Stop first of all, ends it at once
+    """Coils off, latched. The first `reason` remains until a person engages; a later one does not hide it."""
+    if reason != _EXPIRED:  # that one fades; any other reason meanwhile, such as a Stop, ends the fade at once
         g.gain = 0.0
     if g.state == _TRIPPED:
         return

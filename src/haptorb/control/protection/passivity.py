@@ -26,11 +26,11 @@ from haptorb.numerics.compiled import kernel
 
 __all__ = ["OWN_DAMPING", "damp_wrench", "restart_passivity"]
 
-OWN_DAMPING = 1.0  #: that the loosest hand is believed to have [N·s/m]
+OWN_DAMPING = 1.0  #: that the loosest hand is assumed to have [N·s/m]
 _DEBT = 1e-2  #: more is not remembered [J]
 _MOST = 10.0  #: damping that is ever injected [N·s/m]
 _LIGHTEST = 0.1  #: mass of the lightest hand [kg]: late damping beyond a quarter of m/delay would itself oscillate
-_PAUSE = 0.1  #: after a longer pause without a pose the count goes on from there [s]
+_PAUSE = 0.1  #: after a longer pause without a pose the count continues from there [s]
 _SOON = 1e-9  #: poses nearer to each other are one [s]
 _MOVED = 1e-9  #: [m]; less is no movement
 
@@ -112,7 +112,7 @@ def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, ou
         moved += abs(e.position[i] - q.position[i])
         if q.arm > 0.0:
             total += e.rotation[i, 0] + e.rotation[i, 1] + e.rotation[i, 2]
-    if not np.isfinite(total):  # the guard's business; nothing is counted, and everything begins anew
+    if not np.isfinite(total):  # the guard handles it; nothing is counted, and all sums restart
         q.stamp, q.damping = -np.inf, 0.0
         return
     stamp = now - max(e.age, 0.0)

@@ -68,7 +68,7 @@ class Protection:
 
     @property
     def tripped(self) -> bool:
-        """Whether the coils are off for a reason, until somebody engages."""
+        """Whether the coils are off for a reason, until a person engages."""
         return bool(self._state[0] == _TRIPPED)
 
     @property
@@ -96,19 +96,19 @@ class Protection:
         return True
 
     def start(self, estimate: Estimate) -> None:
-        """Engage with the first `estimate` that may be believed. Whatever was off for a reason stays off."""
+        """Engage with the first valid `estimate`. What was off for a reason stays off."""
         if self._state[0] == _OFF:  # safety: a-stop-before-the-first-pose-stands
             self._guard["fresh"] = estimate.valid and estimate.age <= self._guard["expiry"][0]
             self.engage()
 
     def change_world(self, *, passive: bool) -> None:
-        """Another world, `passive` or not: the balance of energy begins anew."""
+        """Another world, `passive` or not: the balance of energy restarts."""
         restart_passivity(self.state["passivity"], passive)
 
     def change_part(self, *, pushes: bool, arm: float) -> None:
         """Another part of the wrench is rendered: force or not, and torque that a hand holds at `arm` [m], 0 for none.
 
-        The balance of energy begins anew.
+        The balance of energy restarts.
         """
         passivity = self.state["passivity"]
         passivity["pushes"], passivity["arm"] = pushes, arm

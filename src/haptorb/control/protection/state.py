@@ -22,7 +22,7 @@ _COLDEST, _HOTTEST = 233.15, 453.15  #: windings outside this are not resistance
 _LEARN = 0.025  #: current, as a share of the greatest that may flow, above which its resistance is learned
 
 
-#: What the estimator said in this tick: age of the pose and whether it may be believed, pose and motion of the mover.
+#: The estimator's output in this tick: age of the pose and whether it is valid, pose and motion of the mover.
 ESTIMATE = fields(
     ("age", "f8"),  # [s]
     ("position", "f8", (3,)),  # [m]
@@ -38,8 +38,8 @@ GUARD = fields(
     ("trips", "i8"),  # how often it has tripped
     ("gain", "f8"),  # share of the wrench that is let through now, 0 to 1
     ("asked", "f8", (6,)),  # wrench that may be asked of the coils now [N, N·m]
-    ("dt", "f8"),  # time by which ramps and slew go on in this tick [s]
-    ("fresh", "?"),  # whether the last estimate could be believed
+    ("dt", "f8"),  # time by which ramps and slew advance in this tick [s]
+    ("fresh", "?"),  # whether the last estimate was valid
     ("restarted", "?"),  # the device has switched off by itself: currents begin at zero
     ("expiry", "f8"),  # greatest age of a pose [s]
     ("force", "f8"),  # limit [N]
@@ -91,7 +91,7 @@ PASSIVITY = fields(
     ("wrench", "f8", (6,)),  # of the world at the last counted pose [N, N·m]
     ("stored", "f8"),  # energy in the world's memory now [J]; NaN if it does not say
     ("counted", "f8"),  # the same at the last counted pose [J]
-    ("world_wrench", "f8", (6,)),  # wrench of the world at the last counted pose, whatever the guard passed [N, N·m]
+    ("world_wrench", "f8", (6,)),  # wrench of the world at the last counted pose, before the guard [N, N·m]
     ("surplus", "f8"),  # made by the world's time step: given and held now, less what it held and was given [J]
     ("motion", "f8", (6,)),  # velocity [m/s] and angular velocity [rad/s] since the pose before
     ("mean", "f8", (6,)),  # wrench asked on average between the last two poses [N, N·m]

@@ -49,7 +49,7 @@ def make_clock(period: float) -> Records:
 def advance_clock(c: Record, now: float) -> float:
     """A tick begins at `now` [s] on the loop's clock; returns the time since the last one [s].
 
-    c is one CLOCK: `restart` tells that the loop was silent for longer than a device's watchdog waits, `overrun` that
+    c is one CLOCK: `restart` means that the loop was silent for longer than a device's watchdog waits, `overrun` that
     within the last 0.2 s fewer than 80 % of the deadlines were met, those aside that are `excused`.
     """
     elapsed = now - c.time

@@ -69,19 +69,19 @@ _TEXT = {
     Trip.OVERHEATED: "A winding is too hot. Let it cool below the derating temperature, then re-engage.",
     Trip.OVERCURRENT: "A coil's current is above its limit. Check driver and wiring before you re-engage.",
     Trip.HOST_SILENT: "The host program stopped responding. Start it again.",
-    Trip.DRIVER_FAILED: "The device did not answer. Check cable and supply, then re-engage.",
+    Trip.DRIVER_FAILED: "The device did not respond. Check cable and supply, then re-engage.",
     Trip.CLOSING: "The servo is closing.",
     Trip.LOOP_FAILED: "The servo failed; its report gives the reason. Start it again.",
     Trip.MAGNET_REVERSED: (
-        "The tool's magnet is reversed, or the tool is upside down: every force would invert. "
-        "Turn it round, then re-engage."
+        "The tool's magnet is reversed, or the tool is upside down: every force would invert. Turn it over, then "
+        "re-engage."
     ),
     Trip.OVERRUN: (
         "The loop missed its deadlines: the computer is too busy, or a tick takes too long. "
         "Close other programs, reduce the loop rate or simplify the world, then re-engage."
     ),
     Trip.MEMORY_NOT_FINITE: (
-        "The world's memory is no longer finite. Fix the world or choose another, then re-engage: it begins anew."
+        "The world's memory is no longer finite. Fix the world or choose another, then re-engage: it starts again."
     ),
     Trip.CURRENT_MISMATCH: (
         "A coil's measured current does not match its voltage. Check the coil, its current sensor and its driver, "

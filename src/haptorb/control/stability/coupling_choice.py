@@ -1,6 +1,6 @@
 """How stiff a scene's virtual coupling may be: as stiff as this loop, this hand and the body that is held allow.
 
-The hand feels the coupling, whatever the scene does behind it; the worst that it can do is not to give way. So the
+The hand feels the coupling, whatever the scene does behind it; in the worst case the scene does not yield. So the
 coupling is a spring and a damper against a wall, and `SampledLoop` says exactly how strong they may be. They are made
 `ENOUGH` times weaker than that. Behind the coupling the body must stay calm, too: its step is explicit, so the damper
 is at most `_SLOW` of what would stop it within one step of the scene. While the scene's time goes slower the damper may
@@ -28,7 +28,7 @@ from haptorb.worlds.world import Sum, World
 
 __all__ = ["ASSUMED", "ENOUGH", "Coupling", "CouplingSetting", "choose_coupling", "couple_world", "describe_coupling"]
 
-ASSUMED = 5e-3  #: latency of a tracker in a process of its own, where nobody says it [s]
+ASSUMED = 5e-3  #: default latency of a tracker in a process of its own [s]
 ENOUGH = 1.5  #: a coupling is so many times weaker than the strongest that is stable: hands differ
 _SLOW = 0.3  #: share of a body's momentum that the damper takes in one step of the scene
 _RATIOS = (0.7, 0.4)  #: damping ratios of the body in the coupling, the calmer first
@@ -175,7 +175,7 @@ class CouplingSetting:
         return SampledLoop.of(self.rate, None, late, float(np.max(coils.inductance / coils.resistance)), theta)
 
     def couple(self, world: World) -> World:
-        """`world` with the coupling of its scenes chosen, where nobody has; every other world as it is."""
+        """`world` with the coupling of its scenes chosen, where it is not set; every other world unchanged."""
         return couple_world(world, self.device, self.loop, self.hand) if _has_scene(world) else world
 
     def describe(self, world: World) -> str:

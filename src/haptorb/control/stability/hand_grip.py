@@ -1,7 +1,7 @@
 """Hands as the stability of a loop meets them: a mass on a spring and a damper, per axis.
 
 What a hand is, is measured by pushing it: Hogan 1989 and Hajian and Howe 1997 report 0.1 to 0.8 kg, 2 to 10 N·s/m and
-100 to 500 N/m, from a pen held lightly to one held firmly. A tool that nobody holds has hardly any damping.
+100 to 500 N/m, from a pen held lightly to one held firmly. A tool that is not held has hardly any damping.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class HandGrip:
             )
 
     def with_mass(self, mass: float) -> HandGrip:
-        """The same hand with a thing of `mass` [kg] in it."""
+        """The same hand with an object of `mass` [kg] in it."""
         return HandGrip(self.mass + mass, self.damping, self.stiffness)
 
 
-#: name → hand. `loose` is assumed: fingers that only guide, with the least damping that any hand is believed to have
+#: name → hand. `loose` is assumed: fingers that only guide, with the least damping that any hand is assumed to have
 GRIPS = {
     "loose": HandGrip(0.1, 1.0, 20.0),
     "light": HandGrip(0.1, 2.0, 100.0),

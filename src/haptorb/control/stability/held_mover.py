@@ -7,16 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptorb.control.clutch.linkage import MOTOR_GAINS
+from haptorb.control.clutch.gains import MOTOR_GAINS
 from haptorb.control.stability.hand_grip import HandGrip
 from haptorb.devices.coil_array.coil_array import CoilArray
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array
 
-__all__ = ["HeldMover", "hold_array", "hold_mover", "hold_rotor", "hold_tool"]
+__all__ = ["HeldMover", "hold_mover", "hold_rotor", "hold_tool"]
 
 
 @dataclass(frozen=True)
@@ -24,34 +23,14 @@ class HeldMover:
     """Hand and mover together.
 
     grip            where the motion of the loop is counted: of a rotor, about its centre [kg·m², N·m·s, N·m]
-    move, turn      what a stiffness along, or about, the axes of a scene counts there as; turn 0: no torque is felt
+    move, turn      what a stiffness along, or about, the axes of a scene counts there as; turn 0: no torque is rendered
     strongest       force of the device on the mover, which a coupling must not reach too soon [N]; inf: does not matter
-    radii           (2,) a tool goes over the dome between these distances from the centre [m]; of others (0, 0)
-    reach           (3,) how far a tool goes over a plate [m]
     """
 
     grip: HandGrip
-    move: float
-    turn: float
-    strongest: float
-    radii: tuple[float, float]
-    reach: tuple[float, float, float]
-
-    @property
-    def is_tool(self) -> bool:
-        """Whether the hand holds a tool, and not a rotor's handle."""
-        return self.turn == 0.0
-
-    def aim(self, wish: Array) -> Array:
-        """(3,) where a hand that wanders wants the tool [m], for a `wish` (3,) of about ±1."""
-        bounded = np.tanh(wish)
-        near, far = self.radii
-        if not far:
-            middle: Array = bounded * self.reach
-            return middle
-        u = np.array([math.sin(0.6 * bounded[0]), math.sin(0.6 * bounded[1]), 1.0])
-        u *= (near + 0.5 * (far - near) * (1.0 + bounded[2])) / np.linalg.norm(u)
-        return u
+    move: float = 1.0
+    turn: float = 0.0
+    strongest: float = math.inf
 
 
 def hold_mover(device: Device, hand: HandGrip) -> HeldMover:
@@ -63,28 +42,15 @@ def hold_mover(device: Device, hand: HandGrip) -> HeldMover:
     return held
 
 
-def hold_tool(device: SphericalElectromagnet, hand: HandGrip) -> HeldMover:
-    """`hand` on a tool: it feels forces, and wanders over the dome."""
-    grip = hand.with_mass(device.tool.mass)
-    return HeldMover(
-        grip, 1.0, 0.0, device.limits.force, (device.contact_distance, device.contact_distance + 6e-3), (0.0, 0.0, 0.0)
-    )
-
-
-def hold_array(device: CoilArray, hand: HandGrip) -> HeldMover:
-    """`hand` on the tool of a coil array: it feels forces, and wanders over the dome or over the plate."""
-    grip, surface, contact = hand.with_mass(device.tool.mass), device.surface, device.contact_height
-    return HeldMover(
-        grip, 1.0, 0.0, device.limits.force, (contact, contact + 6e-3) if surface.is_dome else (0.0, 0.0),
-        (*surface.half_width, 6e-3),
-    )  # fmt: skip
+def hold_tool(device: SphericalElectromagnet | CoilArray, hand: HandGrip) -> HeldMover:
+    """`hand` on a tool, on which forces are rendered."""
+    return HeldMover(hand.with_mass(device.tool.mass), strongest=device.limits.force)
 
 
 def hold_rotor(device: SphericalMotor, hand: HandGrip) -> HeldMover:
-    """`hand` on a handle: it moves a target in both modes, by the default gains."""
+    """`hand` on a handle, which moves a target in both modes by the default gains."""
     arm, gains = device.rotor.handle_length, MOTOR_GAINS
     inertia = float(device.rotor.inertia[0]) + hand.mass * arm**2
     grip = HandGrip(inertia, hand.damping * arm**2, hand.stiffness * arm**2)
-    motion = np.array([*gains.translate, *gains.rotate]) ** 2
-    felt = motion * gains.torque_per_motion
-    return HeldMover(grip, float(felt[:3].max()), float(felt[3:].max()), math.inf, (0.0, 0.0), (0.0, 0.0, 0.0))
+    rendered = np.array([*gains.translate, *gains.rotate]) ** 2 * gains.torque_per_motion
+    return HeldMover(grip, float(rendered[:3].max()), float(rendered[3:].max()))

@@ -60,7 +60,7 @@ class SampledLoop:
         if self.delay > _LONGEST * self.period:
             raise InputError(
                 f"a delay of {1e3 * self.delay:g} ms is more than {_LONGEST} periods of {1e3 * self.period:g} ms: "
-                "a force that late cannot render a world"
+                "with this delay no world can be rendered"
             )
 
     @classmethod
@@ -102,7 +102,7 @@ class SampledLoop:
         return max((damping + world_damping) / (self.period / 2 + self.lateness), 0.0)
 
     def growth(self, grip: HandGrip, stiffness: complex, world_damping: float = 0.0) -> float:
-        """By how much the greatest eigenvalue of one period stretches: below 1 the loop is stable.
+        """The magnitude of the largest eigenvalue of one period: below 1 the loop is stable.
 
         A complex stiffness stands for a pair of eigenvalues of a force field that is no gradient.
         """

@@ -36,7 +36,7 @@ class Sensitivity:
     """What one parameter does to one objective; each number with its interval (low, high); None: there is none.
 
     share      of the variance of the objective's ranks, 0 to 1
-    direction  rank correlation, −1 to +1; None for a choice between things without order
+    direction  rank correlation, −1 to +1; None for a choice between values without order
     """
 
     share: float
@@ -48,7 +48,7 @@ class Sensitivity:
 def estimate_sensitivity(parameter: Array, objective: Array, *, ordered: bool = True, seed: int = 0) -> Sensitivity:
     """The sensitivity of `objective` (n,) [any unit] to `parameter` (n,) [any unit], n ≥ `FEWEST`.
 
-    ordered   False: the parameter's values are numbers of things that have no order
+    ordered   False: the parameter's values number choices without order
     seed      of the random halves
 
     >>> x = np.linspace(-1.0, 1.0, 400)

@@ -84,7 +84,7 @@ def find_peak(candidate: DesignCandidate) -> float:
 
 
 def find_continuous(candidate: DesignCandidate) -> float:
-    """[N] with currents that may flow for ever in all coils."""
+    """[N] with continuous currents in all coils."""
     device = array_of(candidate)
     return _ball(candidate, np.minimum(device.sustained_current_together, device.driven_current))
 

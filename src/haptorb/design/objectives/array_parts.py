@@ -26,7 +26,7 @@ def array_mass(device: Device) -> float:
 
 
 def array_copper(candidate: DesignCandidate) -> float:
-    """[kg] of the copper, from resistance and size of the windings."""
+    """[kg] of the copper, from resistance and dimensions of the windings."""
     device = array_of(candidate)
     coils = device.windings
     volume = np.pi * (coils.outer_radius**2 - coils.inner_radius**2) * coils.length

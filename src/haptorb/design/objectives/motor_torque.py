@@ -1,4 +1,4 @@
-"""Torque of a spherical motor, and the heat that it costs, in the worst direction and orientation of the workspace.
+"""Torque of a spherical motor, and the heat that it takes, in the worst direction and orientation in the workspace.
 
 All are of the exact level: the torque of one magnet and one coil comes from zonal harmonics (`series_table`) or, where
 those do not hold, from the exact table. Of a zonotope {K i, |i| ≤ I} the greatest ball has the radius
@@ -153,22 +153,22 @@ def _count(candidate: DesignCandidate) -> int:
     return int(option(candidate, "orientations", _ORIENTATIONS))
 
 
-_OVER = "in the worst direction and orientation of the workspace"
+_OVER = "in the worst direction and orientation in the workspace"
 QUANTITIES = (
     describe("heat_per_torque_squared", "W/(N·m)²", "minimise",
-             f"Least heat for a torque, divided by its square, {_OVER}; coils at their reference temperature.",
+             f"Smallest heat for a torque, divided by its square, {_OVER}; coils at their reference temperature.",
              {_MOTOR: _heat}),
-    describe("peak_torque", "N·m", "maximise", f"Torque at full current that every direction has, {_OVER}.",
+    describe("peak_torque", "N·m", "maximise", f"Torque at full current available in every direction, {_OVER}.",
              {_MOTOR: _peak}),
     describe("continuous_torque", "N·m", "maximise",
-             f"Torque with currents that may flow for ever in all channels, {_OVER}.", {_MOTOR: _continuous}),
+             f"Continuous torque in all channels, {_OVER}.", {_MOTOR: _continuous}),
     describe("torque_isotropy", "", "maximise",
-             "Smallest over greatest torque per ampere by direction, in the worst orientation of the workspace.",
+             "Ratio of smallest to largest torque per ampere over all directions, in the worst orientation.",
              {_MOTOR: _isotropy}),
     describe("cogging", "N·m", "minimise",
-             "Greatest torque on the rotor without current over the workspace: of an air-cored motor, what weight and "
-             "regulator leave.", {_MOTOR: _cogging}),
+             "Largest torque on the rotor without current over the workspace: the remainder of weight and "
+             "regulator.", {_MOTOR: _cogging}),
     describe("torque_model_error", "", "minimise",
-             "Greatest error of a channel's torque by the dipole model over the workspace, as a share of the greatest "
+             "Largest error of a channel's torque by the dipole model over the workspace, relative to the largest "
              "torque per ampere.", {_MOTOR: _model_error}),
 )  # fmt: skip

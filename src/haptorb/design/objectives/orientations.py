@@ -16,7 +16,7 @@ from haptorb.numerics.rotations import rotation_from_euler
 
 __all__ = ["find_worst", "spread_angles"]
 
-_STARTS = 12  #: worst points of the sample from which the search goes on
+_STARTS = 12  #: worst points of the sample from which the search continues
 _ROUNDS = 7
 _STEPS = np.array([[i, j, k] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0) for k in (-1.0, 0.0, 1.0)])
 
@@ -26,7 +26,7 @@ def spread_angles(tilt: float, count: int) -> Array:
     """(count, 3) angles ψ, λ, φ [rad] that fill the workspace |ψ|, |λ| ≤ `tilt`, 0 ≤ φ < 2π evenly, edges included.
 
     Kronecker's sequence of the plastic number's kin (Roberts 2018): even for every count, and always the same. ψ and λ
-    are stretched by 1.2 and cut at the edge, where motors are weakest.
+    are scaled by 1.2 and cut at the edge, where motors are weakest.
     """
     root = 1.2207440846057596  # x⁴ = x + 1
     share = np.mod(0.5 + np.outer(np.arange(count), root ** -np.arange(1.0, 4.0)), 1.0)

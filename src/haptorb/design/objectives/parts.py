@@ -173,31 +173,31 @@ def _nesting(candidate: DesignCandidate) -> float:
     return float((windings.inner_radius[order][1:] - corners[:-1]).min())
 
 
-_BOTH = "of the copper, from resistance and size of the windings."
+_BOTH = "of the copper, from resistance and dimensions of the windings."
 QUANTITIES = (
     describe("envelope_radius", "m", "minimise",
              "Distance of the farthest corner of magnets and coils from the centre; of a spherical electromagnet, its "
              "dome; of a coil array, its dome or the farthest winding.",
              {_MOTOR: _motor_envelope, _ELECTROMAGNET: _electromagnet_envelope, _ARRAY: array_parts.array_envelope}),
     describe("clearance", "m", "maximise",
-             "Gap between rotor and stator; of a spherical electromagnet, least air between windings and core or dome; "
+             "Gap between rotor and stator; of a spherical electromagnet, smallest gap between windings and core or "
+             "dome; "
              "of a coil array also plate.",
              {_MOTOR: _gap, _ELECTROMAGNET: _air, _ARRAY: array_parts.array_air}),
     describe("spacing", "m", "maximise",
              "Gap between neighbouring parts: of magnets or coils on their spheres, at the inner rims; of nested "
-             "windings, where two cross. Negative: they overlap. Of a coil array, least air "
-             "between two windings.",
+             "windings, where two cross. Negative: they overlap. Of a coil array, smallest gap between two windings.",
              {_MOTOR: _spacing, _ELECTROMAGNET: _nesting, _ARRAY: array_parts.array_spacing}),
     describe("magnet_volume", "m³", "minimise", "Volume of all magnets of rotor or tool, without the regulator.",
              {_MOTOR: lambda one: _rotor_magnets(one.device), _ELECTROMAGNET: lambda one: _tool_magnet(one.device),
               _ARRAY: lambda one: array_parts.array_magnets(one.device)}),
     describe("moving_mass", "kg", "minimise",
-             "Mass of rotor or tool as the file has it; where only its magnets differ from the base's, more or less by "
+             "Mass of rotor or tool from the file; if only its magnets differ from the base device, corrected by "
              "their volume.", {_MOTOR: _rotor_mass, _ELECTROMAGNET: _tool_mass, _ARRAY: _array_mass}),
     describe("copper", "kg", "minimise", f"Mass {_BOTH}",
              {_MOTOR: _motor_copper, _ELECTROMAGNET: _winding_copper, _ARRAY: array_parts.array_copper}),
     describe("cost", "EUR", "minimise",
              "Magnets and copper by mass, channels and field sensors by number, at the prices of [evaluation] "
-             "(magnet_price, copper_price, channel_price, sensor_price); assumed ones where it gives none.",
+             "(magnet_price, copper_price, channel_price, sensor_price); assumed prices otherwise.",
              {_MOTOR: _motor_cost, _ELECTROMAGNET: _electromagnet_cost, _ARRAY: _array_cost}),
 )  # fmt: skip

@@ -47,7 +47,7 @@ def shell_places(device: SphericalElectromagnet) -> Array:
 def _position(candidate: DesignCandidate) -> float:
     device = electromagnet_of(candidate)
     if device.sensors < 2:
-        raise InputError("a tool's place needs at least two field sensors")
+        raise InputError("locating a tool needs at least two field sensors")
     deviations = position_accuracy(device, shell_places(device))[:, :3]
     return float(np.sqrt((deviations**2).sum(axis=1).mean()))
 
@@ -119,16 +119,18 @@ def _field(candidate: DesignCandidate) -> float:
 
 QUANTITIES = (
     describe("sensing_error", "m", "minimise",
-             "Root mean square over the shell of the least position error of one sample, by Cramér and Rao: radial "
+             "Rms over the shell of the Cramér–Rao bound of the position error of one sample: radial "
              "tool, currents off.", {_ELECTROMAGNET: _position}),
     describe("orientation_error", "rad", "minimise",
-             "Root mean square over the workspace of the least orientation error of one sample, by Cramér and Rao.",
+             "Rms over the workspace of the Cramér–Rao bound of the orientation error of one sample.",
              {_MOTOR: _orientation}),
     describe("sensor_clearance", "m", "maximise",
-             "Least air around the field sensors (half a chip: chip of [evaluation]): to the dome, to each other, and "
-             "to a pen (radius: pen) that leans against the radius by up to lean [rad] anywhere in the workspace.",
+             "Smallest clearance around the field sensors (half a chip: chip of [evaluation]): to the dome, to each "
+             "other, and "
+             "to a pen (radius: pen) tilted from the radius by up to lean [rad] anywhere in the workspace.",
              {_ELECTROMAGNET: _room}),
     describe("sensor_field", "T", "minimise",
-             "Bound of what one axis of a field sensor reads: a radial tool in contact anywhere, and all coils at full "
+             "Upper bound of the reading of one axis of a field sensor: a radial tool in contact anywhere, and all "
+             "coils at full "
              "current.", {_ELECTROMAGNET: _field}),
 )  # fmt: skip

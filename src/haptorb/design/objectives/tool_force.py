@@ -1,4 +1,4 @@
-"""Force of a spherical electromagnet on a radial tool in contact, in the worst direction and place of the workspace.
+"""Force of a spherical electromagnet on a radial tool in contact, in the worst direction and position in the workspace.
 
 Those of a coil array, by the same names, are in `array_force`. All are of the exact model: the tool's magnet at its
 size. The forces {K i, |i| ≤ I} of three coils fill a parallelepiped, whose greatest ball has the radius min over k of
@@ -93,23 +93,25 @@ def _model_error(candidate: DesignCandidate) -> float:
     return float(np.linalg.norm(exact @ np.linalg.inv(published) - np.eye(3), 2, axis=(1, 2)).max())
 
 
-_OVER = "on a radial tool (over a plate an upright one) in contact, in the worst direction and place of the workspace"
+_OVER = (
+    "on a radial tool (over a plate an upright one) in contact, in the worst direction and position in the workspace"
+)
 QUANTITIES = (
     describe("heat_per_force_squared", "W/N²", "minimise",
-             f"Least heat for a force, divided by its square, {_OVER}; coils at their reference temperature.",
+             f"Smallest heat for a force, divided by its square, {_OVER}; coils at their reference temperature.",
              {_ELECTROMAGNET: _heat, _ARRAY: array_force.find_heat}),
-    describe("peak_force", "N", "maximise", f"Force at full current, as far as the supply gives it, {_OVER}.",
+    describe("peak_force", "N", "maximise", f"Force at full current, within the supply's power, {_OVER}.",
              {_ELECTROMAGNET: _peak, _ARRAY: array_force.find_peak}),
     describe("continuous_force", "N", "maximise",
-             f"Force with currents that may flow for ever in all coils, {_OVER}.",
+             f"Continuous force in all coils, {_OVER}.",
              {_ELECTROMAGNET: _continuous, _ARRAY: array_force.find_continuous}),
     describe("force_isotropy", "", "maximise",
-             "Smallest over greatest force per ampere by direction, in contact, at the worst place of the workspace.",
+             "Ratio of smallest to largest force per ampere over all directions, in contact, at the worst position.",
              {_ELECTROMAGNET: _isotropy, _ARRAY: array_force.find_isotropy}),
     describe("core_pull", "N", "minimise",
-             "Greatest pull of the core on a radial tool in contact, without current.",
+             "Largest pull of the core on a radial tool in contact, without current.",
              {_ELECTROMAGNET: _pull, _ARRAY: array_force.find_pull}),
     describe("force_model_error", "", "minimise",
-             "Greatest relative error of the published dipole model's force on a radial tool in contact.",
+             "Largest relative error of the published dipole model's force on a radial tool in contact.",
              {_ELECTROMAGNET: _model_error}),
 )  # fmt: skip

@@ -1,7 +1,7 @@
 """Heat, supply and stress of the windings while a device holds a load, or carries its full current.
 
-The load is `load` of the design file's table [evaluation], in N or N·m. It is held for ever in the direction, and at
-the place or orientation, where it takes the most heat; resistances are those at the derating temperature.
+The load is `load` of the design file's table [evaluation], in N or N·m. It is applied continuously in the direction,
+and at the place or orientation, where it takes the most heat; resistances are those at the derating temperature.
 """
 
 from __future__ import annotations
@@ -67,13 +67,14 @@ def _winding_stress(candidate: DesignCandidate) -> float:
     return max(_hoop(coil, current, field * current) for coil, current, field in both)
 
 
-_LOAD = "while the load of [evaluation] is held for ever in the worst direction and place"
+_LOAD = "with the load of [evaluation] applied continuously in the worst direction and position"
 QUANTITIES = (
     describe("temperature", "K", "minimise", f"Temperature of the hottest winding {_LOAD}.",
              {_MOTOR: _temperature, _ELECTROMAGNET: _temperature, _ARRAY: _temperature}),
-    describe("supply_power", "W", "minimise", f"Heat of all windings {_LOAD}: what the supply gives.",
+    describe("supply_power", "W", "minimise", f"Heat of all windings {_LOAD}: power from the supply.",
              {_MOTOR: _power, _ELECTROMAGNET: _power, _ARRAY: _power}),
     describe("coil_stress", "Pa", "minimise",
-             "Hoop stress of a free turn at the inner radius, J B r, at full current, with a bound of the field there.",
+             "Hoop stress of a free turn at the inner radius, J B r, at full current, with an upper bound of the "
+             "field there.",
              {_MOTOR: _motor_stress, _ELECTROMAGNET: _winding_stress}),
 )  # fmt: skip

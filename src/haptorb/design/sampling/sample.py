@@ -17,8 +17,10 @@ __all__ = ["METHODS", "sample"]
 
 #: method → what it is
 METHODS = {
-    "sobol": "Scrambled Sobol sequence: even from the first candidate on; a greater count continues a smaller one",
-    "latin-hypercube": "Latin hypercube: every range in as many equal parts as there are candidates, each tried once",
+    "sobol": "Scrambled Sobol sequence: even coverage from the first candidate; a larger count continues a smaller one",
+    "latin-hypercube": (
+        "Latin hypercube: every range divided into as many equal parts as there are candidates, each used once"
+    ),
     "grid": "Every combination of steps and choices; continuous ranges in as many equal steps as the count allows",
 }
 _MOST = 10_000_000
@@ -56,7 +58,8 @@ def _list_grid(design: Design, count: int) -> list[dict[str, Value]]:
     if own > count or (free and each < 2):
         least = own * 2**free
         raise InputError(
-            f"a grid of design '{design.name}' has at least {least} candidates: ask for so many, or sample"
+            f"a grid of design '{design.name}' has at least {least} candidates: use at least that --count, or "
+            "another method"
         )
     shape = [level or each for level in levels]
     return [

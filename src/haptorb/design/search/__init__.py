@@ -1,1 +1,1 @@
-"""Optimisation of a design: the next candidates, generation by generation, from what the last ones came to."""
+"""Optimisation of a design: the next candidates, generation by generation, from the evaluations of the last ones."""

@@ -22,7 +22,7 @@ def optimise(
     evaluate   computes (number, values) of a generation, in any order
     known      number → what an earlier run of the same design, seed and population stored
 
-    The optimiser is taken through what is known, so that a run that was interrupted goes on as if it had not been.
+    The optimiser is replayed with the stored evaluations, so that an interrupted run continues as an uninterrupted one.
     Ends early where nothing new can be found. Raises RecordingError where what is known does not come from this
     optimiser.
     """

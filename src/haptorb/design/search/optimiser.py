@@ -3,7 +3,7 @@
 Several objectives: NSGA-II (Deb et al. 2002). One objective: differential evolution (Storn and Price 1997): a child
 takes nine tenths of its parameters from the best so far plus 0.7 of the difference of two others, and one in ten is
 changed besides. A valid candidate replaces a refused one, and of two refused ones the one nearer to being valid stays
-(Deb 2000). NSGA-II of one objective comes to rest short of the best where several constraints hold at once. Where no
+(Deb 2000). NSGA-II with one objective stops short of the best if several constraints are active. Where no
 parameter is a continuous range, differences lead to what was tried before, and NSGA-II serves for one objective too.
 """
 
@@ -28,10 +28,10 @@ _TRIES = 100  #: generations of differential evolution without a new candidate, 
 
 @final
 class Optimiser:
-    """Proposes a generation of candidates, is told what each came to, proposes the next.
+    """Proposes a generation of candidates, receives their evaluations, proposes the next.
 
-    The same design, seed and population give the same candidates under the same numbers, whatever computed them and in
-    whatever order. The first generation is a Latin hypercube. No candidate is proposed twice.
+    The same design, seed and population give the same candidates under the same numbers, however and in whichever
+    order they were computed. The first generation is a Latin hypercube. No candidate is proposed twice.
 
     Raises InputError for a design without a parameter or an objective, or a population below 4.
     """
@@ -66,12 +66,13 @@ class Optimiser:
         return [(self._start + n, self.space.values(point)) for n, point in enumerate(self._generation.get("X"))]
 
     def tell(self, evaluations: Sequence[Evaluation]) -> None:
-        """What the candidates of the last `ask` came to, in any order; InputError unless it is all of them."""
+        """The evaluations of the candidates of the last `ask`, in any order; InputError unless it is all of them."""
         count = 0 if self._generation is None else len(self._generation)
         ordered = sorted(evaluations, key=lambda evaluation: evaluation.number)
         if not count or [evaluation.number for evaluation in ordered] != list(range(self._start, self._start + count)):
             raise InputError(
-                f"the optimiser asked for {count} candidates, from number {self._start} on: tell it of all of them"
+                f"the optimiser asked for {count} candidates, from number {self._start} on: report all of their "
+                "results first"
             )
         goals = [(goal.name, -1.0 if goal.sense == "maximise" else 1.0) for goal in self._design.goals]
         costs = [[sign * one.objectives[name] if one.valid else 0.0 for name, sign in goals] for one in ordered]

@@ -18,10 +18,11 @@ from sqlalchemy.exc import SQLAlchemyError
 from haptorb.design.design import Design
 from haptorb.design.evaluation import Evaluation
 from haptorb.design.store.record import read_record, write_record
-from haptorb.design.store.tables import FAMILY, designs, evaluations, explain_error, open_database, runs
+from haptorb.design.store.tables import FAMILY, designs, evaluations, open_database, runs
 from haptorb.errors import InputError, RecordingError
 from haptorb.files.program_lock import ProgramLock
 from haptorb.files.sql_engine import lock_database, mask_password
+from haptorb.files.table_set import explain_error
 from haptorb.version import __version__
 
 __all__ = ["Results", "ResultsWriter", "Run", "open_results", "read_results"]
@@ -86,7 +87,7 @@ class ResultsWriter:
         except SQLAlchemyError as cause:
             raise RecordingError(
                 f"results {self._place} cannot be written ({explain_error(cause)}): {len(self._known)} designs of this "
-                "run are stored; make room, then the same command goes on"
+                "run are stored; free some space, then repeat the command to continue"
             ) from cause
         self._known.update(new)
 
@@ -98,8 +99,8 @@ def open_results(
 ) -> Iterator[ResultsWriter]:  # fmt: skip
     """The run of `design` by `method` with `seed` and `settings`, in the file, or PostgreSQL database, `where`.
 
-    A run that is there already goes on; with `resume` false it is refused. Raises RecordingError if `where` holds
-    another design, was begun by another version of haptorb, or if another program writes the same run.
+    An existing run continues; with `resume` false it is refused. Raises RecordingError if `where` holds
+    another design, was started by another version of haptorb, or if another program writes the same run.
     """
     place = mask_password(where)
     engine = open_database(where, make=True)
@@ -114,7 +115,8 @@ def open_results(
         with ProgramLock(engine, FAMILY, run.id, f".run-{run.id}.lock", conflict):
             if resumed and not resume:
                 raise RecordingError(
-                    f"results {place} hold {method} with seed {seed} already: resume it, or choose another seed"
+                    f"results {place} already contain {method} with seed {seed}: continue that run, or choose "
+                    "another seed"
                 )
             if run.version != __version__:
                 raise RecordingError(
@@ -136,7 +138,7 @@ def read_results(where: str | Path) -> Results:
         with engine.connect() as connection:
             row = connection.execute(select(designs)).first()
             if row is None:
-                raise RecordingError(f"{place} holds no results of a design yet")
+                raise RecordingError(f"{place} has no results yet")
             design = read_record(row.name, row.text, row.digest, row.record)
             found = connection.execute(select(runs).order_by(runs.c.id)).all()
         return Results(design, tuple(_make_run(one, tuple(_read_evaluations(engine, one.id))) for one in found))
@@ -162,7 +164,7 @@ def _find_run(engine: Engine, place: str, design: Design, key: tuple[str, int, s
             )
         elif row.digest != design.digest:
             same = row.name == design.name
-            why = ", as its file, or its base device, was before it was changed" if same else ""
+            why = "before a change of its file or base device" if same else ""
             raise RecordingError(f"results {place} are of design '{row.name}'{why}: choose another file")
         wanted = (runs.c.method == method) & (runs.c.seed == seed) & (runs.c.settings == settings)
         known = connection.execute(select(runs).where(wanted)).first()

@@ -1,4 +1,4 @@
-"""Whether a run that goes on would try the values that it has stored."""
+"""Whether a resumed run would try the values that it has stored."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def check_values(wanted: Mapping[int, Mapping[str, Value]], stored: Iterable[Eva
         for name, value in wanted[one.number].items():
             if one.values.get(name) != value:
                 raise RecordingError(
-                    f"candidate {one.number} of the results has {name} = {one.values.get(name)}, this program would "
-                    f"try {value}: another version of haptorb, NumPy, SciPy or pymoo made them; take another --seed, "
-                    "or another file of results"
+                    f"candidate {one.number} of the results has {name} = {one.values.get(name)}, this program "
+                    f"computes {value}: another version of haptorb, NumPy, SciPy or pymoo wrote them; use another "
+                    "--seed, or another results file"
                 )

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from sqlalchemy import (
     Column,
-    Connection,
     Float,
     ForeignKey,
     Integer,
@@ -17,16 +16,14 @@ from sqlalchemy import (
     Table,
     Text,
     UniqueConstraint,
-    inspect,
-    select,
 )
 from sqlalchemy.engine import Engine
-from sqlalchemy.exc import SQLAlchemyError
 
 from haptorb.errors import RecordingError
-from haptorb.files.sql_engine import lock_database, make_engine, mask_password, url_of
+from haptorb.files.sql_engine import url_of
+from haptorb.files.table_set import TableSet
 
-__all__ = ["FAMILY", "SCHEMA", "designs", "evaluations", "explain_error", "open_database", "runs"]
+__all__ = ["FAMILY", "SCHEMA", "designs", "evaluations", "open_database", "runs"]
 
 SCHEMA = 1  #: of this version; a database of a newer one is refused
 FAMILY = 0x68617064  #: of PostgreSQL's advisory locks that are ours
@@ -65,6 +62,9 @@ evaluations = Table(
 )  # fmt: skip
 
 
+_RESULTS = TableSet("results of a design", _tables, versions, SCHEMA, FAMILY)
+
+
 def open_database(place: str | Path, *, make: bool) -> Engine:
     """The database at `place`, with its tables; RecordingError if it cannot be reached, is newer, or is none of ours.
 
@@ -73,30 +73,7 @@ def open_database(place: str | Path, *, make: bool) -> Engine:
     url = url_of(place)
     if url.startswith("sqlite:///"):
         _check_file(Path(url.removeprefix("sqlite:///")), place, make)
-    engine = make_engine(place)
-    try:
-        with engine.connect() as connection:
-            empty = _check_schema(connection, place)
-        if empty and not make:
-            raise RecordingError(f"{mask_password(place)} holds no results of a design")
-        if empty:
-            with engine.begin() as connection:
-                lock_database(connection, FAMILY)
-                if _check_schema(connection, place):  # another program may have been quicker
-                    _tables.create_all(connection)
-                    connection.execute(versions.insert().values(version=SCHEMA))
-    except SQLAlchemyError as cause:
-        engine.dispose()
-        raise RecordingError(f"results {mask_password(place)} cannot be opened: {explain_error(cause)}") from cause
-    except RecordingError:
-        engine.dispose()
-        raise
-    return engine
-
-
-def explain_error(cause: SQLAlchemyError) -> str:
-    """The database's own words, one line."""
-    return str(getattr(cause, "orig", None) or cause).splitlines()[0]
+    return _RESULTS.open(place, make=make)
 
 
 def _check_file(path: Path, place: str | Path, make: bool) -> None:
@@ -104,7 +81,7 @@ def _check_file(path: Path, place: str | Path, make: bool) -> None:
         raise RecordingError(f"{place} is a folder: name a file, such as results.sqlite")
     if not path.exists():
         if not make:
-            raise RecordingError(f"results file {place} does not exist: `haptorb design sweep` makes one")
+            raise RecordingError(f"results file {place} does not exist: `haptorb design sweep` creates one")
         if not path.absolute().parent.is_dir():
             raise RecordingError(f"{place}: there is no folder {path.parent}; make it first")
         return
@@ -127,21 +104,4 @@ def _check_foreign(path: Path, place: str | Path) -> None:
     except sqlite3.Error as cause:
         raise RecordingError(f"results file {place}: cannot be read ({cause})") from cause
     if found != (0,):
-        raise RecordingError(f"{place} holds other tables than the results of a design; choose another name")
-
-
-def _check_schema(connection: Connection, place: str | Path) -> bool:
-    """Whether there are no tables yet; RecordingError if they are not ours, or newer."""
-    known = set(inspect(connection).get_table_names())
-    if not known:
-        return True
-    if versions.name not in known:
-        raise RecordingError(
-            f"{mask_password(place)} holds other tables than the results of a design; choose another database"
-        )
-    version = int(connection.execute(select(versions.c.version)).scalar_one())
-    if version > SCHEMA:
-        raise RecordingError(
-            f"{mask_password(place)} has schema {version}; this haptorb knows up to {SCHEMA}: update haptorb"
-        )
-    return False
+        raise RecordingError(f"{place} holds other tables, not results of a design; choose another name")

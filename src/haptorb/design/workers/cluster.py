@@ -45,14 +45,14 @@ class ClusterWorkers:
         self._packed: bytes = cloudpickle.dumps(design)  # an objective of the user's own comes with its code
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
-        """What each candidate (number, values) came to, as they come, each once.
+        """The evaluation of each candidate (number, values), each once, as they arrive.
 
         Raises InputError when the cluster fails; what came before is good.
         """
         todo = [(number, dict(values)) for number, values in jobs]
         size = max(1, min(_MOST, len(todo) // (_SHARES * max(1, count_threads(self._client)))))
         parts: list[Part] = [(self._packed, tuple(todo[k : k + size])) for k in range(0, len(todo), size)]
-        after = "what was computed is kept, and the same command goes on"
+        after = "results are kept; repeat the command to continue"
         for found in run_jobs(self._client, evaluate_part, parts, after=after):
             yield from found
 

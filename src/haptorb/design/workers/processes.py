@@ -20,22 +20,13 @@ from haptorb.design.evaluation import Evaluation
 from haptorb.design.workers.workers import Job, LocalWorker, Workers
 from haptorb.errors import InputError
 
-__all__ = ["ProcessWorkers", "evaluate_all", "open_processes"]
+__all__ = ["ProcessWorkers", "open_processes"]
 
 _MOST = 8  #: candidates in one job: more would wait for each other at the end
 _SHARES = 4  #: jobs for each process, unless that makes them longer than `_MOST`
 _AHEAD = 3  #: jobs that are given out for each process
 #: one thread each: the processes are as many as the cores
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-
-
-def evaluate_all(design: Design, jobs: Iterable[Job], processes: int | None = None) -> Iterator[Evaluation]:
-    """What each candidate (number, values) came to, as they come; on all cores by default.
-
-    As every program that starts processes, a script that calls this needs `if __name__ == "__main__":`.
-    """
-    with open_processes(design, processes) as workers:
-        yield from workers.evaluate(jobs)
 
 
 @contextmanager
@@ -75,7 +66,7 @@ class ProcessWorkers:
         self._started = False  # with the first candidates: a run that is complete needs none
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
-        """What each candidate came to, as they come. InputError if a process is killed; what came before is good."""
+        """The evaluation of each candidate, as they arrive. InputError if a process is killed; earlier ones remain."""
         todo = [(number, dict(values)) for number, values in jobs]
         if todo and not self._started:
             _start_all(self._pool)
@@ -94,8 +85,8 @@ class ProcessWorkers:
                     yield from future.result()
         except BrokenProcessPool as cause:
             raise InputError(
-                "a process that computed candidates was killed, perhaps for want of memory: the same command goes on, "
-                "--processes with fewer of them"
+                "a process that computed candidates was killed, perhaps because memory ran out: repeat the command "
+                "to continue, with fewer --processes"
             ) from cause
         finally:
             for future in running:
@@ -103,7 +94,7 @@ class ProcessWorkers:
 
 
 def _start_all(pool: ProcessPoolExecutor) -> None:
-    """Start the processes, which inherit that they do not hear ^C and have one thread each."""
+    """Start the processes, which inherit that they ignore ^C and have one thread each."""
     main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
     old = {name: os.environ.get(name) for name in _THREADS}

@@ -18,7 +18,7 @@ class Workers(Protocol):
     """What computes candidates of one design, as often as it is asked."""
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
-        """What each candidate came to, each once, in any order.
+        """The evaluation of each candidate, each once, in any order.
 
         Raises InputError when the workers fail; what came before is good.
         """
@@ -33,6 +33,6 @@ class LocalWorker:
         self._design = design
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
-        """What each candidate came to, in order."""
+        """The evaluation of each candidate, in order."""
         for number, values in jobs:
             yield evaluate(self._design, number, values)

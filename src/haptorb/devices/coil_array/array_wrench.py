@@ -12,12 +12,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Record, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.fast_fields.sphere_answer import add_answers, answer_to_charges, harmonic_sums
 from haptorb.physics.fast_fields.winding_table import table_field
 
-__all__ = ["CORE_RULE", "FREE", "IN_CORE", "IN_WINDING", "LIMITS", "RULES", "ArrayMap", "array_wrench", "place_charges"]
+__all__ = [
+    "CORE_RULE",
+    "FREE",
+    "IN_CORE",
+    "IN_WINDING",
+    "LIMITS",
+    "MAGNET",
+    "PLACED_COIL",
+    "RULES",
+    "WINDING",
+    "ArrayMap",
+    "array_wrench",
+    "place_charges",
+]
 
 FREE, IN_WINDING, IN_CORE = 0, 1, 2  #: where the magnets are
 
@@ -28,16 +41,37 @@ LIMITS = np.array((0.14, 0.25, 0.36, 0.75, 1.1))
 CORE_RULE = 2  #: the rule whose charges meet the core
 
 
+PLACED_COIL = fields(
+    ("centre", "f8", (3,)),  # [m]
+    ("axis", "f8", (3,)),
+    ("turns", "f8"),
+    ("sort", "i8"),  # number of its WINDING
+)
+#: One sort of winding: its table and its body.
+WINDING = fields(
+    ("scale", "f8"),  # steps of the table per metre [1/m]
+    ("far2", "f8"),  # square of the table's range [m²]
+    ("inner_radius", "f8"),  # [m]
+    ("outer_radius", "f8"),  # [m]
+    ("half_length", "f8"),  # [m]
+)
+MAGNET = fields(
+    ("centre", "f8", (3,)),  # mover frame [m]
+    ("half_axis", "f8", (3,)),  # axis times half length, mover frame [m]
+    ("radius", "f8"),  # [m]
+)
+
+
 class ArrayMap(NamedTuple):
     """Coils, core and magnets as compiled code takes them."""
 
-    coils: Array  #: (m, 8): centre [m], axis, turns, number of the winding's sort
-    shapes: Array  #: (k, 5) of each sort: steps per metre, square of the table's range [m²], radii, half length [m]
+    coils: Records  #: (m,) PLACED_COIL
+    windings: Records  #: (k,) WINDING
     tables: Array  #: (k, n, n, 2) of each sort, see `WindingTable`
     series: Array  #: (k, 2, 7, 8) of each sort
     charges: Array  #: (4, n) of all magnets and rules, mover frame [m, A·m]
     spans: Array  #: (g, rules + 1) the first charge of each magnet's rules
-    magnets: Array  #: (g, 7): centre, axis times half length, radius [m], mover frame
+    magnets: Records  #: (g,) MAGNET
     core_charges: Array  #: (4, n') of all magnets: what meets the core
     core_radius: float  #: [m]; 0: there is no core
     order: int  #: degree of the core's harmonics
@@ -58,28 +92,28 @@ def place_charges(charges: Array, p: Array, R: Array, out: Array) -> None:
 
 
 @kernel
-def _distance(coil: Array, shape: Array, x: float, y: float, z: float) -> float:
+def _distance(coil: Record, winding: Record, x: float, y: float, z: float) -> float:
     """From a point to the winding's body [m]; 0 in it."""
-    dx, dy, dz = x - coil[0], y - coil[1], z - coil[2]
-    along = dx * coil[3] + dy * coil[4] + dz * coil[5]
+    dx, dy, dz = x - coil.centre[0], y - coil.centre[1], z - coil.centre[2]
+    along = dx * coil.axis[0] + dy * coil.axis[1] + dz * coil.axis[2]
     across = np.sqrt(max(dx * dx + dy * dy + dz * dz - along * along, 0.0))
-    out = max(max(shape[2] - across, across - shape[3]), 0.0)
-    up = max(abs(along) - shape[4], 0.0)
+    out = max(max(winding.inner_radius - across, across - winding.outer_radius), 0.0)
+    up = max(abs(along) - winding.half_length, 0.0)
     return float(np.sqrt(out * out + up * up))
 
 
 @kernel
-def _choose_rule(coil: Array, shape: Array, magnet: Array, p: Array, R: Array) -> int:
-    """Number of the rule for a magnet (7,): centre (3) [m], axis times half length (3) [m], radius [m], mover frame."""
-    nearest = 1e300
+def _choose_rule(coil: Record, winding: Record, magnet: Record, p: Array, R: Array) -> int:
+    """Number of the rule for `magnet` near `coil`."""
+    nearest, centre, half = 1e300, magnet.centre, magnet.half_axis
     for side in (-1.0, 1.0):
-        a, b, c = magnet[0] + side * magnet[3], magnet[1] + side * magnet[4], magnet[2] + side * magnet[5]
+        a, b, c = centre[0] + side * half[0], centre[1] + side * half[1], centre[2] + side * half[2]
         x = p[0] + R[0, 0] * a + R[0, 1] * b + R[0, 2] * c
         y = p[1] + R[1, 0] * a + R[1, 1] * b + R[1, 2] * c
         z = p[2] + R[2, 0] * a + R[2, 1] * b + R[2, 2] * c
-        nearest = min(nearest, _distance(coil, shape, x, y, z))
+        nearest = min(nearest, _distance(coil, winding, x, y, z))
     rule = 0
-    while rule < LIMITS.shape[0] and magnet[6] > LIMITS[rule] * nearest:
+    while rule < LIMITS.shape[0] and magnet.radius > LIMITS[rule] * nearest:
         rule += 1
     return rule
 
@@ -96,22 +130,22 @@ def array_wrench(a: ArrayMap, pose: Array, out: Array, passive: Array) -> int:
     status = FREE
     for j in range(a.coils.shape[0]):
         coil = a.coils[j]
-        sort = int(coil[7])
-        shape, table, far = a.shapes[sort], a.tables[sort], a.series[sort]
-        ax, ay, az = coil[3], coil[4], coil[5]
+        winding, table, far = a.windings[coil.sort], a.tables[coil.sort], a.series[coil.sort]
+        cx, cy, cz = coil.centre[0], coil.centre[1], coil.centre[2]
+        ax, ay, az = coil.axis[0], coil.axis[1], coil.axis[2]
         fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for g in range(a.magnets.shape[0]):
-            rule = _choose_rule(coil, shape, a.magnets[g], p, R)
+            rule = _choose_rule(coil, winding, a.magnets[g], p, R)
             for n in range(a.spans[g, rule], a.spans[g, rule + 1]):
-                x, y, z = placed[0, n] - coil[0], placed[1, n] - coil[1], placed[2, n] - coil[2]
+                x, y, z = placed[0, n] - cx, placed[1, n] - cy, placed[2, n] - cz
                 along = x * ax + y * ay + z * az
                 x -= along * ax
                 y -= along * ay
                 z -= along * az
                 rho = np.sqrt(x * x + y * y + z * z)
-                if shape[2] < rho < shape[3] and abs(along) < shape[4]:
+                if winding.inner_radius < rho < winding.outer_radius and abs(along) < winding.half_length:
                     status = IN_WINDING
-                over, axial = table_field(table, shape[0], shape[1], far, rho, along)
+                over, axial = table_field(table, winding.scale, winding.far2, far, rho, along)
                 q = placed[6, n]
                 bx, by, bz = q * (over * x + axial * ax), q * (over * y + axial * ay), q * (over * z + axial * az)
                 rx, ry, rz = placed[3, n], placed[4, n], placed[5, n]
@@ -121,7 +155,7 @@ def array_wrench(a: ArrayMap, pose: Array, out: Array, passive: Array) -> int:
                 tx += ry * bz - rz * by
                 ty += rz * bx - rx * bz
                 tz += rx * by - ry * bx
-        turns = coil[6]
+        turns = coil.turns
         out[0, j], out[1, j], out[2, j] = turns * fx, turns * fy, turns * fz
         out[3, j], out[4, j], out[5, j] = turns * tx, turns * ty, turns * tz
     passive[:] = 0.0

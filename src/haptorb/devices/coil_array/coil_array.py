@@ -39,8 +39,8 @@ class Surface:
 
     dome_radius: float  #: [m]; 0: it is a plate
     height: float  #: of the plate over the origin [m]; of a dome 0
-    thickness: float  #: how far above contact forces are rendered [m]
-    half_angle: float  #: of a dome: greatest angle of the tool from the summit [rad]
+    thickness: float  #: height above contact up to which forces are rendered [m]
+    half_angle: float  #: of a dome: maximum angle of the tool from the summit [rad]
     half_width: tuple[float, float]  #: of a plate: greatest |x| and |y| of the mover [m]
     contact: DomeContact
 
@@ -145,13 +145,15 @@ class CoilArray(Device):
 
     def compute_magnetics(self, windings: PlacedCoils) -> ArrayMap:
         """`magnetics` with coils elsewhere: `windings` of the same sizes, as they may really be built."""
-        charges, spans, magnets, soft = self.tool.packed
+        charges, spans, magnets, soft = self.tool.charge_map
         order, radius, answers, shares = 1, 0.0, np.zeros((self.channels, 3, 2)), np.zeros(3)
         if self.core is not None:
             order, radius = self._order(self.core), self.core.radius
             shares = weigh_charges(self.core, order)
             answers = np.stack([answer_to_source(self.core, placed, order) for placed in place_coils(windings)])
-        return ArrayMap(windings.rows, *windings.tables, charges, spans, magnets, soft, radius, order, answers, shares)
+        return ArrayMap(
+            windings.placed, *windings.tables, charges, spans, magnets, soft, radius, order, answers, shares
+        )
 
     def _order(self, core: SoftSphere) -> int:
         """Degrees of the core's harmonics, so that little is left out for magnets at the surface."""

@@ -21,5 +21,5 @@ COIL_ARRAY = DeviceKind(
     card="haptorb.apps.inspect.coil_array:CoilArrayCard",
     errors="haptorb.control.budget.array_sources:array_errors",
     workspace="haptorb.apps.check.workspace:array_workspace",
-    hold="haptorb.control.stability.held_mover:hold_array",
+    hold="haptorb.control.stability.held_mover:hold_tool",
 )

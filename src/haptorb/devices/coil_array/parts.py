@@ -8,10 +8,10 @@ from typing import final
 
 import numpy as np
 
-from haptorb.devices.coil_array.array_wrench import CORE_RULE, RULES
+from haptorb.devices.coil_array.array_wrench import CORE_RULE, MAGNET, PLACED_COIL, RULES, WINDING
 from haptorb.devices.device import Coils
 from haptorb.devices.state import rotation_to_axis
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records
 from haptorb.physics.fast_fields.winding_table import tabulate_winding
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.coil import COPPER_RESISTIVITY, Coil
@@ -76,21 +76,26 @@ class PlacedCoils:
         return share
 
     @property
-    def rows(self) -> Array:
-        """(m, 8): centre [m], axis, turns, number of the winding's sort."""
-        sizes = self._sizes
-        sorts = [float(self._sorts.index(tuple(size))) for size in sizes]
-        return np.column_stack([self.position, self.axis, self.turns, sorts])
+    def placed(self) -> Records:
+        """(m,) PLACED_COIL."""
+        coils = np.zeros(len(self.turns), dtype=PLACED_COIL)
+        coils["centre"], coils["axis"], coils["turns"] = self.position, self.axis, self.turns
+        coils["sort"] = [self._sorts.index(tuple(size)) for size in self._sizes]
+        return coils
 
     @cached_property
-    def tables(self) -> tuple[Array, Array, Array]:
-        """Of each sort of winding: shapes (k, 5), tables (k, n, n, 2), series (k, 2, 7, 8), as `ArrayMap` says."""
+    def tables(self) -> tuple[Records, Array, Array]:
+        """Of each sort of winding: (k,) WINDING, tables (k, n, n, 2), series (k, 2, 7, 8), as `ArrayMap` says."""
         made = [tabulate_winding(*size) for size in self._sorts]
-        shapes = [
+        windings = [
             (one.scale, one.far2, inner, outer, 0.5 * length)
             for one, (inner, outer, length) in zip(made, self._sorts, strict=True)
         ]
-        return np.array(shapes), np.stack([one.table for one in made]), np.stack([one.series for one in made])
+        return (
+            np.array(windings, WINDING),
+            np.stack([one.table for one in made]),
+            np.stack([one.series for one in made]),
+        )
 
     @property
     def _sizes(self) -> list[list[float]]:
@@ -153,8 +158,8 @@ class ArrayMover:
         )
 
     @cached_property
-    def packed(self) -> tuple[Array, Array, Array, Array]:
-        """charges (4, n), spans (g, rules + 1), magnets (g, 7) and core_charges (4, n'), as `ArrayMap` says."""
+    def charge_map(self) -> tuple[Array, Array, Records, Array]:
+        """charges (4, n), spans (g, rules + 1), (g,) MAGNET and core_charges (4, n'), as `ArrayMap` says."""
         parts, spans, places = [], [], []
         count = 0
         for magnet in self.magnets:
@@ -164,6 +169,11 @@ class ArrayMover:
                 count += parts[-1].shape[1]
                 row.append(count)
             spans.append(row)
-            places.append([*magnet.position, *(0.5 * magnet.length * magnet.axis), magnet.outer_radius])
+            places.append((magnet.position, 0.5 * magnet.length * magnet.axis, magnet.outer_radius))
         soft = np.hstack([magnet.charges(*RULES[CORE_RULE]) for magnet in self.magnets])
-        return np.ascontiguousarray(np.hstack(parts)), np.array(spans), np.array(places), np.ascontiguousarray(soft)
+        return (
+            np.ascontiguousarray(np.hstack(parts)),
+            np.array(spans),
+            np.array(places, MAGNET),
+            np.ascontiguousarray(soft),
+        )

@@ -16,7 +16,15 @@ from haptorb.devices.electromagnet.schema import DomeSection, HandSection
 from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.limit_checks import list_limit_mistakes
-from haptorb.devices.schema.sections import CommonFile, Point, Positive, Section, ThermometerSection, check_wall
+from haptorb.devices.schema.sections import (
+    BasedOn,
+    CommonFile,
+    Point,
+    Positive,
+    Section,
+    ThermometerSection,
+    check_wall,
+)
 from haptorb.devices.uncertainty.array import ArrayUncertainty
 from haptorb.errors import DeviceError
 from haptorb.numerics.arrays import Array
@@ -47,7 +55,7 @@ class PlacedCoilsSection(Section):
         tuple[Point, ...],
         Len(1, _MOST_COILS),
         m.Meaning("centre of each winding, stator frame"),
-        m.Form("one place per name in coils.names"),
+        m.Form("one position per name in coils.names"),
     ]
     axis: Annotated[
         tuple[Direction, ...],
@@ -72,10 +80,11 @@ class PlacedCoilsSection(Section):
         q.Number | None,
         Field(gt=0, le=_MOST_FILL),
         m.Meaning(
-            "share of the windings' section that copper fills; with it the windings, and not the file, decide "
+            "fill factor of copper in the windings' cross-section; if given, the windings instead of the file "
+            "determine "
             "resistances, inductances and the windings' heat capacity"
         ),
-        m.Without("these are the file's own"),
+        m.Without("those of the file"),
     ] = None
 
     def build(self, count: int) -> PlacedCoils:
@@ -109,9 +118,9 @@ class PlateSection(Section):
     half_width: Annotated[
         tuple[Annotated[q.Length, Positive], ...],
         Len(2, 2),
-        m.Meaning("greatest distance of the tool from the origin along x and along y"),
+        m.Meaning("maximum distance of the tool from the origin along x and along y"),
     ]
-    thickness: Annotated[q.Length, Positive, m.Meaning("how far above contact forces are rendered")]
+    thickness: Annotated[q.Length, Positive, m.Meaning("height above contact up to which forces are rendered")]
     stiffness: Annotated[q.Stiffness, Positive, m.Meaning("stiffness of the plate under the tool's tip")]
     damping: Annotated[q.Damping, Field(ge=0), m.Meaning("damping of that contact")]
     friction: Annotated[q.Number, Field(ge=0), m.Meaning("coefficient of friction between tip and plate")]
@@ -167,7 +176,9 @@ class ArrayToolSection(Section):
 class ToleranceSection(Section):
     """[tolerance]"""
 
-    position: Annotated[q.Length, Field(ge=0), m.Meaning("standard deviation of a coil's place along each axis")] = 0.0
+    position: Annotated[q.Length, Field(ge=0), m.Meaning("standard deviation of a coil's position along each axis")] = (
+        0.0
+    )
     tilt: Annotated[q.Angle, Field(ge=0, le=0.5), m.Meaning("standard deviation of a coil's axis")] = 0.0
     strength: Annotated[
         q.Number, Field(ge=0, le=0.5), m.Meaning("relative standard deviation of a coil's field per ampere")
@@ -182,13 +193,8 @@ class CoilArrayFile(CommonFile):
     """A file of kind "coil-array"."""
 
     kind: Annotated[Literal["coil-array"], m.Meaning("kind of device")]
-    based_on: Annotated[
-        str | None,
-        m.Meaning("device whose values hold where this file gives none"),
-        m.Form("name in the catalogue, or path of a device file"),
-        m.Without("none"),
-    ] = None
-    windings: Annotated[PlacedCoilsSection, m.Meaning("place, axis and winding of every coil")]
+    based_on: BasedOn = None
+    windings: Annotated[PlacedCoilsSection, m.Meaning("position, axis and winding of every coil")]
     core: Annotated[
         SoftCoreSection | None, m.Meaning("a soft-magnetic sphere about the origin"), m.Without("no core")
     ] = None
@@ -205,13 +211,13 @@ class CoilArrayFile(CommonFile):
     thermometer: Annotated[ThermometerSection, m.Meaning("thermometers of the coils")]
     tolerance: Annotated[
         ToleranceSection,
-        m.Meaning("how far coils as built may be from this file, for the simulation and the error budget"),
+        m.Meaning("manufacturing tolerances of the coils, for the simulation and the error budget"),
         m.Without("coils exactly as in the file"),
         Field(default_factory=ToleranceSection),
     ]
     uncertainty: Annotated[
         ArrayUncertainty,
-        m.Meaning("standard uncertainty of what is assumed or measured, for `haptorb inspect --errors`"),
+        m.Meaning("standard uncertainties of assumed or measured values, for `haptorb inspect --errors`"),
         m.Without("the defaults below"),
         Field(default_factory=ArrayUncertainty),
     ]

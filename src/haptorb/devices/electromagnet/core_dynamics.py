@@ -32,7 +32,7 @@ class CoreDynamics:
     eddy_share: float = 0.0  #: share of the whole moment that lags
     eddy_time: float = 1e-3  #: time constant of that lag [s]
     remanent_moment: float = 0.0  #: that stays along an axis after a large current [A·m²]
-    reversing_moment: float = 1.0  #: change of the moment that turns the remanence from full to none [A·m²]
+    reversing_moment: float = 1.0  #: change of the moment that reduces the remanence from full to zero [A·m²]
     spread: float = 0.0  #: relative
 
     def draw(self, specimen: int = 0) -> CoreDynamics:
@@ -105,6 +105,6 @@ def fit_eddy_lag(
     missing = core_share * np.abs(1 - sphere_response(np.array([low, high]), radius, permeability, conductivity))
     apart, grown = (high / low) ** 2, float(missing[1] / missing[0]) ** 2
     if not 1.0 < grown < apart:
-        raise InputError(f"no first-order lag misses {missing} of the moment at {low} and {high} Hz")
+        raise InputError(f"no first-order lag reduces {missing} of the moment at {low} and {high} Hz")
     turn = np.sqrt((apart - grown) / (apart * (grown - 1.0)))
     return float(missing[0] * np.hypot(1.0, turn) / turn), float(turn / (2 * np.pi * low))

@@ -92,7 +92,7 @@ class SphericalElectromagnet(Device):
     core_radius: float  #: [m]
     core_permeability: float  #: relative, may be inf
     dome_radius: float  #: [m]
-    shell_thickness: float  #: how far above contact forces are rendered [m]
+    shell_thickness: float  #: height above contact up to which forces are rendered [m]
     workspace_half_angle: float  #: [rad] from +z
     tool: Tool
     hand: Hand
@@ -100,7 +100,7 @@ class SphericalElectromagnet(Device):
     hall: FieldSensors
     thermometer_step: float  #: [K]
     thermometer_noise: float  #: [K]
-    windings: Windings | None = None  #: the coils' sizes, where somebody gave or assumed them
+    windings: Windings | None = None  #: the coils' sizes, where given or assumed
     moments_from: str = "device file"  #: where `moment_per_current` comes from: that, "windings" or "calibration"
     core_dynamics: CoreDynamics = field(default_factory=CoreDynamics)  #: eddy currents and remanence
     marks: Marks | None = None  #: places to touch with the tip, where there are any

@@ -27,6 +27,6 @@ def list_geometry_mistakes(
         if distance < core_radius:
             found.append(
                 f"hall.positions: sensor {number} is {distance * 1e3:.3g} mm from the centre, inside the core "
-                f"({core_radius * 1e3:g} mm); give its place in the stator frame"
+                f"({core_radius * 1e3:g} mm); state its position in the stator frame"
             )
     return found

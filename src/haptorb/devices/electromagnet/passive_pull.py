@@ -117,7 +117,7 @@ class PassivePull:
 
     core_radius, outer_radius, inner_radius, length [m]; core_permeability relative (inf allowed); remanence [T];
     nearest: the smallest distance of the magnet's centre that is tabulated [m]. Nearer than that the energy is held at
-    its value there: the torque goes on, the radial pull ends. It must leave air between magnet and core.
+    its value there: the torque continues, the radial pull ends. It must leave air between magnet and core.
 
     >>> omni = PassivePull(core_radius=15e-3, core_permeability=np.inf, outer_radius=6e-3, inner_radius=2.5e-3,
     ...                    length=24e-3, remanence=1.348, nearest=32e-3)

@@ -20,6 +20,7 @@ from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.limit_checks import list_limit_mistakes
 from haptorb.devices.schema.sections import (
     RIGHT_ANGLE,
+    BasedOn,
     CommonFile,
     Positive,
     Section,
@@ -58,10 +59,10 @@ class CoreDynamicsSection(Section):
     ]
     eddy_time: Annotated[q.Duration, Positive, m.Meaning("time constant of that delay")]
     remanent_moment: Annotated[
-        q.MagneticMoment, Field(ge=0), m.Meaning("moment along an axis that stays in the core after a large current")
+        q.MagneticMoment, Field(ge=0), m.Meaning("remanent moment of the core along an axis after a large current")
     ]
     reversing_moment: Annotated[
-        q.MagneticMoment, Positive, m.Meaning("change of the moment that turns the remanence from full to none")
+        q.MagneticMoment, Positive, m.Meaning("change of the moment that reduces the remanence from full to zero")
     ]
     spread: Annotated[
         q.Number,
@@ -78,9 +79,9 @@ class DomeSection(Section):
     """[dome]"""
 
     radius: Annotated[q.Length, Positive, m.Meaning("outer radius of the dome that the tool touches")]
-    shell_thickness: Annotated[q.Length, Positive, m.Meaning("how far above contact forces are rendered")]
+    shell_thickness: Annotated[q.Length, Positive, m.Meaning("height above contact up to which forces are rendered")]
     workspace_half_angle: Annotated[
-        q.Angle, Field(gt=0, le=RIGHT_ANGLE), m.Meaning("greatest angle of the tool from the summit")
+        q.Angle, Field(gt=0, le=RIGHT_ANGLE), m.Meaning("maximum angle of the tool from the summit")
     ]
     stiffness: Annotated[q.Stiffness, Positive, m.Meaning("stiffness of the dome under the tool's tip")]
     damping: Annotated[q.Damping, Field(ge=0), m.Meaning("damping of that contact")]
@@ -111,7 +112,7 @@ class ToolSection(Section):
     worn: Annotated[
         bool,
         Field(strict=True),
-        m.Meaning("whether the magnet is worn on a fingertip, and not held in a pen; for pictures and words"),
+        m.Meaning("whether the magnet is worn on a fingertip instead of held in a pen; only for drawings and texts"),
     ] = False
 
     @model_validator(mode="after")
@@ -136,12 +137,7 @@ class ElectromagnetFile(CommonFile):
     """A file of kind "spherical-electromagnet"."""
 
     kind: Annotated[Literal["spherical-electromagnet"], m.Meaning("kind of device")]
-    based_on: Annotated[
-        str | None,
-        m.Meaning("device whose values hold where this file gives none"),
-        m.Form("name in the catalogue, or path of a device file"),
-        m.Without("none"),
-    ] = None
+    based_on: BasedOn = None
     electromagnet: Annotated[ElectromagnetSection, m.Meaning("core, and moments of the coils")]
     dome: Annotated[DomeSection, m.Meaning("the dome over coils and core, and the space where forces are rendered")]
     tool: Annotated[ToolSection, m.Meaning("the stylus with its ring magnet")]
@@ -151,12 +147,12 @@ class ElectromagnetFile(CommonFile):
     thermal: Annotated[
         ThermalSection | None,
         m.Meaning("the thermal model of all coils together"),
-        m.Without("no coil warms another, and the values of coils.heat are exact"),
+        m.Without("no thermal coupling, and exact values of coils.heat"),
     ] = None
     core_dynamics: Annotated[
         CoreDynamicsSection | None,
         m.Meaning("eddy currents and remanence of the core"),
-        m.Without("the core follows the currents at once and keeps no moment"),
+        m.Without("no delay and no remanence"),
     ] = None
     windings: Annotated[
         WindingsSection | None,
@@ -165,12 +161,12 @@ class ElectromagnetFile(CommonFile):
     ] = None
     marks: Annotated[
         MarksSection | None,
-        m.Meaning("places on the device that a tracker's frame is registered at"),
+        m.Meaning("points on the device for registering a tracker's frame"),
         m.Without("none: no `haptorb frame`"),
     ] = None
     uncertainty: Annotated[
         ToolUncertainty,
-        m.Meaning("standard uncertainty of what is assumed or measured, for `haptorb inspect --errors`"),
+        m.Meaning("standard uncertainties of assumed or measured values, for `haptorb inspect --errors`"),
         m.Without("the defaults below"),
         Field(default_factory=ToolUncertainty),
     ]
@@ -211,7 +207,7 @@ class ElectromagnetFile(CommonFile):
         return self
 
     def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalElectromagnet:
-        """The device that this file describes; DeviceError with everything that cannot be, whatever `override`."""
+        """The device that this file describes; DeviceError with all mistakes, for any `override`."""
         device = self._build(assumed, digest)
         names, places = ((), np.empty((0, 3))) if device.marks is None else (device.marks.names, device.marks.positions)
         wrong = list_geometry_mistakes(device.core_radius, device.dome_radius, device.hall.positions, names, places)

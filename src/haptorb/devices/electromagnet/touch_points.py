@@ -1,4 +1,4 @@
-"""Places on a device that a person can touch with the tool's tip, and that somebody has measured."""
+"""Points on a device that a person can touch with the tool's tip, with known positions."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class MarksSection(Section):
         tuple[Point, ...],
         Len(3, 100),
         m.Meaning("bottom of each mark's dot, stator frame, one per name"),
-        m.Form("3 to 100 places x, y, z, not inside the dome and not on one line"),
+        m.Form("3 to 100 positions x, y, z, not inside the dome and not on one line"),
     ]
 
     @model_validator(mode="after")

@@ -58,7 +58,7 @@ class Windings:
     def moment_per_current(self, core: SoftSphere) -> Array:
         """(3, 3) [m²] m_e per ampere; diagonal, as the coils are taken to stand square on each other.
 
-        Valid for what a device takes an electromagnet for: a point dipole. `field_error` tells how far the field near
+        Valid for what a device takes an electromagnet for: a point dipole. `field_error` returns how far the field near
         the coils is from that. Left out: saturation, leads, and the core's answer to the tool (`PassivePull`).
         """
         return np.diag(self.parts(core).sum(axis=1))

@@ -43,10 +43,11 @@ class WindingsSection(Section):
         q.Number | None,
         Field(gt=0, le=_MOST_FILL),
         m.Meaning(
-            "share of the windings' section that copper fills; with it the windings, and not the file, decide moments, "
+            "fill factor of copper in the windings' cross-section; if given, the windings instead of the file "
+            "determine moments, "
             "resistances, inductances and the windings' heat capacity"
         ),
-        m.Without("these are the file's own"),
+        m.Without("those of the file"),
     ] = None
 
     def build(self) -> Windings:

@@ -1,4 +1,4 @@
-"""The public doors to a spherical motor's magnetics: torque per ampere, field at its sensors, field anywhere."""
+"""Public functions for a spherical motor's magnetics: torque per ampere, field at its sensors, field anywhere."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["field", "motor", "sensor_field", "torque_characteristic"]
 
 
 def motor(device: Device | str) -> SphericalMotor:
-    """`device`, loaded if it is a name, or InputError if it is not a spherical motor."""
+    """`device`, loaded if it is a name. Raises InputError if it is not a spherical motor."""
     known = load(device) if isinstance(device, str) else device
     return require(known, SphericalMotor, "this function")
 
@@ -27,8 +27,8 @@ def torque_characteristic(
     """K (3, m), or (n, 3, m) for a batch: torque on the rotor per ampere [N·m/A], stator frame; Bai 2012 eqs. (2)–(3).
 
     R_SR (3, 3) or (n, 3, 3) turns rotor vectors into stator vectors. m is the number of coils, or with `grouped` the
-    number of channels (coils wired in series). `model` is "table", "exact", "published" or "dipole". Raises InputError
-    for what is not a rotation, and UnknownName for another model.
+    number of channels (coils wired in series). `model` is "table", "exact", "published" or "dipole". Raises
+    InputError for a matrix that is not a rotation, and UnknownName for another model.
 
     >>> from haptorb.numerics.rotations import rotation_from_euler
     >>> K = torque_characteristic("pmsm", rotation_from_euler(*np.radians((10, 5, 5))))
@@ -61,7 +61,7 @@ def sensor_field(device: Device | str, R_SR: ArrayLike, model: str = "table") ->
 def field(device: Device | str, R_SR: ArrayLike, points: ArrayLike, currents: ArrayLike | None = None) -> Array:
     """(p, 3), or (n, p, 3) for a batch: flux density [T] at `points` (p, 3) [m], stator frame, exact model.
 
-    Of the rotor's magnets, and of the coils too where `currents` (channels,) [A] are given. Inside a magnet it is B
+    Of the rotor's magnets, and of the coils if `currents` (channels,) [A] are given. Inside a magnet it is B
     (not H). Raises GeometryError on an edge, where the field is infinite.
 
     >>> on_axis = field("pmsm", np.eye(3), [[0.0, 0, 0]])

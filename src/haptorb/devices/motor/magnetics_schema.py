@@ -102,7 +102,7 @@ class MagnetsSection(Section):
     polarization: Annotated[q.Polarization, Positive, m.Meaning("polarization of one magnet")]
     polarity: Annotated[
         Polarity,
-        m.Meaning("which magnets point outward"),
+        m.Meaning("polarity of the magnets"),
         m.Form('"checkerboard", "in-phase" or a number from −1 to 1 per magnet, +1 outward'),
     ]
     rings: Annotated[Rings, m.Meaning("rings of magnets on the rotor")]
@@ -136,7 +136,7 @@ class ElectromagnetsSection(Section):
         q.Length, Positive, m.Meaning("inner radius of one winding"), m.Form("> 0, below outer_radius")
     ]
     length: Annotated[q.Length, Positive, m.Meaning("length of one winding along its axis")]
-    fill: Annotated[Share, m.Meaning("share of the winding's section that copper fills; resistance follows from it")]
+    fill: Annotated[Share, m.Meaning("fill factor of copper in the winding's cross-section; determines the resistance")]
     rings: Annotated[Rings, m.Meaning("rings of coils on the stator")]
     multipole: Annotated[
         MultipoleSection | None,
@@ -158,7 +158,7 @@ class SensorsSection(SensorQualitySection):
 
 
 class GroupsSection(Section):
-    """[groups]: which coils are wired in series; each group is one channel."""
+    """[groups]: coils wired in series; each group is one channel."""
 
     coils: Annotated[
         tuple[Annotated[tuple[Coil, ...], Len(1, _MOST_PARTS)], ...],
@@ -168,7 +168,7 @@ class GroupsSection(Section):
     ]
     winding: Annotated[
         Literal["series-aiding", "series-opposed"],
-        m.Meaning("whether the second coil of a group is wound as the first or the other way"),
+        m.Meaning("winding sense of the second coil of a group relative to the first"),
     ]
     antipodal: Annotated[
         bool,

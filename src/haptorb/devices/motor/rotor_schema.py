@@ -26,12 +26,12 @@ class WorkspaceSection(Section):
     """[workspace]: |ψ| and |λ| up to `tilt`, any φ."""
 
     tilt: Annotated[
-        q.Angle, Field(gt=0, lt=RIGHT_ANGLE), m.Meaning("greatest tilt |ψ| and |λ| of the rotor; spin is free")
+        q.Angle, Field(gt=0, lt=RIGHT_ANGLE), m.Meaning("maximum tilt |ψ| and |λ| of the rotor; spin is free")
     ]
 
 
 class EndStopSection(Section):
-    """[end_stop]: what the rotor meets at the edge of the workspace."""
+    """[end_stop]: mechanical stop at the edge of the workspace."""
 
     stiffness: Annotated[q.TurnStiffness, Positive, m.Meaning("rotational stiffness of the stop")]
     damping: Annotated[q.TurnDamping, Ge(0), m.Meaning("rotational damping of the stop")]
@@ -66,7 +66,7 @@ class RotorSection(Section):
     @model_validator(mode="after")
     def _check_inertia(self) -> RotorSection:
         if 2 * max(self.inertia) > sum(self.inertia):
-            raise ValueError("inertia must obey I1 ≤ I2 + I3, as every body's does")
+            raise ValueError("inertia must obey I1 ≤ I2 + I3, like every rigid body")
         return self
 
 

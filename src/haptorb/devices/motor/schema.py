@@ -32,6 +32,7 @@ from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.limit_checks import list_limit_mistakes
 from haptorb.devices.schema.sections import (
+    BasedOn,
     HeatSection,
     LimitsSection,
     Name,
@@ -56,16 +57,16 @@ class ChannelsSection(Section):
     current_limit: Annotated[
         q.Current,
         Positive,
-        m.Meaning("greatest current that may be commanded in a channel"),
+        m.Meaning("maximum commanded current in a channel"),
         m.Form("> 0, at most 10 times what the supply drives"),
     ]
     temperature_coefficient: Annotated[
         q.InverseKelvin, m.Meaning("relative change of resistance per kelvin; copper: 3.93e-3 / K")
     ]
     reference_temperature: Annotated[
-        q.Temperature, Positive, m.Meaning("temperature at which the resistances hold"), m.Form("> 0 K")
+        q.Temperature, Positive, m.Meaning("reference temperature of the resistances"), m.Form("> 0 K")
     ]
-    heat: Annotated[HeatSection, m.Meaning("thermal model of one channel, alike for all: winding, body, air")]
+    heat: Annotated[HeatSection, m.Meaning("thermal model of one channel, equal for all: winding, body, air")]
 
 
 class MotorFile(Section):
@@ -73,34 +74,29 @@ class MotorFile(Section):
 
     kind: Annotated[Literal["spherical-motor"], m.Meaning("kind of device")]
     name: Annotated[Name, m.Meaning("short name of the device; recordings and calibrations refer to it")]
-    title: Annotated[Text, m.Meaning("headline of the device")]
+    title: Annotated[Text, m.Meaning("title of the device")]
     source: Annotated[Text, m.Meaning("where the values come from")]
-    based_on: Annotated[
-        str | None,
-        m.Meaning("device whose values hold where this file gives none"),
-        m.Form("name in the catalogue, or path of a device file"),
-        m.Without("none"),
-    ] = None
+    based_on: BasedOn = None
     magnets: Annotated[MagnetsSection, m.Meaning("the rotor's magnets")]
     electromagnets: Annotated[ElectromagnetsSection, m.Meaning("the stator's coils")]
     sensors: Annotated[SensorsSection, m.Meaning("field sensors of the stator")]
-    groups: Annotated[GroupsSection, m.Meaning("which coils are wired in series; each group is one channel")]
-    coils: Annotated[ChannelsSection, m.Meaning("the channels as an electrician sees them, all alike")]
-    supply: Annotated[SupplySection, m.Meaning("what drives the channels")]
-    limits: Annotated[LimitsSection, m.Meaning("what the guard holds")]
-    workspace: Annotated[WorkspaceSection, m.Meaning("orientations for which the motor is made")]
-    end_stop: Annotated[EndStopSection, m.Meaning("what the rotor meets at the edge of the workspace")]
+    groups: Annotated[GroupsSection, m.Meaning("coils wired in series; each group is one channel")]
+    coils: Annotated[ChannelsSection, m.Meaning("electrical data of the channels, all equal")]
+    supply: Annotated[SupplySection, m.Meaning("supply of the channels")]
+    limits: Annotated[LimitsSection, m.Meaning("limits that the guard enforces")]
+    workspace: Annotated[WorkspaceSection, m.Meaning("workspace: orientations of the rotor")]
+    end_stop: Annotated[EndStopSection, m.Meaning("mechanical stop at the edge of the workspace")]
     thermometer: Annotated[ThermometerSection, m.Meaning("thermometers of the channels")]
     hand: Annotated[GripSection, m.Meaning("the hand that holds the handle, for simulation and stability")]
-    rotor: Annotated[RotorSection, m.Meaning("the rotor as a body")]
+    rotor: Annotated[RotorSection, m.Meaning("mass properties of the rotor")]
     regulator: Annotated[
         RegulatorSection | None,
         m.Meaning("two opposed ring magnets that hold the rotor up"),
-        m.Without("none: only the currents do"),
+        m.Without("none: only the currents hold it up"),
     ] = None
     uncertainty: Annotated[
         MotorUncertainty,
-        m.Meaning("standard uncertainty of what is assumed or measured, for `haptorb inspect --errors`"),
+        m.Meaning("standard uncertainties of assumed or measured values, for `haptorb inspect --errors`"),
         m.Without("the defaults below"),
         Field(default_factory=MotorUncertainty),
     ]

@@ -48,7 +48,7 @@ def grouping(groups: Sequence[Sequence[int]], count: int, winding: str) -> tuple
                 continue
             matrix[coil - 1, channel] = -1.0 if winding == "series-opposed" and place % 2 else 1.0
     used = Counter(coil for members in groups for coil in members)
-    wrong += [f"groups.coils: EM{coil} is named {many} times" for coil, many in sorted(used.items()) if many > 1]
+    wrong += [f"groups.coils: EM{coil} appears {many} times" for coil, many in sorted(used.items()) if many > 1]
     wrong += [f"groups.coils: EM{coil} is in no group" for coil in range(1, count + 1) if coil not in used]
     return matrix, wrong
 
@@ -144,13 +144,14 @@ def _list_weaknesses(motor: SphericalMotor, groups: Sequence[Sequence[int]]) -> 
     dead = np.flatnonzero(reach < 1e-6 * scale).tolist()
     if len(dead) == len(groups):
         return [
-            "groups.winding: no group gives any torque at any orientation: the coils of every group cancel each other. "
-            "Magnets polarized alike at opposite places need 'series-aiding', unlike ones 'series-opposed', or the "
+            "groups.winding: no group produces any torque at any orientation: the coils of every group cancel each "
+            "other. "
+            "Magnets polarized alike at opposite positions need 'series-aiding', unlike ones 'series-opposed', or the "
             "other polarity"
         ]
     found = [
-        f"groups.coils: group {number + 1} (EM{' + EM'.join(str(coil) for coil in groups[number])}) gives no torque at "
-        "any orientation: its coils cancel each other"
+        f"groups.coils: group {number + 1} (EM{' + EM'.join(str(coil) for coil in groups[number])}) produces no "
+        "torque at any orientation: its coils cancel each other"
         for number in dead
     ]
     values = np.linalg.svd(grouped, compute_uv=False)
@@ -159,7 +160,7 @@ def _list_weaknesses(motor: SphericalMotor, groups: Sequence[Sequence[int]]) -> 
     rank = int((values[worst] > 1e-6 * strongest[worst]).sum())
     if rank < 3:
         found.append(
-            f"groups: the channels turn the rotor about {rank} of three axes (rank {rank}) somewhere in the workspace"
+            f"groups: the channels produce torque about {rank} of three axes (rank {rank}) somewhere in the workspace"
         )
     elif strongest[worst] > WORST_CONDITION * weakest[worst] and (times := _condition(motor, R)) > WORST_CONDITION:
         found.append(

@@ -41,7 +41,7 @@ def list_keys(model: type[BaseModel], prefix: str = "") -> Iterator[KeyText]:
 
 
 def meaning_of(marks: list[Any]) -> str:
-    """What a key with these marks means; empty where nobody said it."""
+    """The meaning of a key with these marks; empty where none is given."""
     return next((mark.text for mark in marks if isinstance(mark, Meaning)), "")
 
 

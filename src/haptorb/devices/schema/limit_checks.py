@@ -29,14 +29,13 @@ def list_limit_mistakes(coils: Coils, supply: Supply, limits: Limits, force: flo
         if limit > _WRONG_UNIT * most:
             found.append(
                 f"limits.{key} is {limit:g} {unit}, {limit / most:.0f} times what the coils give at full current "
-                f"({most:.2g} {unit}): it would limit nothing; is its unit right?"
+                f"({most:.2g} {unit}): it would limit nothing; check its unit"
             )
     driven = supply.voltage / coils.resistance
     most = _greatest_power(coils, supply)
     if _WRONG_UNIT * supply.power < most:
         found.append(
-            f"supply.power is {supply.power:g} W, but one coil at its current limit takes {most:.3g} W; "
-            "is its unit right?"
+            f"supply.power is {supply.power:g} W, but one coil at its current limit takes {most:.3g} W; check its unit"
         )
     heat = coils.heat
     alike: dict[str, list[str]] = {}
@@ -44,7 +43,7 @@ def list_limit_mistakes(coils: Coils, supply: Supply, limits: Limits, force: flo
         if current > _UNREACHABLE * most:
             text = (
                 f"is {current:g} A, but {supply.voltage:g} V drive at most "
-                f"{most:.3g} A through its {ohms:g} Ω; is its unit right?"
+                f"{most:.3g} A through its {ohms:g} Ω; check its unit"
             )
             alike.setdefault(text, []).append(name)
             continue
@@ -73,7 +72,7 @@ def list_limit_remarks(coils: Coils, supply: Supply, limits: Limits, force: floa
     if supply.power < most:
         found.append(
             f"supply.power is {supply.power:g} W, but one coil at its current limit takes {most:.3g} W: the limit is "
-            "never reached, and peak forces are the supply's"
+            "never reached, and the supply limits the peak forces"
         )
     over = np.flatnonzero(coils.current_limit > _SURPLUS * driven)
     if len(over):

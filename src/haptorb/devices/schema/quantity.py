@@ -69,7 +69,7 @@ def _registry() -> Any:
     """pint's, for units that `units` does not know, with its definitions as it kept them the last time.
 
     It writes them without care for a process that is killed meanwhile; what cannot be read is thrown away. They are
-    pickled objects of pint and its parser: with another version of either they are made anew.
+    pickled objects of pint and its parser: with another version of either they are created again.
     """
     import pint
 
@@ -77,7 +77,7 @@ def _registry() -> Any:
     folder = cache_folder() / "units" / f"pint {pint.__version__}, flexparser {parser}, {python}"
     try:
         return pint.UnitRegistry(cache_folder=folder)
-    except Exception:  # whatever a file that is half there makes of pickle, or a disk that is full
+    except Exception:  # a partial file, or a full disk
         shutil.rmtree(folder, ignore_errors=True)
         return pint.UnitRegistry(cache_folder=None)
 
@@ -158,7 +158,7 @@ def _is_unit(name: str) -> bool:
     """Whether pint knows `name`."""
     try:
         return bool(_unit(name))
-    except Exception:  # whatever pint makes of a name that is none
+    except Exception:  # any failure of pint on a wrong name
         return False
 
 

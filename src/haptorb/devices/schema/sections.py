@@ -14,6 +14,7 @@ from haptorb.devices.schema import quantity as q
 
 __all__ = [
     "RIGHT_ANGLE",
+    "BasedOn",
     "CommonFile",
     "Count",
     "HeatSection",
@@ -40,6 +41,12 @@ Text = Annotated[
     str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$", max_length=400), m.Form("one line, at most 400 characters")
 ]  #: one line
 Point = Annotated[tuple[q.Length, ...], Len(3, 3)]
+BasedOn = Annotated[
+    str | None,
+    m.Meaning("base device, whose values are used for missing keys"),
+    m.Form("name in the catalogue, or path of a device file"),
+    m.Without("none"),
+]
 
 
 def check_wall(inner_radius: float, outer_radius: float) -> None:
@@ -61,7 +68,7 @@ class HeatSection(Section):
 
     winding_capacity: Annotated[q.HeatCapacity, Positive, m.Meaning("heat capacity of one channel's winding")]
     body_capacity: Annotated[
-        q.HeatCapacity, Positive, m.Meaning("heat capacity of what surrounds the winding: former, core, housing")
+        q.HeatCapacity, Positive, m.Meaning("heat capacity of the parts around the winding: former, core, housing")
     ]
     winding_to_body: Annotated[q.Conductance, Positive, m.Meaning("heat conductance from winding to body")]
     body_to_air: Annotated[q.Conductance, Positive, m.Meaning("heat conductance from body to the air")]
@@ -69,7 +76,7 @@ class HeatSection(Section):
     warn: Annotated[
         q.Temperature,
         Positive,
-        m.Meaning("winding temperature at which the user is warned"),
+        m.Meaning("winding temperature for the warning"),
         m.Form("between ambient and derate"),
     ]
     derate: Annotated[
@@ -79,7 +86,10 @@ class HeatSection(Section):
         m.Form("between warn and stop"),
     ]
     stop: Annotated[
-        q.Temperature, Positive, m.Meaning("winding temperature at which the coils go off"), m.Form("above derate")
+        q.Temperature,
+        Positive,
+        m.Meaning("winding temperature at which the coils are switched off"),
+        m.Form("above derate"),
     ]
 
     @model_validator(mode="after")
@@ -111,16 +121,16 @@ class CoilsSection(Section):
     ]
     current_limit: Annotated[
         tuple[Annotated[q.Current, Positive], ...],
-        m.Meaning("greatest current that may be commanded in each coil, one per name"),
+        m.Meaning("maximum commanded current in each coil, one per name"),
         m.Form("> 0, at most 10 times what the supply drives"),
     ]
     temperature_coefficient: Annotated[
         q.InverseKelvin, m.Meaning("relative change of resistance per kelvin; copper: 3.93e-3 / K")
     ]
     reference_temperature: Annotated[
-        q.Temperature, Positive, m.Meaning("temperature at which the resistances hold"), m.Form("> 0 K")
+        q.Temperature, Positive, m.Meaning("reference temperature of the resistances"), m.Form("> 0 K")
     ]
-    heat: Annotated[HeatSection, m.Meaning("thermal model of one channel, alike for all: winding, body, air")]
+    heat: Annotated[HeatSection, m.Meaning("thermal model of one channel, equal for all: winding, body, air")]
 
     @model_validator(mode="after")
     def _check_lengths(self) -> CoilsSection:
@@ -153,11 +163,11 @@ class SupplySection(Section):
         int, Field(ge=1, le=24, strict=True), m.Meaning("resolution of the duty cycle's magnitude in bits")
     ]
     current_noise: Annotated[q.Current, Field(ge=0), m.Meaning("standard deviation of one current reading")]
-    current_step: Annotated[q.Current, Field(ge=0), m.Meaning("smallest step of a current reading")]
+    current_step: Annotated[q.Current, Field(ge=0), m.Meaning("resolution of a current reading")]
     power: Annotated[
         q.Power | None,
         Positive,
-        m.Meaning("greatest power that the supply gives to all coils together, their windings at the stop temperature"),
+        m.Meaning("maximum power of the supply for all coils together, with windings at the stop temperature"),
         m.Without("no limit"),
     ] = None
 
@@ -173,17 +183,17 @@ class LimitsSection(Section):
     force: Annotated[
         q.Force,
         Positive,
-        m.Meaning("greatest force that the guard allows to be asked"),
+        m.Meaning("maximum force that the guard allows"),
         m.Form("> 0, at most 100 times what the coils of an electromagnet give"),
     ]
     torque: Annotated[
         q.Torque,
         Positive,
-        m.Meaning("greatest torque that the guard allows to be asked"),
+        m.Meaning("maximum torque that the guard allows"),
         m.Form("> 0, at most 100 times what the coils give"),
     ]
-    slew: Annotated[q.Slew, Positive, m.Meaning("greatest change of a channel's current")]
-    expiry: Annotated[q.Duration, Positive, m.Meaning("greatest age of a pose at which force is allowed")]
+    slew: Annotated[q.Slew, Positive, m.Meaning("maximum slew rate of a channel's current")]
+    expiry: Annotated[q.Duration, Positive, m.Meaning("maximum age of a pose at which force is allowed")]
 
     def build(self) -> Limits:
         """As the device has it."""
@@ -193,7 +203,7 @@ class LimitsSection(Section):
 class ThermometerSection(Section):
     """[thermometer]"""
 
-    step: Annotated[q.TemperatureStep, Field(ge=0), m.Meaning("smallest step of a coil thermometer's reading")]
+    step: Annotated[q.TemperatureStep, Field(ge=0), m.Meaning("resolution of a coil thermometer")]
     noise: Annotated[q.TemperatureStep, Field(ge=0), m.Meaning("standard deviation of one reading")]
 
 
@@ -201,11 +211,11 @@ class CommonFile(Section):
     """What every device file has."""
 
     name: Annotated[Name, m.Meaning("short name of the device; recordings and calibrations refer to it")]
-    title: Annotated[Text, m.Meaning("headline of the device")]
+    title: Annotated[Text, m.Meaning("title of the device")]
     source: Annotated[Text, m.Meaning("where the values come from")]
-    coils: Annotated[CoilsSection, m.Meaning("the coils as an electrician sees them")]
-    supply: Annotated[SupplySection, m.Meaning("what drives the coils")]
-    limits: Annotated[LimitsSection, m.Meaning("what the guard holds")]
+    coils: Annotated[CoilsSection, m.Meaning("electrical data of the coils")]
+    supply: Annotated[SupplySection, m.Meaning("supply of the coils")]
+    limits: Annotated[LimitsSection, m.Meaning("limits that the guard enforces")]
 
     def common(self) -> dict[str, Any]:
         """The parts that every Device takes."""

@@ -36,13 +36,13 @@ class ThermalSection(Section):
         q.Number,
         Field(ge=0, le=0.5),
         m.Meaning(
-            "relative error that capacities and conductances of the thermal model may have; the guard expects the worst"
+            "relative tolerance of capacities and conductances of the thermal model; the guard assumes the worst case"
         ),
     ] = 0.0
     coupling: Annotated[
         CouplingSection | None,
-        m.Meaning("how the coils warm each other"),
-        m.Without("none: no coil warms another"),
+        m.Meaning("thermal coupling between the coils"),
+        m.Without("none: no thermal coupling"),
     ] = None
 
     def complete(self, heat: Heat, channels: int) -> Heat:
@@ -61,6 +61,6 @@ class ThermalSection(Section):
             if rate > _FASTEST:
                 raise ValueError(
                     f"thermal.coupling.{key} gives a time constant of {1e3 / rate:.3g} ms; the guard's thermal model "
-                    f"needs at least {1e3 / _FASTEST:.3g} ms: is its unit right?"
+                    f"needs at least {1e3 / _FASTEST:.3g} ms: check its unit"
                 )
         return replace(heat, tolerance=self.tolerance, coupling=coupling)

@@ -59,7 +59,7 @@ def usual_units(unit: str) -> tuple[str, ...]:
 def explain_unit(text: str, unit: str, is_unit: Callable[[str], bool]) -> str:
     """What is wrong with the unit `text` where SI `unit` is wanted, as the end of a message; empty without a unit.
 
-    is_unit: whether a single name is a unit that somebody else knows.
+    is_unit: whether a single name is a unit that pint knows.
 
     >>> explain_unit("milimeter", "m", lambda name: False)
     ": 'milimeter' is no unit, did you mean 'millimeter'? (units: mm, cm, m, µm, inch, mil)"
@@ -78,7 +78,7 @@ def explain_unit(text: str, unit: str, is_unit: Callable[[str], bool]) -> str:
         if find_unit(name) is None and not is_unit(name):
             near = _find_near(name)
             hint = f", did you mean '{near}'?" if near else ""
-            return f": {quote(name, 20)} is no unit{hint}{suitable}"
+            return f": {quote(name, 20)} is not a unit{hint}{suitable}"
     return suitable
 
 

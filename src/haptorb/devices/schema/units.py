@@ -1,6 +1,6 @@
 """The units of device files without pint: names, prefixes and powers, with exact factors to SI.
 
-pint knows every unit there is and takes half a second to load. The few that device files use are here; whatever else a
+pint knows every unit and takes half a second to load. The few that device files use are here; whatever else a
 file says, and every mistake, is pint's to judge (`quantity.si`). Sources: the SI brochure (BIPM 2019); the inch is
 25.4 mm. Values are computed as fractions, so that 67.9 mm is 0.0679 m to the last digit.
 """

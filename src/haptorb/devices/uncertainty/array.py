@@ -26,11 +26,11 @@ class ArrayUncertainty(ChainUncertainty):
         Field(default="5 mA", validate_default=True, ge=0, le=10),
     ]
     remanence: Annotated[
-        Share, m.Meaning("remanence that all magnets share, relative"), Field(default=0.012, validate_default=True)
+        Share, m.Meaning("remanence, common to all magnets, relative"), Field(default=0.012, validate_default=True)
     ]
     place: Annotated[
         q.Length,
-        m.Meaning("tracked place of the tool, along each axis, the tracker's frame included"),
+        m.Meaning("tracked position of the tool, along each axis, including the tracker's frame"),
         Field(default="0.3 mm", validate_default=True, ge=0, le=0.005),
     ]
     axis: Annotated[

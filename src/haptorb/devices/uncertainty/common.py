@@ -1,7 +1,7 @@
 """Standard uncertainties that every kind of device has: of what turns a wanted current into a force.
 
 The classes are the sections of the device file and what a device carries: `ToolUncertainty()` has the defaults. Values
-are standard uncertainties in the sense of the GUM (JCGM 100): one standard deviation of what is believed of a value.
+are standard uncertainties in the sense of the GUM (JCGM 100): one standard deviation of the value's distribution.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class ChainUncertainty(Section):
     ]
     magnet_temperature: Annotated[
         q.TemperatureStep,
-        m.Meaning("temperature of the mover's magnets, about the one at which their remanence holds"),
+        m.Meaning("temperature of the mover's magnets relative to the reference temperature of their remanence"),
         Field(default="3 delta_degC", validate_default=True, ge=0, le=100),
     ]
     remanence_drift: Annotated[

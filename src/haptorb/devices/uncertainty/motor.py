@@ -26,14 +26,14 @@ class MotorUncertainty(ChainUncertainty):
         Field(default="0.5 mA", validate_default=True, ge=0, le=1),
     ]
     polarization: Annotated[
-        Share, m.Meaning("polarization that all magnets share, relative"), Field(default=0.012, validate_default=True)
+        Share, m.Meaning("polarization, common to all magnets, relative"), Field(default=0.012, validate_default=True)
     ]
     polarization_spread: Annotated[
         Share, m.Meaning("polarization from magnet to magnet, relative"), Field(default=0.01, validate_default=True)
     ]
     coil: Annotated[
         Share,
-        m.Meaning("torque per ampere of each coil, relative: its place, winding and turns"),
+        m.Meaning("torque per ampere of each coil, relative: its position, winding and turns"),
         Field(default=0.01, validate_default=True),
     ]
     regulator: Annotated[
@@ -46,6 +46,6 @@ class MotorUncertainty(ChainUncertainty):
     ]
     axis: Annotated[
         q.Angle,
-        m.Meaning("orientation about each axis where a tracker tells it; field sensors have errors of their own"),
+        m.Meaning("orientation about each axis if measured by a tracker; field sensors have their own errors"),
         Field(default="0.3 deg", validate_default=True, ge=0, le=0.2),
     ]

@@ -35,7 +35,7 @@ class ToolUncertainty(ChainUncertainty):
     ]
     place: Annotated[
         q.Length,
-        m.Meaning("tracked place of the tool's magnet, along each axis, the tracker's frame included"),
+        m.Meaning("tracked position of the tool's magnet, along each axis, including the tracker's frame"),
         Field(default="0.3 mm", validate_default=True, ge=0, le=0.005),
     ]
     axis: Annotated[
@@ -45,7 +45,7 @@ class ToolUncertainty(ChainUncertainty):
     ]
     core_place: Annotated[
         q.Length,
-        m.Meaning("place of core and coils in the stator's frame, along each axis"),
+        m.Meaning("position of core and coils in the stator's frame, along each axis"),
         Field(default="0.1 mm", validate_default=True, ge=0, le=0.005),
     ]
     core_radius: Annotated[

@@ -3,7 +3,7 @@
 `soft_sphere` sums over pairs of charges. Here the answer to each source is a fixed set of coefficients C of irregular
 solid harmonics, φ = Re Σ C*_lm I_lm(x/a), and everything that a set of charges feels follows from its own sums
 S_lm = Σ q I_lm(x/a): a derivative of I_lm is an I of the next degree, and a turn keeps the degree. So the work grows
-with charges plus coils and not with their product, and the pull of the sphere on the charges themselves comes along.
+with charges plus coils and not with their product, and includes the pull of the sphere on the charges themselves.
 
     I_lm = (l−m)! P_lm(cosθ) e^{imφ}/r^{l+1}        R_lm = r^l P_lm(cosθ) e^{imφ}/(l+m)!
     1/|x − s| = Σ R*_lm(x) I_lm(s), |x| < |s|;      R_lm → −β_l I_lm/((l−m)!(l+m)!) outside a sphere of radius 1
@@ -155,7 +155,7 @@ def answer_to_source(sphere: SoftSphere, source: Source, order: int) -> Array:
     level = np.repeat(cosine[:, None], steps, axis=1)
     unit = np.stack([sine * np.cos(angle), sine * np.sin(angle), level], axis=-1)
     if source.contains(sphere.radius * unit).any():
-        raise GeometryError("a source reaches into the soft sphere: no field is defined there; move it out")
+        raise GeometryError("a source reaches into the soft sphere, where no field is defined; move it out")
     radial = (source.field(_WITHIN * sphere.radius * unit) * unit).sum(axis=-1)
     flux = radial * weight[:, None] * (2 * np.pi / steps)
     response = sphere.response(order)

@@ -120,10 +120,6 @@ class Coil(RoundBody):
         mean = 0.5 * (self.outer_radius + self.inner_radius)
         return float(resistivity * 2 * np.pi * mean * self.turns**2 / (_share(fill) * self._section))
 
-    def wire_diameter(self, fill: float) -> float:
-        """Diameter [m] of the bare round wire that fills the share `fill` of the section."""
-        return float(np.sqrt(4 * _share(fill) * self._section / (np.pi * self.turns)))
-
     def heat_capacity(self, fill: float) -> float:
         """[J/K] of the copper in the winding (insulation and former left out)."""
         volume = np.pi * (self.outer_radius**2 - self.inner_radius**2) * self.length

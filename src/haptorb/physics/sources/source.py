@@ -1,4 +1,4 @@
-"""The abstract source of magnetic field: what every magnet and coil answers, whatever its shape."""
+"""The abstract source of magnetic field: what every magnet and coil provides, whatever its shape."""
 
 from __future__ import annotations
 

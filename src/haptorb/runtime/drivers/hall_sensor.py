@@ -1,7 +1,7 @@
 """From the Hall converter's range to field: linear sensors, three in each place or one that looks along its radius.
 
 A DRV5055A2 (assumed) gives half its supply at zero field and 50 mV/mT at 5 V; the converter measures against the same
-supply, so the range 0…1 stands for −50…+50 mT whatever the 5 V really are. At 3.3 V it gives 30 mV/mT: −55…+55 mT.
+supply, so the range 0…1 stands for −50…+50 mT however far the 5 V are off. At 3.3 V it gives 30 mV/mT: −55…+55 mT.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class HallSensors:
         if axes not in (1, 3):
             raise InputError(f"a Hall sensor has one axis or three; got {axes}")
         if (distance == 0).any():
-            raise InputError("a Hall sensor at the centre has no radius to look along")
+            raise InputError("a Hall sensor at the centre has no radial direction")
         if not span > 0.0:
             raise InputError(f"the span of a Hall sensor must be above 0 T; got {span}")
         self.axes, self.span = axes, span

@@ -1,4 +1,4 @@
-"""A simulated hand that rests gives way: left alone, it does not lean on the device for ever.
+"""A simulated hand at rest yields: left alone, it does not load the device permanently.
 
 A resting hand creeps to where the device pushes the tool, as a relaxed arm does, so that the force asked of the coils
 fades and the coils stay cool. It gives way around the device, not away from it, where the same force would cost more

@@ -59,9 +59,10 @@ class SimDriver(Driver):
     Time passes in `prepare`, before the tick, as it does for a real device between two ticks; `read` hands over what
     its sensors said. Who does not prepare waits in `read` for the same result.
     Like a real device it switches its coils off by itself when no `read` comes for 20 ms (two periods, if these are
-    longer), and does not latch it: the guard begins its ramp anew.
+    longer), and does not latch it: the guard starts its ramp again.
     The pose is as old as the goal while a person holds the pointer, so that a console that has gone lets it expire;
-    else it is fresh. Time is what `read` is told: two runs with the same times, goals and duties are alike to the bit.
+    else it is fresh. Time is the argument of `read`: two runs with the same times, goals and duties are equal to the
+    bit.
 
     Raises InputError if `period` is not above 0 and at most 0.1 s.
     """
@@ -125,7 +126,7 @@ class SimDriver(Driver):
             self._ready = self._sample(now)
 
     def read(self, now: float) -> Sample:
-        """The sample at `now` [s]; `now` may stand still but never go back. Raises DriverError if it does, if it is not
+        """The sample at `now` [s]; `now` may repeat but never decrease. Raises DriverError if it does, if it is not
         finite, and while the driver is not open."""
         ready, self._ready = self._ready, None
         if ready is not None and ready.t == now:

@@ -1,6 +1,6 @@
-"""What happened before a trip: the last hundred ticks up to each one, kept in memory and, where told, in a file.
+"""The ticks before a trip: the last hundred up to each trip, in memory and, if requested, in a file.
 
-The heartbeat's thread looks for trips; it must never wait for a disk, so files are written by a thread of their own.
+The heartbeat's thread detects trips; it must never wait for a disk, so another thread writes the files.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ _MOST = 50  #: files of earlier trips that stay in the folder
 
 
 def state_folder() -> Path:
-    """Where programs keep what happened to them: $XDG_STATE_HOME/haptorb, else ~/.local/state/haptorb."""
+    """Folder for the state of programs: $XDG_STATE_HOME/haptorb, else ~/.local/state/haptorb."""
     home = os.environ.get("XDG_STATE_HOME") or os.path.join(os.path.expanduser("~"), ".local", "state")
     return Path(home) / "haptorb"
 
 
 @record
 class TripRecord:
-    """One trip and what led to it.
+    """One trip and the ticks before it.
 
     t      of the trip, on the loop's clock [s]
     trip   its reason
@@ -55,10 +55,10 @@ class TripRecord:
 
 @final
 class BlackBox:
-    """Watches `shared` of a loop of `rate` [Hz]; files go into `folder` (made when first needed), None: no files.
+    """Watches `shared` of a loop of `rate` [Hz]; files go into `folder` (created when needed), None: no files.
 
-    `named` begins the files' names; `notes` are what their recordings say of the run. A file begins some ticks
-    earlier than the rows in `trips`: where the loop has kept what the chain remembered, so that it can be replayed.
+    `named` is the prefix of the file names; `notes` are the metadata of their recordings. A file begins some ticks
+    earlier than the rows in `trips`, at a stored state of the loop, so that it can be replayed.
     """
 
     def __init__(
@@ -77,13 +77,13 @@ class BlackBox:
         self._looking = threading.Lock()
 
     def look(self) -> None:
-        """Take hold of the trips since the last look."""
+        """Collect the trips since the last call."""
         with self._looking:
             while len(self.trips) < min(self._shared.words[Word.TRIPS], TRIPS):
                 self._take(*self._shared.trips[len(self.trips)].tolist())
 
     def finish(self) -> None:
-        """The last look; returns when all files are written."""
+        """Collect the last trips; returns when all files are written."""
         self.look()
         for writer in self._writers:
             writer.join()

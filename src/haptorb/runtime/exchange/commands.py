@@ -1,4 +1,4 @@
-"""What the host may say to a running loop: stop, engage, another mode, another world; the hand is in its base."""
+"""Commands of the host to a running loop: stop, engage, another mode, another world; its base has those of the hand."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ _COMPILED = 150.0  #: where that waits for code that another process compiles [s
 
 
 class Commands(HandCommands):
-    """Words for `device` with its `modes` and `models`, written into memory that the loop reads in every tick.
+    """Commands for `device` with its `modes` and `models`, written into memory that the loop reads in every tick.
 
-    `first` is the world that is felt until another is set.
+    `first` is the first world.
     """
 
     models: tuple[str, ...]
@@ -43,9 +43,9 @@ class Commands(HandCommands):
     def __init__(self, first: World) -> None:
         HandCommands.__init__(self)
         self._first = first
-        name, (felt, _) = name_of(first), split_remote(first)
+        name, (plain, _) = name_of(first), split_remote(first)
         #: worlds beside the catalogue's that `set_world` knows, by name: the first one, if it is none of those
-        self.own_worlds = {} if type(felt) is CATALOGUE.get(name) else {name: felt}
+        self.own_worlds = {} if type(plain) is CATALOGUE.get(name) else {name: plain}
         self._requests = 0
         self._requesting = threading.Lock()
         self.world_ahead = ""  #: world that was chosen, and whose code is being compiled, once on this computer
@@ -62,13 +62,13 @@ class Commands(HandCommands):
 
     @property
     def stops(self) -> int:
-        """How often `stop` was called. Read it when a person asks to engage, and pass it to `engage`."""
+        """Number of calls of `stop`. Read it when a person requests to engage, and pass it to `engage`."""
         shared = self._memory_or_none
         return self._stopped if shared is None else int(shared.words[Word.STOP])
 
     def stop(self) -> None:
-        """Coils off within a tick, and off until `engage`. Given before or during the start, it holds from the first
-        tick on. May be called from any thread."""
+        """Coils off within a tick, and off until `engage`. Before or during the start, it takes effect from the
+        first tick. May be called from any thread."""
         # Every stop has a number of its own: two threads that stop at once cannot hide one's behind the other's.
         self._stopped = number = next(self._stop_numbers)
         shared = self._memory_or_none
@@ -81,23 +81,23 @@ class Commands(HandCommands):
             shared.words[Word.STOP] = self._stopped
 
     def engage(self, stops: int | None = None) -> None:
-        """After a stop or a trip: begin again, from zero. Refused by the guard while the reason is still there.
+        """Engage after a stop or a trip, from zero force. The guard refuses while the reason persists.
 
-        `stops` is the value of `stops` when the person asked to engage; None: now. The servo refuses to engage when
-        `stop` was called since, by whomever.
+        `stops` is the value of `stops` when the person requested to engage; None: now. The servo refuses if `stop`
+        was called since then.
         """
         words = self._memory.words
         words[Word.ENGAGE] = engage_request(words[Word.ENGAGE], self.stops if stops is None else stops)
 
     def cool(self) -> None:
-        """Put simulated coils at the ambient temperature, from the next tick on; a demonstration need not wait for
-        them. Raises InputError for a real device: its coils cool by themselves, with time."""
+        """Set simulated coils to the ambient temperature, from the next tick on. Raises InputError for a real
+        device."""
         if self.driver != "sim":
-            raise InputError(f"only simulated coils cool at once; driver '{self.driver}' drives a real device")
+            raise InputError(f"only simulated coils can be cooled at once; driver '{self.driver}' drives a real device")
         self._memory.words[Word.COOL] += 1
 
     def press(self, buttons: Collection[str]) -> None:
-        """A person holds down these `buttons`, of "a", "b", "c", and no others: programs that are connected see it.
+        """Press these `buttons`, of "a", "b", "c", and release the others, for connected programs.
 
         Raises UnknownName for another button.
         """
@@ -107,7 +107,7 @@ class Commands(HandCommands):
         self._memory.words[Word.BUTTONS] = sum(1 << i for i, name in enumerate(BUTTONS) if name in buttons)
 
     def set_mode(self, mode: str) -> None:
-        """Go over to `mode`, "translate" or "rotate", without a step of the target's pose or of torque.
+        """Change to `mode`, "translate" or "rotate", without a step of the target's pose or of torque.
 
         Raises UnknownName for a mode that the device does not have.
         """
@@ -116,7 +116,7 @@ class Commands(HandCommands):
         self._memory.words[Word.MODE] = 1 + MODES.index(mode)
 
     def clutch(self, engaged: bool) -> None:
-        """Let the target go (False) to turn the handle back and reach further, or take hold of it again (True).
+        """Release the clutch (False), to turn the handle back and reach further, or engage it (True).
 
         Raises InputError for a device without modes: it has no clutch.
         """
@@ -125,9 +125,9 @@ class Commands(HandCommands):
         self._memory.words[Word.CLUTCH] = 1 if engaged else 2
 
     def set_torque_scale(self, scale: float) -> None:
-        """Multiply all torques of a motor's handle by `scale`, above 0 and up to 100, sliding there without a step.
+        """Multiply all torques of a motor's handle by `scale`, above 0 and up to 100, without a step.
 
-        Motion stays as it is, so the wrench on the target is felt weaker or stronger. 1: as the gains say. Raises
+        The motion does not change, so the wrench on the target feels weaker or stronger. 1: the gains only. Raises
         InputError for another number, or a device without modes.
         """
         if not self.modes:
@@ -138,21 +138,21 @@ class Commands(HandCommands):
 
     @property
     def model(self) -> str:
-        """The model of the device that the controller inverts now, or goes over to."""
+        """The controller model, or the one to which it is changing."""
         shared = self._memory_or_none
         number = 0 if shared is None else int(shared.words[Word.MODEL])
         return self.device.models[number - 1] if number else self._model
 
     def set_model(self, name: str) -> None:
-        """Invert the device's model `name`, without a step of the force: the currents go over within 50 ms.
+        """Change the controller model to `name`, without a step of the force: the currents change within 50 ms.
 
-        Raises UnknownName for no model of the device, InputError for one that takes too long for a tick.
+        Raises UnknownName for an unknown model, InputError for one that takes too long for a tick.
         """
         self._memory.words[Word.MODEL] = 1 + self.device.models.index(self.device.check_tick_model(name))
 
     @property
     def world(self) -> tuple[str, dict[str, Any]]:
-        """Name and values of the world that is felt now."""
+        """Name and parameters of the current world."""
         shared = self._memory_or_none
         if shared is None or not (known := shared.words[Word.WORLD]):
             return name_of(self._first), dict(values_of(self._first))
@@ -160,20 +160,19 @@ class Commands(HandCommands):
         return world["name"], world["values"]
 
     def add_world(self, world: World, name: str = "") -> None:
-        """Let `set_world` know `world` by `name`, or its own one, beside the catalogue's; without values, it takes no
-        time to make. Raises ServoError after the start."""
+        """Make `world` available to `set_world` by `name`, or by its own name. Raises ServoError after the start."""
         if self._memory_or_none is not None:
-            raise ServoError("add_world comes before the start: the servo's process is given all worlds at once")
+            raise ServoError("call add_world before the start: the servo's process receives all worlds at once")
         self.own_worlds[name or world.name] = world
 
     def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
-        """Render the world `name` with `values` from the next tick on; values not given stay as they are, or, in a
-        new world, are its defaults. Soon after a first start its code may have to be compiled first; `world_ahead`
-        says so meanwhile. Raises UnknownName or InputError if the servo refuses; then nothing changes."""
+        """Render the world `name` with `values` from the next tick on; values not given stay the same, or are the
+        defaults of a new world. After a first start its code may have to be compiled first; `world_ahead` then
+        has its name. Raises UnknownName or InputError if the servo refuses; then nothing changes."""
         self._request(name, values or {})
 
     def replace_own_world(self, world: World, values: Mapping[str, Any], folder: Path) -> None:
-        """Render `world` with `values` in place of the own world of its name, from when the servo has loaded it.
+        """Render `world` with `values` instead of the own world of its name, as soon as the servo has loaded it.
 
         `folder` is the servo's own. Raises InputError if the world cannot be sent, or fails there;
         then nothing changes.
@@ -216,5 +215,5 @@ class Commands(HandCommands):
                 self._compile_world(name)
             self.check()
             if monotonic() > patience:
-                raise ServoError(f"the servo did not answer within {longest:g} s")
+                raise ServoError(f"the servo did not respond within {longest:g} s")
             sleep(0.0005)

@@ -1,4 +1,4 @@
-"""What the host may say of the hand: where it is now, or that it stays there or follows a path until told otherwise."""
+"""Commands of the host to the hand: go to a pose, stay there, or follow a path."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _MOST_PATIENT = 1.0  #: a hand without a word for longer is lost, even a simulat
 
 
 class HandCommands(ABC):
-    """The pointer of `device`, in memory that the loop reads. The newest of `point`, `hold`, `follow` and `release`
-    counts, from whichever thread."""
+    """The pointer of `device`, in memory that the loop reads. The last call of `point`, `hold`, `follow` and
+    `release`, from any thread, replaces the others."""
 
     device: Device
     modes: tuple[str, ...]
@@ -47,16 +47,16 @@ class HandCommands(ABC):
         return self._memory_or_none
 
     def point(self, p: ArrayLike, q: ArrayLike | None = None, *, patience: float = 0.0) -> None:
-        """The hand wants the tool's magnet at `p` (3,) [m], turned to `q` (4,) (x, y, z, w); None: its axis radial,
-        over a plate upright (`Device.is_upright`).
+        """Move the hand so that the tool's magnet goes to `p` (3,) [m] with orientation `q` (4,) (x, y, z, w);
+        None: its axis radial, upright over a plate (`Device.is_upright`).
 
-        Of a motor only the turn counts: `q`, or a place `p` towards which the handle is to point.
-        It must be said again within the device's `limits.expiry`, else the pose counts as lost; `hold` and `follow`
-        do that by themselves. A simulated hand stays there `patience` [s] longer, 1 s at most: for a program that may
-        be kept from the processor. A real tool's pose is as old as its last word, whatever the patience.
+        For a motor only the orientation is used: `q`, or a position `p` towards which the handle points.
+        Repeat the call within the device's `limits.expiry`, else the pose counts as lost; `hold` and `follow` do
+        that automatically. A simulated hand stays there `patience` [s] longer, at most 1 s, for a program that
+        may not get a processor. The pose of a real tool expires regardless of the patience.
 
-        Raises InputError for another shape, a number that is not finite, a place more than 1 m from the device's
-        centre, a quaternion of zeros, or a patience beyond 0 to 1 s; ServoError before the start.
+        Raises InputError for another shape, a number that is not finite, a position more than 1 m from the device's
+        centre, a zero quaternion, or a patience outside 0 to 1 s; ServoError before the start.
         """
         place, turn = self._check_pose(p, q)
         if not 0.0 <= patience <= _MOST_PATIENT:
@@ -67,24 +67,25 @@ class HandCommands(ABC):
             memory.pointer.write(True, place, turn, monotonic(), patience)
 
     def hold(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
-        """The simulated hand stays at `p` (3,) [m], turned to `q` (4,), until `release` or another word of the hand.
+        """The simulated hand stays at `p` (3,) [m] with orientation `q` (4,), until `release` or another command.
 
-        A thread of this program says it every 5 ms: if the program dies, stops or hangs, the coils go off. It may be
-        late by a second on a busy computer: a hand that rests is still there. Raises as `point` does; InputError too
-        where no simulated hand is moved by this program.
+        A thread of this program repeats it every 5 ms: if the program ends, stops or hangs, the coils go off. On a
+        busy computer it may be late by a second. Raises as `point` does; InputError also if this program moves no
+        simulated hand.
         """
         pose = self._check_pose(p, q)
         self._keep(lambda t: pose, users_code=False, patience=_MOST_PATIENT)
 
     def follow(self, path: PathFunction | ArrayLike, times: ArrayLike | None = None) -> None:
-        """The simulated hand follows `path` from now on, until `release` or another word of the hand.
+        """The simulated hand follows `path` from now on, until `release` or another command.
 
-        path    a function of the time since now [s] that returns a place (3,) [m], a pair (place, quaternion), or both
+        path    a function of the time from now [s] that returns a position (3,) [m], (position, quaternion), or both
                 in one row (7,); or poses (n, 3) or (n, 7) at `times`, with straight lines between them
-        times   (n,) [s], growing; the hand stays at the last pose
+        times   (n,) [s], increasing; the hand stays at the last pose
 
-        A thread of this program calls it every 5 ms, as for `hold`. A function that raises, or returns what is no pose,
-        ends it: the pose expires, the coils go off, and `run` and `check_hand` raise InputError with file and line.
+        A thread of this program calls it every 5 ms, as for `hold`. A function that raises, or returns no valid
+        pose, ends it: the pose expires, the coils go off, and `run` and `check_hand` raise InputError with file and
+        line.
         """
         if not callable(path):
             if times is None:
@@ -92,11 +93,11 @@ class HandCommands(ABC):
             self._keep(SampledPath(path, times, self._farthest, upright=self.device.is_upright), users_code=False)
             return
         if times is not None:
-            raise InputError("times belong to poses; a function gets the time since its start [s] by itself")
+            raise InputError("times are for poses; a function receives the time since its start [s]")
         self._keep(lambda t: self._check_pose(*split_pose(path(t))), users_code=True)
 
     def release(self) -> None:
-        """The hand lets go of the pointer: back to the guided motion."""
+        """Release the hand: it returns to the guided motion."""
         memory = self._memory
         with self._speaking:
             self._forget_keeper()
@@ -105,7 +106,7 @@ class HandCommands(ABC):
 
     @property
     def hand_trouble(self) -> str:
-        """Why the path given to `follow` ended; empty while all is well."""
+        """Why the path given to `follow` ended; empty if there is no problem."""
         keeper = self._keeper
         return "" if keeper is None or keeper.trouble is None else str(keeper.trouble)
 
@@ -125,11 +126,13 @@ class HandCommands(ABC):
     def _keep(self, motion: PathFunction, *, users_code: bool, patience: float = 0.0) -> None:
         if is_real(self.driver):  # safety: hold-real
             raise InputError(
-                f"hold and follow move a simulated hand, and driver '{self.driver}' acts on a real tool, which nobody "
-                "measures then: use a tracker that sees the tool (osc:PORT, lsl:NAME, natnet:HOST)"
+                f"hold and follow move a simulated hand, but driver '{self.driver}' acts on a real tool, whose pose "
+                "would be unknown: use a tracker that measures the tool (osc:PORT, lsl:NAME, natnet:HOST)"
             )
         if has_feed(self.tracker):
-            raise InputError(f"tracker '{self.tracker}' says where the hand is: hold and follow need tracker 'pointer'")
+            raise InputError(
+                f"tracker '{self.tracker}' determines where the hand is: hold and follow need tracker 'pointer'"
+            )
         _ = self._memory  # raises before the start
         say = partial(self._say, patience=patience)
         keeper = PoseKeeper(motion, say, self.device.limits.expiry, users_code=users_code)

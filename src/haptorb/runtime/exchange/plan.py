@@ -1,4 +1,4 @@
-"""What a servo process is to build: pickled by value, so that worlds written in a user's script come along."""
+"""The plan of a servo process: pickled by value, so that it includes worlds defined in a user's script."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Plan:
     assemble: Callable[[Tracker], Chain]
     practice: Callable[[Tracker], Chain]  #: the same on the simulated device, run before the start
     prediction: float | None  #: of a tracker's own process [s]; None: the host's pointer is the tracker
-    calibration: bytes | None  #: id of what the controller believes of the device beside its file
+    calibration: bytes | None  #: id of the calibration that the controller uses beside the device file
     compilation: Compilation  #: of its code, for a first start's second process
     own_worlds: Mapping[str, World] = field(default_factory=dict)  #: beside the catalogue's, by name
     reloads: bool = False  #: whether one of them may be replaced while the loop runs

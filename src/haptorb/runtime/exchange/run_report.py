@@ -1,4 +1,4 @@
-"""The report of a run: a dict of plain JSON types that shows its main figures instead of all of its keys."""
+"""The report of a run: a dict of plain JSON types whose repr shows the main figures."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ class RunReport(dict[str, Any]):
     """What `Servo.report` returns. `dict(report)` shows everything.
 
     >>> RunReport(device="omni", world="dome", ticks=5000, missed=0, trip_count=0, peak_force_n=0.25)
-    <RunReport of omni, world dome: 5000 ticks, deadlines skipped 0, trips 0, largest force 250 mN>
+    <RunReport of omni, world dome: 5000 ticks, deadlines missed 0, trips 0, largest force 250 mN>
     """
 
     def __repr__(self) -> str:
-        parts = [f"{self.get('ticks', 0)} ticks", f"deadlines skipped {self.get('missed', 0)}"]
+        parts = [f"{self.get('ticks', 0)} ticks", f"deadlines missed {self.get('missed', 0)}"]
         parts += [f"trips {self.get('trip_count', 0)}", *(f"{name} {text}" for name, text in self._largest())]
         return f"<RunReport of {self.get('device')}, world {self.get('world')}: {', '.join(parts)}>"
 
@@ -33,8 +33,8 @@ class RunReport(dict[str, Any]):
             ("device", f"{self.get('device')}, driver {self.get('driver')}, tracker {self.get('tracker')}"),
             ("world", str(self.get("world"))),
             ("rate", f"{self.get('rate_hz', float('nan')):g} Hz"),
-            ("ticks", f"{self.get('ticks', 0)}, {self.get('missed', 0)} deadlines skipped"),
-            ("in time", "unknown" if share is None else f"{100 * share:.3f} %"),
+            ("ticks", f"{self.get('ticks', 0)}, {self.get('missed', 0)} deadlines missed"),
+            ("on time", "unknown" if share is None else f"{100 * share:.3f} %"),
             ("lateness", _list_percentiles(self.get("lateness_us"))),
             ("computing", _list_percentiles(self.get("compute_us"))),
             *self._largest(),

@@ -39,7 +39,7 @@ def describe_detail(found: dict[str, Any], *, now: bool = False) -> str:
     """
     if not found or not found["lighter_ticks"] or (now and not found["detail"]):
         return ""
-    text = f"the scene was too heavy for its tick and shed detail in {found['lighter_ticks']} ticks"
+    text = f"the scene took too long for its tick and reduced its detail in {found['lighter_ticks']} ticks"
     if found["behind_s"] > 0.0:
         text += f"; its time is {found['behind_s']:.3g} s behind"
     return f"{text}. Use fewer bodies and contacts, a longer timestep, fewer solver iterations, or a lower --rate"

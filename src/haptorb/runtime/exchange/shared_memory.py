@@ -46,7 +46,7 @@ class Phase(IntEnum):
 
     STARTING = 0
     RUNNING = 1
-    ENDED = 2  #: as it was told
+    ENDED = 2  #: as requested
     FAILED = 3  #: the status text says why
 
 
@@ -67,7 +67,7 @@ class Word(IntEnum):
     ENGAGE = 18  #: `engage_request`: count, and the stop count under which it was given
     QUIT = 19  #: 1: end
     MODE = 20  #: 0: as it is, else number of the mode from 1 on
-    CLUTCH = 21  #: 0: as it is, 1: engaged, 2: let go
+    CLUTCH = 21  #: 0: unchanged, 1: engaged, 2: released
     MODEL = 22  #: 0: as it is, else number of the device's model from 1 on
     COOL = 23  #: count: simulated coils at the ambient temperature
     POINTER = 24  #: and the ten after it
@@ -79,7 +79,7 @@ class Word(IntEnum):
     ORIGIN = 42  #: monotonic clock at which the loop's clock shows zero [ns]
     ROWS = 43  #: published
     TICKS = 44
-    MISSED = 45  #: deadlines skipped
+    MISSED = 45  #: deadlines missed
     ON_TIME = 46  #: ticks that began and ended within their period
     TRIPS = 47  #: count
     PEAK = 48  #: float: greatest force on the mover [N]
@@ -90,7 +90,7 @@ class Word(IntEnum):
     UNCOMPILED = 53  #: worlds of the catalogue whose code lies in no cache
     # recorder → host
     RECORDER = 56  #: a Phase
-    WRITTEN = 57  #: rows that are in the file, whatever happens to the recorder
+    WRITTEN = 57  #: rows that are in the file, even if the recorder fails
     LOST = 58  #: rows overwritten before they could be recorded
     TAKEN = 59  #: rows that it has fetched, and those that it lost
     # a tracker's process → servo, host
@@ -103,6 +103,7 @@ class Word(IntEnum):
     SERVERS = 192  #: a Phase for each of eight servers
 
 
+_LAYOUT = [Word.CHANNELS, Word.SENSORS, Word.CONTACTS, Word.MEMORY]  #: arguments of RowLayout
 _SERVER_TEXTS = 2 * BLOCKS
 _STATE = 8 * text_slot.SIZE  #: bytes of what the chain remembered at some tick
 _LATENESS = (
@@ -165,7 +166,7 @@ class SharedMemory:
         self.counts: Records = np.frombuffer(memory[:_ROWS], dtype=COUNTS)  #: (1,) words and histograms, for kernels
         if self.words[Word.MAGIC] != _MAGIC or self.words[Word.VERSION] != _VERSION:
             raise ServoError(f"{path} is not a servo's shared memory of this version; end the program that created it")
-        self.layout = RowLayout(*self.words[Word.CHANNELS : Word.MEMORY + 1])
+        self.layout = RowLayout(*(self.words[word] for word in _LAYOUT))
         if self.layout.width != self.words[Word.WIDTH] or size != _size(self.layout):
             raise ServoError(f"{path} holds rows of another layout; end the program that created it")
 
@@ -184,8 +185,8 @@ class SharedMemory:
         self.tracker_reason, self.tracker_facts, self.warning = slots[6:_TEXTS]
         self._worlds = slots[_TEXTS : _TEXTS + WORLDS]
         texts = slots[_TEXTS + WORLDS :]
-        #: of each server's process: what it says of its clients, and what they wish
-        self.server_facts, self.server_wishes = texts[:BLOCKS], texts[BLOCKS:]
+        #: of each server's process: what it says of its clients, and what they request
+        self.server_facts, self.server_requests = texts[:BLOCKS], texts[BLOCKS:]
         self.trips: Array = np.frombuffer(memory[at : at + 16 * TRIPS], dtype=np.float64).reshape(TRIPS, 2)
         self.lateness = Histogram(self.counts["lateness"][0])
         self.compute = Histogram(self.counts["compute"][0])
@@ -206,7 +207,7 @@ class SharedMemory:
                 os.posix_fallocate(descriptor, 0, size)
                 head = np.zeros(16, dtype=np.int64)
                 head[[Word.MAGIC, Word.VERSION, Word.WIDTH, Word.CAPACITY]] = _MAGIC, _VERSION, layout.width, CAPACITY
-                head[Word.CHANNELS : Word.MEMORY + 1] = layout.channels, layout.sensors, layout.contacts, layout.memory
+                head[_LAYOUT] = layout.channels, layout.sensors, layout.contacts, layout.memory
                 os.pwrite(descriptor, head.tobytes(), 0)
                 made = cls(Path(name))
                 made._claim = claim
@@ -270,7 +271,7 @@ def _create_file(folder: Path) -> tuple[int, str, FileLock]:
         claim = FileLock(name)
         if claim.there:
             return descriptor, name, claim
-        os.close(descriptor)  # somebody who tidied up was faster
+        os.close(descriptor)  # another process removed it first
 
 
 def _size(layout: RowLayout) -> int:

@@ -36,11 +36,11 @@ def name_of(world: World) -> str:
     >>> name_of(worlds.Nothing())
     'nothing'
     """
-    felt, _ = split_remote(world)
+    plain, _ = split_remote(world)
     for name, known in worlds.CATALOGUE.items():
-        if known is type(felt):
+        if known is type(plain):
             return name
-    return felt.name
+    return plain.name
 
 
 def values_of(world: World) -> dict[str, float | tuple[float, ...]]:
@@ -97,15 +97,15 @@ def change_world(world: World, name: str, values: Mapping[str, Any], own: Mappin
 
     Raises UnknownName for a world or value that does not exist, InputError for a value that cannot be.
     """
-    felt, remote = split_remote(world)
+    plain, remote = split_remote(world)
     if name == name_of(world):
-        known = felt
+        known = plain
     elif own and name in own:
         known = own[name]
     else:
         known = worlds.find_world(name)()
-    changed = known.replace(**values) if values else known  # to make it anew could take several ticks
-    return world if changed is felt else join_remote(changed, remote)
+    changed = known.replace(**values) if values else known  # creating it could take several ticks
+    return world if changed is plain else join_remote(changed, remote)
 
 
 def answer(number: int, error: HaptorbError | None = None) -> str:

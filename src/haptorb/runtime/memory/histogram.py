@@ -16,7 +16,7 @@ BINS = 20_001  #: 1 µs each, the last one for everything from 20 ms on
 
 @final
 class Histogram:
-    """Counts of durations, kept in an array that somebody else may own (shared memory).
+    """Counts of durations, kept in an array that another object may own (shared memory).
 
     >>> histogram = Histogram()
     >>> for duration in (1_500, 2_500, 90_000_000):

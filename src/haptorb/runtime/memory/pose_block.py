@@ -41,8 +41,8 @@ class PoseBlock:
 
     def read_pose(self) -> PoseRecord:
         """The pose as last written completely; if one is being written just now, the one before. Never waits."""
-        news = self._words.news()
-        if news is not None:
-            n = np.array(news[1])
-            self._tracked = PoseRecord(news[0], n[:3], n[3:7], n[7:10], n[10:13], news[1][13])
+        latest = self._words.read_new()
+        if latest is not None:
+            n = np.array(latest[1])
+            self._tracked = PoseRecord(latest[0], n[:3], n[3:7], n[7:10], n[10:13], latest[1][13])
         return self._tracked

@@ -1,4 +1,4 @@
-"""The last rows of the loop in shared memory: one writer, any number of readers, nobody waits for anybody.
+"""The last rows of the loop in shared memory: one writer, any number of readers, none waits for another.
 
 The writer copies a row, then raises the count. A reader copies, then looks at the count again: rows that the writer
 may have reached meanwhile are dropped, so a torn row is never returned. This relies on stores becoming visible in
@@ -35,7 +35,7 @@ class RingBuffer:
         self.publish_slot()
 
     def slot(self) -> Array:
-        """(width,) where the next row goes; nobody reads it before it is `publish_slot`. For the one writer."""
+        """(width,) where the next row goes; readers do not see it before `publish_slot`. For the one writer."""
         slot: Array = self._rows[self._words[self._at] % self.capacity]
         return slot
 

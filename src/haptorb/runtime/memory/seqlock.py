@@ -31,7 +31,7 @@ class SeqlockWords:
             floats[i] = value
         words[at] = sequence + 1
 
-    def news(self) -> tuple[bool, list[float]] | None:
+    def read_new(self) -> tuple[bool, list[float]] | None:
         """What was written completely since the last call; None if nothing was, or it is being written just now."""
         words, at = self._words, self._at
         for _ in range(_TRIES):

@@ -40,7 +40,7 @@ class TextSlot:
         return (version + 1) // 2
 
     def read(self) -> tuple[int, str]:
-        """(version, text); (0, "") before the first, and if a writer died in the middle of its writing."""
+        """(version, text); (0, "") before the first, and if a writer ended while it wrote."""
         for _ in range(_TRIES):
             before = self._words[0]
             length = self._words[1]

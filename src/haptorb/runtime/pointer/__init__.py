@@ -1,1 +1,1 @@
-"""The pointer of a console as the hand, and the guided motion while nobody holds it."""
+"""The pointer of a console as the hand, and the guided motion while it is not held."""

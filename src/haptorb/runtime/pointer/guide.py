@@ -1,4 +1,4 @@
-"""What the hand does while nobody holds the pointer: a path for each kind of device, and the way back to its end."""
+"""The hand's motion while the pointer is not held: a path for each kind of device, and the way back to its end."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class GuidedMotion(ABC):
 
     @abstractmethod
     def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
-        """(3,) position [m] and (4,) quaternion on the way to rest from where a hand let go, `p` (3,) [m] and `q` (4,);
-        `share` of the way runs from 0 to 1."""
+        """(3,) position [m] and (4,) quaternion on the way to rest from where a hand released it, `p` (3,) [m] and `q`
+        (4,); `share` of the way runs from 0 to 1."""
 
 
 @final
@@ -38,7 +38,9 @@ class DomeMotion(GuidedMotion):
 
     def __init__(self) -> None:
         self._rest = position_on_path(DURATION)
-        self.pose_on_return(self._rest, upright_quaternion(self._rest), 1.0)  # compiled now, not when a hand lets go
+        self.pose_on_return(
+            self._rest, upright_quaternion(self._rest), 1.0
+        )  # compiled now, not when a hand releases it
 
     def at(self, t: float) -> tuple[Array, Array]:
         """(3,) the tool's magnet [m] and (4,) its turn as a quaternion (x, y, z, w), axis radial."""
@@ -48,7 +50,7 @@ class DomeMotion(GuidedMotion):
     def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
         """(3,) position [m] on the way from `p` (3,) [m] along the sphere, not through the device, and (4,) quaternion.
 
-        The axis is radial all the way, however the hand let go: `q` (4,) does not count.
+        The axis is radial all the way, however it was released: `q` (4,) is ignored.
         """
         place = np.empty(3)
         _fill_arc(np.ascontiguousarray(p), self._rest, share, place)

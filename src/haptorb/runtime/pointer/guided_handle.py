@@ -87,7 +87,7 @@ class HandleMotion(GuidedMotion):
         return _NOWHERE, q
 
     def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
-        """No position, (3,) zeros [m], whatever `p` (3,); turned from `q` (4,) the short way, (4,) quaternion."""
+        """No position, (3,) zeros [m], for any `p` (3,); turned from `q` (4,) the short way, (4,) quaternion."""
         rest = self._rest if float(q @ self._rest) >= 0.0 else -self._rest
         way = (1.0 - share) * q + share * rest
         length = float(way @ way) ** 0.5

@@ -1,4 +1,4 @@
-"""The guided motion: what the hand does while nobody holds the pointer, so that a first look shows something.
+"""The guided motion: the hand's motion while the pointer is not held, so that a first look shows something.
 
 Twelve seconds over the dome and four of leaning on it near the summit; then the hand goes to the dome's edge and rests
 there, touching, where next to no force is asked of it: left alone, the coils never grow too warm. A pure function of
@@ -62,9 +62,6 @@ def _turn_upright(p: Array, q: Array) -> None:
     w = length + z
     n = math.sqrt(x * x + y * y + w * w)
     q[0], q[1], q[2], q[3] = -y / n, x / n, 0.0, w / n
-
-
-_upright = kernel(_turn_upright)
 
 
 def position_on_path(t: float) -> Array:

@@ -1,4 +1,4 @@
-"""Where a program wants the hand: a pose, or a path of poses, checked before the loop hears of it."""
+"""The pose or path at which a program wants the hand, checked before the loop receives it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def check_pose(
     Raises InputError for another shape, a number that is not finite, a place farther than `farthest` [m] from the
     device's centre, or a quaternion of zeros.
     """
-    position = _check_numbers(p, 3, "p must be the place of the tool's magnet, 3 finite numbers [m]")
+    position = _check_numbers(p, 3, "p must be the position of the tool's magnet, 3 finite numbers [m]")
     distance = float(np.linalg.norm(position))
     if distance > farthest:
         raise InputError(
@@ -89,7 +89,7 @@ class SampledPath:
             )
         self._times = _check_numbers(times, len(rows), f"times must be {len(rows)} numbers [s], one for each pose")
         if not (np.diff(self._times) > 0).all() or self._times[0] < 0:
-            raise InputError(f"times must grow from pose to pose and begin at 0 s or later; got {quote(times)}")
+            raise InputError(f"times must increase from pose to pose and begin at 0 s or later; got {quote(times)}")
         checked = []
         for number, row in enumerate(rows):
             try:

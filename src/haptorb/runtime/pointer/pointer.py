@@ -27,7 +27,7 @@ class PointerState(NamedTuple):
 
 
 class PointerSource(ABC):
-    """Whoever knows the host's pointer: shared memory in a running servo."""
+    """A source of the host's pointer: shared memory in a running servo."""
 
     @abstractmethod
     def read_pointer(self) -> PointerState:
@@ -55,7 +55,7 @@ class PointerTracker(Tracker):
 
     @property
     def guide(self) -> GuidedMotion:
-        """What the hand does while nobody holds the pointer."""
+        """The hand's motion while the pointer is not held."""
         return self._guide
 
     @guide.setter
@@ -71,7 +71,7 @@ class PointerTracker(Tracker):
         return Goal(goal.p, goal.q, max(goal.stamp, min(now, goal.stamp + patience)), goal.held)
 
     def pose(self, now: float) -> Pose:
-        """The pointer as the pose of a real tool: believed only while a person holds it, and as old as its word."""
+        """The pointer as the pose of a real tool: valid only while a person holds it, aged as its last message."""
         return self._pose(self._find(now)[0], now)
 
     def _find(self, now: float) -> tuple[Goal, float]:

@@ -32,8 +32,8 @@ class PointerBlock(PointerSource):
 
     def read_pointer(self) -> PointerState:
         """The pointer as last written completely; if it is being written just now, the one before."""
-        news = self._words.news()
-        if news is not None:
-            held, n = news
+        latest = self._words.read_new()
+        if latest is not None:
+            held, n = latest
             self._pointed = PointerState(held, np.array(n[:3]), np.array(n[3:7]), n[7], n[8])
         return self._pointed

@@ -1,4 +1,4 @@
-"""The pointer as the tracker of a real tool: believed only while a person holds it."""
+"""The pointer as the tracker of a real tool: valid only while a person holds it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FASTEST = 3.0  #: no hand moves the tool faster, a pointer that jumps does [m/s
 class PointerPose:
     """Where the host's pointer is, as the word of a tracker.
 
-    A simulated hand may play a guided motion while nobody holds the pointer; a real tool is not where a script says,
+    A simulated hand may play a guided motion while the pointer is not held; a real tool is not where a script says,
     so then the pose is not valid. The velocity is that between the pointer's last two words.
     """
 

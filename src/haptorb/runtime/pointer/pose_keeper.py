@@ -26,10 +26,11 @@ class PoseKeeper:
 
     say         takes this keeper, the place (3,) [m] and the quaternion (4,); it drops what comes after `end`
     expiry      of a pose [s]
-    users_code  whether `motion` is a user's: then the thread asks for no priority, for nobody knows how long it takes
+    users_code  whether `motion` is a user's: then the thread asks for no priority, because its duration is unknown
 
-    The thread lives in the program that wants the hand there. When that dies, stops or hangs, nobody says the pose any
-    more, it expires, and the guard switches off. So it does when `motion` raises: then `trouble` tells why.
+    The thread runs in the program that asks for the motion. When that ends, stops or hangs, the pose is no longer
+    renewed, it expires, and the guard switches off. The same happens when `motion` raises: `trouble` then holds
+    the reason.
     """
 
     def __init__(

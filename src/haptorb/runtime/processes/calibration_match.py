@@ -1,4 +1,4 @@
-"""Does the calibration that is believed belong to the device that answers? What to say where they disagree."""
+"""Does the calibration in use belong to the device that responds? The message where they disagree."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ def disagreement(stored: bytes | None, believed: bytes | None) -> str:
         return ""
     if believed is None:
         return (
-            f"the device was calibrated (id {stored.hex()}), but no calibration is loaded: give its file, "
-            "--calibration FILE or calibration=FILE in Python"
+            f"the device was calibrated (id {stored.hex()}), but no calibration is loaded: load its file with "
+            "--calibration FILE, or calibration=FILE in Python"
         )
     if not any(stored):
         return (
-            f"the device stores no calibration id, the file has {believed.hex()}: was it measured on this device? "
-            "`haptorb calibrate` stores the id"
+            f"the device stores no calibration id, the file has {believed.hex()}: check that it was measured on this "
+            "device; `haptorb calibrate` stores the id"
         )
     return (
-        f"calibration {believed.hex()} is not the one that the device stores, {stored.hex()}: use the last file "
+        f"calibration {believed.hex()} is not the one stored on the device, {stored.hex()}: use the last file "
         "measured on this device, or calibrate again"
     )

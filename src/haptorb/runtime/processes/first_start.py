@@ -5,7 +5,7 @@ meanwhile this one has the controller compiled. What one of them has compiled li
 two processors need little more than half the time. It is killed when the loop runs.
 
 `catalogue`: from then on, the worlds that the servo has not found in the cache, at the lowest priority. The one that
-somebody waits for comes next.
+is waited for comes next.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _LEAST = 19  #: nice value
 def main(what: str, folder: Path, parent: int) -> int:
     """Compile `what` for the plan in `folder` until that is done or the parent has gone."""
     die_with_parent()
-    gc.disable()  # as in the servo's process: nearly all that compiling makes lives on
+    gc.disable()  # as in the servo's process: nearly all objects that compiling makes last
     compilation = plans.load(folder / PLAN).compilation
     parts: Iterable[object] = compilation.compile_controller()
     if what == CATALOGUE:

@@ -41,7 +41,7 @@ from haptorb.worlds.world import World
 __all__ = ["Loop", "load_loop"]
 
 _LATE = int(LATE * 1e9)
-_STANDSTILL = 100_000_000  #: without a tick, after which the host is given its full time anew [ns]
+_STANDSTILL = 100_000_000  #: without a tick, after which the host gets its full time again [ns]
 _TRIPPED = float(GuardState.TRIPPED)
 _LOOK = 0.05  #: between two looks for the parent [s]
 _ERROR = 4000  #: characters of what a failed world or driver said
@@ -52,7 +52,7 @@ _LIFE = 2.0  #: without a tick, after which the kernel ends the process [s]
 
 @final
 class Loop:
-    """Drives `chain` at `rate` [Hz] and tells everything in `shared`, until told to end or until something fails."""
+    """Drives `chain` at `rate` [Hz] and publishes everything in `shared`, until a request to end or a failure."""
 
     def __init__(
         self,
@@ -94,7 +94,7 @@ class Loop:
         self._tripped = False
         self.told_by = ""  #: a signal's name, set by its handler: the loop ends after the present tick
         self.in_step = False  #: whether the chain is being stepped just now
-        self.reason = ""  #: why the loop ended; empty: as it was told
+        self.reason = ""  #: why the loop ended; empty: on request
 
     @property
     def world(self) -> str:
@@ -102,7 +102,7 @@ class Loop:
         return name_of(self._world)
 
     def run(self, clock: Clock) -> bool:
-        """Run to the end; True if it ended as it was told. The driver is closed and the last row published."""
+        """Run to the end; True if it ended on request. The driver is closed and the last row published."""
         failed: Trip | None = None
         try:
             failed = self._run_ticks(clock)
@@ -127,7 +127,7 @@ class Loop:
         return True
 
     def _run_ticks(self, clock: Clock) -> Trip | None:
-        """Tick until told to end (None) or until the host is gone (HOST_SILENT)."""
+        """Tick until a request to end (None) or until the host is gone (HOST_SILENT)."""
         shared, chain, row, words, at = self._shared, self._chain, self._row, self._shared.words, self._places
         schedule, period = clock.schedule, clock.schedule.period
         ring, counts, forces = shared.ring, shared.counts, shared.client_forces
@@ -143,7 +143,7 @@ class Loop:
                 chain.excuse_lateness()
             if self.told_by or words[Word.QUIT]:
                 return None
-            if skipped * period > _STANDSTILL:  # whoever held up this loop held up the host's heart as well
+            if skipped * period > _STANDSTILL:  # what delayed this loop delayed the host's heartbeat as well
                 doubt_time = now
             silence = now - max(words[Word.HEARTBEAT], doubt_time)
             if silence > _LATE:  # safety: host-silent
@@ -290,7 +290,7 @@ def load_loop(row: Array, places: Records) -> None:
 
 
 def _explain_failure(cause: BaseException) -> str:
-    """What went wrong in one line; for what nobody foresaw, where as well."""
+    """The failure in one line; for an unexpected one, with its place."""
     if isinstance(cause, HaptorbError | TickTimeout):
         return str(cause)
     frames = traceback.extract_tb(cause.__traceback__)

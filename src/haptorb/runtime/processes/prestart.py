@@ -1,6 +1,6 @@
-"""A servo process that is sent ahead: it loads what any servo needs, and waits to hear which one it is to be.
+"""A servo process that is started early: it loads what any servo needs, and waits for its plan.
 
-Half of a start is loading packages and compiled code. Whoever knows early that a servo will be wanted, and has
+Half of a start is loading packages and compiled code. A program that knows early that it will need a servo, and has
 something to do first (read a device file, check a world), starts this before; on two processors the two loads are one.
 """
 
@@ -22,14 +22,14 @@ from haptorb.runtime.realtime.stale_files import FOLDER, FileLock
 __all__ = ["PLAN", "WANTED", "PrestartedProcess", "code_note", "start_module"]
 
 PLAN = "plan"  #: name of the file in the folder
-WANTED = "wanted"  #: of the file that names the world for which somebody waits
+WANTED = "wanted"  #: of the file that names the world that is waited for
 
 
 @final
 class PrestartedProcess:
     """The process, and a folder for what passes between it and this one. Coils are out of its reach until `give`.
 
-    Ends with the `with` block unless somebody gave it a plan; from then on it is his.
+    Ends with the `with` block unless it was given a plan; then it belongs to the servo.
     """
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class PrestartedProcess:
 
     @property
     def plan(self) -> Path:
-        """The file to be written before `give`. Raises ServoError if it serves somebody already."""
+        """The file to be written before `give`. Raises ServoError if it is in use already."""
         if self.given:
             raise ServoError("this prestarted process serves another servo, or has ended; create a new one")
         return self.folder / PLAN
@@ -60,10 +60,10 @@ class PrestartedProcess:
             self.process.stdin.write(os.fsencode(shared))
             self.process.stdin.close()
         except BrokenPipeError:
-            pass  # it is dead already: whoever waits for its first tick will hear why
+            pass  # it has ended already: the wait for its first tick will report why
 
     def end(self) -> None:
-        """Nobody needs it. May be called twice."""
+        """Discard it. May be called twice."""
         if self.given:
             return
         self.given = True
@@ -108,7 +108,7 @@ def start_module(
     """`python -m module arguments` in a session of its own; what it says on standard error goes to the end of `errors`.
 
     Ctrl-C in the terminal then reaches the parent alone, which ends its children in order. The process may ask to die
-    with its parent: it is started by a thread that lives as long as that.
+    with its parent: it is started by a thread that runs as long as the parent.
     """
     with errors.open("ab") as file:
         return start(

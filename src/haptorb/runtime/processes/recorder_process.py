@@ -119,4 +119,4 @@ class _ProcessExit:
 
 if __name__ == "__main__":
     with contextlib.suppress(KeyboardInterrupt):
-        sys.exit(main(json.loads(sys.argv[1])))
+        sys.exit(main(json.load(sys.stdin.buffer)))

@@ -1,6 +1,6 @@
 """The process that holds the coils: `python -m haptorb.runtime.processes.servo_process FOLDER PARENT`.
 
-It loads what any servo needs, then waits to be told on its standard input where the memory is that it shares with its
+It loads what any servo needs, then waits on its standard input for the path of the memory that it shares with its
 host; by then the plan lies in the folder. A host that hangs up needs no servo.
 
 A program of its own, not started by `multiprocessing`: a user's script needs no `__main__` guard, and nothing of the
@@ -80,7 +80,7 @@ def main(folder: Path, parent: int) -> int:
     shared.words[Word.PID] = os.getpid()
     try:
         return _run(shared, folder / PLAN, parent)
-    except SystemExit as end:  # told to end before the driver was open
+    except SystemExit as end:  # asked to end before the driver was open
         shared.reason.write("ended by a signal before it had begun")
         shared.words[Word.PHASE] = Phase.ENDED
         return int(end.code or 0)
@@ -90,7 +90,7 @@ def main(folder: Path, parent: int) -> int:
         shared.words[Word.PHASE] = Phase.FAILED
         return 1
     finally:
-        if is_parent_gone(parent):  # nobody else will tidy up
+        if is_parent_gone(parent):  # nothing else will tidy up
             end_group(os.getpid())
             shared.unlink()
             shutil.rmtree(folder, ignore_errors=True)
@@ -102,7 +102,7 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     os.register_at_fork(after_in_child=partial(os._exit, _FORKED))  # safety: world-forked
     plan = plans.load(path)
     shared.announce_world(description(plan.world))
-    gc.disable()  # compiling makes a million objects that live, and looking them over took an eighth of a first start
+    gc.disable()  # compiling makes a million lasting objects; to scan them took an eighth of a first start
     tell_compiling(partial(shared.words.__setitem__, Word.COMPILED, 1))  # then another process compiles, too
     with redirect_stdout(None):
         uncompiled = _rehearse(plan, shared)
@@ -208,7 +208,7 @@ def _tracker(plan: plans.Plan, shared: SharedMemory) -> Tracker:
 
 
 class _EndSignals:
-    """Who told this process to end. Its handlers are in place before the coils can be on."""
+    """The source of a request to end this process. Its handlers are in place before the coils can be on."""
 
     def __init__(self, parent: int) -> None:
         self.loop: Loop | None = None  #: from when on a signal must wait for the present tick
@@ -230,7 +230,7 @@ class _EndSignals:
             self._end(number, frame)
 
     def _on_stuck_tick(self, number: int, frame: FrameType | None) -> None:
-        """The host saw no tick for a long time. Raised into a step, this ends whatever loops in there."""
+        """The host saw no tick for a long time. Raised into a step, this ends a loop in there."""
         if self.loop is not None and self.loop.in_step:
             raise TickTimeout(f"world '{self.loop.world}' hangs: one tick took longer than a second")
 

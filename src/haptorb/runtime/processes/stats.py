@@ -1,4 +1,4 @@
-"""What the loop does with every tick, in two compiled passes: publish its row, and count what a report tells."""
+"""What the loop does with every tick, in two compiled passes: publish its row, and count what a report states."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def publish_row(
         slot[i] = row[i]
     given = at.given
     force = _size(row, given)
-    if force != force:  # nobody knows what is really there
+    if force != force:  # what is really there is unknown
         given = at.modelled
         force = _size(row, given)
     if force > most.peak:

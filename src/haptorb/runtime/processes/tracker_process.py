@@ -1,4 +1,5 @@
-"""The process that hears a tracker: `python -m haptorb.runtime.processes.tracker_process SPEC`; SPEC is JSON.
+"""The process that receives a tracker's poses: `python -m haptorb.runtime.processes.tracker_process SPEC`; SPEC is
+JSON.
 
 It may wait for the network and parse what comes from there, which no tick may. It writes poses into the memory that it
 shares with the servo, and ends when the servo has ended or its parent is gone.
@@ -28,11 +29,11 @@ load_compiler()  # now: no pose waits for the compiler to be loaded
 
 _PATIENCE = 0.05  #: longest wait for a pose before looking whether to end [s]
 _TELL = 0.25  #: between two reports [s]
-_FLOOD = 0.3  #: a process that needs this share of a processor nearly never sleeps: somebody floods it
+_FLOOD = 0.3  #: a process that needs this share of a processor nearly never sleeps: it is flooded
 
 
 class _ServoEnded(Exception):
-    """The servo has ended, or nobody is left who wants to know."""
+    """The servo has ended, or no reader is left."""
 
 
 def main(spec: Mapping[str, Any]) -> int:
@@ -64,21 +65,21 @@ def main(spec: Mapping[str, Any]) -> int:
         return 0
     except HaptorbError as cause:
         return _report_failure(shared, str(cause))
-    reception = PoseFilter(feed, shared.tracked)
+    pose_filter = PoseFilter(feed, shared.tracked)
     words[Word.TRACKER] = Phase.RUNNING
     raise_priority()  # it sleeps nearly always, and a pose that waits for its turn on a busy computer grows old
     report_time, cpu_time = monotonic(), process_time()
     try:
         while True:
             look()
-            reception.listen(_PATIENCE)
+            pose_filter.listen(_PATIENCE)
             if (passed := monotonic() - report_time) > _TELL:
                 if process_time() - cpu_time > _FLOOD * passed:
                     lower_priority()
                 report_time, cpu_time = monotonic(), process_time()
-                shared.tracker_facts.write(json.dumps(reception.facts()))
+                shared.tracker_facts.write(json.dumps(pose_filter.facts()))
     except _ServoEnded:
-        shared.tracker_facts.write(json.dumps(reception.facts()))
+        shared.tracker_facts.write(json.dumps(pose_filter.facts()))
         words[Word.TRACKER] = Phase.ENDED
         return 0
     except Exception as cause:

@@ -95,7 +95,7 @@ class WorldLoader:
             return LoadedWorld(number, name, own, world)
         except HaptorbError as cause:
             return LoadedWorld(number, name, own, None, cause)
-        except BaseException as cause:  # the user's code, and whatever it imports
+        except BaseException as cause:  # the user's code, and all that it imports
             return LoadedWorld(number, name, own, None, HaptorbError(f"{type(cause).__name__}: {cause}"))
 
     def _load_code(self, name: str, world: World) -> None:

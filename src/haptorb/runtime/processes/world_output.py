@@ -1,4 +1,4 @@
-"""What a world prints, on its way to the host's terminal: a tick never waits for whoever reads it."""
+"""What a world prints, on its way to the host's terminal: a tick never waits for its reader."""
 
 from __future__ import annotations
 
@@ -24,6 +24,6 @@ class WorldOutput(TextIOBase):
 
     def write(self, text: str) -> int:
         """Write at once, or not at all."""
-        with suppress(OSError):  # full, or nobody reads any more
+        with suppress(OSError):  # full, or without a reader
             os.write(self._descriptor, text.encode(errors="replace"))
         return len(text)

@@ -2,8 +2,8 @@
 
 `time.sleep` comes back 80 µs late; a sleep to an absolute time that ends early, and a spin over what is left, is a
 few microseconds late. What can be done before the deadline is done between the two. The spin is a small part of the
-period at any rate: whoever spins a whole period under a real-time scheduler is throttled by the kernel for 50 ms and
-more.
+period at any rate: a thread that spins a whole period under a real-time scheduler is throttled by the kernel for 50 ms
+and more.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Clock:
         return schedule.time(deadline)
 
     def wait(self) -> tuple[int, int, int]:
-        """Wait for the deadline that `sleep` told; returns (now [ns], lateness [ns], deadlines skipped)."""
+        """Wait for the deadline that `sleep` returned; returns (now [ns], lateness [ns], deadlines missed)."""
         deadline = self._deadline
         now = monotonic_ns()
         while now < deadline:

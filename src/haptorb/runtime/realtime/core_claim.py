@@ -1,4 +1,5 @@
-"""One core for one servo: whoever takes a core says so to all others on the computer, for as long as it lives."""
+"""One core for one servo: a process that takes a core announces it to all others on the computer, for as long as it
+runs."""
 
 from __future__ import annotations
 

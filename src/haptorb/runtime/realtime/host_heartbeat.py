@@ -1,8 +1,8 @@
-"""Whether the program that started the servo still lives: by its heartbeat, and by what the kernel says of it.
+"""Whether the program that started the servo still runs: by its heartbeat, and by its state in the kernel.
 
-A heartbeat is late for three reasons. A program that was stopped (SIGSTOP, a debugger) can obey nobody. One that
+A heartbeat is late for three reasons. A program that was stopped (SIGSTOP, a debugger) cannot react. One that
 computes or sleeps with Python's interpreter lock is late by its own fault, and its heart may beat again. One that waits
-for its turn on a busy computer is as alive as ever. The kernel tells them apart.
+for its turn on a busy computer still runs. The kernel distinguishes them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import final
 
 __all__ = ["LATE", "SILENCE", "STARVATION", "STOPPED", "HostHeartbeat", "state_of"]
 
-SILENCE = 0.5  #: a host that shows no heartbeat for so long is taken for dead [s]
+SILENCE = 0.5  #: a host without a heartbeat for so long counts as ended [s]
 STARVATION = 2.0  #: with the time in which it waited for a processor, where nothing real can move [s]
 STOPPED = 0.1  #: and so is one that is stopped [s]
 LATE = 0.08  #: four beats have not come: time to look [s]
@@ -54,7 +54,7 @@ class HostHeartbeat:
         self._silence = self._waited = 0  # how long it is silent, and how much of that it has waited [ns]
 
     def explain_silence(self, now: int, silence: int) -> str:
-        """Why the host is taken for dead at `now` [ns], after a `silence` [ns] of its heart; empty if it is not.
+        """Why the host counts as ended at `now` [ns], after a `silence` [ns] of its heartbeat; empty if it does not.
 
         To be called in every tick in which the heart is `LATE`.
         """

@@ -1,12 +1,12 @@
 """A core that does not fall asleep between ticks: a small process that waits on it, behind everybody else.
 
 A core with nothing to do is halted. When it wakes for the next tick its clock is slow, its caches have been emptied,
-and in a virtual machine somebody else's work stood there meanwhile: the same tick takes about twice as long as on a
+and in a virtual machine other work ran there meanwhile: the same tick takes about twice as long as on a
 core that stayed awake. Real-time people boot with `idle=poll` against this; here a process of its own spins on the
-servo's core under the kernel's idle policy, which gives way to whatever else wants to run there, the servo first.
+servo's core under the kernel's idle policy, which gives way to everything else that runs there, the servo first.
 
 The kernel fetches work to a core at the moment at which it falls idle; one that never does gets its share late. So the
-process steps aside while the other cores have much to do: whoever draws pictures there needs this one too.
+process steps aside while the other cores are busy: the programs there need this one too.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class CoreWaker:
 
     @property
     def awake(self) -> bool:
-        """Whether somebody waits on the core."""
+        """Whether another process waits for the core."""
         return self._process is not None and self._process.poll() is None
 
     def end(self) -> None:

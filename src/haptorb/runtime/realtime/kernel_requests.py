@@ -1,4 +1,4 @@
-"""What a process may ask of the kernel to be punctual; whatever is not permitted is left, and reported.
+"""What a process may ask of the kernel to be punctual; what is not permitted is skipped and reported.
 
 What only Linux has is loaded when it is asked for: programs without a loop import this module on other systems, too.
 """

@@ -1,4 +1,4 @@
-"""A timer in the kernel that kills this process unless it is set again and again, whatever runs inside it.
+"""A timer in the kernel that kills this process unless it is set again in time, whatever runs inside it.
 
 No code of the process takes part in its end: not its signal handlers, which Python runs only between two of its own
 instructions, and not a thread, which would wait for the interpreter's lock. SIGKILL can neither be caught, nor blocked,
@@ -45,7 +45,7 @@ class KillTimer:
         event = _Event(signal=int(signal.SIGKILL), notify=_SIGEV_SIGNAL)  # safety: servo-hung
         if libc.timer_create(_CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(self._timer)):
             why = os.strerror(ctypes.get_errno())
-            raise ServoError(f"the kernel gives no timer that ends a servo which hangs: timer_create failed ({why})")
+            raise ServoError(f"the kernel provides no timer to end a servo that hangs: timer_create failed ({why})")
         self._settime = libc.timer_settime
         self._settime.argtypes = (ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
         self._times = _Times()  # one for all calls: nothing is allocated per tick

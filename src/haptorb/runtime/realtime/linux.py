@@ -1,4 +1,4 @@
-"""What only Linux can do, and what a person is told elsewhere."""
+"""What only Linux can do, and the message on other systems."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ WORKS_ANYWHERE = (
     "`haptorb` inspect, devices, worlds, show, info, export, replay, view, check --world, design (all but show), "
     "reproduce, fit-multipole, train, estimators, guidance, study (all but run), calibrate (simulated) and frame; in "
     "Python all but haptorb.Servo and real drivers"
-)  #: told on other systems, and true there
+)  #: printed on other systems, and true there
 _NAMES = {"darwin": "macOS", "win32": "Windows"}
 
 
@@ -28,4 +28,4 @@ def require_linux(what: str, instead: str = WORKS_ANYWHERE) -> None:
     """
     if not is_linux():
         system = _NAMES.get(sys.platform, sys.platform)
-        raise PlatformError(f"{what} needs Linux, and this is {system}. What works here: {instead}")
+        raise PlatformError(f"{what} needs Linux, and this is {system}. Available here: {instead}")

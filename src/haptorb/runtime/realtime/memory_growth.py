@@ -1,4 +1,4 @@
-"""How much memory a servo's process holds, seen from its host: nobody collects garbage in there."""
+"""How much memory a servo's process holds, seen from its host: its garbage collector is off."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import final
 
 __all__ = ["MemoryGrowth", "resident"]
 
-_MUCH = 100e6  #: from so much on a person is told [bytes]
+_MUCH = 100e6  #: from so much on the user is warned [bytes]
 _EVERY = 1.0  #: between two looks [s]
 
 
@@ -44,8 +44,8 @@ class MemoryGrowth:
             return ""
         return (
             f"the servo's process has grown by {(self.now - self.start) / 1e6:.0f} MB since its start. It never "
-            "collects garbage, which would delay the loop: the world must not create objects that refer to each other "
-            "in a cycle, nor keep objects of a tick"
+            "collects garbage, because that would delay the loop: the world must not create objects that refer to "
+            "each other in a cycle, or keep objects from a tick"
         )
 
     def facts(self) -> dict[str, float]:

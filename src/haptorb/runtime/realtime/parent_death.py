@@ -23,7 +23,7 @@ def die_with_parent(number: signal.Signals | None = None) -> None:
     """Ask the kernel for the signal `number` when the parent ends; None: for SIGKILL.
 
     The kernel sends it when the *thread* ends that started this process. Processes are therefore started by a thread
-    that lives as long as its program (`starter`); whoever has another signal sent can ask `is_parent_gone` as well.
+    that lives as long as its program (`starter`); with another signal, ask `is_parent_gone` as well.
     """
     _libc().prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL if number is None else number), 0, 0, 0)
 

@@ -52,7 +52,7 @@ def _work(jobs: queue.SimpleQueue[Job]) -> None:
             future.set_result(process)
         except BaseException as cause:
             future.set_exception(cause)
-        del future  # whoever asked holds the process, and nobody else
+        del future  # only the caller holds the process
 
 
 def _kill(future: Future[subprocess.Popen[bytes]]) -> None:

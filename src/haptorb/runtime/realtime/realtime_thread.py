@@ -16,7 +16,7 @@ def prepare_thread() -> bool:
     """Come before ordinary threads, and never again look for garbage in what exists now; False if the first is refused.
 
     With all of the package loaded a full look takes 40 ms, and a firmware switches its coils off after 15 ms of
-    silence. What is made from now on is still collected. A thread that draws a progress bar lets go of the interpreter
+    silence. What is made from now on is still collected. A thread that draws a progress bar releases the interpreter
     after 0.1 ms: by Python's own 5 ms, waited for at every reading, three in a row would be silence.
     """
     sys.setswitchinterval(_TURN)

@@ -28,7 +28,7 @@ def check_rate(rate: float) -> float:
 
 @final
 class Schedule:
-    """Deadlines at origin + n / rate, whatever happens between them: the phase is kept for ever.
+    """Deadlines at origin + n / rate, independent of what happens between them: the phase never changes.
 
     A deadline that passes while a tick still runs is skipped and counted. It is never made up for: a burst of late
     ticks would hit the coils with old commands.
@@ -38,7 +38,7 @@ class Schedule:
         self.period = round(1e9 / check_rate(rate))  #: [ns]
         self.origin = origin  #: monotonic time of deadline 0 [ns]
         self.number = -1  #: the deadline whose tick ran last, or runs
-        self.missed = 0  #: deadlines skipped since the start
+        self.missed = 0  #: deadlines missed since the start
 
     def deadline(self, number: int) -> int:
         """Monotonic time of a deadline [ns]."""
@@ -62,7 +62,7 @@ class Schedule:
         return (deadline - self.origin) * 1e-9
 
     def begin(self, now: int) -> tuple[int, int]:
-        """Begin a tick at `now` [ns]: (lateness [ns], deadlines skipped since the last tick).
+        """Begin a tick at `now` [ns]: (lateness [ns], deadlines missed since the last tick).
 
         The tick belongs to the latest deadline that has come; sleeping through several skips all but that one.
         """

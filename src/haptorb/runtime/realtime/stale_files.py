@@ -1,4 +1,4 @@
-"""Files that a program keeps only while it runs, and how the next one finds those whose owner died.
+"""Files that a program keeps only while it runs, and how the next one finds those whose owner has ended.
 
 An owner holds a lock on its file (`flock`), which the kernel takes away when the owner ends, however it ends. A file of
 ours that can be locked has no owner, and goes.
@@ -28,7 +28,8 @@ _OURS = re.compile(rf"haptorb-\w+(?:{re.escape(SHARED)}|{re.escape(RECORDING)})|
 class FileLock:
     """Holds the file or folder at `path`, which was just made, until `close` or the end of this process.
 
-    `there` says whether the file still exists: between its making and this, somebody's `sweep` may have removed it.
+    `there` says whether the file still exists: between its creation and this, another program's `sweep` may have
+    removed it.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -43,7 +44,7 @@ class FileLock:
             self.there = os.fstat(self._descriptor).st_nlink > 0
 
     def close(self) -> None:
-        """Let go. May be called twice."""
+        """Release it. May be called twice."""
         descriptor, self._descriptor = self._descriptor, -1
         if descriptor >= 0:
             os.close(descriptor)
@@ -58,9 +59,9 @@ def folders() -> list[Path]:
 
 
 def sweep() -> int:
-    """Remove what dead owners left that belongs to this user; returns how many files and folders that were.
+    """Remove what ended owners of this user left; returns how many files and folders that were.
 
-    Nothing whose owner lives is touched, nor anything that this package did not name.
+    Nothing whose owner still runs is touched, nor anything that this package did not name.
     """
     removed = 0
     for folder in dict.fromkeys(folders()):
@@ -84,12 +85,12 @@ def _remove_if_stale(entry: os.DirEntry[str]) -> bool:
         return False
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # safety: living-files
-        # While the lock is held: whoever makes such a file waits for it, and sees that the file is gone.
+        # While the lock is held: a program that creates such a file waits for it, and sees that the file is gone.
         if stat.S_ISDIR(found.st_mode):
             shutil.rmtree(entry.path)
         else:
             os.unlink(entry.path)
-    except OSError:  # somebody's, or gone already
+    except OSError:  # another user's, or gone already
         return False
     finally:
         os.close(descriptor)

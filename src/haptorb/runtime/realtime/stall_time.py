@@ -9,7 +9,7 @@ __all__ = ["StallTime"]
 
 @final
 class StallTime:
-    """Counts only time in which whoever looks was running itself: a computer that stood still accuses nobody.
+    """Counts only time in which the observer was running itself: a computer that was suspended is no stall.
 
     `step`: at most so much counts between two looks, in any unit of time.
     """

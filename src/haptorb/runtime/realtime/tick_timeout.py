@@ -8,5 +8,5 @@ __all__ = ["TickTimeout"]
 class TickTimeout(BaseException):
     """Raised by a signal's handler inside a tick that takes too long.
 
-    No `Exception`: user code that goes on after whatever it caught would catch it, and hang again in the next tick.
+    No `Exception`: user code that continues after any exception would catch it, and hang again in the next tick.
     """

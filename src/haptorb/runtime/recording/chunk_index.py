@@ -1,7 +1,7 @@
 """Where the rows of a long recording lie in its file, without unpacking chunks.
 
 An hour has 100 000 chunks and gigabytes of rows. The summary at the file's end lists them; where a killed recorder has
-written none, the heads of all records do, within a second. A stretch of rows is unpacked when somebody asks for it.
+written none, the heads of all records do, within a second. A range of rows is unpacked on request.
 """
 
 from __future__ import annotations

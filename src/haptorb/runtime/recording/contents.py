@@ -63,7 +63,7 @@ class Contents:
             raise RecordingError(f"topic {TOPIC} is not of type {NAME}; another program wrote it")
         fields = fields_of(kind.data.decode("utf-8", "replace"))
         if self.fields and fields != self.fields:
-            raise RecordingError(f"topic {TOPIC} is there twice, with different fields")
+            raise RecordingError(f"topic {TOPIC} appears twice, with different fields")
         self.fields, self._channel = fields, channel.id
         self.width = sum(field.width for field in fields)
 

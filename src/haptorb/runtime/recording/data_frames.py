@@ -1,6 +1,6 @@
 """A recording for pandas and xarray, with the unit of every number in `attrs`.
 
-Neither package is loaded, or needed, before somebody asks for this.
+Neither package is loaded, or needed, before the first call.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def make_data_frame(recording: Rows) -> DataFrame:
 def make_dataset(recording: Rows) -> Dataset:
     """A Dataset over `t` (n,) [s], one variable per field; see `Recording.to_xarray`.
 
-    Raises InputError if xarray is not there.
+    Raises InputError if xarray is not installed.
     """
     try:
         import xarray

@@ -1,4 +1,4 @@
-"""A stretch of a recording as CSV, Parquet or NumPy arrays; written in pieces, whole or not at all."""
+"""A part of a recording as CSV, Parquet or NumPy arrays; written in pieces, whole or not at all."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _choose_fields(recording: RecordingReader, names: Sequence[str] | None) -> t
         if name not in known:
             raise UnknownName("field", name, known)
     if not names:
-        raise InputError("no field is named: name at least one, or leave the choice out for all")
+        raise InputError("no field is named: name at least one, or leave out the option for all")
     return tuple(known[name] for name in dict.fromkeys(names))
 
 
@@ -118,7 +118,7 @@ def _find_ticks(recording: RecordingReader, start: float | None, end: float | No
     if start is None and end is None:
         return range(rows)
     if not rows or "t" not in {field.name for field in recording.columns}:
-        raise InputError(f"{recording.path} has no ticks with a time: leave start and end out")
+        raise InputError(f"{recording.path} has no ticks with a time: leave out start and end")
     t = recording["t"]
     zero, length = float(t[0]), float(t[-1]) - float(t[0])
     first = 0 if start is None else bisect.bisect_left(range(rows), zero + start, key=lambda n: float(t[n]))

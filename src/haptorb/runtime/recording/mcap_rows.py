@@ -137,7 +137,7 @@ def open_record(opcode: int, data: bytes, room: int, most: int) -> tuple[list[An
 def open_messages(data: bytes, channel: int, length: int) -> NDArray[np.uint8] | None:
     """(n, length) the messages [bytes] of the chunk `data`; None if it has others than those of `channel`, so long.
 
-    Twice as fast as `open_record`, which reads whatever this does not, and says what is wrong with it.
+    Twice as fast as `open_record`, which reads all that this does not, and reports what is wrong with it.
     """
     head = struct.pack("<BQH", Opcode.MESSAGE, _MESSAGE_HEAD + length, channel)
     whole = MESSAGE_OVERHEAD + length

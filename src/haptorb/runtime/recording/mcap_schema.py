@@ -48,7 +48,7 @@ def fields_of(text: str) -> tuple[Field, ...]:
             continue
         match = _LINE.fullmatch(line)
         if match is None:
-            raise RecordingError(f"the recording's schema has a field that haptorb did not write: {quote(line)}")
+            raise RecordingError(f"the recording's schema has a field not written by haptorb: {quote(line)}")
         width = int(match["width"] or 1)
         if not 1 <= width + sum(field.width for field in fields) <= _WIDEST or width < 1:
             raise RecordingError(

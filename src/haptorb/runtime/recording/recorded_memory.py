@@ -28,7 +28,7 @@ def split_memory(numbers: Array, changes: Array, worlds: Sequence[Mapping[str, s
         rows = changes == change
         for key, shape, place in _place_fields(name, fields, numbers.shape[1]):
             values = found.setdefault(key, np.full((len(numbers), *shape), np.nan))
-            if values.shape[1:] == shape:  # a file that was saved anew may have changed it
+            if values.shape[1:] == shape:  # a file that was saved again may have changed it
                 values[rows] = numbers[rows, place].reshape(-1, *shape)
     return found
 
@@ -71,7 +71,7 @@ def _list_fields(worlds: Sequence[Mapping[str, str]]) -> Iterator[tuple[int, str
                 _check_fields(fields)
                 yield int(note["change"]), str(world["name"]), fields
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as cause:
-            raise RecordingError(f"a note of a world is not one that haptorb wrote: {quote(note)}") from cause
+            raise RecordingError(f"a note of a world was not written by haptorb: {quote(note)}") from cause
 
 
 def _check_fields(fields: Sequence[Mapping[str, Any]]) -> None:

@@ -1,4 +1,4 @@
-"""A recording as arrays, also where a kill or a full disk cut it short; a long one is read in pieces."""
+"""A recording as arrays, even if it was truncated; a long one is read in pieces."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _WHOLE = 32 * 1024 * 1024  #: bytes of a file that is read, and checked, at once
 
 @final
 class Recording:
-    """Rows of a haptorb recording (MCAP), and what was noted beside them.
+    """Rows and metadata of a haptorb recording (MCAP).
 
     `recording["p"]` is the field `p` of all ticks, shape (n, 3), or (n,) for a single number.
     """
@@ -64,8 +64,8 @@ class Recording:
         self.fields = contents.fields  #: as the file's own schema describes them
         if not self.fields:
             cut = "it was cut short before its first rows" if self.truncated else f"topic {TOPIC} is missing"
-            raise RecordingError(f"{self.path} holds no haptorb recording: {cut}")
-        self.long = isinstance(source, ChunkIndex)  #: rows are read from the file when somebody asks for them
+            raise RecordingError(f"{self.path} is not a haptorb recording: {cut}")
+        self.long = isinstance(source, ChunkIndex)  #: rows are read from the file on request
         self._source = source
         self._at: dict[str, slice] = {}
         start = 0
@@ -90,9 +90,9 @@ class Recording:
         )
 
     def read(self, first: int, last: int, fields: Sequence[str]) -> Array:
-        """(last − first, k) those fields side by side, in their own units [SI]; UnknownName for one that is not there.
+        """(last − first, k) those fields side by side, in their own units [SI]; UnknownName for a missing one.
 
-        A long file is read once, however many fields there are.
+        A long file is read once, for any number of fields.
         """
         known = {field.name for field in self.columns} | set(self._at)
         for name in fields:
@@ -109,7 +109,7 @@ class Recording:
 
     @cached_property
     def columns(self) -> tuple[Field, ...]:
-        """The fields of a table: those of the row, and what worlds remembered by its names, `ball.place`."""
+        """The fields of a table: those of the row, and those of worlds' memories, such as `ball.place`."""
         if "memory" not in self._at:
             return self.fields
         at = self._at["memory"]
@@ -144,12 +144,12 @@ class Recording:
 
     @property
     def worlds(self) -> list[dict[str, str]]:
-        """The worlds that were felt, in order: change (number), tick (about which), world (JSON)."""
+        """The worlds in order: change (number), tick (approximate), world (JSON)."""
         return [values for name, values in self.notes if name == "haptorb/world"]
 
     @cached_property
     def memory(self) -> dict[str, Array]:
-        """What worlds with memory remembered: `memory["ball.place"]` is the field `place` of the world `ball` in all
+        """Memory of worlds: `memory["ball.place"]` is the field `place` of the world `ball` in all
         ticks, shape (n, 3), or (n,) for a single number; NaN in ticks of other worlds."""
         if "memory" not in self._at:
             return {}
@@ -163,17 +163,17 @@ class Recording:
 
     @property
     def errors(self) -> list[dict[str, str]]:
-        """What failed worlds and drivers said, in order: tick (about which), text (with file and line of a world)."""
+        """Error messages of worlds and drivers, in order: tick (approximate), text (with file and line of a world)."""
         return [values for name, values in self.notes if name == "haptorb/error"]
 
     @property
     def lost(self) -> int:
-        """Rows that the recorder could not fetch in time. RecordingError if the file says no number."""
+        """Rows that the recorder lost. RecordingError if the file states no number."""
         return sum(self._parse_count(values, "rows") for name, values in self.notes if name == "haptorb/gap")
 
     @property
     def layout(self) -> RowLayout:
-        """The layout of `rows`. Raises RecordingError if another version of haptorb ordered them otherwise."""
+        """The layout of `rows`. Raises RecordingError if another version of haptorb wrote another layout."""
         noted = self.metadata.get("layout", {})
         # rows without a note of contacts had two, of any device; those without one of memory had none
         without = {"channels": 0, "sensors": 0, "contacts": 2, "memory": 0}
@@ -186,7 +186,7 @@ class Recording:
     def require(self, *names: str) -> None:
         """Raise RecordingError unless there are fields `names` as wide as this version of haptorb writes them.
 
-        Those of coils, sensors, contacts and memory may have any width.
+        Fields of coils, sensors, contacts and memory may have any width.
         """
         wide = {field.name: field.width for field in RowLayout(0, 0).fields if field.width}
         found = {field.name: field.width for field in self.fields}
@@ -206,7 +206,7 @@ class Recording:
     def to_csv(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write all rows as text, one column per number, headed `p[0] [m]` as in the console's CSV, every digit kept.
 
-        UTF-8. Nothing is written half.
+        UTF-8. The file is written completely or not at all.
 
         Raises RecordingError if the file exists and `overwrite` is not set, or if it cannot be written.
         """
@@ -221,14 +221,14 @@ class Recording:
     def to_pandas(self) -> DataFrame:
         """All rows as a DataFrame: one column per number, named `p[0]`, the index `t` [s].
 
-        `attrs["units"]` and `attrs["about"]` say of each column what it is. Raises InputError if pandas is not there.
+        `attrs["units"]` and `attrs["about"]` describe each column. Raises InputError if pandas is not installed.
         """
         return make_data_frame(self)
 
     def to_xarray(self) -> Dataset:
         """All rows as a Dataset over `t` [s]: one variable per field, with `units` and `long_name` in its `attrs`.
 
-        Raises InputError if xarray is not there.
+        Raises InputError if xarray is not installed.
         """
         return make_dataset(self)
 
@@ -253,7 +253,7 @@ def _read_all(file: BinaryIO, contents: Contents) -> Array:
 def _open_file(path: Path) -> BinaryIO:
     """The file, if it begins like MCAP."""
     try:
-        file = open(path, "rb", opener=open_at_once)  # noqa: SIM115 (whoever asked for it closes it)
+        file = open(path, "rb", opener=open_at_once)  # noqa: SIM115 (the caller closes it)
     except OSError as cause:
         raise RecordingError(f"cannot read {path}: {cause.strerror}") from cause
     except ValueError as cause:  # a zero byte in its name

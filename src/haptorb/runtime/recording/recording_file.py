@@ -31,7 +31,7 @@ def create_recording(path: Path, *, overwrite: bool) -> int:
             path.unlink()
         return os.open(path, _FLAGS, 0o444)
     except OSError as cause:
-        raise RecordingError(f"cannot record to {path}: {cause.strerror}; choose another place") from cause
+        raise RecordingError(f"cannot record to {path}: {cause.strerror}; choose another folder") from cause
     except ValueError as cause:  # a zero byte in its name
         raise RecordingError(f"cannot record to {str(path)!r}: not the name of a file; choose another") from cause
 
@@ -60,4 +60,4 @@ def create_temporary() -> tuple[Path, int, FileLock]:
         claim = FileLock(name)
         if claim.there:
             return Path(name), descriptor, claim
-        os.close(descriptor)  # somebody who tidied up was faster
+        os.close(descriptor)  # another process removed it first

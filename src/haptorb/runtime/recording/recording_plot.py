@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["plot", "thin_curve"]
 
-#: Okabe and Ito's colours: told apart by everybody
+#: Okabe and Ito's colours: distinguished with any colour vision
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 _INK, _FAINT = "#222222", "#888888"
 _KELVIN = 273.15
@@ -94,7 +94,7 @@ def plot(recording: Fields, path: str | Path | None = None) -> Figure:
 
 
 def _wrench(axes: Axes, recording: Fields, t: Array) -> None:
-    """Asked dashed, given solid; where nobody knows what was given, the controller's own model stands in.
+    """Asked dashed, given solid; where the given force is unknown, the controller's own model replaces it.
 
     The force; of a device that gave and was asked for none, the torque.
     """
@@ -149,7 +149,7 @@ def _lateness(axes: Axes, recording: Fields, t: Array) -> None:
     axes.plot(t, late, ".", markersize=1.5, color=_FAINT, rasterized=True)
     skipped = recording["missed"] > 0
     if skipped.any():
-        axes.plot(t[skipped], late[skipped], "x", markersize=4, color=_COLOURS[1], label="after a skipped deadline")
+        axes.plot(t[skipped], late[skipped], "x", markersize=4, color=_COLOURS[1], label="after a missed deadline")
     p99 = float(np.percentile(late, 99))
     axes.axhline(p99, color=_INK, linewidth=0.9, label=f"99 % below {p99:.0f} µs")
     axes.set_yscale("log")
@@ -191,7 +191,7 @@ def _columns(values: Array) -> Array:
 
 def thin_curve(t: Array, values: Array) -> tuple[Array, Array]:
     """The curve `values` (n,) over `t` (n,) [s] itself, or, where it has more points than a figure can show, lowest and
-    highest of each stretch; each in the unit [SI] that it came in."""
+    highest of each interval; each in its original unit [SI]."""
     stretch = -(-len(t) // (_POINTS // 2))
     if stretch < 2:
         return t, values

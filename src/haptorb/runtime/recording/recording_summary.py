@@ -23,7 +23,7 @@ _TRIPPED = 4  #: state of the guard
 
 
 class Summarized(Protocol):
-    """What is told of a recording."""
+    """The summary of a recording."""
 
     path: Path
     fields: tuple[Field, ...]
@@ -76,7 +76,7 @@ def list_facts(recording: Summarized, *, whole: bool | None = None) -> list[tupl
         ("file", str(recording.path)),
         ("device", device.get("title") or device.get("name", "unknown")),
         ("driver", run.get("driver", "")),
-        ("model of the controller", run.get("model", "")),
+        ("controller model", run.get("model", "")),
         ("worlds", ", ".join(dict.fromkeys(map(_name_world, recording.worlds)))),
         ("length", f"{seconds:.4g} s, {rows} rows{rate}"),
     ]
@@ -84,7 +84,7 @@ def list_facts(recording: Summarized, *, whole: bool | None = None) -> list[tupl
         facts += _describe_run(measure_run(recording))
     lost = _count_lost_rows(recording)
     facts.append(("rows lost", "unknown" if lost is None else str(lost)))
-    facts.append(("end", "missing: the file was cut short" if recording.truncated else "complete"))
+    facts.append(("end", "missing: the file is truncated" if recording.truncated else "complete"))
     return [(name, text) for name, text in facts if text]
 
 
@@ -111,7 +111,7 @@ def draw_force(recording: Summarized) -> str:
 def measure_run(recording: Summarized) -> dict[str, float]:
     """Largest values and counts over all ticks, the unit [SI] at the end of each name; of the fields that are there.
 
-    NaN for what no tick tells.
+    NaN for what no tick contains.
     """
     known = {field.name for field in recording.fields}
     found = {}
@@ -150,11 +150,11 @@ def _describe_run(found: Mapping[str, float]) -> list[tuple[str, str]]:
         facts.append(("warmest winding", f"{found['warmest_winding_k'] - 273.15:.1f} °C"))
     shares = [(100 * found.get(f"held_back_by_{one.name.lower()}", 0.0), one.text) for one in Saturation if one]
     held_back = ", ".join(f"{share:.2g} % of the ticks by {limit}" for share, limit in shares if share)
-    facts.append(("wrench held back", held_back))
+    facts.append(("wrench limited", held_back))
     if "lateness_99_s" in found:
         facts.append(("lateness", f"99 % up to {format_quantity(found['lateness_99_s'], 's')}"))
     if "deadlines_skipped" in found:
-        facts.append(("deadlines skipped", f"{found['deadlines_skipped']:.0f}"))
+        facts.append(("deadlines missed", f"{found['deadlines_skipped']:.0f}"))
     return [*facts, ("trips", f"{found['trips']:.0f}")]
 
 

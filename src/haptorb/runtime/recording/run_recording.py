@@ -1,4 +1,4 @@
-"""Where a run is recorded to: a file that somebody named, a temporary one that goes with its holder, or nowhere."""
+"""Where a run is recorded to: a named file, a temporary one that its holder removes, or nowhere."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class RunRecording:
 
     @property
     def user_path(self) -> str | None:
-        """The file that somebody named, once it is there; None for a temporary one or none."""
+        """The named file, once it exists; None for a temporary one or none."""
         return str(self._path) if self._where and self._path else None
 
     @property
@@ -54,7 +54,7 @@ class RunRecording:
             self._path.unlink(missing_ok=True)
 
     def read(self) -> Recording:
-        """What was recorded up to now. Raises RecordingError if nothing was, or if the file cannot be read."""
+        """What was recorded up to now. Raises RecordingError if nothing was recorded, or if the file cannot be read."""
         from haptorb.runtime.recording.recording import Recording
 
         if self._path is None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.record import record
+from haptorb.runtime.recording.data_frames import units_of
 from haptorb.runtime.row import Field
 
 __all__ = ["CLOCK_FIELDS", "Difference", "FieldBound", "RunComparison", "are_same"]
@@ -62,6 +63,7 @@ class RunComparison:
     def __init__(self, fields: tuple[Field, ...], left_out: frozenset[str] = frozenset()) -> None:
         looked_at = [field for field in fields if field.name not in CLOCK_FIELDS | left_out]
         self._units = {field.name: field.unit for field in looked_at}
+        self._unit_of = {field.name: units_of(field) for field in looked_at}
         self._width = sum(field.width for field in looked_at)
         self._bounds: dict[str, FieldBound] = {}
         self.compared = self.differing = self.numbers = 0
@@ -101,7 +103,7 @@ class RunComparison:
             name, differs = next((name, differs) for row, name, differs in found if row == at)
             number = int(np.argmax(differs[at]))
             self.first = Difference(
-                int(ticks[at]), float(t[at]), name, number, self._units[name],
+                int(ticks[at]), float(t[at]), name, number, self._unit_of[name][number],
                 float(recorded[name][at, number]), float(replayed[name][at, number]),
             )  # fmt: skip
         self.compared += n

@@ -24,7 +24,7 @@ def replay_in_parts(
 ) -> Replay:
     """`recording` replayed, on as many processors as this process may use; as `Replay.run` would.
 
-    `report` is told how many ticks are done. Raises RecordingError as `Replay` does.
+    `report` receives the number of ticks done. Raises RecordingError as `Replay` does.
     """
     rows, count = PlayedRows(recording), len(recording)
     most = max(min(count_processors(), count // _WORTH), 1)
@@ -46,8 +46,8 @@ def replay_in_parts(
 
 
 class _Worker:
-    """A process that replays one part, with the chain of `main` where that will do. If it dies, its part is replayed
-    here."""
+    """A process that replays one part, with the chain of `main` where that will do. If it ends early, its part is
+    replayed here."""
 
     def __init__(
         self, main: Replay, recording: Recording, part: tuple[int, int], rows: PlayedRows, *, recorded_world: bool

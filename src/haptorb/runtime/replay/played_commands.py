@@ -19,7 +19,7 @@ _CLUTCH = ((int(TickCommand.HOLD), True), (int(TickCommand.RELEASE), False))
 
 
 def play_commands(tick: Tick, commands: int, scale: float) -> None:
-    """Tell `tick` the sum `commands` of a row, all but those of its world; scale: of a motor's torques, if it is told
+    """Tell `tick` the sum `commands` of a row, all but those of its world; scale: of a motor's torques, if known
     [1]."""
     if commands & _EXCUSE:
         tick.excuse_lateness()

@@ -125,7 +125,7 @@ class PlayedRows:
         return self.split(self._recording.read(number, number + 1, self._names))
 
     def _fill_in(self, block: dict[str, Array]) -> dict[str, Array]:
-        """What the tracker said is taken to be what was believed, and the readings to be of the tick itself."""
+        """The tracker's pose is taken as the pose in use, and the readings as those of the tick itself."""
         count = len(block["t"])
         valid = np.nan_to_num(block["valid"]) == 1.0
         failed = np.isnan(block["currents"]).all(axis=1, keepdims=True) & ~np.isfinite(block["p"][:, :1])

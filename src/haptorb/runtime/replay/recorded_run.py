@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+from base64 import b64decode
 from collections.abc import Mapping
 from typing import Any, final
 
 import numpy as np
 
 from haptorb import worlds
-from haptorb.control.clutch.modes import Gains
+from haptorb.control.clutch.gains import Gains
 from haptorb.devices.device import Device
+from haptorb.devices.device_text import DeviceText
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import HaptorbError, InputError, RecordingError
 from haptorb.runtime.drivers.driver import Driver
@@ -30,7 +32,7 @@ __all__ = ["RecordedRun"]
 
 @final
 class RecordedRun:
-    """The notes of `recording`, as the things that they describe.
+    """The notes of `recording`, as the objects that they describe.
 
     device    as its file in the recording says
     rate      of the loop [Hz]
@@ -45,8 +47,10 @@ class RecordedRun:
         self._run: Mapping[str, str] = self._notes.get("run", {})
         self.device: Device = self._load_device()
         self.rate = self._number("rate_hz") or self._measure_rate(recording)
-        estimator = self._run.get("estimator", "")
-        self.estimator: str = estimator if estimator in estimators_of(self.device) else estimators_of(self.device)[0]
+        estimator, known = self._run.get("estimator", ""), estimators_of(self.device)
+        self.estimator: str = estimator if estimator in known else known[0]
+        if estimator not in ("", self.estimator):
+            self.remarks.append(f"estimator '{estimator[:60]}' is unknown to this version; '{self.estimator}' is used")
         self.model: str | None = self._run.get("model") or None
         if self.model is not None and self.model not in self.device.models:
             self.remarks.append(f"model '{self.model}' is unknown to this version; '{self.device.models[0]}' is used")
@@ -70,7 +74,7 @@ class RecordedRun:
         made, here = self.software, {**list_versions(), **describe_machine()}
         apart = [name for name in here if made.get(name) != here[name]]
         if not any(name in made for name in apart):
-            return "another version, which does not say more"
+            return "another versionof unknown number"
         return ", ".join(f"{name} {made.get(name, 'unknown')} (here {here[name]})" for name in apart)
 
     def make_tick(
@@ -91,6 +95,7 @@ class RecordedRun:
             render=run.get("render") or None,
             torque_arm=self._number("torque_arm_m"),
             in_turns=run.get("driver", "sim") not in ("", "sim"),
+            learned=self._read_learned() if estimator in (None, self.estimator) else b"",
         )  # fmt: skip
 
     def describe_world(self, change: int) -> str:
@@ -120,17 +125,17 @@ class RecordedRun:
             note = json.loads(text)
             name, values = str(note["name"]), dict(note.get("values", {}))
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as cause:
-            raise InputError("the recording does not say which world it is") from cause
+            raise InputError("the recording does not state the world") from cause
         if name in self._made:
             world = load_noted_world(str(self._made[name]))
         elif name in worlds.CATALOGUE:
             world = worlds.find_world(name)()
         else:
-            raise InputError("the recording does not say how it is made")
-        felt, _ = split_remote(world)
-        world = join_remote(felt.replace(**values) if values else felt, self.remote(change))
+            raise InputError("the recording does not state its source")
+        plain, _ = split_remote(world)
+        world = join_remote(plain.replace(**values) if values else plain, self.remote(change))
         if json.loads(description(world)) != note:
-            raise InputError("this version of haptorb describes it otherwise")
+            raise InputError("this version of haptorb describes it differently")
         return world
 
     def _read_descriptions(self, recording: Recording) -> dict[int, str]:
@@ -152,6 +157,13 @@ class RecordedRun:
             found = {}
         return found if isinstance(found, dict) else {}
 
+    def _read_learned(self) -> bytes:
+        """What the run's estimator had learned; empty in recordings that do not carry it."""
+        try:
+            return b64decode(self._run.get("learned", ""), validate=True)
+        except ValueError:
+            return b""
+
     def _number(self, key: str) -> float | None:
         try:
             number = float(self._run.get(key, ""))
@@ -163,19 +175,19 @@ class RecordedRun:
         steps = np.diff(recording["t"][:1000])
         steps = steps[steps > 0]
         if not len(steps):
-            raise RecordingError(f"{self._path} cannot be replayed: it does not say its rate")
+            raise RecordingError(f"{self._path} cannot be replayed: it does not state its rate")
         return float(1.0 / np.median(steps))
 
     def _load_device(self) -> Device:
         noted = self._notes.get("device", {})
-        text, name, digest = noted.get("file", ""), noted.get("name", ""), noted.get("digest", "")
+        text, name, digest = DeviceText.from_note(noted), noted.get("name", ""), noted.get("digest", "")
         try:
             if text:
-                device = parse(text, f"the device in {self._path}")
+                device = parse(text.own, f"the device in {self._path}", bases=text.bases)
             elif name in catalogue():
                 device = load(name)
             else:
-                raise RecordingError(f"{self._path} cannot be replayed: it does not carry the file of its device")
+                raise RecordingError(f"{self._path} cannot be replayed: it does not contain the device file")
         except RecordingError:
             raise
         except HaptorbError as cause:

@@ -45,7 +45,7 @@ class RecordedTick:
         self._at = 0
 
     def load(self, block: Mapping[str, Array], *, whole: bool) -> None:
-        """The next ticks: field → (n, width), each in its unit [SI]; only failures if nobody asks for the `whole`."""
+        """The next ticks: field → (n, width), each in its unit [SI]; only failures unless the `whole` is requested."""
         n = len(block["t"])
         self._failures = np.nan_to_num(block["failures"][:, 0]).astype(int).tolist()
         self._at = 0
@@ -72,7 +72,7 @@ class RecordedTick:
         return TickFailure(self._failures[self._at]) & _DETAIL
 
     def render(self) -> Array:
-        """(6,) the recorded wrench on the thing [N, N·m]. Raises WorldFailed where the recorded world failed."""
+        """(6,) the recorded wrench on the mover [N, N·m]. Raises WorldFailed where the recorded world failed."""
         if self._failures[self._at] & _FAILED:
             raise WorldFailed("the world failed in the recording")
         return self._wrench[self._at]
@@ -96,8 +96,8 @@ class RecordedTick:
         room = next((field.width for field in recording.fields if field.name == "memory"), 0)
         if end > room:
             text = (
-                f"{recording.path} cannot be replayed: what a client commanded ends at number {end} of its world's "
-                f"memory, but the field 'memory' has room for {room}; replay the recorded wrench instead"
+                f"{recording.path} cannot be replayed: the clients' commands end at number {end} of the memory of "
+                f"the world, but the field 'memory' has only {room} numbers; replay the recorded wrench instead"
             )
             raise RecordingError(f"{text} with recorded_world=True", command=f"{text} with --world recorded")
 
@@ -115,16 +115,16 @@ class RecordedTick:
 
 @final
 class PlayedBudget:
-    """Sheds detail where the recorded run did, and takes it back there."""
+    """Reduces detail where the recorded run did, and restores it there."""
 
     def __init__(self, tick: RecordedTick) -> None:
         self._tick = tick
 
     def begin(self) -> None:
-        """How long the step takes now does not matter."""
+        """The time of the step now does not matter."""
 
     def end(self, bound: BoundWorld) -> TickFailure:
-        """What the recorded run did after its step."""
+        """Change the detail as the recorded run did after its step."""
         change = self._tick.detail_change
         if change & TickFailure.LESS_DETAIL:
             bound.world.lighten(bound.memory)

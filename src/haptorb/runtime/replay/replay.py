@@ -135,7 +135,7 @@ class Replay:
         report: Callable[[int], None] = lambda ticks: None,
         keep: Callable[[Array], None] = lambda rows: None,
     ) -> RunComparison:
-        """All ticks; `report` is told how many are done, `keep` is given rows (n, width), each number in its unit."""
+        """All ticks; `report` receives the number done, `keep` rows (n, width), each number in its unit."""
         table, layout = self._timetable, self._layout
         with without_collection():
             for first in range(0, len(table), _BLOCK):
@@ -185,17 +185,17 @@ class Replay:
             self._state = unpack_state(self._states[tick])
         else:
             self._near = True
-            self.remarks.append(f"its first tick is {tick:.0f}, and it does not say what the chain remembered then")
+            self.remarks.append(f"its first tick is {tick:.0f}, and the state of the loop at that tick is missing")
         self._change = int(np.nan_to_num(block["world"][0, 0]))
 
     def _find_gaps(self) -> None:
-        """Where ticks were lost, nobody knows what the chain remembered."""
+        """Where ticks were lost, the chain's memory is unknown."""
         rows = self._rows
         self._blind, self._resume = find_gaps(rows.ticks, self._states)
         if len(gaps := np.flatnonzero(np.diff(rows.ticks) != 1)):
             self.remarks.append(
-                f"{len(gaps)} times ticks were lost, first after tick {rows.ticks[gaps[0]]:.0f}: "
-                f"{int(self._blind.sum())} ticks up to the next that keeps what the chain remembered are not compared"
+                f"{len(gaps)} gaps with lost ticks, first after tick {rows.ticks[gaps[0]]:.0f}: "
+                f"{int(self._blind.sum())} ticks up to the next stored state of the loop are not compared"
             )
 
     def _go_on(self, at: int, block: Mapping[str, Array], n: int) -> None:
@@ -243,7 +243,7 @@ class Replay:
 
     def _change_world(self, change: float, command: int) -> None:
         """The world has changed up to number `change`; `command` says whether the last one was another version."""
-        if not change > self._change:  # NaN: nobody knows
+        if not change > self._change:  # NaN: unknown
             return
         for number in range(self._change + 1, int(change) + 1):
             world = self._choose_world(number)

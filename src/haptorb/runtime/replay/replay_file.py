@@ -64,11 +64,16 @@ def write_replay(
 ) -> Iterator[ReplayFile]:
     """The file at `path` for rows of `layout` at `rate` [Hz]: whole at the end of the block, or not at all.
 
+    Raises RecordingError if it cannot be written.
+
     replaced  part → what stands in for it; world: description of the one that stands in, if one does
     """
     offset = recording.metadata.get("clock", {}).get("unix_minus_monotonic_ns", "0")
-    with replace_file(path) as part, part.open("wb") as file:
-        recorder = Recorder(file, layout, rate, int(offset) if offset.lstrip("-").isdecimal() else 0)
-        written = ReplayFile(recorder, recording, rate, replaced, world)
-        yield written
-        written.finish()
+    try:
+        with replace_file(path) as part, part.open("wb") as file:
+            recorder = Recorder(file, layout, rate, int(offset) if offset.lstrip("-").isdecimal() else 0)
+            written = ReplayFile(recorder, recording, rate, replaced, world)
+            yield written
+            written.finish()
+    except OSError as cause:
+        raise RecordingError(f"cannot write {path}: {cause.strerror or cause}") from cause

@@ -1,1 +1,1 @@
-"""The servo as Python programs hold it, and the group of processes behind it."""
+"""The servo for Python programs, and the group of processes behind it."""

@@ -1,4 +1,4 @@
-"""The process that compiles beside a servo, as its host holds it: the controller at a first start, then the worlds."""
+"""The process that compiles beside a servo, seen from its host: the controller at a first start, then the worlds."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _USUAL = 3.0  #: a start with compiled code; who needs longer has it compiled by
 
 @final
 class CompilerProcess:
-    """For the servo of the `shared` memory, whose plan lies in `folder`; its errors go to the end of `errors`."""
+    """For the servo of the `shared` memory, whose plan is in `folder`; its errors are appended to `errors`."""
 
     def __init__(self, folder: Path, shared: SharedMemory, errors: Path) -> None:
         self._folder, self._shared, self._errors = folder, shared, errors
@@ -28,29 +28,29 @@ class CompilerProcess:
         self.process: subprocess.Popen[bytes] | None = None
 
     def help_start(self) -> None:
-        """Compile the controller beside the servo's process, if that compiles, or has been preparing for too long.
+        """Compile the controller beside the servo's process if that process compiles, or takes too long to prepare.
 
-        Opening a device may take its time: it is not compiling any more then.
+        Opening a device may take long; the servo's process no longer compiles then.
         """
         late = self._shared.words[Word.COMPILED] > 0 or monotonic() > self._begin + _USUAL
         if self.process is None and late and not self._shared.facts.read()[1]:
             self._run(CONTROLLER)
 
     def finish_start(self, *, running: bool) -> None:
-        """The loop runs, or never will: end that help, and begin with the worlds whose code is not there."""
+        """The loop runs, or has failed: end this help, and compile the worlds whose code is missing."""
         self.end()
         if running and self._shared.words[Word.UNCOMPILED]:
             self._run(CATALOGUE)
 
     def compile_world(self, name: str) -> None:
-        """Let the world `name` be the next."""
+        """Compile the world `name` next."""
         with suppress(OSError):  # a full disk: it has its turn nevertheless
             (self._folder / WANTED).write_text(name, encoding="utf-8")
         if self.process is None or self.process.poll() is not None:
             self._run(CATALOGUE)
 
     def end(self) -> None:
-        """Kill it, if it is there."""
+        """Kill it if it is running."""
         if self.process is not None:
             self.process.kill()
             self.process.wait()

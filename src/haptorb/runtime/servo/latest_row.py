@@ -1,4 +1,4 @@
-"""The newest tick of a servo by the names of its fields, with their units."""
+"""The newest tick of a servo, by field name, with units."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _ICE = 273.15  #: [K]
 class LatestRow:
     """One tick: `row.given` or `row["given"]`, in SI units; `row.units["given"]` is the unit.
 
-    A field of one number is a float, any other an array (width,). `row.temperature` is `row.winding`. `row.numbers`
+    A field with one number is a float, any other an array (width,). `row.temperature` is `row.winding`. `row.numbers`
     holds all numbers in the order of the layout; a slice of the layout selects from it, as `row[layout["p"]]`.
     `print(row)` shows every field with its unit.
 

@@ -1,21 +1,23 @@
-"""What the processes beside the loop are told when they start, as plain JSON types."""
+"""The parameters of the processes beside the loop, as plain JSON types."""
 
 from __future__ import annotations
 
 import json
 import os
+from base64 import b64encode
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from time import monotonic_ns, time_ns
 from typing import Any
 
-from haptorb.control.clutch.modes import Gains
+from haptorb.control.clutch.gains import Gains
 from haptorb.devices.device import Device
 from haptorb.errors import InputError
 from haptorb.runtime.exchange.shared_memory import SharedMemory
 from haptorb.runtime.exchange.world_change import name_of
 from haptorb.runtime.recording.software import describe_machine, list_versions
+from haptorb.runtime.tick.assembly import read_learned
 from haptorb.runtime.trackers.tracker_registry import Preparation
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
 from haptorb.worlds.own.world_note import note_world
@@ -24,7 +26,7 @@ from haptorb.worlds.world import World
 __all__ = ["check_seed", "describe_choices", "notes", "recorder_spec", "tracker_spec"]
 
 
-_LONGEST = 30_000  #: characters of how a world is made: the notes are handed over on a command line
+_LONGEST = 1_000_000  #: characters of how a world is made
 
 
 def recorder_spec(
@@ -43,25 +45,27 @@ def recorder_spec(
     }
 
 
-def notes(device: Device, text: str, run: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """What a recording says of its `device` (with the `text` of its file), of the `run`, and of who made it."""
+def notes(device: Device, run: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """Metadata of a recording: its `device` (with its file, if it has one), the `run` (with what its estimator learned,
+    in base64), and the software."""
+    learned = b64encode(read_learned(device, run["estimator"])).decode()
     return {
         "device": {
             "name": device.name,
             "digest": device.digest,
             "title": device.title,
             "source": device.source,
-            "file": text,
+            **(device.text.as_note() if device.text else {"file": ""}),
             "coils": json.dumps(device.coils.names),
         },
-        "run": dict(run),
+        "run": {**run, "learned": learned} if learned else dict(run),
         "versions": list_versions(),
         "machine": describe_machine(),
     }
 
 
 def tracker_spec(shared: SharedMemory, tracker: Preparation, frame: TrackerFrame | None) -> dict[str, Any]:
-    """For `tracker_process`: what was prepared, and the `frame` between tracker and stator if there is one."""
+    """For `tracker_process`: the prepared tracker, and the `frame` between tracker and stator if there is one."""
     return {
         "shared": str(shared.path),
         "descriptor": tracker.descriptor,
@@ -72,7 +76,7 @@ def tracker_spec(shared: SharedMemory, tracker: Preparation, frame: TrackerFrame
 
 
 def describe_choices(gains: Gains | None, torque_arm: float | None, worlds: Iterable[World]) -> dict[str, str]:
-    """What a replay must know of the chain beside its names: `gains`, `torque_arm` [m], and how each world is made."""
+    """Further data for a replay: `gains`, `torque_arm` [m], and the source of each world."""
     made = {name_of(world): note_world(world) for world in worlds}
     return {
         "gains": "" if gains is None else json.dumps(asdict(gains)),

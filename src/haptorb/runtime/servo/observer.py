@@ -1,4 +1,4 @@
-"""What a program can see of a running servo: rows, report, trips, the recording, and whether it still lives."""
+"""Observing a running servo: rows, report, trips, recording, and whether it is alive."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
 __all__ = ["ServoObserver"]
 
-_PREPARING = "preparing world '{}': its code is being compiled, once on this computer; the world before it goes on"
+_PREPARING = "preparing world '{}': its code is being compiled, once on this computer; the previous world continues"
 
 
 class ServoObserver(Commands):
-    """Base of `Servo`: commands go to the loop, and this comes back."""
+    """Base of `Servo`: everything that comes back from the loop."""
 
     device: Device
     layout: RowLayout
@@ -89,7 +89,7 @@ class ServoObserver(Commands):
 
     @property
     def connections(self) -> list[dict[str, Any]]:
-        """What each server says of the programs that are connected to it, by the `--serve` option's order: `server`,
+        """The programs connected to each server, in the order of the `--serve` options: `server`,
         `address`, and `clients`, each with its name, `session`, `rate_hz` and whether it `holds` the device."""
         shared = self._memory_or_none
         texts = () if shared is None else [slot.read()[1] for slot in shared.server_facts]
@@ -97,7 +97,7 @@ class ServoObserver(Commands):
 
     @property
     def recording_trouble(self) -> str:
-        """Why the recording ended before the servo did, or stands still; empty while all is well."""
+        """Why the recording ended early, or is stalled; empty if there is no problem."""
         return self._children.recorder_trouble if self._children is not None else ""
 
     def _compile_world(self, name: str) -> None:
@@ -106,8 +106,8 @@ class ServoObserver(Commands):
 
     @property
     def warning(self) -> str:
-        """What a person should know of the device that answered, of the servo's memory, of the code of world and path,
-        and of a world that is being prepared; empty if nothing."""
+        """Warnings for the user: about the connected device, the servo's memory, the code of world and path, and a
+        world that is being prepared; empty if there are none."""
         if self._shared is None or self._children is None:
             return ""
         found = (
@@ -118,8 +118,8 @@ class ServoObserver(Commands):
 
     @property
     def world_trouble(self) -> str:
-        """What is wrong with the world's code: that it failed, with file and line; that it takes too long; that a
-        saved file is not used, and why. Empty while all is well."""
+        """Problem of the world's code: it failed (with file and line), takes too long, or a saved file is not used,
+        and why. Empty if there is no problem."""
         if self._shared is None:
             return ""
         failed = world_failure(self._shared) or slow_world(self._shared, self.rate)
@@ -135,14 +135,14 @@ class ServoObserver(Commands):
             raise WorldError(f"{slow} The coils are off.")
 
     def check(self) -> None:
-        """Raise ServoError with the servo's own reason if the loop no longer runs, RecordingError if the recorder
-        does not."""
+        """Raise ServoError with the servo's reason if the loop no longer runs, RecordingError if the recorder no
+        longer runs."""
         if self._children is None:
             raise ServoError("the servo was not started: use `with haptorb.Servo(...) as servo:`")
         self._children.check()
 
     def rows(self, cursor: int = 0) -> tuple[int, Array]:
-        """(new cursor, rows (n, width)): what the loop published after the first `cursor` rows, oldest first.
+        """(new cursor, rows (n, width)): the rows that the loop published after the first `cursor` rows, oldest first.
 
         In the units [..] of `layout`.
 
@@ -151,7 +151,7 @@ class ServoObserver(Commands):
         return self._memory.ring.read_since(cursor)
 
     def latest(self) -> LatestRow:
-        """The newest tick by the names of its fields: `latest().given`, `latest()["given"]`, see `LatestRow`.
+        """The newest tick, by field name: `latest().given`, `latest()["given"]`, see `LatestRow`.
 
         Raises ServoError before the first.
         """
@@ -161,7 +161,7 @@ class ServoObserver(Commands):
         return LatestRow(self.layout, numbers)
 
     def report(self) -> RunReport:
-        """What the run was like so far, as plain JSON types: see `loop_report`."""
+        """Report of the run so far, as plain JSON types: see `loop_report`."""
         world, values = self.world
         loop, children = loop_report(self._memory, self.tracker), self._children
         assert children is not None
@@ -190,14 +190,14 @@ class ServoObserver(Commands):
 
     @property
     def tracker_refusals(self) -> dict[str, int]:
-        """How many messages the tracker's process has refused so far, by the reasons of `runtime.reception`."""
+        """Number of messages that the tracker's process has rejected so far, by the reasons of `pose_filter`."""
         shared = self._memory_or_none
         return dict(tracker_facts(shared).get("refused", {})) if shared is not None else {}
 
     @property
     def missing_pose(self) -> str:
-        """Which pose is waited for, with what came instead, while the newest row has no valid pose of a tracker with a
-        process of its own; else empty."""
+        """The pose that the servo waits for, with the counts so far, while the newest row has no valid pose from a
+        tracker with its own process; else empty."""
         shared = self._memory_or_none
         row = None if shared is None else shared.ring.latest()
         if shared is None or row is None or row[shared.layout["valid"].start] == 1.0:
@@ -206,8 +206,8 @@ class ServoObserver(Commands):
 
     @cached_property
     def part_remarks(self) -> tuple[str, ...]:
-        """What to say of each part of the wrench that can be rendered, by its number in the row; empty for a device
-        without a choice, and for a part of which there is nothing to say."""
+        """Remarks about each part of the wrench that can be rendered, by its number in the row; empty for a device
+        without a choice, and for a part without remarks."""
         remarks = self.device.kind.part("part_remarks")
         return () if self._choice is None or remarks is None else tuple(remarks(self.device, self._choice))
 
@@ -230,13 +230,13 @@ class ServoObserver(Commands):
 
     @property
     def trip_files(self) -> tuple[Path, ...]:
-        """The recordings in the `black_box` folder so far."""
+        """Recordings in the `black_box` folder so far."""
         return () if self._black_box is None else tuple(file for file in self._black_box.files if file is not None)
 
     @property
     def recording(self) -> Recording:
-        """What was recorded up to now. While the loop runs, and after a crash, it is marked as truncated.
+        """The recording so far. While the loop runs, and after a crash, it is marked as truncated.
 
-        Raises RecordingError if nothing was, or if the file cannot be read.
+        Raises RecordingError if nothing was recorded, or if the file cannot be read.
         """
         return self._recording.read()

@@ -1,4 +1,4 @@
-"""What the servo's process prints, shown where this program's messages go: `print` in a world arrives."""
+"""Output of the servo's process, copied to this program's messages, including `print` in a world."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _PATIENCE = 0.5  #: for what is still in the pipe when the process has ended [s]
 
 @final
 class OutputReader:
-    """Copies `pipe` to standard error until its writers have ended; standard output is for results."""
+    """Copies `pipe` to standard error until its writers have ended; standard output is reserved for results."""
 
     def __init__(self, pipe: IO[bytes] | None) -> None:
         self._pipe = pipe
@@ -25,7 +25,7 @@ class OutputReader:
             self._thread.start()
 
     def end(self) -> None:
-        """The process has ended: show the rest."""
+        """The process has ended: show the remaining output."""
         if self._pipe is None:
             return
         self._thread.join(_PATIENCE)  # a process that a world has started may hold the pipe open
@@ -39,7 +39,8 @@ class OutputReader:
 
 
 def show(text: str) -> None:
-    """Write `text` to standard error; nowhere if the program has none, or if it was closed or its terminal is gone."""
+    """Write `text` to standard error; nowhere if the program has none, or if it was closed or its terminal has
+    disappeared."""
     if sys.stderr is not None:
         with suppress(OSError, ValueError):  # ValueError: a file object that was closed
             sys.stderr.write(text)

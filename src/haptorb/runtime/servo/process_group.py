@@ -1,8 +1,8 @@
-"""The processes of servo, recorder and tracker as their parent holds them: start, watch, feed with heartbeats, end.
+"""The processes of servo, recorder and tracker, seen from their parent: start, monitor, send heartbeats, end.
 
-The parent looks every 20 ms, and takes hold of the ticks before a trip. A servo that vanished is noticed within a
-tenth of a second. One whose tick does not end is told so after a second; what runs in there can refuse to hear that,
-and half a second later the process is killed. A recorder that stands still is reported, and the loop goes on.
+The parent checks every 20 ms, and copies the ticks before a trip. A servo that has ended is detected within a tenth
+of a second. A servo whose tick does not end gets a signal after a second; the code in the tick can ignore it, and
+half a second later the process is killed. A stalled recorder is reported, and the loop continues.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from haptorb.runtime.servo.output_reader import OutputReader
 __all__ = ["ProcessGroup"]
 
 _EVERY = 0.02  #: between two heartbeats [s]
-_STUCK = 1.0  #: without a tick the servo is told that it is stuck [s]
+_STUCK = 1.0  #: without a tick the servo is notified that it is stuck [s]
 _HUNG = 1.5  #: and so long without one it is killed [s]
-_STALLED = 1.0  #: without a look for rows the recorder is said to stand still [s]
+_STALLED = 1.0  #: without a look for rows the recorder counts as stalled [s]
 _START = 180.0  #: the first start on a machine compiles the kernels [s]
 _FIRST_CALL = 20.0  #: a world that compiles code of its own may take long, once [s]
-_FINISH = 1.5  #: to end as told before a signal is sent [s]
+_FINISH = 1.5  #: to end on request before a signal is sent [s]
 _DRAIN = 20.0  #: for the recorder to write what it has [s]
 _HANG = (
     "world '{}' hangs: the last tick began {:.1f} s ago and did not end; the process was killed. A world must "
@@ -45,14 +45,14 @@ _ENDLESS = (
     "call at once"
 )
 _STALL = (
-    "the recorder has not written for {:.1f} s, and rows that it does not fetch in time are lost; check for a full or "
-    "slow disk"
+    "the recorder has not written for {:.1f} s, and rows are lost if it does not continue; check for a full or slow "
+    "disk"
 )
 
 
 @final
 class ProcessGroup:
-    """Gives `standby`, whose plan is written, its work; `record` and `track` may add others, then
+    """Starts the servo in `standby`, whose plan is written; `record` and `track` may add others, then
     `wait_until_running`."""
 
     def __init__(self, standby: PrestartedProcess, shared: SharedMemory, black_box: BlackBox) -> None:
@@ -64,7 +64,7 @@ class ProcessGroup:
         shared.words[Word.HEARTBEAT] = monotonic_ns()
         self._servo = standby.process
         self._hang = self._stall = ""
-        self._asked = False  # whether the servo was told that it is stuck
+        self._asked = False  # whether the servo was notified that it is stuck
         self.memory = MemoryGrowth(standby.process.pid)
         standby.give(shared.path)
         self._output = OutputReader(standby.process.stdout)
@@ -87,14 +87,19 @@ class ProcessGroup:
 
     @property
     def alive(self) -> bool:
-        """Whether the loop runs: the process is there, and it neither ended nor failed."""
+        """Whether the loop runs: the process exists and has neither ended nor failed."""
         return self._shared.phase is Phase.RUNNING and self._servo.poll() is None
 
     def record(self, spec: str, descriptor: int) -> None:
-        """Start the recorder with `spec` (JSON) and the open file `descriptor`."""
-        self._recorder = start_module(
-            "haptorb.runtime.processes.recorder_process", spec, errors=self._errors, descriptor=descriptor
-        )
+        """Start the recorder with `spec` (JSON), which a command line could be too short for, and the open file
+        `descriptor`."""
+        path = self._errors.with_name("recorder.json")
+        path.write_text(spec, encoding="utf-8")
+        with path.open("rb") as file:
+            self._recorder = start_module(
+                "haptorb.runtime.processes.recorder_process",
+                errors=self._errors, stdin=file.fileno(), descriptor=descriptor,
+            )  # fmt: skip
 
     def track(self, spec: str, descriptor: int | None) -> None:
         """Start the tracker's process with `spec` (JSON) and its open socket `descriptor`, if it has one."""
@@ -142,7 +147,7 @@ class ProcessGroup:
 
     @property
     def recorder_trouble(self) -> str:
-        """Why there is no recording any more; empty while all is well."""
+        """Why the recording has ended; empty if there is no problem."""
         if self._recorder is None:
             return ""
         reason = self._shared.recorder_reason.read()[1]
@@ -155,12 +160,12 @@ class ProcessGroup:
 
     @property
     def recorder_counts(self) -> dict[str, int]:
-        """Rows in the recording, and rows that are lost to it: see `report.count_recorded`."""
+        """Rows in the recording, and lost rows: see `report.count_recorded`."""
         return count_recorded(self._shared, over=self._recorder is not None and self._recorder.poll() is not None)
 
     @property
     def tracker_trouble(self) -> str:
-        """Why there are no poses any more, in one clause; empty while all is well, or there is no such process."""
+        """Why there are no more poses, in one clause; empty if there is no problem or no such process."""
         if self._tracker is None:
             return ""
         reason = self._shared.tracker_reason.read()[1]
@@ -172,7 +177,7 @@ class ProcessGroup:
         )
 
     def end(self) -> None:
-        """End all processes: as told if they listen, else by force. May be called twice."""
+        """End all processes: by request, else by force. May be called twice."""
         if self._end_sent:
             return
         self._end_sent = True
@@ -246,7 +251,7 @@ class ProcessGroup:
         if text := self._describe_end():
             return text
         if self._shared.phase is Phase.RUNNING:
-            return f"its process ended with code {code} in the middle of a run, as a world does that calls os._exit"
+            return f"its process ended with code {code} during a run, as if a world had called os._exit"
         return f"its process failed with code {code}"
 
     def _describe_end(self) -> str:

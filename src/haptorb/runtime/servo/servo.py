@@ -1,7 +1,7 @@
-"""The servo as Python programs hold it: start it, point, stop, change the world, read rows, and leave it behind.
+"""The servo for Python programs: start it, move the hand, stop, change the world, read rows.
 
-The loop itself runs in a process of its own; a third one records. Leaving the `with` block in any way ends both and
-leaves the coils off.
+The loop runs in its own process; a third process records. Leaving the `with` block in any way ends both, with the
+coils off.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, final
 
-from haptorb.control.clutch.modes import Gains
+from haptorb.control.clutch.gains import Gains
 from haptorb.control.stability.coupling_choice import CouplingSetting
 from haptorb.control.stability.hand_grip import check_grip
 from haptorb.devices.device import Device
@@ -35,7 +35,6 @@ from haptorb.runtime.realtime.schedule import check_rate
 from haptorb.runtime.realtime.stale_files import FileLock, sweep
 from haptorb.runtime.recording.run_recording import RunRecording
 from haptorb.runtime.row import RowLayout
-from haptorb.runtime.servo.device_text import text_of
 from haptorb.runtime.servo.launch import check_seed, describe_choices, notes, recorder_spec, tracker_spec
 from haptorb.runtime.servo.process_group import ProcessGroup
 from haptorb.runtime.servo.servo_context import ServoContext
@@ -69,40 +68,38 @@ __all__ = ["Servo"]
 
 @final
 class Servo(ServoContext):
-    """A device, a world under its mover, and the loop between them.
+    """A device, a world, and the loop that connects them.
 
     device     name in the catalogue, path of a device file, or a Device
     world      name in the catalogue, a World, a function of a State that returns a wrench (6,), or "FILE.py:NAME"
-               (WorldFile), or a SceneFile, loaded again whenever it is saved, with clients' force or without
-               (FileWithRemote); None: the one that shows the device best
-    driver     "sim": the simulated device
-    tracker    "pointer": the tool is where the hand wants it that `point` moves; "hall": the hand follows that as
-               well, but where the tool is, the estimator learns from the field sensors only; "osc:PORT", "lsl:NAME",
-               "replay:FILE", "natnet:HOST": a tracker of its own process, see `tracker_door`
-    prediction  how far such a tracker's pose is carried forward with its own velocity, at most [s]
-    frame      file of `haptorb frame` (or a TrackerFrame) that turns such a tracker's poses into the tool's in the
-               stator's frame; None: it speaks that already
+               (WorldFile), or a SceneFile, reloaded whenever it is saved, with or without clients' force
+               (FileWithRemote); None: the default world of the kind of device
+    driver     "sim": the simulated device; "serial:PORT" or "i2c:BUS": a real device
+    tracker    "pointer": the pose set by `point`; "hall": the field sensors, while the simulated hand follows `point`;
+               "osc:PORT", "lsl:NAME", "replay:FILE", "natnet:HOST": a tracker in its own process, see
+               `tracker_registry`
+    prediction  longest time by which such a tracker's pose is extrapolated with its own velocity [s]
+    frame      file of `haptorb frame` (or a TrackerFrame) that transforms such a tracker's poses into those of the tool
+               in the stator's frame; None: they are already in it
     rate       of the loop [Hz], 50 to 4000
     record     file to record to (MCAP); None: a temporary one, deleted at exit; False: no recording
     overwrite  whether `record` may replace a file
     seed       of the simulation's noise
-    model      of coils and magnets that the controller inverts, one of the device's `tick_models`; None: the first
-    estimator  how the mover's state is known; None: the device's default
+    model      controller model, one of the device's `tick_models`; None: the first
+    estimator  name of the estimator; None: the device's default
     gains      of a motor's two modes; None: `linkage.MOTOR_GAINS`
-    calibration  file of `haptorb calibrate` (or a Calibration) for this device, whose values the controller believes
-    render     part of the world's wrench to render, "force", "torque" or "both"; None: what the world asks
-    torque_arm  where force and torque are both asked, 1 N weighs as much as this length [m] × 1 N of torque;
-               None: `whole_wrench.TORQUE_ARM`
-    watchdog   False: drive an I²C bus although nothing switches off when this computer stops; nobody may touch it
+    calibration  file of `haptorb calibrate` (or a Calibration) for this device
+    render     part of the world's wrench to render, "force", "torque" or "both"; None: the part that the world defines
+    torque_arm  length that weights torque against force if both are rendered [m]; None: `whole_wrench.TORQUE_ARM`
+    watchdog   False: drive an I²C bus although nothing switches off when this computer stops; do not touch the device
     grip       of the hand for which the coupling of a scene is chosen: "loose", "light", "firm", or
                "MASS,DAMPING,STIFFNESS"
-    latency    of the tracker, for which it is chosen as well [s]; None: 5 ms (assumed) if it has a process of its own
+    latency    of the tracker, for the same choice [s]; None: 5 ms (assumed) if it has its own process
     black_box  folder for a recording of the last 100 ticks before every trip; None: they are in `trips` only
 
-    Raises UnknownName for a name that is not in its list, InputError for a value that cannot be used, or a world,
-    tracker or gains that do not fit the device, DeviceError for a file that describes no device, and CalibrationError
-    for a calibration or frame that cannot be read or is another device's or tracker's. PlatformError if this is not
-    Linux.
+    Raises UnknownName for an unknown name; InputError for an invalid value, or for a world, tracker or gains that do
+    not fit the device; DeviceError for an invalid device file; CalibrationError for a calibration or frame that cannot
+    be read or belongs to another device or tracker; PlatformError if this is not Linux.
     """
 
     def __init__(
@@ -131,7 +128,6 @@ class Servo(ServoContext):
     ) -> None:
         require_linux("haptorb.Servo")
         self.device = device if isinstance(device, Device) else load(device)
-        self._device_text = text_of(self.device, device)
         self.layout = RowLayout.of(self.device)
         self.driver = check_driver(driver)
         self.tracker = check_tracker(tracker, self.driver)
@@ -143,7 +139,7 @@ class Servo(ServoContext):
         self._model = self.device.check_tick_model(model or self.models[0])
         self.calibration = (
             read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
-        )  #: what the controller believes of the device beside its file
+        )  #: the calibration that the controller uses beside the device file
         if self.calibration is not None:
             # refuses here what is another device's
             self.calibration.apply(electromagnet(self.device, "a calibration"))
@@ -152,7 +148,7 @@ class Servo(ServoContext):
         if gains is not None:
             linkage_of(self.device, gains)  # refuses here what does not fit
         self._choice = choice_of(self.device, render, torque_arm)  # refuses here what does not fit
-        self.render = render  #: part of the wrench that is rendered whatever the world asks; None: what it asks
+        self.render = render  #: part of the wrench to render, overriding the world; None: the world's
         first, self._world_file = choose_world(default_world(self.device) if world is None else world)
         self._coupling = CouplingSetting(
             self.device, self.rate, check_grip(grip), self.estimator, has_feed(self.tracker), latency
@@ -192,7 +188,7 @@ class Servo(ServoContext):
     def open(self, standby: PrestartedProcess | None = None) -> None:
         """Start: returns when the loop runs. Raises RecordingError or ServoError, with nothing left running.
 
-        standby: a process that was sent ahead, and is this servo's from here on; None: one is started now.
+        standby: a process that was started early, for this servo; None: start one now.
         """
         if self._children is not None:
             raise ServoError("this servo was already started; create a new one")
@@ -275,7 +271,7 @@ class Servo(ServoContext):
 
     @property
     def coupling(self) -> str:
-        """What couples the mover to the scene's body, and how far inside the stable that is; empty without a scene."""
+        """The coupling between mover and held body, and its stability margin; empty without a scene."""
         return self._coupling.describe(self._plan.world)
 
     def _notes(self) -> dict[str, dict[str, str]]:
@@ -295,4 +291,4 @@ class Servo(ServoContext):
             "first_world": description(self._plan.world),
             **describe_choices(self._gains, self._torque_arm, (self._plan.world, *self.own_worlds.values())),
         }
-        return notes(self.device, self._device_text, run)
+        return notes(self.device, run)

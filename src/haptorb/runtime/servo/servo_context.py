@@ -1,4 +1,4 @@
-"""A servo in a `with` block, and in an `async with` block, whose event loop goes on meanwhile."""
+"""A servo in a `with` block, and in an `async with` block, whose event loop keeps running."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LOOK = 0.02  #: between two looks whether all is well [s]
 
 
 class ServoContext(ServoObserver):
-    """Base of `Servo`: it is open in the block, and closed after it, however the block ends."""
+    """Base of `Servo`: it is open in the block and closed after it, however the block ends."""
 
     @abstractmethod
     def open(self) -> None:
@@ -55,7 +55,7 @@ class ServoContext(ServoObserver):
         recorder does, WorldError if the world's code fails or takes too long; InputError if the path of the hand fails,
         or `seconds` is negative or not finite.
 
-        Ctrl-C closes the servo first, then goes on its way.
+        Ctrl-C closes the servo first, then raises KeyboardInterrupt.
         """
         end = monotonic() + _check_seconds(seconds)
         try:
@@ -66,13 +66,13 @@ class ServoContext(ServoObserver):
             raise
 
     async def wait(self, seconds: float) -> None:
-        """As `run`, in an event loop: other tasks go on. Raises what `run` raises."""
+        """Like `run`, for an event loop: other tasks keep running. Raises what `run` raises."""
         end = monotonic() + _check_seconds(seconds)
         while (left := self._check_all(end)) > 0:
             await asyncio.sleep(min(left, _LOOK))
 
     async def watch(self, every: float = _LOOK) -> AsyncIterator[LatestRow]:
-        """The newest tick, again and again, `every` so many seconds: `async for row in servo.watch()`.
+        """The newest tick, once `every` [s]: `async for row in servo.watch()`.
 
         Raises what `run` raises.
         """
@@ -98,8 +98,8 @@ def _check_seconds(seconds: float) -> float:
 
 
 async def _complete(work: Callable[[], None]) -> None:
-    """`work` in a thread, to its end: a task that is cancelled meanwhile goes on only when it is done, because a servo
-    that half started must be closed."""
+    """`work` in a thread, to its end: a task that is cancelled waits until it is done, because a servo
+    that has half started must be closed."""
     task = asyncio.ensure_future(asyncio.to_thread(work))
     cancelled: asyncio.CancelledError | None = None
     while not task.done():
@@ -108,6 +108,6 @@ async def _complete(work: Callable[[], None]) -> None:
         except asyncio.CancelledError as cause:
             cancelled = cause
     if cancelled is not None:
-        task.exception()  # nobody else hears of it
+        task.exception()  # otherwise it is reported nowhere
         raise cancelled
     task.result()

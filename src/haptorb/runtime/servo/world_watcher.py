@@ -1,4 +1,4 @@
-"""A world in a user's file, loaded again whenever the file is saved; an error leaves the old world running."""
+"""A world in a user's file, reloaded whenever the file is saved; after an error the old world keeps running."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ _SETTLED = 0.03  #: for which a file that is being written must stay as it is [s
 def choose_world(
     given: str | World | WorldFile | SceneFile | FileWithRemote | Callable[[State], Array],
 ) -> tuple[World, WorldFile | SceneFile | None]:
-    """The world that `given` names or is, and the file to watch if it comes from one; a function returns (6,) [N, N·m].
+    """The world `given` by name or object, and the file to watch if it comes from one.
+
+    A function as a world returns (6,) [N, N·m].
 
     Raises UnknownName or InputError as `find_world`, `make_world` and `WorldFile.load` do.
     """
@@ -50,7 +52,7 @@ def _to_json(value: Any) -> Any:
 
 
 def keep_changes(old: World, values: dict[str, Any], new: World) -> dict[str, Any]:
-    """Those of `values` that a person has changed from the `old` world's and that `new` still allows."""
+    """Those of `values` that differ from the `old` world's and that `new` still allows."""
     before, changes = parameter_values(old), {}
     for name, value in values.items():
         if name in before and value != _to_json(before[name]) and name in parameters(type(new)):
@@ -62,10 +64,10 @@ def keep_changes(old: World, values: dict[str, Any], new: World) -> dict[str, An
 
 @final
 class WorldWatcher:
-    """Looks at the file of `world` five times a second and hands every new version to `replace`, in a thread.
+    """Checks the file of `world` five times a second and passes every new version to `replace`, in a thread.
 
-    world     as the file was loaded; clients' force beside it is not the file's
-    replace   (world, values that a person has changed) → in effect; raises HaptorbError if the servo refuses
+    world     as loaded from the file, without clients' force
+    replace   (world, values that the user has changed) → in effect; raises HaptorbError if the servo refuses
     """
 
     def __init__(
@@ -74,18 +76,18 @@ class WorldWatcher:
         world: World,
         device: Device,
         replace: Callable[[World, dict[str, Any]], None],
-        felt: Callable[[], tuple[str, dict[str, Any]]],
+        current: Callable[[], tuple[str, dict[str, Any]]],
     ) -> None:
         self.trouble = ""  #: why the newest version of the file is not used; empty while it is
         self._file, (self._world, _), self._device = file, split_remote(world), device
-        self._replace, self._felt = replace, felt
+        self._replace, self._current = replace, current
         self._stamp = file.stamp
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="haptorb-world-file", daemon=True)
         self._thread.start()
 
     def end(self) -> None:
-        """Look no more; a file that is being loaded is not waited for."""
+        """Stop checking, without waiting for a file that is being loaded."""
         self._ending.set()
 
     def _watch(self) -> None:
@@ -110,25 +112,25 @@ class WorldWatcher:
             if new.name != self._world.name:
                 raise UnknownName(f"world in {path}", new.name, [self._world.name])
             try_world(new, self._device)
-            name, values = self._felt()
+            name, values = self._current()
             self._replace(new, keep_changes(self._world, values, new) if name == new.name else {})
         except HaptorbError as cause:
             if not self._ending.is_set():
-                self.trouble = f"{path} was saved, but the world from before goes on: {cause}"
+                self.trouble = f"{path} was saved, but the previous world continues: {cause}"
                 show(f"{self.trouble}\n")
             return
         finally:
             hint.cancel()
             hint.join()  # what it says comes before what follows
         self._world = new
-        show(f"{path} was saved: world '{new.name}' is loaded anew\n")
-        self.trouble = ""  # last: whoever waits for it finds the message shown
+        show(f"{path} was saved: world '{new.name}' is reloaded\n")
+        self.trouble = ""  # last: a waiting thread finds the message shown
 
     def _explain_wait(self, path: str) -> None:
         """The new code does not return, and while it runs nothing else is loaded."""
         self.trouble = (
-            f"{path} was saved, but has not returned from loading or its first call for {_SLOW:g} s; the world from "
-            "before goes on. If it never returns, start anew after mending it"
+            f"{path} was saved, but has not returned from loading or its first call for {_SLOW:g} s; the previous "
+            "world continues. If it never returns, correct the file and restart"
         )
         if not self._ending.is_set():
             show(f"{self.trouble}\n")

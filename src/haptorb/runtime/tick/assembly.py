@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from haptorb.control.allocation.allocator import Allocator
 from haptorb.control.allocation.wrench_choice import WrenchChoice
+from haptorb.control.clutch.gains import Gains
 from haptorb.control.clutch.linkage import Linkage
-from haptorb.control.clutch.modes import Gains
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.errors import InputError, UnknownName
@@ -33,6 +35,7 @@ __all__ = [
     "linkage_of",
     "make_tick",
     "modes_of",
+    "read_learned",
 ]
 
 DRIVERS = ("sim",)
@@ -72,7 +75,7 @@ def _choices(device: Device) -> dict[str, EstimatorChoice]:
 
 def check_estimator(device: Device, name: str | None) -> str:
     """`name` itself, or the default of `device` for None; UnknownName for what it cannot have, InputError for what it
-    cannot have yet, such as networks that nobody has trained."""
+    cannot have yet, such as networks before their training."""
     known = _choices(device)
     if name is None:
         return next(iter(known))
@@ -85,17 +88,32 @@ def check_estimator(device: Device, name: str | None) -> str:
 
 
 def estimator_of(
-    device: Device, name: str, model: str | None, offsets: Array | None = None, *, in_turns: bool = False
+    device: Device,
+    name: str,
+    model: str | None,
+    offsets: Array | None = None,
+    *,
+    in_turns: bool = False,
+    learned: bytes = b"",
 ) -> Estimator:
     """The estimator `name` of `device`, by its `model`; `offsets` (k, 3) [T] of its field sensors, if known.
 
-    in_turns: the driver reads a part of the field sensors in each tick. Raises UnknownName for an estimator that it
-    cannot have.
+    in_turns: the driver reads a part of the field sensors in each tick. learned: as `read_learned` has it, in place of
+    what this computer has. Raises UnknownName for an estimator that it cannot have.
     """
     known = _choices(device)
     if name not in known:
         raise UnknownName(f"estimator of device '{device.name}'", name, known)
-    return known[name].make(device, EstimatorSettings(model, offsets, in_turns))
+    return known[name].make(device, EstimatorSettings(model, offsets, in_turns, learned))
+
+
+def read_learned(device: Device, name: str) -> bytes:
+    """The file with what the estimator `name` of `device` learned, such as networks; empty for one that learns nothing,
+    or if there is none."""
+    read = _choices(device)[name].read_learned
+    with suppress(OSError):
+        return b"" if read is None else read(device)
+    return b""
 
 
 def allocator_of(device: Device) -> Allocator:
@@ -105,7 +123,7 @@ def allocator_of(device: Device) -> Allocator:
 
 
 def choice_of(device: Device, render: str | None = None, torque_arm: float | None = None) -> WrenchChoice | None:
-    """Which part of a world's wrench `device` renders: `render`, or what the world asks for None.
+    """Which part of a world's wrench `device` renders: `render`, or the part that the world defines for None.
 
     torque_arm: where force and torque are both asked, 1 N weighs as much as this length [m] × 1 N of torque. None for a
     kind of device that has no choice. Raises UnknownName for a part that there is not, InputError for a choice that the
@@ -116,8 +134,8 @@ def choice_of(device: Device, render: str | None = None, torque_arm: float | Non
         if render is None and torque_arm is None:
             return None
         raise InputError(
-            f"device '{device.name}' ({device.kind.title}) has no choice of force or torque: it always renders what "
-            "its mover can feel; leave out render and torque arm"
+            f"device '{device.name}' ({device.kind.title}) has no choice of force or torque: it always renders every "
+            "component; leave out render and torque arm"
         )
     choice: WrenchChoice = device.kind.part("wrench_choice")(device, part, torque_arm)
     return choice
@@ -147,7 +165,7 @@ def assemble(
 ) -> Tick:
     """The chain that renders `world` on `device` at `rate` [Hz]; coils are off until its driver is opened.
 
-    What `calibration` measured is believed by everything but the simulated device, which stays what its file says. An
+    What `calibration` measured is used by everything but the simulated device, which keeps its file's values. An
     I²C bus needs a monostable on its PWM chip's OE pin, unless `watchdog` is False.
     """
     from haptorb.runtime.drivers.sim_driver import SimDriver  # the simulation is loaded only where it runs
@@ -180,15 +198,18 @@ def make_tick(
     render: str | None = None,
     torque_arm: float | None = None,
     in_turns: bool = False,
+    learned: bytes = b"",
 ) -> Tick:
     """The chain behind `driver`, as `assemble` makes it; at `rate` [Hz].
 
-    in_turns: the driver reads a part of the field sensors in each tick.
+    in_turns: the driver reads a part of the field sensors in each tick. learned: as `read_learned` has it, in place of
+    what this computer has.
     """
     believed = device if calibration is None else calibration.apply(electromagnet(device, "a calibration"))
     offsets = None if calibration is None else calibration.offsets
-    known = check_estimator(device, estimator)
+    known = estimator if learned and estimator else check_estimator(device, estimator)
     return Tick(
-        believed, world, driver, estimator_of(believed, known, model, offsets, in_turns=in_turns),
+        believed, world, driver,
+        estimator_of(believed, known, model, offsets, in_turns=in_turns, learned=learned),
         allocator_of(device), 1.0 / rate, linkage_of(device, gains), choice=choice_of(device, render, torque_arm),
     )  # fmt: skip

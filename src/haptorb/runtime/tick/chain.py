@@ -13,7 +13,7 @@ __all__ = ["Chain", "Joining"]
 
 
 class Joining(Protocol):
-    """The part of a linkage that the loop needs, and what it is told is noted."""
+    """The part of a linkage that the loop needs; its commands are noted."""
 
     def set_mode(self, mode: Mode) -> None:
         """Go over to `mode` without a step."""

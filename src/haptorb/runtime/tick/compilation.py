@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import final
 
 from haptorb import worlds
-from haptorb.control.clutch.modes import Gains
+from haptorb.control.clutch.gains import Gains
 from haptorb.devices.device import Device
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
@@ -26,7 +26,7 @@ _TICKS = 3
 
 def practise(chain: Chain, world: World, row: Array, now: float) -> None:
     """One step of `chain` at `now` [s] with `world`, which fills `row` (width,); nothing if the device cannot render
-    it: then nobody will be able to choose it either."""
+    it: then it cannot be chosen either."""
     with suppress(HaptorbError):
         chain.change_world(world)
         chain.step(row, now)
@@ -53,7 +53,7 @@ class Compilation:
     """Of the code that controls `device`, for processes beside the servo's: what one of them has compiled lies in the
     cache for the others.
 
-    What fails is not told: the servo's process meets it, too, and there it has consequences.
+    Failures are not reported: the servo's process meets them too, and reports them.
     """
 
     device: Device
@@ -87,7 +87,7 @@ class Compilation:
     def compile_catalogue(self, find_wanted: Callable[[], str]) -> Iterator[str]:
         """Compile world after world, as it is iterated, and yield its name.
 
-        find_wanted   → name of the world that somebody waits for, which comes next; empty for none
+        find_wanted   → name of the world that is waited for, which comes next; empty for none
         """
         chain, row = self.make_tick(), self._make_row()
         left = list(worlds.CATALOGUE)

@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from haptorb.control.clutch.modes import Gains
+from haptorb.control.clutch.gains import Gains
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap

@@ -1,4 +1,4 @@
-"""Which part of the world's wrench the tick renders: chosen with the world, or found out from what the world asks."""
+"""Which part of the world's wrench the tick renders: chosen with the world, or detected from what the world asks."""
 
 from __future__ import annotations
 

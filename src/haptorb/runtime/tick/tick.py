@@ -1,4 +1,4 @@
-"""One tick of the loop: read → estimate → world → allocate → guard → write, and the row that tells it all.
+"""One tick of the loop: read → estimate → world → allocate → guard → write, and the row that records it all.
 
 The same seven lines run every device, simulated or real; nothing in them asks which one it is.
 """
@@ -49,7 +49,7 @@ _SINGLE = ("currents_age", "ahead", "world", "coil_state", "saturated", "part", 
 class Tick:
     """The chain for one device, world and driver; `step` runs it once and fills one row.
 
-    Whatever fails in it ends in coils off with a reason, never in an exception that leaves them on.
+    Any failure in it ends in coils off with a reason, never in an exception that leaves them on.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Tick:
         self._zeros, self._applied = np.zeros(device.channels), np.zeros(device.channels)
         self._nothing, self._no_memory = np.zeros(6), np.zeros(0)
         nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
-        self._felt_last = RenderedWrench(self._nothing, nowhere, self._nothing, NO_CONTACTS, 0, np.zeros(2), False)
+        self._last_rendered = RenderedWrench(self._nothing, nowhere, self._nothing, NO_CONTACTS, 0, np.zeros(2), False)
         self._no_currents = Allocation(self._zeros, self._nothing, Saturation.NONE, 0.0)
         self._stages = np.zeros(len(STAGES))
         self._times: Any = self._stages.data  # single numbers go through it twice as fast
@@ -111,7 +111,7 @@ class Tick:
     def change_world(self, world: World) -> None:
         """Render `world` from the next tick on; the guard's slew limit takes the step out of the change.
 
-        In another kind of world the object begins anew; with other parameters it stays where it is, and a world with
+        In another kind of world the object is reset; with other parameters it stays where it is, and a world with
         memory keeps of it what its rule says.
         """
         self._go_over(world)
@@ -121,7 +121,7 @@ class Tick:
         fitted = world.for_device(self._device)
         check_world_period(fitted, self._dt)
         restarts = type(split_remote(fitted)[0]) is not type(split_remote(self.world)[0])
-        # A target that begins anew is not where a memory has it.
+        # A target that was reset is not where a memory has it.
         bound = bind_world(fitted, self._dt, None if restarts and self.linkage.modes else self._bound, self.client)
         if restarts:
             self.linkage.restart()
@@ -208,7 +208,7 @@ class Tick:
         if estimate.valid:  # the first valid pose starts the ramp
             protection.start(estimate)
         t2 = perf_counter()
-        felt = self._render(estimate, now)
+        rendered = self._render(estimate, now)
         t3 = perf_counter()
         # Modes scale what the hand feels: what a target's world holds is no measure of it.
         stored = np.nan if self._bound is None or self.linkage.modes else self._bound.energy
@@ -226,7 +226,7 @@ class Tick:
         times[0], times[1], times[2] = t1 - t0, t2 - t1, t3 - t2
         times[3], times[4], times[5] = t4 - t3, t5 - t4, t6 - t5
         ages, ahead, world, coil_state, saturated, part, model, mode, engaged = self._cells
-        places, thing, pose = self._places, felt.thing, sample.pose
+        places, thing, pose = self._places, rendered.thing, sample.pose
         fill_row(
             row, places, protection.state, protection.coils, self.driver.target(), self.driver.truth(), self._applied,
             sample.field, self._stages,
@@ -235,11 +235,11 @@ class Tick:
             row, ages, pose.R_SR, pose.p, pose.v, pose.w, pose.t, pose.valid, sample.currents_age, sample.field_age
         )
         memory = self._no_memory if self._bound is None else self._bound.numbers
-        fill_object(row, places, felt.share, thing.p, thing.R_SR, self._on_thing, felt.contacts, memory)
+        fill_object(row, places, rendered.share, thing.p, thing.R_SR, self._on_thing, rendered.contacts, memory)
         cells: Any = row.data  # single numbers, as above
         cells[ahead], cells[world], cells[coil_state] = self._ahead, self.world_changes, self.driver.coil_state
         cells[saturated], cells[part], cells[model] = allocation.saturated, self.part.number, self._model
-        cells[mode], cells[engaged] = felt.mode, felt.engaged
+        cells[mode], cells[engaged] = rendered.mode, rendered.engaged
         self._log.fill(cells, self._log_places)
         times[6] = perf_counter() - t6
 
@@ -247,31 +247,31 @@ class Tick:
         bound = self._bound
         try:
             if bound is None:
-                felt = self.linkage.render(self.world, estimate.state)
+                rendered = self.linkage.render(self.world, estimate.state)
             else:
                 bound.paused = not estimate.valid  # safety: memory-stands-still
                 self.budget.begin()
-                felt = self.linkage.render(bound, estimate.state)
+                rendered = self.linkage.render(bound, estimate.state)
                 self._log.fail(self.budget.end(bound))
-            check_wrench(felt.wrench)
+            check_wrench(rendered.wrench)
             # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.
-            self._rendered[:], self._on_thing[:] = felt.wrench, felt.on_thing
+            self._rendered[:], self._on_thing[:] = rendered.wrench, rendered.on_thing
             if self._fade.active:
                 self._fade.mix(self._rendered, now)
             if self.part.is_open:
                 self.part.follow()
-            self._felt_last = felt
-            return felt
+            self._last_rendered = rendered
+            return rendered
         except TickTimeout:
             raise
-        # A world is the user's code: whatever it raises must end in coils off.
+        # A world is the user's code: any exception must end in coils off.
         except BaseException as cause:  # safety: world-exit-trips
             reason = Trip.MEMORY_NOT_FINITE if isinstance(cause, MemoryNotFinite) else Trip.WORLD_FAILED
             self._log.fail(TickFailure.MEMORY if reason is Trip.MEMORY_NOT_FINITE else TickFailure.WORLD)
             self._fail(reason, cause)  # safety: world-failure-trips
             self._rendered[:] = self._on_thing[:] = 0.0
             self._fade.end()
-            return replace(self._felt_last, wrench=self._nothing, on_thing=self._nothing)
+            return replace(self._last_rendered, wrench=self._nothing, on_thing=self._nothing)
 
     def _allocate(self, wrench_map: WrenchMap, wrench: Array) -> Allocation:
         try:
@@ -287,7 +287,7 @@ class Tick:
         self.protection.trip(reason)
 
     def _switch_off(self, row: Array, now: float) -> None:
-        """What is left to do when the device does not answer: try to switch off, and say so in the row."""
+        """When the device does not respond: try to switch off, and record it in the row."""
         try:
             self._applied = self.driver.write(self._zeros)
         except HaptorbError:

@@ -15,7 +15,7 @@ NO_TICK = -1.0  #: instead of commands: the row that the loop leaves behind
 
 
 class TickCommand(IntFlag):
-    """What a person or the loop told the tick, in the order in which the loop hands it over."""
+    """The commands of a person or the loop to the tick, in the order in which the loop passes them."""
 
     EXCUSE = 32
     STOP = 1
@@ -64,20 +64,20 @@ class TickLog:
         self.scale = 1.0
 
     def note(self, command: int) -> None:
-        """`command` was told."""
+        """A command arrived."""
         self.commands |= int(command)  # a sum of flags is ten times slower
 
     def note_mode(self, mode: Mode) -> None:
-        """Another mode was told: the last one counts."""
+        """A new mode: the last one counts."""
         self.commands = int(self.commands & ~(TickCommand.TRANSLATE | TickCommand.ROTATE) | _MODES[mode])
 
     def note_clutch(self, engaged: bool) -> None:
-        """The clutch was told: the last word counts."""
+        """A command to the clutch: the last one counts."""
         flag = TickCommand.HOLD if engaged else TickCommand.RELEASE
         self.commands = int(self.commands & ~(TickCommand.HOLD | TickCommand.RELEASE) | flag)
 
     def note_model(self, number: int) -> None:
-        """Model `number`, from 0 on, was told."""
+        """A new model, by its `number` from 0."""
         self.commands = self.commands % MODEL + MODEL * (number + 1)
 
     def fail(self, failure: int) -> None:
@@ -86,7 +86,7 @@ class TickLog:
 
     def fill(self, cells: Any, places: tuple[int, int, int]) -> None:
         """The tick is over: into the row `cells`, a memoryview, at the `places` of commands, failures and torque scale;
-        all sums begin anew."""
+        all sums start again."""
         commands, failures, scale = places
         cells[commands], cells[failures], cells[scale] = self.commands, self.failures, self.scale
         self.commands = self.failures = 0
@@ -94,7 +94,7 @@ class TickLog:
 
 @final
 class NotedLinkage:
-    """What the loop tells `linkage`, noted in `log`."""
+    """The loop's commands to `linkage`, noted in `log`."""
 
     def __init__(self, linkage: Linkage, log: TickLog) -> None:
         self._linkage, self._log = linkage, log

@@ -14,7 +14,6 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from haptorb.control.clutch.mode_kernels import CLUTCH
 from haptorb.errors import RecordingError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.tick.tick import Tick
@@ -25,7 +24,7 @@ _LONGEST: Final = 4_000_000  #: bytes of a state
 
 #: class → its attributes that change; "name[]": an array that others look into, and that is filled in place
 _REMEMBERED: Final[dict[str, tuple[str, ...]]] = {
-    "Tick": ("_applied", "world_changes", "_felt_last", "_model", "_rendered[]", "_on_thing[]"),
+    "Tick": ("_applied", "world_changes", "_last_rendered", "_model", "_rendered[]", "_on_thing[]"),
     "TickLog": ("scale",),
     "WrenchFade": ("active", "_before", "_start"),
     "RenderedPart": ("number", "is_open", "_part", "_has_pushed"),
@@ -44,6 +43,8 @@ _REMEMBERED: Final[dict[str, tuple[str, ...]]] = {
     "ColdStart": ("_slopes[]", "_fit[]"),
     "FieldToTorque": ("_field[]", "_usable[]", "_single[]", "_known[]", "_t"),
 }  # fmt: skip
+#: name → what versions before called it
+_EARLIER: Final = {"_last_rendered": "_felt_last"}
 #: class → its parts that remember
 _PARTS: Final[dict[str, tuple[str, ...]]] = {
     "Tick": ("_log", "_fade", "part", "budget", "protection", "linkage", "_bound", "estimator"),
@@ -79,7 +80,7 @@ def unpack_state(text: str) -> bytes:
     try:
         return zlib.decompressobj().decompress(b64decode(text, validate=True), _LONGEST)
     except (ValueError, zlib.error) as cause:
-        raise RecordingError(f"a state in the recording is not one that haptorb wrote: {cause}") from cause
+        raise RecordingError(f"a state in the recording was not written by haptorb: {cause}") from cause
 
 
 def load_state(tick: Tick, state: bytes, memory: Array) -> None:
@@ -97,7 +98,8 @@ def load_state(tick: Tick, state: bytes, memory: Array) -> None:
             tick.part.allocator = choice.allocators[tick.part._part]
     except Exception as cause:  # anybody's bytes
         raise RecordingError(
-            f"the state that the recording begins with is not that of this chain ({type(cause).__name__}: {cause})"
+            "the state at the beginning of the recording does not fit this device and these parts "
+            f"({type(cause).__name__}: {cause})"
         ) from cause
 
 
@@ -122,14 +124,13 @@ def _is_record(value: Any) -> bool:
 def _restore(part: Any, state: dict[str, Any]) -> None:
     kind = type(part).__name__
     if kind != state["kind"]:
-        return  # another estimator or world stands in: it begins anew
+        return  # another estimator or world replaces it: it starts from its initial state
     for name in _REMEMBERED.get(kind, ()):
-        value = state[name]
-        if name.endswith("[]"):
-            there = getattr(part, name[:-2])
+        value, there = state[name if name in state else _EARLIER[name]], getattr(part, name.removesuffix("[]"))
+        if isinstance(value, bytes):
             there[...] = np.frombuffer(value, dtype=there.dtype).reshape(there.shape)
-        else:
-            setattr(part, name, np.frombuffer(value, dtype=CLUTCH).copy() if isinstance(value, bytes) else value)
+        elif not _is_record(there):  # None for a record: an earlier version, before the first tick
+            setattr(part, name, value)
     for name in _PARTS.get(kind, ()):
         below = getattr(part, name)
         if below is not None:
@@ -143,5 +144,5 @@ class _PlainReader(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         """The class `name`, if it is one of those. Raises UnpicklingError otherwise."""
         if (module, name) not in _PLAIN:  # safety: plain-state
-            raise pickle.UnpicklingError(f"{module}.{name} is no part of a state")
+            raise pickle.UnpicklingError(f"{module}.{name} is not part of a state")
         return super().find_class(module, name)

@@ -20,7 +20,7 @@ _NOTHING = TickFailure(0)
 
 
 class StepWatch(Protocol):
-    """Who is told when a step of a world begins and ends, and changes its detail."""
+    """What receives the begin and end of each step of a world, and changes its detail."""
 
     def begin(self) -> None:
         """A step begins."""
@@ -31,7 +31,7 @@ class StepWatch(Protocol):
 
 @final
 class WorldBudget:
-    """Watches the time of a world's steps in ticks of `dt` [s] and tells it to do less, or more again.
+    """Watches the time of a world's steps in ticks of `dt` [s] and makes it reduce its detail, or restore it.
 
     A step cannot be interrupted: the budget leaves more than half of a tick, so that a scene which grows heavier sheds
     detail before ticks are late. What counts is the processor's time, on average: a step that waits because the

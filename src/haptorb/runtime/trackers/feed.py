@@ -1,4 +1,4 @@
-"""Where poses come from: the abstract feed, one per kind of tracker, and what it hears."""
+"""Sources of poses: the abstract feed, one class per kind of tracker, and the poses that it receives."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ __all__ = ["Feed", "RawPose", "RejectedPose"]
 
 
 class RawPose(NamedTuple):
-    """One pose as it was heard, judged by nobody yet.
+    """One pose as received, not yet checked.
 
-    p and q are as sent: three and four numbers that may be anything. `valid` False: the tracker says that it lost the
-    tool; then they do not matter. `stamp` [s] is the computer's monotonic clock when it was measured; `arrival` when
-    it came.
+    p and q are as sent: three and four numbers that may be anything. `valid` False: the tracker reports that it
+    lost the tool; then they are ignored. `stamp` [s] is the time of measurement on the computer's monotonic
+    clock; `arrival` the time of arrival.
     """
 
     p: tuple[float, ...]
@@ -25,26 +25,26 @@ class RawPose(NamedTuple):
 
 
 class RejectedPose(NamedTuple):
-    """Something that is no pose; `why` is the name under which it is counted."""
+    """A message that is not a valid pose; `why` is the name under which it is counted."""
 
     why: str
 
 
 class Feed(ABC):
-    """A source of poses, in a process of its own: it may wait, and it may fail.
+    """A source of poses, in its own process: it may wait, and it may fail.
 
-    `one_tool` False: what it says is where a hand once wanted the tool, and that may jump.
+    `one_tool` False: its poses are pointer targets, which may jump.
     """
 
     one_tool = True
 
     @abstractmethod
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        """What has come, in the order of arrival; waits at most `patience` [s] for the first.
+        """The received poses, in order of arrival; waits at most `patience` [s] for the first.
 
-        Raises HaptorbError if nothing can ever come again.
+        Raises HaptorbError if no more poses are possible.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of sockets. May be called twice."""
+        """Close sockets. May be called twice."""

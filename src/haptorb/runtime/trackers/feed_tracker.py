@@ -15,8 +15,8 @@ from haptorb.sensing.sample import Pose
 
 __all__ = ["FARTHEST", "PREDICTION", "FeedTracker", "check_prediction"]
 
-PREDICTION = 0.004  #: how far a pose is carried forward at most, unless told otherwise [s]
-FARTHEST = 0.020  #: nobody knows a hand's way further ahead than this [s]
+PREDICTION = 0.004  #: longest prediction of a pose, by default [s]
+FARTHEST = 0.020  #: longest useful prediction of a hand [s]
 
 _NOWHERE = float("-inf")
 
@@ -52,7 +52,7 @@ class FeedTracker(Tracker):
     """What a tracker's own process wrote into `block`.
 
     A valid pose is carried forward with its own velocity to the present, by at most `prediction` [s]; it keeps the time
-    at which it was measured, so that it grows old as if nothing had been predicted. A pose that the tracker has lost
+    at which it was measured, so that it ages as without prediction. A pose that the tracker has lost
     stays where it was last and is not valid. `rest` is where a simulated hand waits for the first pose.
     """
 
@@ -66,7 +66,7 @@ class FeedTracker(Tracker):
         self._read_pose(0.0)  # compiled now, and not in the first tick
 
     def _read_pose(self, now: float) -> float:
-        """Bring p, q, R, v and w to `now`; returns the pose's time on the loop's clock, −inf if nobody knows it."""
+        """Bring p, q, R, v and w to `now`; returns the pose's time on the loop's clock, −inf if unknown."""
         record = self._block.read_pose()
         stamp = record.stamp - self.origin
         age = now - stamp
@@ -81,7 +81,7 @@ class FeedTracker(Tracker):
         return min(stamp, now)  # safety: prediction-age
 
     def goal(self, now: float) -> Goal:
-        """Where the hand wants the mover; a simulated hand waits at its last goal while the tracker knows nothing."""
+        """The hand's goal for the mover; a simulated hand waits at its last goal while the tracker has no pose."""
         stamp = self._read_pose(now)
         return Goal(self._p, self._q, stamp, True)
 

@@ -1,4 +1,4 @@
-"""A feed whose poses are in a frame of its own, heard as poses of the tool in the stator's frame."""
+"""A feed whose poses are in the tracker's frame, as poses of the tool in the stator's frame."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class FramedFeed(Feed):
         self.one_tool = feed.one_tool
 
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        """As the feed hears it; a loss has no pose, and what cannot be one is left for others to refuse."""
+        """As the feed receives it; a loss has no pose, and an impossible pose is left for the filter to refuse."""
         for one in self._feed.receive(patience):
             if isinstance(one, RejectedPose) or not one.valid:
                 yield one

@@ -51,7 +51,7 @@ def lsl_stream(name: str, search: float = _SEARCH) -> Any:
     if not found:
         raise DriverError(
             f"tracker lsl: no stream '{name}' on this computer within {search:g} s; start its program, or check its "
-            "name (streams of other computers are not taken: forward them with osc:HOST:PORT)"
+            "name (streams of other computers are not used: forward them with osc:HOST:PORT)"
         )
     if len(found) > 1:
         raise DriverError(f"tracker lsl: {len(found)} streams are called '{name}'; close all but one")

@@ -56,7 +56,7 @@ def natnet_socket(host: str, port: int = PORT, answer: float = _ANSWER) -> tuple
             except Exception:  # no server's words
                 continue
         raise DriverError(
-            f"tracker natnet: no NatNet server answers at {host}, UDP port {port}; switch on streaming (unicast) in "
+            f"tracker natnet: no NatNet server responds at {host}, UDP port {port}; switch on streaming (unicast) in "
             "Motive, and check its address"
         )
     except OSError as cause:
@@ -112,9 +112,9 @@ class NatNetFeed(Feed):
             return RawPose(
                 tuple(float(x) for x in bodies[0].pos), tuple(float(x) for x in bodies[0].rot), stamp, arrival
             )
-        except Exception:  # whatever a parser makes of bytes that anybody may send
+        except Exception:  # a parser's failure on bytes that any program may send
             return RejectedPose("garbage")
 
     def close(self) -> None:
-        """Let go of the socket."""
+        """Close the socket."""
         self._socket.close()

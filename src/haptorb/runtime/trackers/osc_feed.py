@@ -4,8 +4,8 @@
     /haptorb/lost  [token]  [t]
 
 Metres and a unit quaternion in the stator frame, as floats, doubles or integers; t [s] on the sender's own clock.
-Poses of two programs make no path of one tool, so the first that says one is the only one: another is heard only when
-it was silent for two seconds, and then the pose counts as lost first.
+Poses of two programs make no path of one tool, so only the first sender counts: another one counts only when the
+first was silent for two seconds, and then the pose counts as lost first.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class OscFeed(Feed):
                 data, sender = self._socket.recvfrom(_LONGEST + 1)
             except BlockingIOError:
                 return
-            except OSError:  # a reply of "nobody there" to something that we never sent
+            except OSError:  # "port unreachable" in reply to a message that we did not send
                 continue
             yield from self.read(data, monotonic(), sender)
 
@@ -132,5 +132,5 @@ class OscFeed(Feed):
         return RawPose(tuple(numbers[:3]), tuple(numbers[3:7]), stamp, arrival)
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         self._socket.close()

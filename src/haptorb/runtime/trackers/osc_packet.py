@@ -21,7 +21,7 @@ _TYPES = frozenset(b",ihfdsTFN")  #: that messages may have; python-osc logs eac
 
 
 def read_packet(data: bytes, depth: int = _DEPTH) -> list[tuple[str, list[Any]]]:
-    """(address, values) of each message in `data`, in order, whatever the time tags of bundles say.
+    """(address, values) of each message in `data`, in order, regardless of the time tags of bundles.
 
     Raises InputError if `data` is no OSC packet, or has more than `depth` bundles within each other; then none of its
     messages counts.
@@ -46,7 +46,7 @@ def _read_message(parse: Callable[[bytes], Any], data: bytes) -> tuple[str, list
     try:
         message = parse(data)
         return message.address, list(message.params)
-    except Exception as cause:  # whatever a parser makes of bytes that anybody may send
+    except Exception as cause:  # a parser's failure on bytes that any program may send
         raise InputError(f"an OSC message cannot be read: {cause}") from cause
 
 

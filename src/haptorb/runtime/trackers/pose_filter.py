@@ -1,6 +1,6 @@
-"""What is heard from a tracker becomes what is believed: order, finiteness and plausibility judged, velocity added.
+"""From the messages of a tracker to valid poses: order, finiteness and plausibility checked, velocity added.
 
-Whatever is refused is counted under a name, so that a sender's mistake can be found; the last good pose then simply
+What is refused is counted under a name, so that a sender's mistake can be found; the last good pose then
 grows old, and the guard knows what to do with that. A pose that has jumped is more than a mistake: either it or the one
 before is wrong, so the tool is lost until the poses agree with each other again.
 """
@@ -16,7 +16,7 @@ import numpy as np
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.memory.pose_block import PoseBlock, PoseRecord
 from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
-from haptorb.runtime.trackers.sender_clock import ANEW
+from haptorb.runtime.trackers.sender_clock import RESTART_SILENCE
 
 __all__ = ["REASONS", "PoseFilter"]
 
@@ -46,11 +46,11 @@ _LENGTH = 2048  #: of intervals and delays, for the percentiles
 
 @final
 class PoseFilter:
-    """Judges what `feed` hears and writes what may be believed into `block`."""
+    """Checks what `feed` receives and writes valid poses into `block`."""
 
     def __init__(self, feed: Feed, block: PoseBlock) -> None:
         self._feed, self._block = feed, block
-        self._last: PoseRecord | None = None  # the last pose that was believed; None after a loss
+        self._last: PoseRecord | None = None  # the last valid pose; None after a loss
         self._arrival = float("-inf")  # of the last message that was in order
         self._stamp = float("-inf")
         self._doubted: PoseRecord | None = None  # the last pose since a jump, while they do not agree for long enough
@@ -63,7 +63,7 @@ class PoseFilter:
         self._delays: deque[float] = deque(maxlen=_LENGTH)
 
     def listen(self, patience: float) -> None:
-        """Take whatever comes within `patience` [s]."""
+        """Take what arrives within `patience` [s]."""
         for one in self._feed.receive(patience):
             if isinstance(one, RejectedPose):
                 self.refused[one.why] += 1
@@ -72,7 +72,7 @@ class PoseFilter:
 
     def _accept(self, raw: RawPose) -> None:
         why = "" if isfinite(raw.stamp) and isfinite(raw.arrival) else "not_finite"
-        if not why and raw.arrival - self._arrival > ANEW:
+        if not why and raw.arrival - self._arrival > RESTART_SILENCE:
             self._stamp = float("-inf")
         if not why and raw.valid:
             why = _find_fault(raw)

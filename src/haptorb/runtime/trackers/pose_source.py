@@ -14,22 +14,22 @@ __all__ = ["describe_missing_pose", "describe_source", "describe_trip"]
 _POSE = (Trip.POSE_EXPIRED, Trip.POSE_LOST)
 _EXPIRED = {
     "pointer": (
-        "The page that held the mover was closed, hidden or too busy, or its program stopped saying where the pointer "
-        "is. Keep the page in view, re-engage, then take hold again."
+        "The page that held the mover was closed, hidden or too busy, or its program stopped sending the pointer's "
+        "position. Keep the page in view, re-engage, then take hold again."
     ),
     "hall": (
-        "The field sensors' readings came too late, or the page that held the mover was closed, hidden or too busy. "
+        "The field sensors' readings arrived too late, or the page that held the mover was closed, hidden or too busy. "
         "Check the cable, keep the page in view, then re-engage."
     ),
-    "replay": "The recording has ended, or has a gap there. Start it again, or re-engage when poses come again.",
+    "replay": "The recording has ended, or has a gap there. Start it again, or re-engage when it has poses again.",
 }
 _LOST = {
-    "pointer": "Nobody holds the mover with the pointer any more. Take hold of it on the page, then re-engage.",
+    "pointer": "The pointer no longer holds the mover. Take hold of it on the page, then re-engage.",
     "hall": (
-        "The field sensors cannot tell where the mover is: it is too far away, or another magnet is near. Put it back "
+        "The field sensors cannot locate the mover: it is too far away, or another magnet is near. Put it back "
         "over the device, then re-engage."
     ),
-    "replay": "The recording has no pose there. Start it again, or re-engage when poses come again.",
+    "replay": "The recording has no pose there. Start it again, or re-engage when it has poses again.",
     "natnet": "The cameras lost the mover's markers. Bring them back into view, uncovered, then re-engage.",
 }
 
@@ -74,7 +74,7 @@ def describe_trip(trip: Trip, tracker: str) -> str:
     if trip is Trip.POSE_EXPIRED:
         return f"No new pose arrived in time from {source}. Check the program that sends the poses, then re-engage."
     return (
-        f"The tracker lost the mover: {source} said so, or its poses jumped. Bring the mover back into view, then "
+        f"The tracker lost the mover: {source} reported it, or its poses jumped. Bring the mover back into view, then "
         "re-engage."
     )
 

@@ -67,4 +67,4 @@ class ReplayFeed(Feed):
             yield RawPose(tuple(pose[:3]), tuple(pose[3:]), min(self._origin + measured, now), now, bool(valid))
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Nothing to close."""

@@ -10,11 +10,11 @@ from __future__ import annotations
 from math import ulp
 from typing import final
 
-__all__ = ["ANEW", "SenderClock"]
+__all__ = ["RESTART_SILENCE", "SenderClock"]
 
-ANEW = 0.25  #: after such a silence the sender may have begun again, with another clock [s]
+RESTART_SILENCE = 0.25  #: after such a silence the sender may have restarted, with another clock [s]
 
-_COARSEST = 1e-4  #: a number so great that its steps are larger than this tells no time [s]
+_COARSEST = 1e-4  #: a number whose resolution is coarser than this is no clock [s]
 _WINDOW = 10.0  #: clocks drift by 100 µs in a second at the most: a millisecond in this time [s]
 
 
@@ -39,7 +39,7 @@ class SenderClock:
         if ulp(sent) > _COARSEST:  # safety: sender-time
             return arrival
         offset = arrival - sent
-        if arrival - self._last > ANEW:
+        if arrival - self._last > RESTART_SILENCE:
             self._least = self._before = float("inf")
         self._last = arrival
         if arrival - self._since > _WINDOW:

@@ -44,8 +44,8 @@ class Tracker(ABC):
 
     @abstractmethod
     def goal(self, now: float) -> Goal:
-        """Where the hand wants the mover at `now` [s] on the loop's clock; a stamp that is not finite: nobody knows."""
+        """The hand's goal for the mover at `now` [s] on the loop's clock; a stamp that is not finite: unknown."""
 
     @abstractmethod
     def pose(self, now: float) -> Pose:
-        """Where the tool is at `now` [s] on the loop's clock, when that was measured, and whether to believe it."""
+        """The tool's pose at `now` [s] on the loop's clock, when it was measured, and whether it is valid."""

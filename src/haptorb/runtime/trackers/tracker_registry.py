@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["TOKEN", "TRACKERS", "Preparation", "check_frame", "check_tracker", "feed_of", "has_feed", "prepare_tracker"]
 
-TRACKERS = ("pointer", "hall")  #: hall: the hand follows the pointer, but where it is, only the field tells
+TRACKERS = ("pointer", "hall")  #: hall: the hand follows the pointer, but its pose is known from the field only
 TOKEN = "HAPTORB_TRACKER_TOKEN"  #: of the environment: what a sender on another computer must say
 
 _FORMS = ("osc:PORT", "osc:HOST:PORT", "lsl:NAME", "replay:FILE", "natnet:HOST")
@@ -52,8 +52,8 @@ def check_tracker(name: str, driver: str = "sim") -> str:
     kind(name.partition(":")[2])
     if kind is _Replay and is_real(driver):  # safety: replay-real
         raise InputError(
-            f"tracker '{name}' replays old poses, but driver '{driver}' acts on the real tool: use a replay with "
-            "driver sim, or a tracker that sees the tool"
+            f"tracker '{name}' replays recorded poses, but driver '{driver}' acts on the real tool: use replay with "
+            "driver sim, or a tracker that measures the tool"
         )
     return name
 
@@ -112,7 +112,7 @@ def check_frame(frame: TrackerFrame, device: Device, tracker: str, driver: str =
 def feed_of(spec: dict[str, Any], descriptor: int, origin: Callable[[], float], frame: str = "") -> Feed:
     """In the feed's process: the feed itself, behind the text of a `frame` if there is one.
 
-    `origin` waits until the loop runs and tells when its clock was zero.
+    `origin` waits until the loop runs and returns the zero of its clock.
     """
     feed = _open_feed(spec, descriptor, origin)
     if not frame:

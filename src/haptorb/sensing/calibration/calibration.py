@@ -124,7 +124,7 @@ class Calibration:
 
     @classmethod
     def parse(cls, text: str, name: str) -> Calibration:
-        """From JSON; `name` is what mistakes are reported under. CalibrationError if it is no calibration."""
+        """From JSON; `name` is the name for messages. CalibrationError if it is no calibration."""
         raw = parse_document(text, name, "calibration", FORMAT, _KEYS, "calibrate again", {"field_sensors"})
         moments = numbers(raw, "moment_per_current_m2", name, (3, None))
         channels = moments.shape[1]

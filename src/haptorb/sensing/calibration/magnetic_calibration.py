@@ -30,7 +30,7 @@ __all__ = [
 _DEAD = 0.2  #: share of the wanted current below which a coil counts as not connected
 _AMISS = 0.5  #: share of the greatest wanted current by which the current of a coil that switches is never wrong
 _SILENT = 0.2  #: share of the expected field below which a sensor does not answer
-_MOST_SILENT = 4  #: one of so many sensors may be silent
+_MOST_SILENT = 4  #: one of so many sensors may be missing
 _ALIKE = 0.8  #: cosine from which a coil's moment counts as being along another coil's axis
 
 
@@ -150,7 +150,7 @@ def _regress(device: SphericalElectromagnet, visible: Array, i: Array, B: Array)
     C = np.einsum("sji,sjk->ik", U, U)
     D = np.einsum("sji,nsj,nm->im", U, y, x)
     if np.linalg.cond(S) > 1e6:
-        raise InputError("the currents do not excite every coil by itself; use the schedule of `excitation`")
+        raise InputError("the currents do not excite every coil separately; use the schedule of `excitation`")
     M = np.linalg.solve(C, D) @ np.linalg.inv(S)
     rest = y - np.einsum("sij,jm,nm->nsi", U, M, x)
     directions = round(float(np.trace(visible, axis1=1, axis2=2).sum()))  # that are measured at all
@@ -175,14 +175,15 @@ def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) 
     if len(silent) > device.sensors // _MOST_SILENT:
         names = ", ".join(str(s + 1) for s in silent)
         raise CalibrationError(
-            f"field sensors {names} of {device.sensors} do not answer the coils: check their supply and connection; "
+            f"field sensors {names} of {device.sensors} do not respond to the coils: check their supply and "
+            "connection; "
             f"one in {_MOST_SILENT} may be left out"
         )
     return silent
 
 
 def check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
-    """Every coil must carry what is wanted of it, either way, and nothing else: `wanted` and `measured` (n, m) [A].
+    """Every coil must carry its commanded current in both directions, and no other: `wanted`, `measured` (n, m) [A].
 
     Raises CalibrationError as `check_switching` does, InputError for a coil that was never asked to carry a current.
     """
@@ -196,7 +197,7 @@ def check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Ar
 def check_switching(device: SphericalElectromagnet, wanted: Array, measured: Array, full: Array) -> None:
     """One reading: `wanted` and `measured` (m,) [A], `full` (m,) [A] the greatest currents that are wanted at all.
 
-    Raises CalibrationError that names a coil which does not conduct, or carries a current that nobody wants.
+    Raises CalibrationError that names a coil which does not conduct, or carries an unwanted current.
     """
     for name, want, flowing, most in zip(device.coils.names, wanted, measured, full, strict=True):
         if abs(want) >= _AMISS * most and abs(flowing) < _DEAD * abs(want):
@@ -226,7 +227,8 @@ def _check_wiring(device: SphericalElectromagnet, measured: Array) -> None:
         if cosine[coil, coil] < _ALIKE:
             off = np.degrees(np.arccos(np.clip(cosine[coil, coil], -1, 1)))
             raise CalibrationError(
-                f"coil '{name}' points {off:.0f}° away from its direction in the device file; check that it is seated"
+                f"coil '{name}' points {off:.0f}° away from its direction in the device file; check that it is "
+                "mounted correctly"
             )
 
 

@@ -1,6 +1,6 @@
 """How coils warm each other, from one record in which each was driven alone and all were watched.
 
-The windings are their own thermometers: a resistance tells a temperature while a small current flows. Each boundary has
+The windings are their own thermometers: a resistance gives a temperature while a small current flows. Each boundary has
 a sensor. Coils are taken to be alike but for their conductance to the core.
 """
 
@@ -94,7 +94,7 @@ def coil_identification(record: HeatRecord, guess: Heat) -> NetworkIdentificatio
     """
     coupling = guess.coupling
     if coupling is None:
-        raise InputError("the heat of coupled coils needs couplings; use thermal_identification for a coil by itself")
+        raise InputError("the heat of coupled coils needs couplings; use thermal_identification for a single coil")
     _check_record(record, len(coupling.winding_to_core))
     fixed = np.array([coupling.core_capacity, *coupling.winding_to_core])
     values, spread, residual = _fit(record, np.array(_coil_values(guess)), fixed, list(_COIL))
@@ -169,7 +169,7 @@ def _check_switching(record: HeatRecord, names: Sequence[str]) -> None:
     for k, name in enumerate(names):
         if on[:, k].all():
             raise CalibrationError(
-                f"coil '{name}' is on in the whole record: its heat and that of the others cannot be told apart; {how}"
+                f"coil '{name}' is on in the whole record: its heat cannot be separated from that of the others; {how}"
             )
     for k, name in enumerate(names):
         alone = on[:, k] & (on.sum(axis=1) == 1)

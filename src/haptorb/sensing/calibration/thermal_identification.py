@@ -1,6 +1,6 @@
 """A coil's two-node heat model from one record of heating and cooling: Zárate 2020 Fig. 6, turned into numbers.
 
-The winding is its own thermometer: its resistance tells its temperature while current flows. The boundary has a sensor.
+The winding is its own thermometer: its resistance gives its temperature while current flows. The boundary has a sensor.
 """
 
 from __future__ import annotations

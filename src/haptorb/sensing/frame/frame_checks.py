@@ -83,7 +83,7 @@ def check_pivot(stands: Sequence[Touches]) -> Pivot:
 
 
 def _list_misreadings(stands: Sequence[Touches]) -> dict[str, list[Array]]:
-    """The quaternions as they would be meant if somebody had mixed them up."""
+    """The quaternions as they would be meant if their order were mixed up."""
     first = [one.q[:, [1, 2, 3, 0]] for one in stands]
     return {
         "the quaternion's w came first (w x y z)": first,
@@ -113,13 +113,13 @@ def check_sphere(radius: float, on: Array, known: float) -> None:
     """The dome of `radius` [m] is the file's of `known` [m], and most touches, on (n,), are on it."""
     if (share := 1.0 - float(on.mean())) > _LIFTED:
         raise CalibrationError(
-            f"{100 * share:.0f} % of the touches on the dome are not on it: keep the tip on the dome, the tool's side "
-            "off it, and lift it only now and then"
+            f"{100 * share:.0f} % of the touches on the dome are not on it: keep the tip on the dome, keep the side "
+            "of the tool off it, and lift it only occasionally"
         )
     if abs(radius - known) > _RADIUS:
         raise CalibrationError(
             f"the touches on the dome lie on a sphere of {1e3 * radius:.1f} mm; the device's dome has {1e3 * known:g} "
-            "mm. Is it this device, and did the tip touch the dome itself?"
+            "mm. Check that it is this device, and that the tip touched the dome itself"
         )
 
 
@@ -131,7 +131,7 @@ def check_spread(points: Array, centre: Array) -> None:
     half = float(np.percentile(np.arccos(np.clip(directions @ middle, -1.0, 1.0)), 90))
     if half < _SPREAD:
         raise CalibrationError(
-            f"the touches on the dome are all within {np.rad2deg(half):.0f}° of one place: the dome's centre is not "
+            f"the touches on the dome are all within {np.rad2deg(half):.0f}° of one point: the dome's centre is not "
             f"observable from there. Touch the whole dome, {np.rad2deg(_SPREAD):.0f}° or more to every side"
         )
 
@@ -155,16 +155,12 @@ def check_marks(places: Array, known: Array, names: Sequence[str]) -> None:
     for order in permutations(range(len(names))):
         if fit_points(places[list(order)], known)[2] < 0.3 * rms:
             wrong = ", ".join(
-                f"'{names[order.index(k)]}' when '{name}' was asked for"
-                for k, name in enumerate(names)
-                if order[k] != k
+                f"'{names[order.index(k)]}' instead of '{name}'" for k, name in enumerate(names) if order[k] != k
             )
-            raise CalibrationError(
-                f"the marks were touched in another order: {wrong}. Touch them in the order that is printed"
-            )
+            raise CalibrationError(f"the marks were touched in another order: {wrong}. Touch them in the printed order")
     raise CalibrationError(
-        f"the marks are {1e3 * rms:.1f} mm (rms) from their places in the device file: was each touched in its "
-        "centre, and are the file's marks those of this device?"
+        f"the marks are {1e3 * rms:.1f} mm (rms) from their places in the device file: check that each was touched "
+        "in its centre, and that the file's marks are those of this device"
     )
 
 
@@ -172,13 +168,13 @@ def check_centre(by_dome: Array, by_marks: Array) -> None:
     """Dome and marks tell of the same centre (3,) [m]."""
     if (apart := float(np.linalg.norm(by_dome - by_marks))) > _APART:
         raise CalibrationError(
-            f"the dome's centre is {1e3 * apart:.1f} mm from its place by the marks: did device or cameras move "
-            "between the steps, or was a mark missed?"
+            f"the dome's centre is {1e3 * apart:.1f} mm from its place by the marks: check that device and cameras "
+            "did not move between the steps, and that no mark was missed"
         )
 
 
 def check_roll(found: Roll) -> None:
-    """The tool was turned far enough, about an axis that stood still."""
+    """The tool was turned far enough, about a fixed axis."""
     if found.angle < _ROLLED:
         raise CalibrationError(
             f"the tool was rolled by only {np.rad2deg(found.angle):.0f}°; its axis needs at least "

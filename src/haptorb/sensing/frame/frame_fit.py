@@ -1,4 +1,4 @@
-"""Least squares over the touches of a session: frame and tip by Gauss–Newton, and what no touch tells.
+"""Least squares over the touches of a session: frame and tip by Gauss–Newton, and what no touch determines.
 
 Frame and tip are stepped as x ↦ exp(δ) x + τ and a ↦ a + α, with x = R (P + Q a) + t the tip in the stator frame, so
 

@@ -67,7 +67,7 @@ def frame_registration(touched: TouchSession, device: SphericalElectromagnet) ->
     if marks is None:
         raise InputError(
             f"device '{device.name}': its file has no [marks]; the dome alone leaves the frame's rotation free. "
-            "Measure three places where the tip can stand, and add them"
+            "Measure three points that can hold the tip, and add them"
         )
     doubts.check_enough(touched, marks.names)
     stands = [touched.marks[name] for name in marks.names]
@@ -100,8 +100,8 @@ def _judge_fit(fit: FrameFit, axis: Array, wobble: float, radius: float, tip_dis
     residual = float(np.sqrt((left**2).mean()))
     if residual > _LOOSE:
         raise CalibrationError(
-            f"the residual at dome and marks is {1e3 * residual:.1f} mm (rms): is the tool's body loose, is the "
-            "tracker's calibration valid here, were all marks touched in their centre?"
+            f"the residual at dome and marks is {1e3 * residual:.1f} mm (rms): check that the tool's body is not "
+            "loose, that the tracker's calibration is valid here, and that all marks were touched in their centre"
         )
     covariance = float(left @ left) / max(len(left) - 9, 1) * np.linalg.inv(J.T @ J)
     # what turns with the tool does not average out over its poses: the wobble counts whole
@@ -119,7 +119,7 @@ def _judge_fit(fit: FrameFit, axis: Array, wobble: float, radius: float, tip_dis
     if position > _POSITION or direction > _DIRECTION:
         raise CalibrationError(
             f"the expected accuracy is only {1e3 * position:.1f} mm and {np.rad2deg(direction):.1f}°; touch more "
-            "places, tilt more, roll further, or reduce the tracker's noise"
+            "points, tilt more, roll further, or reduce the tracker's noise"
         )
     return FrameRegistration(
         fit.R, fit.t, fit.tip, axis, residual, condition, position, direction, radius, wobble,

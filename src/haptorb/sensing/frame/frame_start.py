@@ -92,7 +92,7 @@ class Roll:
     """A body that was turned about one of its own axes."""
 
     axis: Array  #: (3,) unit vector in the body; its sense is not known
-    wobble: float  #: rms angle by which the axis did not stand still [rad]
+    wobble: float  #: rms angle by which the axis moved [rad]
     angle: float  #: by how much it was turned, up to a whole turn [rad]
 
 

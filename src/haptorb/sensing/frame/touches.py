@@ -78,7 +78,7 @@ class TouchSession:
 
     dome   the tip anywhere on the dome, the tool tilted in all directions; it may have been lifted now and then
     marks  by mark: the tip in it, the tool tilted to all sides
-    roll   the tool turned about its own axis, which stood still
+    roll   the tool turned about its own axis, which was at rest
     """
 
     dome: Touches

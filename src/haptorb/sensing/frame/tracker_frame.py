@@ -85,7 +85,7 @@ class TrackerFrame:
     def transform_pose(self, p: Sequence[float], q: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """(p (3,) [m], q (4,)) of the tool's magnet, stator frame, for a body at p (3,), q (4,) in the tracker's.
 
-        What cannot be a pose stays as it is, and a quaternion keeps its length: somebody judges them after this.
+        What cannot be a pose stays as it is, and a quaternion keeps its length: the pose filter checks them after this.
         """
         length = hypot(*q)
         if len(p) != 3 or len(q) != 4 or not hypot(*p) < _FAR or not 0.5 < length < 2.0:
@@ -122,7 +122,7 @@ class TrackerFrame:
 
     @classmethod
     def parse(cls, text: str, name: str) -> TrackerFrame:
-        """From JSON; `name` is what mistakes are reported under. CalibrationError if it is no tracker's frame."""
+        """From JSON; `name` is the name for messages. CalibrationError if it is no tracker's frame."""
         raw = parse_document(text, name, "tracker's frame", FORMAT, _KEYS, "register again with `haptorb frame`")
         for key in ("device", "digest", "tracker"):
             if not isinstance(raw[key], str):

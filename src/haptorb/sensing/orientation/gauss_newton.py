@@ -6,7 +6,7 @@ device file: the reading of a sensor is s B(R). Each step solves the 4 × 4 norm
     B_read − s B(R) ≈ s ∂B/∂δ δ + B ds
 
 with the tables' own derivatives. Those serve as long as the rotor is near where they were taken; only the field is
-looked up anew. A sensor whose residual after the step is many times that of the others is left out and the step taken
+looked up again. A sensor whose residual after the step is many times that of the others is left out and the step taken
 again; one that fits again comes back.
 """
 
@@ -32,7 +32,7 @@ _FEWEST = 4  #: three-axis sensors that must agree; fewer leave no doubt to be h
 
 #: One search for an orientation: from where, and where it has come.
 FIT = fields(
-    ("noise", "f8"),  # of a reading [T]: below it residuals are not told apart
+    ("noise", "f8"),  # of a reading [T]: below it residuals are not distinguished
     ("rotation", "f8", (3, 3)),  # R, in and out
     ("strength", "f8"),  # of the magnets, relative to the device file, in and out
     ("covariance", "f8", (3, 3)),  # of R as a rotation vector [rad²], out
@@ -118,7 +118,7 @@ def _threshold(squares: Array, usable: Array, count: int, floor: float) -> float
     below = 0
     for k in range(squares.shape[0]):
         below += 1 if usable[k] > 0.0 and squares[k] < suspect else 0
-    if below <= count // 2:  # the middle one itself is not below: nobody is an outlier
+    if below <= count // 2:  # the middle one itself is not below: no outlier
         return np.inf
     usable_squares = np.empty(count)
     n = 0

@@ -30,7 +30,7 @@ _PAUSE = 0.05  #: without a sample for so long [s], the angular velocity says no
 TRACK = fields(
     ("limit", "f8"),  # reading that no sensor can give unless it is broken [T]
     ("memory", "f8"),  # of the filter [s]
-    ("dt", "f8"),  # since the last orientation [s]; 0: the filter begins anew
+    ("dt", "f8"),  # since the last orientation [s]; 0: the filter restarts
     ("rotation", "f8", (3, 3)),  # R as filtered
     ("w", "f8", (3,)),  # angular velocity, stator frame [rad/s]
     ("fit", FIT),  # strength 0: there is no last orientation
@@ -45,10 +45,10 @@ class LeastSquaresOrientation(Estimator):
     lag             by which the angular velocity is late [s]; the orientation is not late
 
     field, usable and trusted are what the last update made of its readings: (k, 3) of the magnets alone [T], and (k,)
-    1.0 for every sensor that may be believed, and that fits the orientation, else 0.0.
+    1.0 for every sensor that is usable and fits the orientation, else 0.0.
 
     The estimate's `strength` is that of the rotor's magnets against the device file: the torque per ampere follows it.
-    It is not valid while too few sensors can be believed, or none of the orientations explains what they read.
+    It is not valid while too few sensors are usable, or none of the orientations explains their readings.
 
     Raises InputError for a lag outside 0 to 1 s, or a start that is no rotation.
     """

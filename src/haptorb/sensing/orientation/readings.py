@@ -1,4 +1,4 @@
-"""Which readings of field sensors may be believed at first sight, and what remains of them without the coils' field."""
+"""Which readings of field sensors are plausible, and what remains of them without the coils' field."""
 
 from __future__ import annotations
 

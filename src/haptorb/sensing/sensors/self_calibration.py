@@ -65,8 +65,8 @@ def calibrate_sensors(device: SphericalElectromagnet, coils: CoilReadings, tour:
     place, axis, uncertainty = uncertainty_over_shell(device, fit.covariance, coils.deviation, used)
     if not place < _FAR:
         raise CalibrationError(
-            f"the sensors' errors are left so uncertain that the tool's place would be {1e3 * place:.1f} mm off: lead "
-            "the tool more slowly and over the whole dome, and begin with the step 'fields' again (--restart)"
+            f"the sensors' errors remain so uncertain that the tool's position would be {1e3 * place:.1f} mm off: "
+            "move the tool more slowly and over the whole dome, and repeat from the step 'fields' (--restart)"
         )
     gain = np.asarray(np.linalg.inv(mixing), dtype=np.float64)
     correction = SensorCorrection(gain, theta[:, OFFSET].copy(), coils.per_ampere, used, uncertainty)

@@ -56,7 +56,7 @@ class SensorKnowledge:
 
 
 def without_errors(device: SphericalElectromagnet) -> SphericalElectromagnet:
-    """`device` with sensors that have noise and steps only, and a core that follows the currents: a study.
+    """`device` with sensors that have noise and quantisation only, and a core that follows the currents: a study.
 
     >>> from haptorb.devices.loader import load
     >>> without_errors(load("omni")).hall.errors.offset

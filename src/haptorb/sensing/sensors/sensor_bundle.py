@@ -1,6 +1,6 @@
 """Offset, gain and place of every field sensor from the coils and from a tool that a person led: bundle adjustment.
 
-Nobody measures where the tool was. Each reading of k sensors has 3 k numbers and 5 unknowns of its own, the tool's
+The tool's pose is not measured. Each reading of k sensors has 3 k numbers and 5 unknowns of its own, the tool's
 place and axis; what is left over, some hundred times, determines the 15 errors of each sensor (`sensor_parameters`) and
 the strength of the tool's magnet. The coils, driven in turn, tell in addition what each sensor reads of fields of known
 directions. Gauss–Newton on all unknowns together, where the poses are eliminated reading by reading (Schur complement);
@@ -137,13 +137,13 @@ class _Bundle:
             H, g, back = self.normal()
             step: Array = np.asarray(np.linalg.solve(H, g), dtype=np.float64)
             if not np.isfinite(step).all():
-                raise CalibrationError("the readings are no numbers, or all alike; see `haptorb hardware monitor`")
+                raise CalibrationError("the readings are not numbers, or all equal; see `haptorb hardware monitor`")
             self._step(step, back)
             if np.abs(step / scale).max() < _DONE:
                 break
         else:
             raise CalibrationError(
-                "no errors of the sensors explain what they read of the tool: keep other magnets and iron away, and "
+                "no sensor errors explain the readings of the tool: keep other magnets and iron away, and "
                 "check that the tool is the one of the device file"
             )
         H, _, _ = self.normal()

@@ -62,5 +62,5 @@ def list_unobserved(device: SphericalElectromagnet, covariance: Array, used: NDA
     for name, (share, left) in find_observed_share(device, covariance, used).items():
         _, what, _, unit = functions[name]
         if share > _UNOBSERVED:
-            lines.append(f"{what}: known to {left:.2g} {unit} from the device file only")
+            lines.append(f"{what}: known only from the device file, to {left:.2g} {unit}")
     return tuple(lines)

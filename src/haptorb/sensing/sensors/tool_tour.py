@@ -1,6 +1,6 @@
 """A tool that a person led over the dome, as the field sensors saw it: readings, first poses, and whether it went far.
 
-Which motion tells a sensor's errors apart: the tool on every side, near and far, upright and leaning. What was not
+Which motion separates a sensor's errors: the tool on every side, near and far, upright and leaning. What was not
 visited is named, because a person can go there.
 """
 
@@ -63,7 +63,8 @@ def check_tour(device: SphericalElectromagnet, tour: ToolTour) -> None:
     reached = float(np.percentile(polar, 98))
     if reached < _WIDE * half:
         missing.append(
-            f"it went {np.degrees(reached):.0f}° from the summit, at least {np.degrees(_WIDE * half):.0f}° are needed"
+            f"it reached {np.degrees(reached):.0f}° from the summit, at least {np.degrees(_WIDE * half):.0f}° are "
+            "needed"
         )
     if high - low < _SPAN * device.shell_thickness:
         missing.append(
@@ -72,12 +73,12 @@ def check_tour(device: SphericalElectromagnet, tour: ToolTour) -> None:
         )
     if float(np.percentile(lean, 90)) < _LEAN:
         missing.append(
-            f"it leaned by {np.degrees(np.percentile(lean, 90)):.0f}°, at least {np.degrees(_LEAN):.0f}° are needed"
+            f"it was tilted by {np.degrees(np.percentile(lean, 90)):.0f}°, at least {np.degrees(_LEAN):.0f}° are needed"
         )
     if missing:
         raise CalibrationError(
-            "the tool was not moved enough: " + "; ".join(missing) + ". Lead it over the whole dome, down to the edge "
-            "on every side, lift it and lower it, and let it lean to all sides"
+            "the tool was not moved enough: " + "; ".join(missing) + ". Move it over the whole dome, down to the "
+            "edge on every side, lift and lower it, and tilt it to all sides"
         )
 
 

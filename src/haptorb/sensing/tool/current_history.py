@@ -1,8 +1,8 @@
 """The currents when the field was read, where a board measures the two at different times: between two measurements.
 
 The coils' own field is ten times the tool's, and a tenth of an ampere is taken for a millimetre. Currents that change
-by an ampere in ten milliseconds have to be known to the tenth of a millisecond, and a current sensor tells the mean of
-half a millisecond that ended at some time in the last half. Carried on from the last two of them, such errors are
+by an ampere in ten milliseconds have to be known to the tenth of a millisecond, and a current sensor reports the mean
+of half a millisecond that ended at some time in the last half. Carried on from the last two of them, such errors are
 doubled; between the measurement before the field and the one after it, they are less than those of either. So a field
 waits for the next currents, a tick long.
 """
@@ -18,7 +18,9 @@ from haptorb.sensing.sample import Sample
 
 __all__ = ["CurrentHistory"]
 
-_LENGTH = 16  #: measurements: a field waits on the board while newer ones of other sensors are told, for 7 ms and more
+_LENGTH = (
+    16  #: measurements: a field waits on the board while newer ones of other sensors are reported, for 7 ms and more
+)
 _SAME = 0.2e-3  #: currents that are newer by less than this are no second measurement [s]
 _PAUSE = 0.05  #: between two of them, after which nothing is known of the time between [s]
 _BEYOND = 0.3  #: of a step between two measurements, so far outside of them a field may lie
@@ -44,7 +46,7 @@ class CurrentHistory:
         self.currents, self.doubt = np.zeros(channels), np.zeros(channels)
 
     def take(self, sample: Sample) -> None:
-        """The next sample. Its field waits for the next that has newer currents, and is told then or never."""
+        """The next sample. Its field waits for the next that has newer currents, and is reported then or never."""
         at = sample.t - sample.currents_age
         newer = at - self._times[-1]
         self.field = self._nothing

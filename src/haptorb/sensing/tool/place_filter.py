@@ -1,12 +1,12 @@
 """The α–β filter of a place and an axis: a stated bandwidth at any rate, and never late behind a steady motion.
 
 Place and axis are predicted with their rates and corrected by α = 1 − θ², the rates by β/dt, β = (1 − θ)²: critically
-damped, one memory θ for both. What was measured becomes what is told through
+damped, one memory θ for both. The measured pose becomes the reported one through
 
     H(z) = (1 − θ) z ((1 + θ) z − 2θ)/(z − θ)²,     |H|² = (1 − θ)² ((1 + θ)² + 4θ² − 4θ(1 + θ) c)/(1 + θ² − 2θ c)²
 
 with c = cos(2π f dt), and θ is chosen in every tick so that |H|² = 1/2 at the bandwidth, whatever dt is. H is 1 at rest
-and its group delay there is none: a place that moves steadily is told where it is. The price: below the bandwidth |H|
+and its group delay there is none: a position in steady motion has no lag. The price: below the bandwidth |H|
 rises to 1.11, so that a step is overshot by 14 %, and white noise keeps 0.55 of its standard deviation at 100 Hz and
 1 kHz, where an ideal filter of 100 Hz, infinitely late, would leave 0.45. The rates are late by twice the filter's
 memory, 2 dt θ/(1 − θ) and half a tick. A loop slower than twice the bandwidth is not filtered: θ is 0.
@@ -24,7 +24,7 @@ from haptorb.numerics.compiled import kernel
 
 __all__ = ["FILTER", "correct_pose", "extrapolate_pose", "memory", "noise_share", "predict"]
 
-#: What the filter believes, and what white noise of variance 1 in the readings makes of it.
+#: The filter's state, and its response to white noise of variance 1 in the readings.
 FILTER = fields(
     ("place", "f8", (3,)),  # [m]
     ("axis", "f8", (3,)),  # of the tool, a unit vector
@@ -61,7 +61,7 @@ def memory(turn: float) -> float:
 
 
 def noise_share(bandwidth: float = 100.0, rate: float = 1000.0) -> float:
-    """Standard deviation that white noise of the readings keeps in what is told [1], at `bandwidth` and `rate` [Hz].
+    """Standard deviation that white noise of the readings keeps in the output [1], at `bandwidth` and `rate` [Hz].
 
     From the variance of an α–β filter: (2α² + 2β − 3αβ)/(α (4 − 2α − β)).
 
@@ -95,7 +95,7 @@ def _fill_angular_velocity(n: Array, rate: Array, w: Array) -> None:
 
 @kernel
 def extrapolate_pose(f: Record, dt: float, p: Array, R: Array, v: Array, w: Array) -> None:
-    """What is told `dt` [s] after f where nothing measured goes in: p [m], R, v [m/s] and w [rad/s]."""
+    """The output `dt` [s] after f without a measurement: p [m], R, v [m/s] and w [rad/s]."""
     predict(f, dt, p, R)
     for i in range(3):
         v[i] = f.velocity[i]
@@ -104,9 +104,9 @@ def extrapolate_pose(f: Record, dt: float, p: Array, R: Array, v: Array, w: Arra
 
 @kernel
 def correct_pose(f: Record, dt: float, bandwidth: float, p: Array, R: Array, v: Array, w: Array) -> None:
-    """One step of the filter; p [m] and R go in as measured and come out as told, v [m/s] and w [rad/s] come out.
+    """One step of the filter; p [m] and R go in as measured and come out filtered, v [m/s] and w [rad/s] come out.
 
-    dt ≤ 0: begin anew.
+    dt ≤ 0: restart.
     """
     alpha, slope = 1.0, 0.0
     if dt > 0.0:

@@ -6,7 +6,7 @@ radians need no common scale; a step that makes the misfit greater is taken back
 What is not known about the electromagnet's own moment (noise of the measured currents, errors of the calibration) is
 one error in all readings together: their covariance is σ² 1 + U S Uᵀ, U (3k, 3) the field of unit moments at the
 sensors. Its inverse, by Woodbury, is (1 − U G Uᵀ)/σ² with G = (σ² S⁻¹ + UᵀU)⁻¹: three numbers Uᵀr and three rows UᵀJ
-are all that weighting by it adds, as if the moment were three more unknowns about which something is known.
+are all that weighting by it adds, like three more unknowns, the moment, with prior knowledge.
 """
 
 from __future__ import annotations

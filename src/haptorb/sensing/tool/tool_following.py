@@ -46,7 +46,7 @@ _MANY = 5.0  #: residuals so many times the sensors' noise are no noise
 _SHARE = 0.01  #: of the coils' own field that calibration may leave unexplained
 CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after a calibration, of their column
 _PAUSED = 0.05  #: without currents for so long the core's lag is over [s]
-_OLD = 0.05  #: a reading that is older tells nothing any more: a sensor has gone [s]
+_OLD = 0.05  #: an older reading is useless: a sensor is missing [s]
 _FRESH = 0.05  #: weight of a tick in the share of readings that are new
 _VAGUE = 3e-3  #: standard deviation of the place above which it is not known [m]
 _OUTWARD = -0.2  #: a tool whose axis points inwards by more than this cosine has its magnet the wrong way round
@@ -54,7 +54,7 @@ _OUTWARD = -0.2  #: a tool whose axis points inwards by more than this cosine ha
 
 @kernel
 def _pass_lag(t: Record, currents: Array, lagged: Array, taken: float) -> None:
-    """lagged (m,) [A] goes on to what `currents` (m,) [A] at `taken` [s] make of it through the core's lag."""
+    """lagged (m,) [A] advances by `currents` (m,) [A] at `taken` [s] through the core's lag."""
     passed = taken - t.lagged_at
     known = passed <= _PAUSED
     keep = np.exp(-passed / t.eddy_time) if passed > 0.0 and known else 1.0
@@ -146,7 +146,7 @@ def _find_doubt(t: Record, share: float, p: Array, R: Array) -> int:
         return LOST
     if p[2] < distance * t.lowest:
         return LOST
-    # A reversed magnet looks like one that is held upside down; nobody holds a pen by its tip.
+    # A reversed magnet looks like one that is held upside down; a pen is not held by its tip.
     along = p[0] * R[0, 2] + p[1] * R[1, 2] + p[2] * R[2, 2]
     return REVERSED if along < _OUTWARD * distance else LOCATED
 
@@ -155,17 +155,17 @@ def _find_doubt(t: Record, share: float, p: Array, R: Array) -> int:
 def filter_fit(tracker: Records, misfit: float, readings: int, dt: float, pose: Array) -> int:
     """What the fit found, doubted and filtered: pose (6, 3) is R, p [m], and what becomes v [m/s] and w [rad/s].
 
-    The covariance, per T² of the readings' variance, becomes that of what is told; dt < 0: the filter begins anew.
+    The covariance, per T² of the readings' variance, becomes that of the filtered pose; dt < 0: the filter restarts.
     """
     t, p, R = tracker[0], pose[3], pose[:3]
-    anew, covariance = dt < 0.0, t.covariance
+    restart, covariance = dt < 0.0, t.covariance
     square = misfit / max(readings - 5, 1)
     t.residual = np.sqrt(square)
     if not np.isfinite(square):
         return LOST
-    t.misfit += (1.0 if anew else t.share) * (square - t.misfit)
+    t.misfit += (1.0 if restart else t.share) * (square - t.misfit)
     covariance *= max(t.noise * t.noise, t.misfit)
-    why = _find_doubt(t, 1.0 if anew else _variance_share(t), p, R)
+    why = _find_doubt(t, 1.0 if restart else _variance_share(t), p, R)
     if why == LOCATED:
         correct_pose(t.filter, dt, t.bandwidth, p, R, pose[4], pose[5])
         covariance *= _variance_share(t)

@@ -11,8 +11,8 @@ Where a driver reads the sensors in turns, what it did not read in a tick is NaN
 less the coils' field at the time when it was taken (`sensing.current_history`), and is held against where the tool was
 then, by its velocity.
 
-A tick whose readings contradict nothing and say too little is passed over: for 10 ms the tool is told where it should
-be by then, and the estimate says how old what was seen of it is.
+A tick whose readings are consistent but contain too little is skipped: for 10 ms the tool's pose is extrapolated to
+where it should be by then, and the estimate says how old what was seen of it is.
 """
 
 from __future__ import annotations
@@ -54,12 +54,12 @@ __all__ = ["IN_TURNS", "HallTracker"]
 IN_TURNS = 30.0
 
 _PAUSE = 0.05  #: without a sample for so long the velocity says nothing any more [s]
-_CARRIED = 0.01  #: for so long the tool is believed to go on as it went, while the readings say too little [s]
+_CARRIED = 0.01  #: for so long the tool's motion is extrapolated while the readings contain too little [s]
 _WAIT = 0.02  #: between two searches from nothing [s]: a search takes longer than a tick
 
 
 class HallTracker(Estimator):
-    """Believes the field sensors; the sample's `pose` is not looked at.
+    """Uses the field sensors; the sample's `pose` is ignored.
 
     device     a spherical electromagnet with at least two field sensors
     model      of the device, for the wrench map; None: its first
@@ -89,7 +89,8 @@ class HallTracker(Estimator):
     ) -> None:
         if device.shell is None or device.sensors < 2:
             raise InputError(
-                f"device '{device.name}': a tool is found by at least two field sensors of a spherical electromagnet; "
+                f"device '{device.name}': locating a tool needs at least two field sensors of a spherical "
+                "electromagnet; "
                 "use another tracker"
             )
         if not 1.0 <= bandwidth <= 1000.0:
@@ -184,18 +185,19 @@ class HallTracker(Estimator):
 
     @property
     def remark(self) -> str:
-        """Sensors that differ from ideal ones, and that nobody calibrated."""
+        """Sensors that differ from ideal ones and are not calibrated."""
         errors, name = self._device.hall.errors, self._device.name
         if self._device.hall.correction is not None or not (errors.offset or errors.gain or errors.placement):
             return ""
         return (
-            f"the field sensors of {name} are not calibrated: the tool's place is some millimetres off, or lost; run "
-            f"`haptorb calibrate {name}` and give its file, --calibration FILE or calibration=FILE in Python"
+            f"the field sensors of {name} are not calibrated: the tool's position is some millimetres off, or lost; "
+            "run "
+            f"`haptorb calibrate {name}` and load its file with --calibration FILE, or calibration=FILE in Python"
         )
 
     @property
     def model(self) -> str:
-        """The device's model that is inverted."""
+        """The controller model."""
         return self._controller_model.name
 
     def change_model(self, name: str) -> None:

@@ -17,15 +17,15 @@ from haptorb.sensing.tool.tool_field import moment_field
 
 __all__ = ["SENSOR", "TRACKER", "coil_error", "make_sensors", "make_tracker"]
 
-_REACH = 15e-3  #: how far outside the shell a tool is still believed to be [m]
+_REACH = 15e-3  #: how far outside the shell a tool's position is still valid [m]
 
 #: There is one.
 TRACKER = fields(
     # settings
     ("noise", "f8"),  # of one reading [T]
     ("bandwidth", "f8"),  # of place and axis [Hz]
-    ("nearest", "f8"),  # distance from the centre below which no tool is believed to be [m]
-    ("furthest", "f8"),  # distance from the centre above which no tool is believed to be [m]
+    ("nearest", "f8"),  # distance from the centre below which a tool's position is invalid [m]
+    ("furthest", "f8"),  # distance from the centre above which a tool's position is invalid [m]
     ("lowest", "f8"),  # cosine of the steepest place
     ("readings", "i8"),  # of all axes of the sensors that are used
     ("lasting", "f8"),  # standard deviation of the error that stays in a reading of the tool [T]
@@ -56,7 +56,7 @@ SENSOR = fields(
     ("offset", "f8", (3,)),  # at zero current without a tool [T]
     ("gain", "f8", (3, 3)),  # field per reading
     ("per_moment", "f8", (3, 3)),  # field per moment along x, y, z of the electromagnet [T/(A·m²)]
-    ("left", "f8", (3,)),  # of the reading without offset and coils, as the sensor tells it [T]
+    ("left", "f8", (3,)),  # of the reading without offset and coils, in the sensor's axes [T]
     ("field", "f8", (3,)),  # of tool and core alone [T]
     ("taken", "f8", (3,)),  # when that was read, per axis [s]; -inf before the first reading
     ("age", "f8", (3,)),  # how long ago that is [s]
@@ -96,7 +96,7 @@ def make_sensors(device: SphericalElectromagnet, offsets: Array) -> Records:
 
 
 def coil_error(device: SphericalElectromagnet) -> float:
-    """Standard deviation of the coils' field that is left in a reading of sensors that nobody calibrated, as a share.
+    """Standard deviation of the coils' field that remains in a reading of sensors without calibration, as a share.
 
     >>> from haptorb.devices.loader import load
     >>> 0.01 < coil_error(load("omni")) < 0.03

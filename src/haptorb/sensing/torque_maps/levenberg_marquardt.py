@@ -51,7 +51,7 @@ def train_network(
 ) -> TrainingResult:
     """The network with `nodes` hidden nodes for y (samples, m) at x (samples, n), the best of several starts.
 
-    Every start runs on every eighth sample, the best goes on with all of them: results of single starts differ by a
+    Every start runs on every eighth sample, the best continues with all of them: results of single starts differ by a
     factor of two. Raises InputError for a training set that cannot determine the weights.
 
     >>> x = np.linspace(-2, 2, 400)[:, None]

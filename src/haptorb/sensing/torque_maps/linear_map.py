@@ -23,7 +23,7 @@ _MOST_MISSING = 0.25  #: share of the sensors that the others may stand in for
 
 
 class LinearTorque(TorqueMap):
-    """A sensor that cannot be believed is replaced by what the others make most likely, by the same least squares.
+    """An unusable sensor is replaced by the most likely value given the others, by the same least squares.
 
     motor          whose tables teach the map
     noise          of one reading [T]; the device's own if not given

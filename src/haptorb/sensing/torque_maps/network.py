@@ -108,7 +108,7 @@ def train(
 class NetworkTorque(TorqueMap):
     """All networks of a device as one kernel: scalings are multiplied into the weights beforehand.
 
-    A coil with a sensor that cannot be believed is not known: a network has no way of doing without an input.
+    A coil with an unusable sensor is unknown: a network cannot do without an input.
     """
 
     def __init__(self, motor: SphericalMotor, networks: TrainedNetworks) -> None:
@@ -141,7 +141,7 @@ class NetworkTorque(TorqueMap):
 
 @kernel
 def _fill_coil_inputs(sensors: Numbers, F: Array, field: Array, usable: Array, out: Array) -> float:
-    """out (inputs,) becomes what the coil with axes F (3, 3) sees; returns 1.0 if all of it may be believed, else 0."""
+    """out (inputs,) becomes the field in the axes F (3, 3) of the coil; returns 1.0 if all of it is usable, else 0."""
     sure = 1.0
     for s in range(sensors.shape[0]):
         k = sensors[s]

@@ -21,14 +21,14 @@ from haptorb.numerics.compiled import cache_folder
 from haptorb.sensing.torque_maps.network import TrainedNetworks
 from haptorb.sensing.torque_maps.perceptron import Perceptron, Scaling
 
-__all__ = ["check_networks", "networks_path", "read_networks", "write_networks"]
+__all__ = ["check_networks", "networks_path", "parse_networks", "read_networks", "write_networks"]
 
 _KIND = "haptorb networks 1"
 _MOST = 64 * 1024 * 1024  #: bytes
 
 
 def networks_path(motor: SphericalMotor) -> Path:
-    """Where the networks of `motor` are kept if nobody says otherwise: in the user's cache folder, by digest."""
+    """The default place of the networks of `motor`: in the user's cache folder, by digest."""
     return cache_folder() / "networks" / f"{motor.name}-{motor.digest[:16]}.network"
 
 
@@ -64,16 +64,23 @@ def write_networks(networks: TrainedNetworks, path: Path) -> None:
 def read_networks(path: Path) -> TrainedNetworks:
     """What `write_networks` wrote; InputError where the file is absent, torn, altered or something else."""
     try:
-        line, _, numbers = read_bytes(path, _MOST, "network file", InputError).partition(b"\n")
+        content = read_bytes(path, _MOST, "network file", InputError)
     except InputError as cause:
         raise InputError(f"{cause}; run `haptorb train`") from cause
+    return parse_networks(content, f"network file '{path}'")
+
+
+def parse_networks(content: bytes, where: str) -> TrainedNetworks:
+    """The networks of a file's `content`; `where` it was found is what InputError names, if it is torn, altered or
+    something else."""
+    line, _, numbers = content.partition(b"\n")
     try:
         head: dict[str, Any] = parse_json(line)
         if head.get("kind") != _KIND:
-            raise InputError(f"'{path}' is not a network file of this version; run `haptorb train`")
+            raise InputError(f"{where} is not one of this version; run `haptorb train`")
         digest = head.pop("sha256")
         if digest != _digest(head, numbers):
-            raise InputError(f"network file '{path}' has been altered or cut short: its hash does not fit; train again")
+            raise InputError(f"{where} has been changed or truncated: its hash does not match; train again")
         weights = np.frombuffer(numbers, dtype="<f8").astype(np.float64)
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in head["shapes"])])
         parts = [weights[ends[i] : ends[i + 1]].reshape(shape) for i, shape in enumerate(head["shapes"])]
@@ -91,7 +98,7 @@ def read_networks(path: Path) -> TrainedNetworks:
     except InputError:
         raise
     except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError) as cause:
-        raise InputError(f"'{path}' is not a network file; run `haptorb train`") from cause
+        raise InputError(f"{where} is none; run `haptorb train`") from cause
 
 
 def _check_sizes(network: Perceptron) -> None:

@@ -25,13 +25,13 @@ _EDGE = np.radians(1.0)  #: so far beyond the workspace a map may still be asked
 
 
 class TorqueMap(ABC):
-    """Knows nothing of orientation."""
+    """Ignores the orientation."""
 
     @abstractmethod
     def torque(self, field: Array, usable: Array, out: Array, known: Array) -> None:
         """out (3, coils) [N·m/A], stator frame, and known (coils,) 1.0 where it could be found, else 0.0.
 
-        field (k, 3) [T] of the magnets alone, stator frame; usable (k,) 1.0 where a sensor may be believed, else 0.0.
+        field (k, 3) [T] of the magnets alone, stator frame; usable (k,) 1.0 where a sensor is usable, else 0.0.
         """
 
 
@@ -40,12 +40,12 @@ class FieldToTorque(Estimator):
 
     motor         the device whose sensors are read
     torque_map    `NetworkTorque` or `LinearTorque`
-    orientation   who finds the orientation, and the sensors that do not fit it; None: nobody, the state is NaN and the
+    orientation   finds the orientation, and the sensors that do not fit it; None: none, the state is NaN and the
                   estimate is not `oriented`, and only readings that cannot be are noticed
 
     A channel one of whose coils is not known gets no torque per ampere, so that no current is put into it; with fewer
     than half of the channels, or fewer than three, the estimate is not valid. A map cannot tell when it is wrong: with
-    an orientation beyond the workspace that it learnt, it is not believed.
+    an orientation beyond the workspace that it learnt, it is not valid.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
 """A coil array's physics in compiled code: some steps of coils, core, tool, surface and hand.
 
 The map of a hundred coils takes as long as all the rest of a tick. So it is computed at most once a millisecond, and
-between two times it goes on along the mover's way as it changed from the last to the newest: its error is then of the
+between two times it follows the mover's change from the last to the newest: its error is then of the
 second order in that way. A loop that catches up some missed ticks in one call gets one map for them, or it would miss
 the next ones, too.
 """
@@ -19,7 +19,7 @@ from haptorb.simulation.parts.tool import TOOL, contact, matrix, move, plate_con
 
 __all__ = ["COIL_ARRAY", "advance_array"]
 
-_MOVED = 2e-5  #: the map is computed anew when the mover has moved so far [m] …
+_MOVED = 2e-5  #: the map is computed again when the mover has moved so far [m] …
 _TURNED = 1e-3  #: … or an entry of its rotation has changed so much …
 _APART = 4  #: … and not before so many steps …
 _MANY = 32  #: … nor, in one call, more than once and once more for so many
@@ -84,7 +84,7 @@ def _renew(magnetics: ArrayMap, R: Array, p: Array, newest: Array, change: Array
 def advance_array(
     array: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, magnetics: ArrayMap, held: Array
 ) -> None:
-    """Some steps of coils, core, tool, surface and hand: `array` (1,) COIL_ARRAY and `coils` (m,) COIL go on.
+    """Some steps of coils, core, tool, surface and hand: `array` (1,) COIL_ARRAY and `coils` (m,) COIL advance.
 
     duties (m,); the hand goes to wish_p (3,) [m] and wish_q (4,) where they are numbers and a turn, else to where it
     went; held (2, 11, max(m, 6)): pose (4), passive (1) and matrix (6, m) of the newest map, and what they have changed

@@ -8,7 +8,6 @@ are noisy. Left out: mutual inductance between coils, eddy currents, the core's 
 from __future__ import annotations
 
 from dataclasses import replace
-from math import ceil
 from typing import final
 from zlib import crc32
 
@@ -22,14 +21,14 @@ from haptorb.errors import DriverError, InputError
 from haptorb.numerics.arrays import Array, check_finite, vectors
 from haptorb.sensing.sample import Pose, Sample
 from haptorb.simulation.coil_array.array_kernels import COIL_ARRAY, advance_array
-from haptorb.simulation.parts.coils import chop, cold_coils
-from haptorb.simulation.parts.tool import GRAVITY, matrix
-from haptorb.simulation.simulation import Simulation
+from haptorb.simulation.coil_simulation import CoilSimulation
+from haptorb.simulation.parts.coils import cold_coils
+from haptorb.simulation.parts.tool import fill_tool, read_tool
 
 __all__ = ["SimulatedCoilArray", "draw_coils"]
 
 _STEP = 2.5e-4  #: of the simulation [s]
-_OLD = 1_000_000  #: age of a map that must be computed anew [steps]
+_OLD = 1_000_000  #: age of a map at which it is computed again [steps]
 
 
 def draw_coils(device: CoilArray, specimen: int = 0) -> PlacedCoils:
@@ -48,7 +47,7 @@ def draw_coils(device: CoilArray, specimen: int = 0) -> PlacedCoils:
 
 
 @final
-class SimulatedCoilArray(Simulation):
+class SimulatedCoilArray(CoilSimulation):
     """Coils, core, tool, surface and hand of `device`.
 
     specimen: number of the device among its like, from 0: its coils' places are drawn with it. held=False lets the tool
@@ -65,27 +64,14 @@ class SimulatedCoilArray(Simulation):
     def __init__(self, device: CoilArray, seed: int = 0, *, held: bool = True, specimen: int = 0) -> None:
         self.device: CoilArray = device
         self._magnetics = device.compute_magnetics(draw_coils(device, specimen))
-        self._state = np.zeros(1, dtype=COIL_ARRAY)
+        super().__init__(np.zeros(1, dtype=COIL_ARRAY), cold_coils(device), _STEP, device.supply.duty_bits)
         self._wrench: Array = self._state["wrench"][0]
         self._tool = self._state["tool"]
-        self._last_dt, self._t = 0.0, 0.0
-        self._equip(held)
-        self.reset(seed)
-
-    def _equip(self, held: bool) -> None:
-        """Tool, surface and hand as the device file has them."""
-        device, it = self.device, self._tool
-        tool, hand, surface = device.tool, device.hand, device.surface
-        it["mass"] = tool.mass + (hand.mass if held else 0.0)
-        it["weight"] = 0.0 if held else tool.mass * GRAVITY
-        it["inertia"], it["tip"], it["tail"] = tool.inertia, tool.tip_distance, tool.reach
-        it["dome"]["radius"] = surface.dome_radius or surface.height
+        surface = device.surface
+        fill_tool(self._tool, device.tool, device.hand if held else None, surface.contact)
+        self._tool["tail"], self._tool["dome"]["radius"] = device.tool.reach, surface.dome_radius or surface.height
         self._state["plate"] = not surface.is_dome
-        for name in ("stiffness", "damping", "friction"):
-            it["dome"][name] = getattr(surface.contact, name)
-        if held:
-            for name in ("stiffness", "damping", "turn_stiffness", "turn_damping"):
-                it["grip"][name] = getattr(hand, name)
+        self.reset(seed)
 
     def reset(self, seed: int = 0) -> None:
         """Cold coils without currents, the tool at rest above the surface, noise from `seed`."""
@@ -96,10 +82,6 @@ class SimulatedCoilArray(Simulation):
         self._t = 0.0
         self.place(self.device.rest_position, (0.0, 0.0, 0.0, 1.0))
 
-    def cool(self) -> None:
-        """Coils at the ambient temperature at once; currents go on."""
-        self._coils["winding"] = self._coils["body"] = self._coils["ambient"]
-
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
         """Put the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; below the surface it is lifted to contact.
 
@@ -107,7 +89,7 @@ class SimulatedCoilArray(Simulation):
         """
         at, turned = vectors(p, "p"), check_finite(q, "q")
         if at.shape != (3,) or turned.shape != (4,) or not turned.any():
-            raise InputError(f"p must be a place, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}")
+            raise InputError(f"p must be a position, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}")
         tool, contact = self._tool, self.device.contact_height
         tool["p"] = lift(at, contact, self.device.surface.is_dome)
         tool["q"] = turned / np.linalg.norm(turned)
@@ -115,28 +97,17 @@ class SimulatedCoilArray(Simulation):
         tool["goal"], tool["goal_q"] = at, tool["q"]
         self._state["age"] = _OLD
 
-    def quantise(self, duties: Array) -> Array:
-        """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
-        out = np.empty(self.device.channels)
-        chop(np.ascontiguousarray(duties, dtype=np.float64), float(2**self.device.supply.duty_bits), out)
-        return out
+    def _fill_heat(self, dt: float) -> None:
+        self._state["heat"] = self.device.coils.heat.coil.step(dt)
 
     def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
         """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one.
 
         Raises InputError for less than 0 or more than 10 s.
         """
-        if not (0.0 <= dt < 10.0):
-            raise InputError(f"the simulation can advance by 0 to 10 s at once; got {dt} s")
-        if dt == 0.0:
-            return
-        if dt != self._last_dt:
-            steps = max(ceil(dt / _STEP - 1e-9), 1)
-            self._last_dt = dt
-            self._state["dt"], self._state["steps"] = dt / steps, steps
-            self._state["heat"] = self.device.coils.heat.coil.step(dt / steps)
-        advance_array(self._state, self._coils, duties, goal_p, goal_q, self._magnetics, self._held)
-        self._t += dt
+        if self._set_steps(dt):
+            advance_array(self._state, self._coils, duties, goal_p, goal_q, self._magnetics, self._held)
+            self._t += dt
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
         """One reading of every sensor, and the tool's true pose as the tracker's word.
@@ -163,22 +134,7 @@ class SimulatedCoilArray(Simulation):
 
     def state(self) -> State:
         """The tool as it really is."""
-        R = np.empty((3, 3))
-        p, q, v, w = (self._tool[name][0].copy() for name in "pqvw")
-        matrix(q, R)
-        return State(self._t, R, p, w, v)
-
-    @property
-    def currents(self) -> Array:
-        """(m,) the true currents [A]."""
-        currents: Array = self._coils["current"].copy()
-        return currents
-
-    @property
-    def winding(self) -> Array:
-        """(m,) the windings' true temperatures [K]."""
-        winding: Array = self._coils["winding"].copy()
-        return winding
+        return read_tool(self._tool, self._t)
 
     @property
     def depth(self) -> float:

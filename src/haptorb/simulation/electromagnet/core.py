@@ -15,7 +15,7 @@ CORE = fields(
     ("share", "f8"),  # of the moment that lags
     ("time", "f8"),  # constant of the lag [s]
     ("remanent", "f8"),  # moment that stays along an axis [A·m²]
-    ("reversing", "f8"),  # change of the moment that turns the remanence from full to none [A·m²]
+    ("reversing", "f8"),  # change of the moment that reduces the remanence from full to zero [A·m²]
     ("lagging", "f8", (3,)),  # the moment through the lag [A·m²]
     ("play", "f8", (3,)),  # the moment through the play [A·m²]
     ("extra", "f8", (3,)),  # moment beside that of the currents [A·m²]

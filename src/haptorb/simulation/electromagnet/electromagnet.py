@@ -9,7 +9,6 @@ what is given differ here as they would in reality.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import ceil
 from typing import final
 
 import numpy as np
@@ -24,15 +23,15 @@ from haptorb.physics.sources import dipole
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.soft_sphere import SoftSphere
 from haptorb.sensing.sample import Pose, Sample
+from haptorb.simulation.coil_simulation import CoilSimulation
 from haptorb.simulation.electromagnet.core import make_core
 from haptorb.simulation.electromagnet.electromagnet_kernels import ELECTROMAGNET, advance
 from haptorb.simulation.electromagnet.sensors import Magnets, pack_magnets, sense
 from haptorb.simulation.electromagnet.true_heat import draw_network, fill_step
-from haptorb.simulation.parts.coils import chop, cold_coils
+from haptorb.simulation.parts.coils import cold_coils
 from haptorb.simulation.parts.hall import let_fail, make_halls
 from haptorb.simulation.parts.noise import seed_noise
-from haptorb.simulation.parts.tool import GRAVITY, matrix
-from haptorb.simulation.simulation import Simulation
+from haptorb.simulation.parts.tool import fill_tool, read_tool
 
 __all__ = ["SimulatedElectromagnet"]
 
@@ -41,11 +40,11 @@ _SHORTEST = 5e-6  #: a simulation with finer steps than this is slower than time
 
 
 @final
-class SimulatedElectromagnet(Simulation):
+class SimulatedElectromagnet(CoilSimulation):
     """Coils, core, tool, dome and hand of `device`, in steps of at most `step` [s].
 
     specimen: number of the device among its like, from 0; the lasting errors of its sensors and its core are drawn from
-    the device file's distributions with it, so that the same number is the same device whatever the noise's seed.
+    the device file's distributions with it, so that the same number is the same device for any seed of the noise.
 
     held=False lets the tool go: no hand, and gravity acts on it. With a hand, the hand carries the tool's weight.
 
@@ -73,11 +72,16 @@ class SimulatedElectromagnet(Simulation):
             raise InputError(f"step of the simulation must be above 0 and at most 1 ms; got {step} s")
         self.device: SphericalElectromagnet = device
         self._specimen = specimen
-        self._state = np.zeros(1, dtype=ELECTROMAGNET)
+        super().__init__(np.zeros(1, dtype=ELECTROMAGNET), cold_coils(device), step, device.supply.duty_bits)
         self._wrench: Array = self._state["wrench"][0]
         self._state["nearest"] = device.passive_pull.nearest
         self._tool, self._senses = self._state["tool"], self._state["senses"]
-        self._equip(held)
+        fill_tool(self._tool, device.tool, device.hand if held else None, device.contact)
+        self._tool["tail"], self._tool["dome"]["radius"] = device.tool.length / 2, device.dome_radius
+        supply = device.supply
+        self._senses["warming"] = device.hall.warming
+        self._senses["current_noise"], self._senses["current_step"] = supply.current_noise, supply.current_step
+        self._senses["heat_noise"], self._senses["heat_step"] = device.thermometer_noise, device.thermometer_step
         self._longest = min(float(step), _longest_step(self._tool[0], device.name))
         tool, hall = device.tool, device.hall
         size = (tool.outer_radius, tool.inner_radius, tool.length, tool.remanence)
@@ -107,25 +111,7 @@ class SimulatedElectromagnet(Simulation):
                 positions,
             )
         )
-        self._steps_of_duty = float(2**device.supply.duty_bits)
         self.reset(seed)
-
-    def _equip(self, held: bool) -> None:
-        """Tool, dome, hand and sensors as the device file has them."""
-        device, it, senses = self.device, self._tool, self._senses
-        tool, hand, dome, supply = device.tool, device.hand, device.contact, device.supply
-        it["mass"] = tool.mass + (hand.mass if held else 0.0)
-        it["weight"] = 0.0 if held else tool.mass * GRAVITY
-        it["inertia"], it["tip"], it["tail"] = tool.inertia, tool.tip_distance, tool.length / 2
-        it["dome"]["radius"] = device.dome_radius
-        for name in ("stiffness", "damping", "friction"):
-            it["dome"][name] = getattr(dome, name)
-        if held:
-            for name in ("stiffness", "damping", "turn_stiffness", "turn_damping"):
-                it["grip"][name] = getattr(hand, name)
-        senses["warming"] = device.hall.warming
-        senses["current_noise"], senses["current_step"] = supply.current_noise, supply.current_step
-        senses["heat_noise"], senses["heat_step"] = device.thermometer_noise, device.thermometer_step
 
     def reset(self, seed: int = 0) -> None:
         """Cold coils without currents, the tool at rest 12 mm above the dome's summit, noise from `seed`."""
@@ -140,8 +126,8 @@ class SimulatedElectromagnet(Simulation):
         self.place((0.0, 0.0, self.device.contact_distance + _ABOVE), (0.0, 0.0, 0.0, 1.0))
 
     def cool(self) -> None:
-        """Coils at the ambient temperature at once; currents go on."""
-        self._coils["winding"] = self._coils["body"] = self._coils["ambient"]
+        """Coils at the ambient temperature at once; currents continue."""
+        super().cool()
         self._state["core_temperature"] = self.device.coils.heat.ambient
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
@@ -152,7 +138,7 @@ class SimulatedElectromagnet(Simulation):
         at, turned = vectors(p, "p"), check_finite(q, "q")
         if at.shape != (3,) or turned.shape != (4,) or not turned.any() or not at.any():
             raise InputError(
-                f"p must be a place off the centre, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}"
+                f"p must be a position other than the centre, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}"
             )
         distance = float(np.linalg.norm(at))
         tool = self._tool
@@ -161,32 +147,21 @@ class SimulatedElectromagnet(Simulation):
         tool["v"] = tool["w"] = 0.0
         tool["goal"], tool["goal_q"] = at, tool["q"]
 
-    def quantise(self, duties: Array) -> Array:
-        """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
-        out = np.empty(self.device.channels)
-        chop(np.ascontiguousarray(duties, dtype=np.float64), self._steps_of_duty, out)
-        return out
-
     def fail(self, sensors: Iterable[int], kind: str = "dead") -> None:
         """Let field sensors of these numbers, from 0, fail: "dead", "stuck", "saturated" or "none" (`let_fail`)."""
         let_fail(self._halls, sensors, kind)
+
+    def _fill_heat(self, dt: float) -> None:
+        fill_step(self._heat, dt, self._state["heat"][0])
 
     def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
         """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one.
 
         Raises InputError for less than 0 or more than 10 s.
         """
-        if not (0.0 <= dt < 10.0):
-            raise InputError(f"the simulation can advance by 0 to 10 s at once; got {dt} s")
-        if dt == 0.0:
-            return
-        if dt != self._last_dt:
-            steps = max(ceil(dt / self._longest - 1e-9), 1)
-            self._last_dt = dt
-            self._state["dt"], self._state["steps"] = dt / steps, steps
-            fill_step(self._heat, dt / steps, self._state["heat"][0])
-        advance(self._state, self._coils, duties, goal_p, goal_q, self._rows, self._table, self._per_ampere)
-        self._t += dt
+        if self._set_steps(dt):
+            advance(self._state, self._coils, duties, goal_p, goal_q, self._rows, self._table, self._per_ampere)
+            self._t += dt
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
         """One reading of every sensor, and the tool's true pose as the tracker's word.
@@ -210,22 +185,7 @@ class SimulatedElectromagnet(Simulation):
 
     def state(self) -> State:
         """The tool as it really is."""
-        R = np.empty((3, 3))
-        p, q, v, w = (self._tool[name][0].copy() for name in "pqvw")
-        matrix(q, R)
-        return State(self._t, R, p, w, v)
-
-    @property
-    def currents(self) -> Array:
-        """(m,) the true currents [A]."""
-        currents: Array = self._coils["current"].copy()
-        return currents
-
-    @property
-    def winding(self) -> Array:
-        """(m,) the windings' true temperatures [K]."""
-        winding: Array = self._coils["winding"].copy()
-        return winding
+        return read_tool(self._tool, self._t)
 
     @property
     def boundary(self) -> Array:

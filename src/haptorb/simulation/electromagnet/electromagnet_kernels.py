@@ -38,7 +38,7 @@ def advance(
     electromagnet: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, rows: Array, table: Array,
     moment_per_current: Array,
 ) -> None:  # fmt: skip
-    """Some steps of coils, core, tool, dome and hand: `electromagnet` (1,) ELECTROMAGNET and `coils` (m,) COIL go on.
+    """Some steps of coils, core, tool, dome and hand: `electromagnet` (1,) ELECTROMAGNET and `coils` (m,) COIL advance.
 
     duties (m,); the hand goes to wish_p (3,) [m] and wish_q (4,) where they are numbers and a turn, else to where it
     went; rows (4, n) charges of the tool's magnet; table of the core's pull; moment_per_current (3, m) [m²].

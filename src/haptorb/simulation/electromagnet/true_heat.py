@@ -1,4 +1,4 @@
-"""How the simulated coils really warm each other: not quite as the device file says, and nobody is told.
+"""How the simulated coils heat each other: not quite as in the device file, and the controller does not know.
 
 Every capacity and conductance is off by itself, within the file's tolerance, and a little heat leaves the core through
 the stand, which the file's network does not have.

@@ -10,7 +10,6 @@ the chopper's ripple, and the bearing's clearance.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import ceil
 from typing import final
 
 import numpy as np
@@ -22,23 +21,22 @@ from haptorb.devices.sensor_errors import SensorErrors, draw_sensors
 from haptorb.devices.state import State
 from haptorb.errors import DriverError, InputError
 from haptorb.numerics.arrays import Array, check_finite
-from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.sample import Pose, Sample
+from haptorb.simulation.coil_simulation import CoilSimulation
 from haptorb.simulation.motor.hanging import hang, limit_tilt, potential_energy
 from haptorb.simulation.motor.motor_kernels import MOTOR, Magnetics, advance, pack_magnetics, sense
 from haptorb.simulation.motor.rotor import angular_velocity
-from haptorb.simulation.parts.coils import chop, cold_coils
+from haptorb.simulation.parts.coils import cold_coils
 from haptorb.simulation.parts.hall import let_fail, make_halls
 from haptorb.simulation.parts.hand import rotation_left
 from haptorb.simulation.parts.noise import seed_noise
 from haptorb.simulation.parts.tool import matrix
-from haptorb.simulation.simulation import Simulation
 
 __all__ = ["SimulatedMotor"]
 
 
 @final
-class SimulatedMotor(Simulation):
+class SimulatedMotor(CoilSimulation):
     """Coils, magnets, rotor, hand and sensors of `device`, in steps of at most `step` [s].
 
     grasp           another hand than the device's; HANDLE_LOOSE for none
@@ -74,12 +72,9 @@ class SimulatedMotor(Simulation):
         self.device: SphericalMotor = device
         self.grasp = grasp or device.hand
         self._quality, self._spread = quality or device.hall.errors, float(magnet_spread)
-        self._longest = float(step)
-        heat, tables, supply = device.coils.heat, device.tables, device.supply
-        self._heat = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
-        self._dt = 0.0  # of the last advance
+        tables, supply = device.tables, device.supply
+        super().__init__(np.zeros(1, dtype=MOTOR), cold_coils(device), float(step), supply.duty_bits)
         self._still = np.zeros(3)
-        self._state = np.zeros(1, dtype=MOTOR)
         self._state["current_noise"], self._state["current_step"] = supply.current_noise, supply.current_step
         self._state["warming"] = device.hall.warming
         self._state["heat_noise"], self._state["heat_step"] = device.thermometer_noise, device.thermometer_step
@@ -99,7 +94,6 @@ class SimulatedMotor(Simulation):
         )
         self._magnetics = pack_magnetics(self._parts)
         self._failures = np.zeros(device.sensors, dtype=np.int64)
-        self._steps_of_duty = float(2**supply.duty_bits)
         self.reset(seed)
 
     def reset(self, seed: int = 0) -> None:
@@ -116,10 +110,6 @@ class SimulatedMotor(Simulation):
         self._rotor["q"] = self._rotor["goal"] = (0.0, 0.0, 0.0, 1.0)
         self._rotor["momentum"] = self._state["torque"] = self._state["pressed"] = 0.0
         self._t = 0.0
-
-    def cool(self) -> None:
-        """Coils at the ambient temperature at once; currents go on."""
-        self._coils["winding"] = self._coils["body"] = self._coils["ambient"]
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
         """Turn the rotor to `q` (4,), at rest; beyond the edge it is set onto the edge. `p` (3,) means nothing here.
@@ -148,28 +138,17 @@ class SimulatedMotor(Simulation):
         let_fail(self._halls, sensors, kind)
         self._failures[:] = self._halls["failure"]
 
-    def quantise(self, duties: Array) -> Array:
-        """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
-        out = np.empty(self.device.channels)
-        chop(np.ascontiguousarray(duties, dtype=np.float64), self._steps_of_duty, out)
-        return out
+    def _fill_heat(self, dt: float) -> None:
+        self._state["heat"] = self.device.coils.heat.coil.step(dt)
 
     def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
         """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one, and `goal_p` means nothing here.
 
         Raises InputError for less than 0 or more than 10 s.
         """
-        if not (0.0 <= dt < 10.0):
-            raise InputError(f"the simulation can advance by 0 to 10 s at once; got {dt} s")
-        if dt == 0.0:
-            return
-        if dt != self._dt:
-            steps = max(ceil(dt / self._longest - 1e-9), 1)
-            self._dt = dt
-            self._state["dt"], self._state["steps"] = dt / steps, steps
-            self._state["heat"] = self._heat.step(dt / steps)
-        advance(self._state, self._coils, self._magnetics, self._strength, duties, goal_q)
-        self._t += dt
+        if self._set_steps(dt):
+            advance(self._state, self._coils, self._magnetics, self._strength, duties, goal_q)
+            self._t += dt
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
         """One reading of every sensor; the pose is the true one, as an external tracker would tell it.
@@ -201,18 +180,6 @@ class SimulatedMotor(Simulation):
         matrix(rotor["q"][0], R)
         angular_velocity(rotor["momentum"][0], rotor["inertia"][0], R, w)
         return State(self._t, R, np.zeros(3), w, np.zeros(3))
-
-    @property
-    def currents(self) -> Array:
-        """(m,) the true currents [A]."""
-        currents: Array = self._coils["current"].copy()
-        return currents
-
-    @property
-    def winding(self) -> Array:
-        """(m,) the windings' true temperatures [K]."""
-        winding: Array = self._coils["winding"].copy()
-        return winding
 
     @property
     def stop_deflection(self) -> float:

@@ -72,7 +72,7 @@ def _unpack_magnetics(blob: Array) -> Magnetics:
 
 @kernel
 def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, duties: Array, wish: Array) -> None:
-    """Some steps of rotor and coils: `motor` (1,) MOTOR and `coils` (m,) COIL go on.
+    """Some steps of rotor and coils: `motor` (1,) MOTOR and `coils` (m,) COIL advance.
 
     The torque characteristic changes with the pose, and little from step to step: it is looked up once for as many
     steps as the rotor needs for STRIDE, in their middle.

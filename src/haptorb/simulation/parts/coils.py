@@ -64,7 +64,7 @@ def _drive(c: Record, dt: float) -> float:
     gap = c.current - end
     x = resistance * dt / c.inductance
     gone = -np.expm1(-x)
-    share = gone / x if x > 0.0 else 1.0  # mean of the decaying part; its square's mean likewise
+    share = gone / x if x > 0.0 else 1.0  # mean of the decaying part; the mean of its square too
     c.mean = end + gap * share
     square = end * end + 2.0 * end * gap * share + gap * gap * share * (1.0 - 0.5 * gone)
     c.current = end + gap * (1.0 - gone)

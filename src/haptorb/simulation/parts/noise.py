@@ -130,5 +130,5 @@ def fill_normal(s: Noise, out: Array) -> None:
 
 @kernel
 def quantise(value: float, step: float) -> float:
-    """`value` as a converter with quantum `step` tells it; step 0: an ideal one."""
+    """`value` as a converter with quantum `step` reports it; step 0: an ideal one."""
     return np.rint(value / step) * step if step > 0.0 else value

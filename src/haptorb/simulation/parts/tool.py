@@ -8,11 +8,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptorb.numerics.arrays import Array, Record, fields
+from haptorb.devices.coil_array.parts import ArrayMover
+from haptorb.devices.electromagnet.electromagnet import DomeContact, Hand, Tool
+from haptorb.devices.state import State
+from haptorb.numerics.arrays import Array, Record, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.simulation.parts.hand import GRIP
 
-__all__ = ["DOME", "GRAVITY", "TOOL", "contact", "matrix", "move", "plate_contact", "set_goal"]
+__all__ = [
+    "DOME",
+    "GRAVITY",
+    "TOOL",
+    "contact",
+    "fill_tool",
+    "matrix",
+    "move",
+    "plate_contact",
+    "read_tool",
+    "set_goal",
+]
 
 GRAVITY = 9.80665  #: [m/s²], along −z of the stator
 
@@ -24,7 +38,7 @@ DOME = fields(
     ("friction", "f8"),  # [1]
 )
 
-#: The tool with whatever of the hand moves with it, the dome that it touches, and where the hand wants it.
+#: The tool with the part of the hand that moves with it, the dome that it touches, and the hand's goal for it.
 TOOL = fields(
     ("mass", "f8"),  # tool and hand [kg]
     ("weight", "f8"),  # of the tool, where no hand carries it [N]
@@ -40,6 +54,29 @@ TOOL = fields(
     ("v", "f8", (3,)),  # [m/s]
     ("w", "f8", (3,)),  # angular velocity [rad/s]
 )
+
+
+def fill_tool(state: Records, tool: Tool | ArrayMover, hand: Hand | None, surface: DomeContact) -> None:
+    """Fill `state`, (1,) TOOL, with tool, hand and surface as the device file has them; without a hand it falls.
+
+    A hand carries the tool's weight.
+    """
+    state["mass"] = tool.mass + (0.0 if hand is None else hand.mass)
+    state["weight"] = tool.mass * GRAVITY if hand is None else 0.0
+    state["inertia"], state["tip"] = tool.inertia, tool.tip_distance
+    for name in ("stiffness", "damping", "friction"):
+        state["dome"][name] = getattr(surface, name)
+    if hand is not None:
+        for name in ("stiffness", "damping", "turn_stiffness", "turn_damping"):
+            state["grip"][name] = getattr(hand, name)
+
+
+def read_tool(state: Records, t: float) -> State:
+    """Pose and motion at `t` [s] of the tool in `state`, (1,) TOOL."""
+    R = np.empty((3, 3))
+    p, q, v, w = (state[name][0].copy() for name in "pqvw")
+    matrix(q, R)
+    return State(t, R, p, w, v)
 
 
 @kernel

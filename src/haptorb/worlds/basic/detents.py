@@ -1,4 +1,4 @@
-"""Rings that catch: clicks as the tool tilts away from an axis."""
+"""Detents: clicks as the tool tilts away from an axis."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Detents(World):
     asks = "force"
 
     axis: tuple[float, float, float] = parameter((0.0, 0.0, 1.0), "", -1, 1, "direction of zero tilt")
-    spacing_deg: float = parameter(10.0, "deg", 2, 60, "tilt from one click to the next")
+    spacing_deg: float = parameter(10.0, "deg", 2, 60, "tilt between two clicks")
     strength: float = parameter(0.2, "N", 0, 1, "maximum force, halfway up each side of a click")
 
     def __post_init__(self) -> None:
@@ -39,7 +39,7 @@ class Detents(World):
 
     @property
     def bound(self) -> float:
-        """[N] for a tool that is nowhere nearer than 10 mm to the centre."""
+        """[N] for a tool that stays at least 10 mm from the centre."""
         return 5 * self.strength
 
     def wrench(self, state: State) -> Array:

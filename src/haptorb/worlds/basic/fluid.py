@@ -20,14 +20,14 @@ __all__ = ["Fluid"]
 class Fluid(World):
     """Drag in a fluid that rotates about +z: F = −b (v − u(p)), limited to `greatest`.
 
-    The current u is a Lamb–Oseen vortex: solid rotation near the axis, 1/ρ outside `core`. With `stir` zero the fluid
-    rests and only brakes; a current can drag the tool along, so the world is declared active.
+    The current u is a Lamb–Oseen vortex: solid rotation near the axis, 1/ρ outside `core`. With `stir` zero the
+    fluid is at rest and only damps; a current can move the tool, so the world is declared active.
     """
 
     asks = "force"
     passive: ClassVar[bool] = False
 
-    viscosity: float = parameter(2.0, "N·s/m", 0, 10, "b: drag per speed relative to the fluid")
+    viscosity: float = parameter(2.0, "N·s/m", 0, 10, "b: drag coefficient, for the speed relative to the fluid")
     stir: float = parameter(0.1, "m/s", -0.5, 0.5, "maximum speed of the fluid, counter-clockwise from above")
     core: float = parameter(0.02, "m", 0.005, 0.1, "radius at which the fluid is fastest")
     greatest: float = parameter(0.5, "N", 0.05, 1, "limit of the drag")

@@ -1,4 +1,4 @@
-"""A path that leads: the tool is drawn to a curve and free along it."""
+"""A path: the tool is pulled to a curve and is free along it."""
 
 from __future__ import annotations
 
@@ -48,15 +48,15 @@ def loop_path(tilt_deg: float = 30.0, wave_deg: float = 10.0, waves: int = 3, ra
 class Guidance(World):
     """Pull towards the nearest point of a path (n, 3) [m], free along it: the gradient of a valley around the path.
 
-    U = F s (√(1 + r²/s²) − 1): a spring of stiffness F/s near the path that never exceeds F. Where two stretches of the
-    path are equally near the force changes sides.
+    U = F s (√(1 + r²/s²) − 1): a spring of stiffness F/s near the path that never exceeds F. Where two sections of
+    the path are equally near, the force jumps.
     """
 
     asks = "force"
     continuous: ClassVar[bool] = False
 
     strength: float = parameter(0.35, "N", 0, 1, "F: maximum pull")
-    width: float = parameter(0.003, "m", 0.0005, 0.03, "s: distance over which the pull rises")
+    width: float = parameter(0.003, "m", 0.0005, 0.03, "s: distance over which the pull increases")
     path: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:

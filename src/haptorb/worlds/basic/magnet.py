@@ -1,4 +1,4 @@
-"""A place that draws the tool in, and lets go of it far away."""
+"""A point that attracts the tool nearby, and not far away."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Magnet(World):
         return abs(self.strength)
 
     def wrench(self, state: State) -> Array:
-        """(6,) pull towards the place [N]."""
+        """(6,) pull towards the point [N]."""
         px, py, pz = state.p.tolist()
         x, y, z = px - self.place[0], py - self.place[1], pz - self.place[2]
         r = sqrt(x * x + y * y + z * z) / self.width

@@ -1,4 +1,4 @@
-"""The empty world: nothing is asked of the device."""
+"""The empty world: zero wrench."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dry friction that grips before it slides."""
+"""Dry friction with breakaway, without memory."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ __all__ = ["StickSlip"]
 class StickSlip(World):
     """Stribeck friction against the velocity: F = −(F_c + (F_s − F_c) e^(−(v/v_s)²)) tanh(v/v_0) v̂.
 
-    Falling force with rising speed is what makes fingers and bows stick and slip. It always brakes, so it is passive;
-    it has no memory, so below v_0 it creeps instead of sticking. Source: Armstrong-Hélouvry et al. 1994, section 2.
+    A force that decreases with speed is what makes fingers and bows stick and slip. It always opposes the motion,
+    so it is passive; it has no memory, so below v_0 it creeps instead of sticking. Source: Armstrong-Hélouvry et al.
+    1994, section 2.
     """
 
     asks = "force"

@@ -1,4 +1,4 @@
-"""A rough surface: bumps in space, felt as one moves over them."""
+"""A rough surface: bumps in space, felt during motion."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Texture(World):
 
     asks = "force"
 
-    wavelength: float = parameter(0.006, "m", 0.001, 0.05, "distance from bump to bump")
+    wavelength: float = parameter(0.006, "m", 0.001, 0.05, "distance between two bumps")
     amplitude: float = parameter(0.12, "N", 0, 0.5, "maximum force along each axis")
 
     @property

@@ -1,4 +1,4 @@
-"""A buzz: force that swings in time, wherever the tool is."""
+"""A vibration: a force that oscillates in time, at any position."""
 
 from __future__ import annotations
 

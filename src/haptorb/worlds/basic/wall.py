@@ -18,9 +18,9 @@ __all__ = ["Wall"]
 
 @dataclass(frozen=True)
 class Wall(World):
-    """A stiff half-space: stiffness and damping along the normal, from `offset` on.
+    """A stiff half-space: stiffness and damping along the normal, beyond `offset`.
 
-    Damping acts only while the mover presses in and moves in, so the wall never pulls.
+    Damping acts only while the mover is in the wall and moves inward, so the wall never pulls.
 
     >>> Wall(normal=(0, 0, 1), offset=0.055, stiffness=100).wrench(State.at((0, 0, 0.052)))[2].round(3).item()
     0.3
@@ -28,10 +28,12 @@ class Wall(World):
 
     asks = "force"
 
-    normal: tuple[float, float, float] = parameter((1.0, 0.0, 0.0), "", -1, 1, "direction out of the wall")
+    normal: tuple[float, float, float] = parameter(
+        (1.0, 0.0, 0.0), "", -1, 1, "direction of the outward normal of the wall"
+    )
     offset: float = parameter(0.0, "m", -0.1, 0.1, "distance of the wall's face from the centre, along the normal")
-    stiffness: float = parameter(150.0, "N/m", 0, 5000, "force per depth")
-    damping: float = parameter(0.5, "N·s/m", 0, 50, "force per speed into the wall")
+    stiffness: float = parameter(150.0, "N/m", 0, 5000, "stiffness: force per depth")
+    damping: float = parameter(0.5, "N·s/m", 0, 50, "damping: force per speed into the wall")
     greatest: float = parameter(1.0, "N", 0.05, 20, "limit of the force")
 
     def __post_init__(self) -> None:

@@ -1,1 +1,1 @@
-"""Worlds with memory: what was done to them before changes what is felt now."""
+"""Worlds with memory: their wrench depends on the past."""

@@ -1,4 +1,4 @@
-"""A ball that rolls in a bowl on the dome, and that the tool pushes."""
+"""A ball in a bowl on the dome, pushed by the tool."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ __all__ = ["RollingBall"]
 _FIELDS = (
     MemoryField("place", "m", "of the ball's centre, stator frame", (3,)),
     MemoryField("velocity", "m/s", "of the ball's centre, stator frame", (3,)),
-    MemoryField("drawn", "m", "place of a ball that rolls on the dome under the tool's tip, stator frame", (3,)),
-    MemoryField("energy", "J", "kinetic, in the bowl and in the contact"),
+    MemoryField("drawn", "m", "position of a ball that rolls on the dome under the tool's tip, stator frame", (3,)),
+    MemoryField("energy", "J", "energy: kinetic, in the bowl and in the contact"),
 )
 
 _CORE = 0.25  #: share of the radius within which the contact fades
@@ -134,14 +134,14 @@ def _roll(memory: Records, ball: Records, p: Array, dt: float, wrench: Array) ->
 
 @dataclass(frozen=True)
 class RollingBall(DynamicWorld):
-    """A ball that rolls in a bowl on the dome: push it, catch it, let it swing.
+    """A ball that rolls in a bowl on the dome: push it, catch it, release it.
 
     Its centre moves on the sphere on which a touching tool's magnet moves, in the potential of a spherical pendulum,
-    V = m ω² R² (1 − cos θ) with ω = 2π `swings` and θ from the bowl's middle; behind `rim_deg` a steep rim brings it
-    back. It begins halfway up to the rim, towards +x. Its mass is the inertial one: a solid ball that rolls has 7/5 of
-    its weight's. Tool and ball touch in a spring, without friction; a tool in the middle of the ball is not pushed.
-    Integrated by Störmer–Verlet on the sphere, a step a tick: without damping its energy stays within 0.1 % (Hairer,
-    Lubich and Wanner 2006, chapter VI).
+    V = m ω² R² (1 − cos θ) with ω = 2π `swings` and θ from the bowl's centre; beyond `rim_deg` a steep rim returns
+    it. It starts halfway to the rim, towards +x. `mass` is the inertial mass: 7/5 of the mass of a solid rolling
+    ball. The contact between tool and ball is a spring without friction; a tool at the centre of the ball is not
+    pushed. Integrated by Störmer–Verlet on the sphere, one step per tick: without damping its energy stays within 0.1 %
+    (Hairer, Lubich and Wanner 2006, chapter VI).
 
     >>> ball = RollingBall(rim_deg=60)
     >>> bool(ball.wrench(State.at((0.02, 0, 0.05)))[0] < 0)
@@ -150,14 +150,14 @@ class RollingBall(DynamicWorld):
 
     asks = "force"
 
-    summit: tuple[float, float, float] = parameter((0.0, 0.0, 1.0), "1", -1, 1, "direction of the bowl's middle")
+    summit: tuple[float, float, float] = parameter((0.0, 0.0, 1.0), "1", -1, 1, "direction of the centre of the bowl")
     mass: float = parameter(0.05, "kg", 0.01, 0.3, "inertial mass of the ball")
-    swings: float = parameter(1.0, "Hz", 0.2, 3, "swings per second in the bowl")
-    damping: float = parameter(0.01, "N·s/m", 0, 1, "rolling resistance per speed; 0: it rolls for ever")
-    rim_deg: float = parameter(35.0, "deg", 5, 60, "angle of the bowl's rim from its middle")
+    swings: float = parameter(1.0, "Hz", 0.2, 3, "natural frequency in the bowl")
+    damping: float = parameter(0.01, "N·s/m", 0, 1, "rolling resistance per speed; 0: no resistance")
+    rim_deg: float = parameter(35.0, "deg", 5, 60, "angle from the centre of the bowl to its rim")
     radius: float = parameter(0.010, "m", 0.003, 0.03, "distance from the ball's centre at which the tool touches it")
-    stiffness: float = parameter(120.0, "N/m", 10, 500, "of the contact between tool and ball")
-    greatest: float = parameter(0.6, "N", 0.05, 2, "greatest force of the contact")
+    stiffness: float = parameter(120.0, "N/m", 10, 500, "stiffness of the contact between tool and ball")
+    greatest: float = parameter(0.6, "N", 0.05, 2, "maximum force of the contact")
     distance: float = 0.050  #: of the ball's centre from the dome's [m], from the device
     ground: float = 0.030  #: radius of the dome on which it is drawn [m], from the device
 
@@ -168,12 +168,12 @@ class RollingBall(DynamicWorld):
 
     @property
     def name(self) -> str:
-        """As in the catalogue."""
+        """Its name in the catalogue."""
         return "ball"
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """Place, velocity, place in the picture, and energy."""
+        """Position, velocity, drawn position, and energy."""
         return _FIELDS
 
     @property
@@ -187,8 +187,8 @@ class RollingBall(DynamicWorld):
         return self.greatest
 
     def for_device(self, device: Device) -> RollingBall:
-        """With the ball on the dome of `device`. Raises InputError for a device without one, or a summit below its
-        rim."""
+        """With the ball on the dome of `device`. Raises InputError for a device without a dome, or a summit below
+        its rim."""
         shell = device.shell
         if shell is None:
             raise InputError(f"world 'ball' is for a tool over a sphere; device '{device.name}' has none")
@@ -212,7 +212,7 @@ class RollingBall(DynamicWorld):
         return made
 
     def begin(self) -> Records:
-        """At rest, halfway from the bowl's middle to its rim [m]."""
+        """At rest, halfway from the bowl's centre to its rim [m]."""
         memory = make_memory(_FIELDS)
         z = self._facts["axis"][0]
         x = np.cross(np.cross(z, (1.0, 0.0, 0.0) if abs(z[0]) < 0.9 else (0.0, 0.0, -1.0)), z)
@@ -222,13 +222,13 @@ class RollingBall(DynamicWorld):
         return memory
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) force of the contact on the tool [N], after the ball has rolled on for `dt` [s]."""
+        """(6,) force of the contact on the tool [N], after the ball has moved for `dt` [s]."""
         wrench = np.empty(6)
         _roll(memory, self._facts, np.ascontiguousarray(state.p), dt, wrench)
         return wrench
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
-        """The ball goes on where it is [m], on the sphere of this world."""
+        """The ball continues at its position [m], on the sphere of this world."""
         if isinstance(previous, RollingBall) and old.dtype == memory.dtype:
             memory[:] = old
             memory["place"] *= self.distance / previous.distance

@@ -1,4 +1,4 @@
-"""A button on the dome with travel and click, that stays pressed until it is pressed again."""
+"""A button on the dome with travel and click that stays pressed until it is pressed again."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from haptorb.worlds.world import World
 __all__ = ["Button"]
 
 _FIELDS = (
-    MemoryField("pressed", "1", "1 while it stays pressed"),
-    MemoryField("armed", "1", "1 when the next press counts: it was let up since the last"),
-    MemoryField("depth", "m", "of the key below its highest place"),
-    MemoryField("cap", "m", "middle of the key in the picture, under the tool's tip, stator frame", (3,)),
-    MemoryField("attitude", "1", "of the key as a quaternion (x, y, z, w)", (4,)),
-    MemoryField("energy", "J", "in spring, click and latch"),
+    MemoryField("pressed", "1", "1 while the button stays pressed"),
+    MemoryField("armed", "1", "1 if the next press counts: released since the last press"),
+    MemoryField("depth", "m", "depth of the key below its highest position"),
+    MemoryField("cap", "m", "centre of the drawn key, under the tool's tip, stator frame", (3,)),
+    MemoryField("attitude", "1", "orientation of the key, quaternion (x, y, z, w)", (4,)),
+    MemoryField("energy", "J", "energy in spring, click and latch"),
 )
 
 # Shares of the travel
@@ -36,7 +36,7 @@ _WIDTH = 0.30  # of the click
 _MEET = 0.80  # from here on a pressed key and a free one push alike
 _TURN = 0.88  # here it changes from one to the other
 _THICK = 2e-3  #: of the key, for the eye [m]
-_RETURN = 0.15  #: speed with which a key that nobody holds comes up [m/s]
+_RETURN = 0.15  #: speed with which a released key comes up [m/s]
 
 #: What the kernel goes by.
 _BUTTON = fields(
@@ -44,7 +44,7 @@ _BUTTON = fields(
     ("lift", "f8"),  # of the tool's magnet above its tip [m]
     ("bottom", "f8"),  # distance from the dome's centre at full travel [m]
     ("travel", "f8"),  # [m]
-    ("radius", "f8"),  # of the flat key [m]
+    ("radius", "f8"),  # radius of the flat key [m]
     ("edge", "f8"),  # over which it falls off [m]
     ("spring", "f8"),  # [N/m]
     ("preload", "f8"),  # [N]
@@ -147,12 +147,12 @@ def _press(memory: Records, button: Records, p: Array, dt: float, wrench: Array)
 
 @dataclass(frozen=True)
 class Button(DynamicWorld):
-    """A button with travel and click that stays pressed: press it once to lock it down, once more to let it up.
+    """A button with travel and click that stays pressed: press it once to lock it, again to release it.
 
     A spring under a flat round key, a click in the middle of its travel (the force rises, then falls), and a stop. A
-    press that reaches 88 % of the travel changes it; then a pressed key rests at 45 % of the travel. Both kinds of key
-    are gradients of a potential and push alike where one becomes the other, so what goes in comes out: the latch holds
-    the difference. Beside the flat key its edge pushes the tool off.
+    press beyond 88 % of the travel changes its state; a locked key rests at 45 % of the travel. Both states are
+    gradients of a potential with the same force at the transition, so energy is conserved: the latch stores the
+    difference. Beside the flat key its edge pushes the tool away.
 
     >>> button = Button()
     >>> bool(button.wrench(State.at((0, 0, button.bottom + 0.002)))[2] > 0)
@@ -162,11 +162,11 @@ class Button(DynamicWorld):
     asks = "force"
 
     summit: tuple[float, float, float] = parameter((0.0, 0.0, 1.0), "1", -1, 1, "direction of the button")
-    travel: float = parameter(0.006, "m", 0.002, 0.015, "from the key's highest place to its stop")
-    radius: float = parameter(0.010, "m", 0.004, 0.03, "of the flat key")
+    travel: float = parameter(0.006, "m", 0.002, 0.015, "travel from the key's highest position to its stop")
+    radius: float = parameter(0.010, "m", 0.004, 0.03, "radius of the flat key")
     spring: float = parameter(40.0, "N/m", 0, 150, "stiffness of its spring")
     preload: float = parameter(0.03, "N", 0, 0.3, "force at the beginning of the travel")
-    click: float = parameter(0.12, "N", 0, 0.5, "height of the click")
+    click: float = parameter(0.12, "N", 0, 0.5, "force amplitude of the click")
     stop: float = parameter(200.0, "N/m", 50, 500, "stiffness at the end of the travel")
     bottom: float = 0.0505  #: distance of the tool's magnet from the dome's centre at full travel [m], from the device
     lift: float = 0.020  #: of the magnet above the tip of a radial tool [m], from the device
@@ -178,7 +178,7 @@ class Button(DynamicWorld):
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """What the key does."""
+        """State of the key."""
         return _FIELDS
 
     @property
@@ -188,7 +188,7 @@ class Button(DynamicWorld):
 
     @property
     def bound(self) -> float:
-        """[N] for a tool that presses the dome by at most 6 mm."""
+        """[N] for a tool that penetrates the dome by at most 6 mm."""
         top = self.preload + self.spring * (self.travel + 0.0065) + self.click
         return 1.5 * (top + self.stop * 0.0065)
 
@@ -217,7 +217,7 @@ class Button(DynamicWorld):
         return made
 
     def begin(self) -> Records:
-        """Let up, and armed."""
+        """Released, and armed."""
         memory, axis = make_memory(_FIELDS), self._facts["axis"][0]
         memory["armed"] = 1.0
         memory["cap"] = (self.bottom + self.travel - self.lift) * axis
@@ -226,12 +226,12 @@ class Button(DynamicWorld):
         return memory
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) force of the key on the tool [N], `dt` [s] after the tick before."""
+        """(6,) force of the key on the tool [N], `dt` [s] after the previous tick."""
         wrench = np.empty(6)
         _press(memory, self._facts, np.ascontiguousarray(state.p), dt, wrench)
         return wrench
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
-        """It stays pressed or not, and armed or not; everything else follows."""
+        """It keeps pressed and armed; everything else follows."""
         if previous.name == self.name and old.dtype == memory.dtype:
             memory["pressed"], memory["armed"] = old["pressed"], old["armed"]

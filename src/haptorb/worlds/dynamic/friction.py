@@ -1,4 +1,4 @@
-"""Dry friction that really sticks: below breakaway the tool stays where it is, for as long as one leans on it."""
+"""Dry friction that sticks: below breakaway the tool stays where it is under a constant load."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from haptorb.worlds.world import World
 __all__ = ["Friction"]
 
 _FIELDS = (
-    MemoryField("placed", "1", "1 once a place is known"),
-    MemoryField("place", "m", "of the tool a tick ago", (3,)),
+    MemoryField("placed", "1", "1 once a position is known"),
+    MemoryField("place", "m", "position of the tool in the last tick", (3,)),
     MemoryField("bristle", "m", "mean deflection of the bristles, z", (3,)),
-    MemoryField("energy", "J", "in the bristles"),
+    MemoryField("energy", "J", "energy in the bristles"),
 )
 
 #: What the kernel goes by.
@@ -89,13 +89,14 @@ def _rub(memory: Records, friction: Records, p: Array, v: Array, wrench: Array) 
 
 @dataclass(frozen=True)
 class Friction(DynamicWorld):
-    """Dry friction that really sticks, with presliding, hysteresis and breakaway.
+    """Dry friction that sticks, with presliding, hysteresis and breakaway.
 
-    The LuGre model: bristles of mean deflection z bend with the way and slip when they are bent too far,
+    The LuGre model: bristles of mean deflection z bend with the displacement and slip when they are bent too far,
     ż = v − α σ0|v|/g(v) z, F = −(σ0 z + σ1 ż + σ2 v), g(v) = F_c + (F_s − F_c) exp(−(v/v_s)²). With `elastic` zero it
-    is as published (Canudas de Wit, Olsson, Åström and Lischinsky 1995, α = 1); there a load below breakaway that
-    trembles creeps. Above zero bristles only bend up to that share of g (Dupont, Hayward, Armstrong and Altpeter 2002),
-    and what trembles stays. z follows the measured way and not an integrated velocity: sticking is a spring to a place.
+    is as published (Canudas de Wit, Olsson, Åström and Lischinsky 1995, α = 1); then an oscillating load below
+    breakaway creeps. Above zero, bristles only bend up to that share of g (Dupont, Hayward, Armstrong and
+    Altpeter 2002), and an oscillating load stays. z follows the measured displacement and not an integrated velocity:
+    sticking is a spring to a position.
 
     Passive if σ2 ≥ σ1 (F_s − F_c)/F_c (Barabanov and Ortega 2000); with other parameters it is declared active.
 
@@ -106,12 +107,14 @@ class Friction(DynamicWorld):
     asks = "force"
 
     sliding: float = parameter(0.12, "N", 0.005, 1, "F_c: friction while sliding fast")
-    breakaway: float = parameter(0.25, "N", 0.005, 1.5, "F_s: load up to which it sticks")
+    breakaway: float = parameter(0.25, "N", 0.005, 1.5, "F_s: breakaway force")
     fading: float = parameter(0.03, "m/s", 0.0005, 0.5, "v_s: speed over which breakaway fades to sliding")
-    stiffness: float = parameter(300.0, "N/m", 10, 1e5, "σ0: of the bristles, before they slip")
+    stiffness: float = parameter(300.0, "N/m", 10, 1e5, "σ0: stiffness of the bristles before they slip")
     damping: float = parameter(0.3, "N·s/m", 0, 400, "σ1: damping of the bristles")
     viscous: float = parameter(0.35, "N·s/m", 0, 5, "σ2: viscous friction")
-    elastic: float = parameter(0.8, "1", 0, 0.95, "share of the breakaway up to which nothing slips; 0: as published")
+    elastic: float = parameter(
+        0.8, "1", 0, 0.95, "share of the breakaway force below which nothing slips; 0: as published"
+    )
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
@@ -125,7 +128,7 @@ class Friction(DynamicWorld):
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """The last place, the bristles and their energy."""
+        """The last position, the bristles and their energy."""
         return _FIELDS
 
     @property
@@ -142,7 +145,7 @@ class Friction(DynamicWorld):
         return made
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) force of the bristles after the way since the tick before, whatever its `dt` [N]."""
+        """(6,) force of the bristles after the displacement since the previous tick, for any `dt` [N]."""
         wrench = np.empty(6)
         _rub(memory, self._facts, np.ascontiguousarray(state.p), np.ascontiguousarray(state.v), wrench)
         return wrench

@@ -1,4 +1,4 @@
-"""The force of a program outside the loop: held for a moment after its last command, then faded to nothing."""
+"""The force of a program outside the loop: held briefly after its last command, then faded to zero."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ HOLD = 0.05  #: after the last command the force stands for so long [s]
 FADE = 0.02  #: and is nothing so much later [s]
 
 _FIELDS = (
-    MemoryField("force", "N", "of the client, as commanded, stator frame", (3,)),
-    MemoryField("session", "1", "number of the client's session; 0: nobody has commanded yet"),
-    MemoryField("age", "s", "of the client's last command"),
-    MemoryField("lost", "s", "since the client's connection was lost; 0: it is there"),
-    MemoryField("fade", "1", "share of the force that is rendered: 1 until the fade begins, 0 behind its end"),
+    MemoryField("force", "N", "force commanded by the client, stator frame", (3,)),
+    MemoryField("session", "1", "number of the client's session; 0: no command yet"),
+    MemoryField("age", "s", "age of the client's last command"),
+    MemoryField("lost", "s", "time since the client's connection was lost; 0: connected"),
+    MemoryField("fade", "1", "share of the force that is rendered: 1 before the fade, 0 after it"),
 )
 
 
@@ -69,13 +69,13 @@ def _render(memory: Records, limit: float, wrench: Array) -> None:
 
 @dataclass(frozen=True)
 class Remote(DynamicWorld):
-    """The force of a program connected with `haptorb run --serve`: the latest command, faded when no other follows.
+    """The force of a program connected with `haptorb run --serve`: the latest command, faded if no other follows.
 
-    A command stands for 50 ms. If none follows, its force fades to nothing within 20 ms; when the connection is lost,
-    the fade begins at once. The memory holds what the client commanded and the share of it that is rendered, so that
-    the same memory gives the same force again. It may put energy into the hand, and is marked so (`passive`).
+    A command lasts 50 ms. If none follows, its force fades to zero within 20 ms; when the connection is lost,
+    the fade begins at once. The memory contains the client's command and the share that is rendered, so that the
+    same memory gives the same force again. It may put energy into the hand, so it is not `passive`.
 
-    >>> Remote().wrench(State.at((0, 0, 0.05))).tolist()  # nobody is connected
+    >>> Remote().wrench(State.at((0, 0, 0.05))).tolist()  # no client is connected
     [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     """
 
@@ -84,24 +84,24 @@ class Remote(DynamicWorld):
     takes_commands: ClassVar[bool] = True
     asks = "force"
 
-    limit: float = parameter(10.0, "N", 0.0, 100.0, "greatest force that is taken from a client")
+    limit: float = parameter(10.0, "N", 0.0, 100.0, "maximum force accepted from a client")
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """What the client commanded, and how much of it is rendered."""
+        """The client's command, and the share that is rendered."""
         return _FIELDS
 
     @property
     def bound(self) -> float:
-        """[N] the greatest force taken from a client."""
+        """[N] the maximum force accepted from a client."""
         return self.limit
 
     def take_command(self, memory: Records, client: Records) -> None:
-        """Take what the `client` commands, (1,) CLIENT_FORCE [N, s], into `memory` (1,)."""
+        """Copy the command of `client`, (1,) CLIENT_FORCE [N, s], into `memory` (1,)."""
         _take_command(memory, client)
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) the force that `memory` holds [N]; neither `state` nor dt [s] change it."""
+        """(6,) the force in `memory` [N], independent of `state` and dt [s]."""
         wrench = np.empty(6)
         _render(memory, self.limit, wrench)
         return wrench

@@ -1,4 +1,4 @@
-"""A world with the clients' force beside it: what is felt beside that keeps its name and its parameters."""
+"""A world with the clients' force added to it: the world keeps its name and its parameters."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["join_remote", "split_remote"]
 
 
 def split_remote(world: World) -> tuple[World, Remote | None]:
-    """(what is felt beside the clients' force, the clients' force) of a sum that ends with that; else (world, None).
+    """(the world, the clients' force) of a sum that ends with the clients' force; else (world, None).
 
     >>> from haptorb.worlds.maps.dome import Dome
     >>> split_remote(Dome(moment=1.0) + Remote())
@@ -21,12 +21,12 @@ def split_remote(world: World) -> tuple[World, Remote | None]:
     *others, last = world.parts
     if not isinstance(last, Remote):
         return world, None
-    felt = others[0]
+    plain = others[0]
     for other in others[1:]:
-        felt = felt + other
-    return felt, last
+        plain = plain + other
+    return plain, last
 
 
 def join_remote(world: World, remote: Remote | None) -> World:
-    """`world` with the clients' force `remote` beside it, if there is one and `world` is not that itself."""
+    """`world` plus the clients' force `remote`, if there is one and `world` is not the clients' force itself."""
     return world if remote is None or isinstance(world, Remote) else world + remote

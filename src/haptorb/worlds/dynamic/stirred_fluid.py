@@ -1,4 +1,4 @@
-"""A fluid that is stirred and runs on: it drags the tool along long after the stirring."""
+"""A fluid that keeps moving after it was stirred, and moves the tool with it."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ __all__ = ["StirredFluid"]
 _RINGS = 8
 _CORK = 0.003  #: radius [m]
 _FIELDS = (
-    MemoryField("swirl", "m/s", "speed of each ring of fluid about +z, from the axis outwards", (_RINGS,)),
-    MemoryField("angle", "rad", "about +z of a cork that floats with the fluid"),
-    MemoryField("cork", "m", "place of the cork, stator frame", (3,)),
-    MemoryField("energy", "J", "kinetic, of all rings"),
+    MemoryField("swirl", "m/s", "speed of each ring of fluid about +z, from the axis outward", (_RINGS,)),
+    MemoryField("angle", "rad", "angle about +z of a cork that floats on the fluid"),
+    MemoryField("cork", "m", "position of the cork, stator frame", (3,)),
+    MemoryField("energy", "J", "kinetic energy of all rings"),
 )
 
 #: What the kernel goes by.
@@ -115,13 +115,13 @@ def _stir(memory: Records, fluid: Records, p: Array, v: Array, dt: float, wrench
 
 @dataclass(frozen=True)
 class StirredFluid(DynamicWorld):
-    """A fluid on the dome that is stirred by the tool and runs on, dragging it along.
+    """A fluid on the dome that the tool stirs; it keeps moving and drags the tool with it.
 
     Eight rings about +z, each with a mass and a speed: F = −b (v − u), and the rings where the tool is get the opposite
-    impulse. Between rings viscosity carries angular momentum, ν = (width of a ring)²/`mixing`; the ground takes it with
-    the time constant `runs_on`.
-    A film that is thin against the dome, which only swirls: what is stirred along a radius is braked and sets nothing
-    in motion. All steps are backward Euler, so the fluid never gives more energy than it was given.
+    impulse. Viscosity transfers angular momentum between rings, ν = (width of a ring)²/`mixing`; the ground absorbs
+    it with the time constant `runs_on`.
+    The film is thin and only rotates: a radial motion of the tool is damped and moves nothing. All steps are backward
+    Euler, so the fluid never returns more energy than it received.
 
     >>> import numpy as np
     >>> fluid = StirredFluid()
@@ -131,11 +131,13 @@ class StirredFluid(DynamicWorld):
 
     asks = "force"
 
-    drag: float = parameter(2.0, "N·s/m", 0, 10, "b: drag per speed relative to the fluid")
-    mass: float = parameter(0.4, "kg", 0.02, 3, "of all fluid: more is harder to stir, and carries further")
-    runs_on: float = parameter(4.0, "s", 0.1, 100, "time in which the ground takes its speed to 37 %")
+    drag: float = parameter(2.0, "N·s/m", 0, 10, "b: drag coefficient, for the speed relative to the fluid")
+    mass: float = parameter(
+        0.4, "kg", 0.02, 3, "mass of the fluid: a larger mass is harder to stir and keeps moving longer"
+    )
+    runs_on: float = parameter(4.0, "s", 0.1, 100, "time in which friction at the ground reduces its speed to 37 %")
     mixing: float = parameter(
-        2.0, "s", 0.05, 100, "time in which fluid takes its neighbours' speed; less is more viscous"
+        2.0, "s", 0.05, 100, "time in which neighbouring rings equalise their speed; shorter is more viscous"
     )
     greatest: float = parameter(0.5, "N", 0.05, 1, "limit of the drag")
     distance: float = 0.050  #: of the tool's magnet from the dome's centre, as far as the rings go [m], from the device
@@ -148,7 +150,7 @@ class StirredFluid(DynamicWorld):
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """A cork that floats with it."""
+        """A cork that floats on it."""
         return (Shape("cork", "sphere", (_CORK,), "cork"),)
 
     @property
@@ -157,7 +159,7 @@ class StirredFluid(DynamicWorld):
         return self.greatest
 
     def for_device(self, device: Device) -> StirredFluid:
-        """With the rings as far as the dome of `device`. Raises InputError for a device without one."""
+        """With rings up to the edge of the dome of `device`. Raises InputError for a device without a dome."""
         shell = device.shell
         if shell is None:
             raise InputError(f"world 'stirred_fluid' is for a tool over a sphere; device '{device.name}' has none")
@@ -182,7 +184,7 @@ class StirredFluid(DynamicWorld):
         return memory
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) drag of the fluid [N], `dt` [s] after the tick before."""
+        """(6,) drag of the fluid [N], `dt` [s] after the previous tick."""
         wrench = np.empty(6)
         _stir(memory, self._facts, np.ascontiguousarray(state.p), np.ascontiguousarray(state.v), dt, wrench)
         return wrench

@@ -22,9 +22,9 @@ __all__ = ["ChangingTerrain", "Summits"]
 
 @dataclass(frozen=True)
 class Summits(World):
-    """Several summits in one map, on a circle about the middle: each a dome with its own cut-off, pushing or pulling.
+    """Several summits in one map, on a circle about the centre: each a dome with its own cut-off, pushing or pulling.
 
-    Where their cut-offs reach into each other the maps add. Every other summit can have the opposite sign, a valley
+    Where their cut-offs overlap, the maps add. Every other summit can have the opposite sign, a valley
     between two mountains.
     """
 
@@ -33,7 +33,7 @@ class Summits(World):
     continuous = False
 
     count: float = parameter(4.0, "1", 1, 8, "number of summits; a whole number")
-    tilt_deg: float = parameter(35.0, "deg", 0, 60, "tilt of the circle on which they lie")
+    tilt_deg: float = parameter(35.0, "deg", 0, 60, "tilt of the circle of summits")
     half_width_deg: float = parameter(10.0, "deg", 5, 90, "θ1: angle of the first zero of the radial force of each")
     cut_off_deg: float = parameter(22.0, "deg", 5, 180, "θ2: angle from a summit from which its force is zero")
     moment: float = parameter(2.0, "A·m²", -4, 4, "moment at the first summit; negative pulls")
@@ -65,12 +65,12 @@ class Summits(World):
         return domes
 
     def for_device(self, device: Device) -> Summits:
-        """With domes as `device` must render them."""
+        """With the domes adapted to `device`."""
         return replace(self, dome=self.dome.for_device(device))
 
     @property
     def bound(self) -> float:
-        """[N]: of one summit where their cut-offs keep them apart, else of all together."""
+        """[N]: that of one summit if their cut-offs do not overlap, else of all together."""
         bounds = [dome.bound for dome in self.domes]
         return sum(bounds) if overlaps(self.domes) else max(bounds)
 
@@ -88,20 +88,22 @@ class Summits(World):
 
 @dataclass(frozen=True)
 class ChangingTerrain(World):
-    """Terrain that changes in time: it rises and sinks, mountains becoming valleys, and drifts about the middle.
+    """Terrain that changes in time: it rises and sinks, so that mountains become valleys, and drifts about the centre.
 
-    Heights are those of `Terrain`, times cos(2π t/period), turned by `drift` revolutions a second. It moves by itself
-    and can do work, so it is declared active.
+    Heights are those of `Terrain`, times cos(2π t/period), rotated by `drift` revolutions per second. It moves by
+    itself and can do work, so it is declared active.
     """
 
     asks = "force"
     passive = False
     continuous = False
 
-    strength: float = parameter(0.5, "N", -1, 1, "F0: radial force on a height of 1, at contact, when it is highest")
+    strength: float = parameter(
+        0.5, "N", -1, 1, "F0: radial force for a height of 1, at contact, at the maximum of the cycle"
+    )
     half_angle_deg: float = parameter(60.0, "deg", 10, 90, "tilt at the edge of the map")
-    period: float = parameter(8.0, "s", 1, 120, "time from one highest state to the next")
-    drift: float = parameter(0.02, "Hz", -1, 1, "revolutions of the landscape per second, counter-clockwise")
+    period: float = parameter(8.0, "s", 1, 120, "period of the change")
+    drift: float = parameter(0.02, "Hz", -1, 1, "revolutions of the terrain per second, counter-clockwise")
     terrain: Terrain = field(default_factory=Terrain)
 
     def __post_init__(self) -> None:
@@ -110,7 +112,7 @@ class ChangingTerrain(World):
         object.__setattr__(self, "terrain", terrain)
 
     def for_device(self, device: Device) -> ChangingTerrain:
-        """With the terrain as `device` must render it."""
+        """With the terrain adapted to `device`."""
         return replace(self, terrain=self.terrain.for_device(device))
 
     @property
@@ -119,7 +121,7 @@ class ChangingTerrain(World):
         return self.terrain.bound
 
     def wrench(self, state: State) -> Array:
-        """(6,) force of the landscape as it is at the state's time [N]."""
+        """(6,) force of the terrain at the state's time [N]."""
         turn = 2 * pi * self.drift * state.t
         height, c, s = cos(2 * pi * state.t / self.period), cos(turn), sin(turn)
         x, y, z = state.p.tolist()

@@ -1,4 +1,4 @@
-"""A direction that a pen is turned to, as a needle to the north: torque, or torque and a dome at once."""
+"""Torque that turns a pen to a direction, like a compass needle; alone, or together with a dome."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ __all__ = ["Compass", "CompassDome"]
 
 @dataclass(frozen=True)
 class Compass(World):
-    """Torque that turns a tool's axis to a direction, and grows softly from zero beside it.
+    """Torque that turns a tool's axis to a direction, increasing smoothly from zero.
 
     The gradient of U = T (√(c² + s²) − s) with the chord c = |axis − direction|: a torque of
-    T (axis × direction)/√(c² + s²), which is a spring of T/s [N·m/rad] near the direction and never exceeds T. It lies
-    across the axis everywhere, where a magnet's torque can be had. It asks no force; one comes along with the torque.
+    T (axis × direction)/√(c² + s²), which is a spring of T/s [N·m/rad] near the direction and never exceeds T. It
+    is perpendicular to the axis everywhere, as far as a magnet can have torque. It asks no force; a force accompanies
+    the torque.
 
     >>> upright = Compass(direction=(1, 0, 0), strength=0.004).wrench(State.at((0, 0, 0.05)))
     >>> (upright * 1e3).round(2).tolist()
@@ -34,10 +35,10 @@ class Compass(World):
     asks = "torque"
 
     direction: tuple[float, float, float] = parameter(
-        (0.5, 0.0, 0.866), "1", -1, 1, "direction to which the tool's axis is turned"
+        (0.5, 0.0, 0.866), "1", -1, 1, "direction to which the world turns the tool's axis"
     )
     strength: float = parameter(0.002, "N·m", 0, 0.02, "T: maximum torque")
-    width_deg: float = parameter(10.0, "deg", 2, 90, "s: angle over which the torque rises")
+    width_deg: float = parameter(10.0, "deg", 2, 90, "s: angle over which the torque increases")
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
@@ -63,9 +64,9 @@ class Compass(World):
 
 @dataclass(frozen=True)
 class CompassDome(World):
-    """A dome with a direction: force of the dome and torque of the compass at once, as a compromise of the coils.
+    """A dome with a direction: force of the dome and torque of the compass together, as a compromise of the coils.
 
-    Three coils cannot give six numbers: how much a torque weighs against a force is said by `--torque-arm`.
+    Three coils cannot produce six independent components: `--torque-arm` weights torque against force.
     """
 
     asks = "both"
@@ -79,10 +80,10 @@ class CompassDome(World):
     cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: angle from which the force is zero")
     moment: float = parameter(1.2, "A·m²", -4, 4, "moment at the summit; negative pulls")
     direction: tuple[float, float, float] = parameter(
-        (0.5, 0.0, 0.866), "1", -1, 1, "direction to which the tool's axis is turned"
+        (0.5, 0.0, 0.866), "1", -1, 1, "direction to which the world turns the tool's axis"
     )
     strength: float = parameter(0.002, "N·m", 0, 0.02, "T: maximum torque")
-    width_deg: float = parameter(10.0, "deg", 2, 90, "s: angle over which the torque rises")
+    width_deg: float = parameter(10.0, "deg", 2, 90, "s: angle over which the torque increases")
     dome: Dome = field(default_factory=Dome)
     compass: Compass = field(default_factory=Compass)
 
@@ -97,7 +98,7 @@ class CompassDome(World):
         object.__setattr__(self, "compass", compass)
 
     def for_device(self, device: Device) -> CompassDome:
-        """With the dome as `device` must render it."""
+        """With the dome adapted to `device`."""
         return replace(self, dome=self.dome.for_device(device))
 
     @property

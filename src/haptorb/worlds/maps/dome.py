@@ -1,6 +1,6 @@
 """Zárate 2020's force map: a dome that pushes (or a valley that pulls), sharper than any permanent magnet's.
 
-Its printed argument and inverse have slips (errata E12 to E14); what stands here is the corrected map.
+The printed argument and inverse have errors (errata E12 to E14); this is the corrected map.
 """
 
 from __future__ import annotations
@@ -69,10 +69,10 @@ class Dome(World):
     With α the angle from the summit and k = π/(2θ₁):
     F_r = 2F₀ cos(kα) (d_min/d)⁴ outward, F_t = F₀ sin(kα) (d_min/d)⁴ away from the summit, for α < θ₂ and d < d_max;
     zero elsewhere. F₀ = 3μ₀ m_e m_p/(4π d_min⁴). At θ₁ = 90° it is the map of two permanent magnets.
-    A positive moment pushes, a negative one pulls. Torque is left to the magnets.
+    A positive moment pushes, a negative one pulls. Torque is not controlled.
 
-    Not passive: the force of a sharpened map (θ₁ < 90°) is no gradient, so a closed path can take energy out (E19).
-    Not continuous: it is cut off at θ₂ and d_max as the paper has it; the guard's slew limit softens that.
+    Not passive: the force of a sharpened map (θ₁ < 90°) is not a gradient, so a closed path can extract energy (E19).
+    Not continuous: it is cut off at θ₂ and d_max as in the paper; the guard's slew limit softens the jump.
 
     >>> dome = Dome(half_width_deg=18)
     >>> edge = (0.05 * np.sin(radians(18)), 0, 0.05 * np.cos(radians(18)))
@@ -127,7 +127,7 @@ class Dome(World):
 
     @property
     def strength(self) -> float:
-        """F₀ [N]: half the radial force at the summit in contact; negative where the map pulls."""
+        """F₀ [N]: half the radial force at the summit in contact; negative if the map pulls."""
         return 3 * MU0 * self.moment * self.tool_moment / (4 * pi * self.contact_distance**4)
 
     @property

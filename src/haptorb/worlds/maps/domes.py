@@ -1,4 +1,4 @@
-"""Several domes at once, kept apart by their cut-offs: Zárate 2020's combined force maps."""
+"""Several domes at once, separated by their cut-offs: Zárate 2020's combined force maps."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["domes_apart", "overlaps"]
 
 
 def overlaps(domes: Sequence[Dome]) -> list[tuple[int, int, float]]:
-    """Pairs (i, j) of domes whose cut-offs reach into each other, and by how much [deg].
+    """Pairs (i, j) of domes whose cut-offs overlap, and the overlap [deg].
 
     >>> overlaps([Dome(), Dome(summit=(1, 0, 0))])
     [(0, 1, 18.0)]
@@ -32,9 +32,9 @@ def overlaps(domes: Sequence[Dome]) -> list[tuple[int, int, float]]:
 
 
 def domes_apart(domes: Sequence[Dome]) -> Sum:
-    """All `domes` at once; InputError naming the first two that are not kept apart by their cut-offs.
+    """All `domes` at once; InputError names the first two whose cut-offs overlap.
 
-    Domes that shall overlap are simply added: `Dome(...) + Dome(...)`.
+    To let domes overlap, add them: `Dome(...) + Dome(...)`.
     """
     if not domes:
         raise InputError("domes_apart needs at least one dome")

@@ -1,4 +1,4 @@
-"""A landscape over the dome: mountains push, valleys pull, slopes lead; Zárate 2020 Fig. 1's inset."""
+"""Terrain over the dome: mountains push, valleys pull, slopes push sideways; inset of Zárate 2020 Fig. 1."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _check_heights(heights: ArrayLike) -> Array:
 
 
 def hills(size: int = 65) -> Array:
-    """(size, size) a landscape of three mountains and two valleys, heights within −1…1. Heights without dimension."""
+    """(size, size) terrain with three mountains and two valleys, heights −1…1 [1]."""
     v, u = np.meshgrid(np.linspace(-1, 1, size), np.linspace(-1, 1, size), indexing="ij")
     places = (
         (0.35, 0.1, 0.22, 1.0),
@@ -87,17 +87,17 @@ def hills(size: int = 65) -> Array:
 
 @dataclass(frozen=True)
 class Terrain(World):
-    """Height map h over the dome as a potential U = F₀ h (d_c/3)(d_c/d)³: height pushes out, slope pushes aside.
+    """Height map h over the dome as a potential U = F₀ h (d_c/3)(d_c/d)³: height pushes outward, slope pushes sideways.
 
-    F_r = F₀ h (d_c/d)⁴, F_t = −F₀ (d_c/d)³ (d_c/3d) ∂h/∂angle; a gradient, hence passive, and with the falling-off with
-    distance that the device's own magnets have. Heights (n, n) span the square around the workspace seen from above
-    (azimuthal equidistant: distance from the middle is tilt); a height of 1 is `strength` at contact.
+    F_r = F₀ h (d_c/d)⁴, F_t = −F₀ (d_c/d)³ (d_c/3d) ∂h/∂angle; a gradient, hence passive, and with the same
+    decrease with distance as the device's own magnets. Heights (n, n) span the square around the workspace seen from
+    above (azimuthal equidistant: distance from the centre is tilt); a height of 1 is `strength` at contact.
     """
 
     asks = "force"
     continuous: ClassVar[bool] = False
 
-    strength: float = parameter(0.5, "N", -1, 1, "F0: radial force on a height of 1, at contact")
+    strength: float = parameter(0.5, "N", -1, 1, "F0: radial force for a height of 1, at contact")
     half_angle_deg: float = parameter(60.0, "deg", 10, 90, "tilt at the edge of the map")
     heights: Array = field(default_factory=hills)
     contact_distance: float = 0.050  #: d_c [m], from the device
@@ -134,7 +134,7 @@ class Terrain(World):
     def image(cls, path: str | Path, **values: float) -> Terrain:
         """From a grey image file (PNG): black is −1, white is +1; the top of the image is +y. It must be square.
 
-        Raises InputError for a file that is no square picture, or has holes.
+        Raises InputError for a file that is not a square image, or has holes.
         """
         from PIL import Image, UnidentifiedImageError
 
@@ -162,7 +162,7 @@ class Terrain(World):
 
     @property
     def bound(self) -> float:
-        """[N] from the greatest height and slope of the cells; the interpolation overshoots both by less than 1.6."""
+        """[N] from the largest height and slope of the cells; the interpolation overshoots both by less than 1.6."""
         pixel = 2 * radians(self.half_angle_deg) / (len(self.heights) - 1)
         slope = max(float(np.abs(np.diff(self.heights, axis=axis)).max()) for axis in (0, 1)) / pixel
         edge = 1.5 / (0.2 * radians(self.half_angle_deg))  # the fade's own steepest slope
@@ -170,7 +170,7 @@ class Terrain(World):
         return float(1.6 * abs(self.strength) * np.hypot(np.abs(self.heights).max(), steepest / 3))
 
     def wrench(self, state: State) -> Array:
-        """(6,) force of the landscape [N]."""
+        """(6,) force of the terrain [N]."""
         wrench = np.zeros(6)
         x, y, z = state.p.tolist()
         d = sqrt(x * x + y * y + z * z)

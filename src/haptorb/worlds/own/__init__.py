@@ -1,1 +1,1 @@
-"""Worlds that users write: functions, files that are loaded, and what is said when their code fails."""
+"""Worlds that users write: functions, loaded files, and messages when their code fails."""

@@ -1,4 +1,4 @@
-"""What a user reads when a world's code fails: the error, and where in the user's own files it was raised."""
+"""Messages when a world's code fails: the error, and where in the user's files it was raised."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FRAMES = 6  #: of the user's code, the innermost; a recursion has a thousand
 
 
 def check_wrench(wrench: object) -> Array:
-    """`wrench` itself, (6,) [N, N·m]. Raises InputError if it is no such array; the guard checks its numbers."""
+    """`wrench` itself, (6,) [N, N·m]. Raises InputError if it is not such an array; the guard checks its numbers."""
     if not isinstance(wrench, np.ndarray):
         raise InputError(f"wrench must return an array of 6 numbers (force, torque); got {quote(wrench)}")
     if wrench.shape != (6,):
@@ -35,7 +35,7 @@ def check_wrench(wrench: object) -> Array:
 def describe_failure(world: World, cause: BaseException) -> str:
     """The error in one line, then file, line and source of the user's code that it went through, outermost first.
 
-    A wrench that cannot be used is raised by no line of the user's: then it is the first line of `wrench`.
+    An invalid wrench is not raised by a line of the user's code; the message then shows the first line of `wrench`.
     """
     if isinstance(cause, SystemExit):
         text = f"the world called sys.exit({cause})"
@@ -60,7 +60,7 @@ def describe_failure(world: World, cause: BaseException) -> str:
 
 
 def keep_source(world: World) -> None:
-    """Read the file of `world` now, so that `describe_failure` need not open it and shows the lines that run."""
+    """Read the file of `world` now, so that `describe_failure` does not open it later and shows the lines that ran."""
     code = _code_of(world)
     if code is not None:
         linecache.checkcache(code.co_filename)
@@ -68,7 +68,7 @@ def keep_source(world: World) -> None:
 
 
 def fit_world(world: World, device: Device) -> World:
-    """`world.for_device(device)`: the world that `device` renders; a world with memory has begun once.
+    """`world.for_device(device)`: the world that `device` renders; a world with memory is started once.
 
     Raises InputError with the place in the user's code if that fails, or as the world itself does if `device` cannot
     render it.
@@ -85,7 +85,7 @@ def fit_world(world: World, device: Device) -> World:
         raise InputError(f"world '{world.name}' failed: {describe_failure(world, cause)}") from cause
     if not isinstance(fitted, World):
         raise InputError(
-            f"for_device of world '{world.name}' must return the World for the device, itself perhaps; got "
+            f"for_device of world '{world.name}' must return a World for the device (may be the same one); got "
             f"{quote(fitted)}"
         )
     return fitted

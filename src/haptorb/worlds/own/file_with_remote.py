@@ -1,4 +1,4 @@
-"""A user's own world or scene, loaded again whenever its file is saved, with the clients' force beside it."""
+"""A user's world or scene, reloaded whenever its file is saved, with the clients' force added to it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["FileWithRemote"]
 @final
 @dataclass(frozen=True)
 class FileWithRemote:
-    """The world in `file`, and the force that programs command. The loop keeps that when the file is loaded again."""
+    """The world in `file` plus the force of clients. The loop keeps the force when the file is reloaded."""
 
     file: WorldFile | SceneFile
 

@@ -16,7 +16,7 @@ __all__ = ["FunctionWorld", "make_world"]
 
 @dataclass(frozen=True)
 class FunctionWorld(World):
-    """The wrench is `function(state)`: an array (6,), force [N] and torque [N·m]. It counts as passive.
+    """The wrench is `function(state)`: an array (6,), force [N] and torque [N·m]. It is assumed to be passive.
 
     >>> import numpy as np
     >>> pull = FunctionWorld(lambda state: np.append(-20 * state.p, np.zeros(3)))
@@ -52,9 +52,9 @@ class FunctionWorld(World):
 
 
 def make_world(given: object, where: str = "world") -> World:
-    """A World from what a user wrote: a World, a class of one without arguments, or a function of a State.
+    """A World from user code: a World, a World class without required arguments, or a function of a State.
 
-    Raises InputError for anything else, and for a class that cannot be made without arguments.
+    Raises InputError for anything else, and for a class that requires arguments.
     """
     if isinstance(given, World):
         return given
@@ -65,7 +65,8 @@ def make_world(given: object, where: str = "world") -> World:
             return given()
         except TypeError as cause:
             raise InputError(
-                f"{where}: {given.__name__}() cannot be made ({cause}); a world needs a default for every field, and "
+                f"{where}: {given.__name__}() cannot be created ({cause}); a world needs a default for every field, "
+                "and "
                 "a method wrench(self, state)"
             ) from cause
     if callable(given):

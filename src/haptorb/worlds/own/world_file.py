@@ -1,4 +1,4 @@
-"""A world in a user's Python file: `groove.py:Groove`. Only what was named at the start is ever loaded."""
+"""A world in a user's Python file: `groove.py:Groove`. Only files named at the start are ever loaded."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class WorldFile:
 
     @property
     def stamp(self) -> tuple[int, int, int] | None:
-        """What changes when the file is saved: time [ns], size, inode; None while there is no such file."""
+        """A stamp that changes when the file is saved: time [ns], size, inode; None if the file does not exist."""
         try:
             found = self.path.stat()
         except OSError:

@@ -1,7 +1,7 @@
-"""A world as a text of values, so that a recording can run again: of the package by name, own code by digest.
+"""A world as text, so that a recording can be replayed: package worlds by name and parameters, own code by digest.
 
-Nothing that such a text says is ever run. Classes of haptorb are made anew with the values that they had; a scene's
-file, and a file of own code, is loaded only if it is byte for byte the one that was recorded with.
+Such a text is never executed. Classes of haptorb are created again with their values; a scene's
+file, and a file of own code, is loaded only if it is byte for byte the recorded one.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _DEEPEST = 12
 
 
 class _OwnCode(Exception):
-    """A value that is somebody's code."""
+    """A value that is a user's code."""
 
 
 def note_world(world: World) -> str:
@@ -48,10 +48,10 @@ def note_world(world: World) -> str:
 
 
 def load_noted_world(text: str) -> World:
-    """The world that `note_world` noted.
+    """The world described by `note_world`.
 
-    Raises InputError, with the reason, if this version of haptorb cannot make it, or if the code or scene is no longer
-    there or has changed.
+    Raises InputError, with the reason, if this version of haptorb cannot create it, or if the code or scene is
+    missing or has changed.
     """
     try:
         note = json.loads(text)
@@ -61,9 +61,9 @@ def load_noted_world(text: str) -> World:
     except HaptorbError:
         raise
     except Exception as cause:  # another program may have written it
-        raise InputError(f"this version of haptorb cannot make it ({type(cause).__name__}: {cause})") from cause
+        raise InputError(f"this version of haptorb cannot create it ({type(cause).__name__}: {cause})") from cause
     if not isinstance(world, World):
-        raise InputError(f"the note says no world: {quote(text)}")
+        raise InputError(f"the metadata state no world: {quote(text)}")
     return world
 
 
@@ -91,7 +91,7 @@ def _encode(value: Any) -> Any:
 
 
 def _is_default(one: Field[Any], value: Any) -> bool:
-    """Whether a field that is no number, a height map perhaps, is as nobody has changed it."""
+    """Whether a field that is no number, a height map perhaps, has its default."""
     if one.default_factory is MISSING or not isinstance(value, np.ndarray):
         return False
     usual = one.default_factory()
@@ -108,19 +108,19 @@ def _decode(value: Any, depth: int) -> Any:
     if "array" in value:
         dtype = np.dtype(str(value["dtype"]))
         if dtype.kind not in "fiub":
-            raise InputError(f"an array of {quote(value['dtype'])} is none of numbers")
+            raise InputError(f"an array of {quote(value['dtype'])} is not numeric")
         return np.frombuffer(base64.b64decode(value["array"]), dtype).reshape(value["shape"]).copy()
     if "scene" in value:
         path = Path(value["scene"])
         if _digest(path) != value["digest"]:
-            raise InputError(f"the scene {path} has changed since, or is gone")
+            raise InputError(f"the scene {path} has changed, or is missing")
         return make_scene_model(path)
     module, _, name = str(value["kind"]).partition(":")
     if not module.startswith(_ROOM):
-        raise InputError(f"{quote(value['kind'])} is no world of haptorb")
+        raise InputError(f"{quote(value['kind'])} is not a world of haptorb")
     kind = getattr(import_module(module), name, None)
     if not (isinstance(kind, type) and is_dataclass(kind) and kind.__module__ == module):
-        raise InputError(f"{quote(value['kind'])} is no world of this version of haptorb")
+        raise InputError(f"{quote(value['kind'])} is not a world of this version of haptorb")
     return kind(**{key: _decode(one, depth + 1) for key, one in value["fields"].items()})
 
 
@@ -149,13 +149,13 @@ def _describe_code(world: World) -> dict[str, str]:
 def _load_code(code: dict[str, str]) -> World:
     path, name = Path(code["file"]), code["name"]
     if not code["digest"]:
-        raise InputError(f"its code was in no file: {quote(code['made'])}")
+        raise InputError(f"its code was not in a file: {quote(code['made'])}")
     found = _digest(path)
     if not found:
-        raise InputError(f"its code was in {path}, which is gone")
+        raise InputError(f"its code was in {path}, which is missing")
     if found != code["digest"]:
-        raise InputError(f"its code in {path} has changed since")
+        raise InputError(f"its code in {path} has changed")
     if not code["loaded"]:
-        raise InputError(f"its code is in the program {path}, which is not run; give --world FILE.py:NAME")
+        raise InputError(f"its code is in the program {path}, which is not executed; use --world FILE.py:NAME")
     read_text(path, "world file", InputError)
     return WorldFile(path, "" if "." in name or "<" in name else name).load()

@@ -1,1 +1,1 @@
-"""Guidance that plans: a path, its checks, and a predictive controller that holds the tool to it sideways."""
+"""Planned guidance: a path, its checks, and a predictive controller of the deviation from it."""

@@ -1,8 +1,8 @@
 """A small convex problem with bounds, solved exactly within a bounded time: projected Newton steps.
 
-min ½ xᵀHx + gᵀx, low ≤ x ≤ high. In every step the variables that a bound holds are fixed, the others take a Newton
-step that is cut back at their bounds, shortened until the cost falls (Bertsekas 1982). From the last solution it takes
-two or three steps; whatever stands after the last step allowed is within the bounds.
+min ½ xᵀHx + gᵀx, low ≤ x ≤ high. In every step the variables at an active bound are fixed; the others take a Newton
+step that is projected onto their bounds and shortened until the cost decreases (Bertsekas 1982). From the last
+solution it takes two or three steps; the result is within the bounds even if the number of steps was not enough.
 """
 
 from __future__ import annotations
@@ -76,11 +76,12 @@ def _newton(hessian: Array, gradient: Array, free: Array, factor: Array, step: A
 def solve_box(
     hessian: Array, linear: Array, low: Array, high: Array, x: Array, work: Array, most: int, tolerance: float
 ) -> int:
-    """Minimise over x (n,), from where it stands; returns the Newton steps taken, or −1 if `most` were not enough.
+    """Minimise over x (n,), from its current value; returns the number of Newton steps, or −1 if `most` were not
+    enough.
 
-    hessian (n, n), positive definite; linear, low, high (n,); work (n + 4, n) is overwritten. At the end no variable
-    could fall by more than `tolerance` [unit of x] along the scaled gradient. Raises nothing; a problem that is not
-    finite leaves x at the bounds.
+    hessian (n, n), positive definite; linear, low, high (n,); work (n + 4, n) is overwritten. At the end no
+    variable could decrease by more than `tolerance` [unit of x] along the scaled gradient. Raises nothing; a problem
+    that is not finite leaves x at the bounds.
     """
     n = x.size
     gradient, step, free, trial, factor = work[n], work[n + 1], work[n + 2], work[n + 3], work[:n]

@@ -1,8 +1,8 @@
-"""One tick of predictive contouring control: progress, observation of the hand, and the plan of the force.
+"""One tick of predictive contouring control: progress, estimate of the hand's force, and the plan of the force.
 
 After Langerak, Zárate, Vechev, Lindlbauer, Panozzo and Hilliges, "Optimal Control for Electromagnetic Haptic Guidance
-Systems", UIST 2020: no clock says where the hand should be, its own progress does; a plan over a short horizon weighs
-the deviation across the path against what the coils must do for it, and only its beginning is used.
+Systems", UIST 2020: the hand's own progress, not a clock, determines the reference; a plan over a short horizon
+weighs the deviation across the path against the heat of the coils, and only its first step is used.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def advance_plan(
     """Advance `memory`, (1,) MEMORY, by `dt` [s] and fill `wrench` (6,) [N].
 
     places, tangents: (k, 3) of the path [m]. actuation (3, 5): force per ampere of three coils [N/A], force without
-    current [N], resistances [Ω]; zeros where no heat is weighed. motion (2, 3): place [m] and velocity [m/s] of the
+    current [N], resistances [Ω]; zeros if heat has no weight. motion (2, 3): position [m] and velocity [m/s] of the
     hand. work (WORK, 2n) is overwritten.
     """
     m, s = memory[0], settings[0]

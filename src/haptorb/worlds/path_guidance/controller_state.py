@@ -1,4 +1,4 @@
-"""What the controller remembers between two ticks, and the settings that it goes by."""
+"""The state of the controller between two ticks, and its settings."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ SETTLE = 0.03  #: an approach to the path that takes so long costs as much as th
 
 #: What the controller remembers. "Across" are two directions: sideways along the sphere, and outward from the centre.
 MEMORY = (
-    MemoryField("started", "1", "1 once a place on the path was found"),
-    MemoryField("arc", "m", "progress: length gone along the path"),
-    MemoryField("lag", "m", "of the progress behind the hand, along the path"),
-    MemoryField("across", "m", "deviation from the path, sideways and outward, as observed", (2,)),
+    MemoryField("started", "1", "1 once a position on the path was found"),
+    MemoryField("arc", "m", "progress: distance along the path"),
+    MemoryField("lag", "m", "lag of the progress behind the hand, along the path"),
+    MemoryField("across", "m", "estimated deviation from the path, sideways and radial", (2,)),
     MemoryField("rate", "m/s", "of the deviation", (2,)),
-    MemoryField("push", "N", "of the hand across the path, as observed", (2,)),
+    MemoryField("push", "N", "estimated force of the hand across the path", (2,)),
     MemoryField("pace", "m/s", "speed of the hand along the path, smoothed"),
-    MemoryField("share", "1", "of the guidance that is given: 0 to a hand that rests"),
+    MemoryField("share", "1", "share of the guidance that is given: 0 for a hand at rest"),
     MemoryField("force", "N", "given in this tick", (3,)),
-    MemoryField("heat", "W", "of the coils by the plan, now"),
-    MemoryField("steps", "1", "Newton steps of the last solution; -1: it was cut short"),
-    MemoryField("place", "m", "of the path nearest to the hand, on the dome, under the tool's tip", (3,)),
-    MemoryField("plan", "N", "force sideways in every step of the plan", (STEPS,)),
+    MemoryField("heat", "W", "power of the coils in the plan, now"),
+    MemoryField("steps", "1", "Newton steps of the last solution; -1: not converged"),
+    MemoryField("place", "m", "point of the path nearest to the hand, on the dome, under the tool's tip", (3,)),
+    MemoryField("plan", "N", "sideways force in every step of the plan", (STEPS,)),
 )
 
 #: The weights and the hand, as the kernel takes them.
@@ -52,13 +52,13 @@ SETTINGS = fields(
 
 
 def weigh_plan(settings: Records) -> None:
-    """Fill in what the cost of a plan is made of, from the weights of `settings`, (1,) SETTINGS.
+    """Fill in the terms of the cost of a plan, from the weights of `settings`, (1,) SETTINGS.
 
-    The hand is a mass with a damper, e'' = (f + d − b e')/m, with the force f held in each step and the push d in all.
-    After k steps, e and e' are linear in e₀, e₀', d and the forces before; the cost is
-    Σ (e_k² + (SETTLE e'_k)²)/tolerance² + Σ ((f_k − f_(k−1))/change)², and the heat, which depends on the place.
+    The hand is a mass with a damper, e'' = (f + d − b e')/m, with the force f constant in each step and the push d in
+    all. After k steps, e and e' are linear in e₀, e₀', d and the forces before; the cost is Σ (e_k² + (SETTLE
+    e'_k)²)/tolerance² + Σ ((f_k − f_(k−1))/change)², and the heat, which depends on the place.
 
-    The heat's part, which needs the place, is added in the tick.
+    The heat depends on the position and is added in the tick.
     """
     one = settings[0]
     step, mass, damping = float(one["step"]), float(one["mass"]), float(one["damping"])

@@ -1,4 +1,4 @@
-"""A path to be guided along: a curve on or above the dome, known by the length that was gone along it."""
+"""A path for guidance: a curve on or above the dome, parametrised by arc length."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from haptorb.worlds.path_guidance.path_checks import check_crossing, check_works
 __all__ = ["GuidancePath", "make_path"]
 
 _SPACING = 0.25e-3  #: between two stored places [m], finer than a hand can tell
-_SHORTEST = 5e-3  #: a shorter path guides nobody [m]
+_SHORTEST = 5e-3  #: a shorter path gives no guidance [m]
 _LONGEST = 2.0  #: [m]
 _MOST = 10_000  #: points that a person may give
 _SAME = 1e-6  #: two points nearer to each other are one [m]
@@ -43,23 +43,14 @@ class GuidancePath:
         return self.spacing * (len(self.places) - 1)
 
     def find_place(self, arc: float) -> Array:
-        """(3,) [m] the place that lies `arc` [m] along the path; its ends, beyond them."""
+        """(3,) [m] the point at `arc` [m] along the path; its ends, beyond them."""
         at = min(max(arc / self.spacing, 0.0), len(self.places) - 1.0)
         k = min(int(at), len(self.places) - 2)
         place: Array = self.places[k] + (at - k) * (self.places[k + 1] - self.places[k])
         return place
 
-    def find_distance(self, points: Array) -> Array:
-        """(m,) [m] how far each of `points` (m, 3) [m] is from the nearest place of the path."""
-        points = np.atleast_2d(points)
-        found = np.empty(len(points))
-        for n in range(0, len(points), 256):
-            part = points[n : n + 256]
-            found[n : n + 256] = np.sqrt(((part[:, None] - self.places) ** 2).sum(axis=-1).min(axis=1))
-        return found
-
     def check(self, device: Device) -> None:
-        """Raise InputError unless `device` has a dome and the whole path lies on or above it, within the workspace."""
+        """Raise InputError unless `device` has a dome and the whole path is on or above it, within the workspace."""
         check_workspace(self.places, self.spacing, device)
 
 
@@ -67,17 +58,17 @@ def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = T
     """The path through `points` (k, 3) [m], k ≥ 2, in their order.
 
     smooth: a spline through the points; else arcs about the dome's centre from one to the next, with corners. Between
-    points the distance from the centre changes evenly, so that points on a dome give a path on it. closed: the path
-    goes on from the last point to the first; None: if the last point is the first.
+    points the distance from the centre changes evenly, so that points on a dome give a path on it. closed: the
+    path continues from the last point to the first; None: closed if the last point equals the first.
 
-    Raises InputError for fewer points, points that are no numbers or lie in the centre, a length below 5 mm or above
-    2 m, and a path that crosses itself, with the place.
+    Raises InputError for fewer points, points that are not numbers or are at the centre, a length below 5 mm or
+    above 2 m, and a path that crosses itself; the message states where.
     """
     corners = vectors(points, "points of the path")
     if corners.ndim != 2 or len(corners) < 2:
         raise InputError(f"a path needs at least two points, shape (k, 3); got shape {corners.shape}")
     if len(corners) > _MOST:
-        raise InputError(f"a path may have at most {_MOST} points; got {len(corners)}: leave out every second one")
+        raise InputError(f"a path may have at most {_MOST} points; got {len(corners)}: leave out every other one")
     ends_meet = bool(np.linalg.norm(corners[0] - corners[-1]) <= _SAME)
     closed = ends_meet if closed is None else closed
     if closed and not ends_meet:
@@ -85,7 +76,7 @@ def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = T
     steps = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     if (steps <= _SAME).any():
         twice = int(np.argmax(steps <= _SAME)) + 1
-        raise InputError(f"points {twice} and {twice + 1} of the path are the same: leave one out")
+        raise InputError(f"points {twice} and {twice + 1} of the path are equal: leave one out")
     if closed and len(corners) < 4:
         raise InputError("a closed path needs at least three points")
     distances = np.linalg.norm(corners, axis=1)
@@ -121,7 +112,7 @@ def _interpolate(corners: Array, gone: Array, closed: bool, smooth: bool) -> Arr
     at = np.unique(np.concatenate([gone, np.linspace(0.0, gone[-1], 2 + int(gone[-1] / (0.5 * _SPACING)))]))
     straight = _resample(corners, gone, at)
     if smooth and len(corners) > 2:
-        from scipy.interpolate import CubicSpline  # loaded only where somebody gives points
+        from scipy.interpolate import CubicSpline  # loaded only where points are given
 
         straight = CubicSpline(gone, corners, bc_type="periodic" if closed else "natural")(at)
     lengths = np.linalg.norm(straight, axis=1, keepdims=True)

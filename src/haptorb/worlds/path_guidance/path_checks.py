@@ -1,4 +1,4 @@
-"""What makes a path unfit for guidance: it crosses itself, or it leaves the workspace."""
+"""Checks of a path: it must not cross itself or leave the workspace."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from haptorb.numerics.arrays import Array
 
 __all__ = ["check_crossing", "check_workspace"]
 
-_CLOSE = 1e-3  #: stretches nearer to each other cannot be told apart with a hand on the tool [m]
-_APART = 6e-3  #: along the path; nearer places belong to one stretch, also around a corner of 20 degrees [m]
+_CLOSE = 1e-3  #: parts nearer to each other cannot be distinguished with a hand on the tool [m]
+_APART = 6e-3  #: along the path; nearer places belong to one part, also around a corner of 20 degrees [m]
 _INSIDE = 0.5e-3  #: by which a path may lie below contact, where only a tilted tool gets [m]
 
 
@@ -21,7 +21,7 @@ def _write_place(p: Array) -> str:
 
 
 def check_crossing(places: Array, spacing: float, closed: bool) -> None:
-    """Raise InputError where `places` (n, 3) [m], `spacing` [m] apart, come back to within 1 mm of where they were."""
+    """Raise InputError where `places` (n, 3) [m], `spacing` [m] apart, come within 1 mm of an earlier section."""
     every = max(round(0.5 * _CLOSE / spacing), 1)
     points = places[::every]
     step, count = every * spacing, len(points)
@@ -41,7 +41,7 @@ def check_crossing(places: Array, spacing: float, closed: bool) -> None:
 
 
 def check_workspace(places: Array, spacing: float, device: Device) -> None:
-    """Raise InputError unless `places` (n, 3) [m], `spacing` [m] apart, lie in the shell over the dome of `device`."""
+    """Raise InputError unless `places` (n, 3) [m], `spacing` [m] apart, are in the shell over the dome of `device`."""
     shell = device.shell
     if shell is None:
         raise InputError(
@@ -53,7 +53,7 @@ def check_workspace(places: Array, spacing: float, device: Device) -> None:
     steepest = float(getattr(device, "workspace_half_angle", np.pi / 2))
     tilt = np.arccos(np.clip(places[:, 2] / distance, -1.0, 1.0))
     ways = (
-        (shell.contact_distance - distance - _INSIDE, "inside the dome, where no tool gets", "m",
+        (shell.contact_distance - distance - _INSIDE, "inside the dome, where the tool cannot be", "m",
          f"keep every point at least {1e3 * shell.contact_distance:g} mm from the centre"),
         (distance - highest - 1e-6, "above the shell in which forces are rendered", "m",
          f"keep every point within {1e3 * highest:g} mm of the centre"),

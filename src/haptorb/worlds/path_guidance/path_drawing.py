@@ -16,8 +16,8 @@ _SIDES = 4
 
 
 def draw_path(path: GuidancePath, lower: float = 0.0) -> Shape:
-    """A tube along `path`, open at its ends, or closed as the path is; `lower` [m] nearer to the centre: where the tip
-    goes that the tool's magnet is above.
+    """A tube along `path`, open at its ends, or closed as the path is; `lower` [m] nearer to the centre: the path
+    of the tip below the tool's magnet.
 
     >>> from haptorb.worlds.path_guidance.path_shapes import make_shape
     >>> draw_path(make_shape("line")).kind

@@ -1,4 +1,4 @@
-"""A path in a table: one point a line, in millimetres."""
+"""A path in a table: one point per line, in millimetres."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ _HEAD = "x_mm,y_mm,z_mm"
 def load_path(file: str | Path, *, closed: bool | None = None, smooth: bool = True) -> GuidancePath:
     """The path through the points of a CSV file whose first line is x_mm,y_mm,z_mm; see `make_path` for the rest.
 
-    Raises InputError, with the line, for a file that cannot be read, another head and what is no number.
+    Raises InputError, with the line, for a file that cannot be read, another header, or an invalid number.
     """
     path = Path(file).expanduser()
     # Spreadsheet programs begin a file with a byte order mark.
     lines = read_text(path, "path file", InputError).removeprefix("\ufeff").splitlines()
     if not lines or "".join(lines[0].split()) != _HEAD:
         raise InputError(
-            f"path file {path}, line 1: the head must be '{_HEAD}'; got {quote(lines[0] if lines else 'an empty file')}"
+            f"path file {path}, line 1: the header must be '{_HEAD}'; got "
+            f"{quote(lines[0] if lines else 'an empty file')}"
         )
     points = []
     for number, line in enumerate(lines[1:], 2):

@@ -1,4 +1,4 @@
-"""Guidance that plans: the person keeps the pace, the device holds the tool to a path sideways, at little heat."""
+"""Planned guidance: the person sets the pace; the device corrects the deviation from a path with little heat."""
 
 from __future__ import annotations
 
@@ -27,33 +27,35 @@ __all__ = ["PathGuidance"]
 
 @dataclass(frozen=True)
 class PathGuidance(DynamicWorld):
-    """Guidance that plans ahead and keeps the tool on a path: contouring control after Langerak et al., UIST 2020.
+    """Planned guidance that keeps the tool on a path: contouring control after Langerak et al., UIST 2020.
 
-    In every tick it observes deviation, its rate and the hand's push across the path, predicts them over `horizon`, and
-    chooses the forces of the plan that cost least: Σ (deviation² + (30 ms · rate)²)/tolerance² + heat_weight · power
-    + Σ (change of force/`change`)², each force at most `strength`. The first of them is given. Nothing pulls along the
-    path: where the hand is on it, and how fast, is the person's. To a hand that rests, no force is given.
+    In every tick it estimates deviation, its rate and the hand's force across the path, predicts them over
+    `horizon`, and chooses the forces with the lowest cost: Σ (deviation² + (30 ms · rate)²)/tolerance² + heat_weight ·
+    power + Σ (change of force/`change`)², each force at most `strength`. The first of them is rendered. There is no
+    force along the path: the person determines progress and speed. A hand at rest gets no force.
 
-    Active: it works against the hand's push, so it can put energy into a hand that wanders off the path.
+    Active: it works against the hand, so it can put energy into a hand that leaves the path.
     """
 
     passive: ClassVar[bool] = False
     continuous: ClassVar[bool] = False
     asks = "force"
 
-    mode: float = parameter(1.0, "1", 0, 1, "1: guide; 0: no force, the deviation is only observed and recorded")
-    strength: float = parameter(0.5, "N", 0, 1, "most force across the path")
-    horizon: float = parameter(0.1, "s", 0.05, 0.4, "how far ahead the motion is predicted")
-    tolerance: float = parameter(0.0005, "m", 0.0002, 0.01, "deviation that costs 1 in every step of the plan")
-    heat_weight: float = parameter(0.005, "1/W", 0, 1, "what 1 W in the coils costs beside the deviation")
-    change: float = parameter(0.5, "N", 0.01, 1, "change of force from step to step that costs 1")
-    rest_pace: float = parameter(0.005, "m/s", 0, 0.05, "pace at which half of the guidance is given; 0: always all")
-    height: float = parameter(0.0, "1", 0, 1, "share of the guidance outward from the centre, for paths above the dome")
+    mode: float = parameter(1.0, "1", 0, 1, "1: guide; 0: no force, only observe and record the deviation")
+    strength: float = parameter(0.5, "N", 0, 1, "maximum force across the path")
+    horizon: float = parameter(0.1, "s", 0.05, 0.4, "prediction horizon")
+    tolerance: float = parameter(0.0005, "m", 0.0002, 0.01, "deviation with a cost of 1 in every step of the plan")
+    heat_weight: float = parameter(0.005, "1/W", 0, 1, "cost of 1 W in the coils")
+    change: float = parameter(0.5, "N", 0.01, 1, "change of force from step to step with a cost of 1")
+    rest_pace: float = parameter(
+        0.005, "m/s", 0, 0.05, "pace at which half of the guidance is given; 0: always full guidance"
+    )
+    height: float = parameter(0.0, "1", 0, 1, "share of radial guidance, for paths above the dome")
     hand_mass: float = parameter(0.1, "kg", 0.05, 2, "mass of hand and tool in the prediction")
     hand_damping: float = parameter(2.0, "N·s/m", 0.2, 20, "damping of the hand in the prediction")
-    observer: float = parameter(20.0, "Hz", 1, 30, "bandwidth with which the hand's push is observed")
-    shape: float = parameter(1.0, "1", 0, 3, "path, if none is given: 0 line, 1 circle, 2 square, 3 spiral")
-    size_deg: float = parameter(25.0, "deg", 10, 55, "tilt from the summit to which that path reaches")
+    observer: float = parameter(20.0, "Hz", 1, 30, "bandwidth of the estimate of the hand's force")
+    shape: float = parameter(1.0, "1", 0, 3, "default path: 0 line, 1 circle, 2 square, 3 spiral")
+    size_deg: float = parameter(25.0, "deg", 10, 55, "tilt from the summit to the edge of that path")
     path: GuidancePath | tuple[tuple[float, ...], ...] | None = None
     device: Device | None = None
 
@@ -63,7 +65,7 @@ class PathGuidance(DynamicWorld):
             object.__setattr__(self, "path", make_path(self.path))
 
     def for_device(self, device: Device) -> PathGuidance:
-        """With the path's place checked on `device`, and its coils' heat in the cost.
+        """With the path checked against the workspace of `device`, and the heat of its coils in the cost.
 
         Raises InputError for a device without a dome, and for a path that leaves the workspace.
         """
@@ -82,7 +84,7 @@ class PathGuidance(DynamicWorld):
 
     @cached_property
     def curve(self) -> GuidancePath:
-        """The path along which it guides [m]."""
+        """The path [m]."""
         return self.path if isinstance(self.path, GuidancePath) else self._find_shape(self.device)
 
     @property
@@ -110,17 +112,17 @@ class PathGuidance(DynamicWorld):
 
     @property
     def name(self) -> str:
-        """As in the catalogue."""
+        """Its name in the catalogue."""
         return "path_guidance"
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """Progress, what is observed of the hand, and the plan."""
+        """Progress, estimates of the hand, and the plan."""
         return MEMORY
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """The path, and the place on it that the hand has reached."""
+        """The path, and the point on it that the hand has reached."""
         return draw_path(self.curve, self._lower), Shape("progress", "sphere", (0.0015,), "place")
 
     @property
@@ -130,23 +132,23 @@ class PathGuidance(DynamicWorld):
         return 0.0 if shell is None else shell.contact_distance - shell.dome_radius
 
     def begin(self) -> Records:
-        """(1,) nothing was seen yet; the place is the path's first."""
+        """(1,) no observation yet; progress at the beginning of the path."""
         memory = make_memory(MEMORY)
         first = self.curve.places[0]
         memory["place"] = first * (1.0 - self._lower / np.linalg.norm(first))
         return memory
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
-        """All goes on, unless the path is another: then the hand's place on it is sought anew. In the fields' units."""
+        """Keep everything, unless the path changed: then find the hand's position on it again. In the fields' units."""
         if isinstance(previous, PathGuidance) and np.array_equal(previous.curve.places, self.curve.places):
             memory[:] = old
 
     def wrench(self, state: State) -> Array:
-        """(6,) what a hand that moves along the path would feel first at `state` [N]: what maps show."""
+        """(6,) the first force on a hand that moves along the path at `state` [N], for force maps."""
         return replace(self, rest_pace=0.0).advance(self.begin(), state, 1e-3)
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) force across the path at `state`, `dt` [s] after the last [N]."""
+        """(6,) force across the path at `state`, `dt` [s] after the previous tick [N]."""
         work, actuation, motion = self._scratch
         device = self.device
         if device is not None and device.channels == 3:

@@ -1,4 +1,4 @@
-"""Where on a path a hand is: the nearest place, sought where the hand was a tick ago."""
+"""The point of a path nearest to the hand, searched near that of the previous tick."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _refine(p: Array, places: Array, spacing: float, k: int) -> float:
 
 @kernel
 def find_arc(p: Array, places: Array, spacing: float) -> float:
-    """Arc length [m] of the path's place nearest to p (3,) [m], anywhere on it."""
+    """Arc length [m] of the point of the path nearest to p (3,) [m], over the whole path."""
     best, nearest = 0, np.inf
     for k in range(places.shape[0]):
         square = _square(p, places, k)
@@ -44,8 +44,8 @@ def find_arc(p: Array, places: Array, spacing: float) -> float:
 
 @kernel
 def follow_arc(p: Array, places: Array, spacing: float, closed: bool, arc: float, reach: float) -> float:
-    """Arc length [m] of the nearest place within `reach` [m] of `arc` [m] along the path; so another stretch that comes
-    near does not take the hand over."""
+    """Arc length [m] of the nearest point within `reach` [m] of `arc` [m] along the path, so that progress does not
+    jump to another section nearby."""
     count = places.shape[0] - 1
     middle, window = round(arc / spacing), max(round(reach / spacing), 1)
     best, nearest = 0, np.inf
@@ -64,7 +64,7 @@ def follow_arc(p: Array, places: Array, spacing: float, closed: bool, arc: float
 
 @kernel
 def fill_frame(places: Array, tangents: Array, spacing: float, arc: float, frame: Array) -> None:
-    """frame (4, 3): the place at `arc` [m] and, there, the tangent, the direction sideways and the one outward."""
+    """frame (4, 3): the point at `arc` [m], the tangent, the sideways direction and the outward direction there."""
     last = places.shape[0] - 1
     at = min(max(arc / spacing, 0.0), float(last))
     k = min(int(at), last - 1)

@@ -22,8 +22,8 @@ _PITCH = 9.0  #: by which it widens in a turn [deg]
 def make_shape(name: str, size_deg: float = 25.0, radius: float = 0.05) -> GuidancePath:
     """The path `name` of SHAPES within `size_deg` [deg] of the summit, at `radius` [m] from the centre.
 
-    line: over the summit, from `size_deg` on one side to as much on the other. circle: about the summit. square: its
-    corners at `size_deg`. spiral: from 6° outwards, 9° a turn. Raises UnknownName for another name.
+    line: over the summit, from `size_deg` on one side to the same on the other. circle: about the summit. square: its
+    corners at `size_deg`. spiral: outward from 6°, 9° per turn. Raises UnknownName for another name.
 
     >>> make_shape("circle").closed, make_shape("spiral").closed
     (True, False)

@@ -1,1 +1,1 @@
-"""Scenes of MuJoCo: bodies, joints and contacts from a file, one body of which the mover holds."""
+"""MuJoCo scenes: bodies, joints and contacts from a file; the mover holds one of the bodies."""

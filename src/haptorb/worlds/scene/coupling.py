@@ -1,12 +1,12 @@
-"""The virtual coupling: a spring and a damper between where the mover is and a body of a scene, both limited.
+"""The virtual coupling: a spring and a damper between mover and a body of a scene, both limited.
 
-After Colgate, Stanley and Brown 1995 and Adams and Hannaford 1999: what the hand feels is the coupling, never the scene
-itself, so that a loop which is stable with the coupling against a wall is stable with any passive scene behind it.
+After Colgate, Stanley and Brown 1995 and Adams and Hannaford 1999: the hand feels the coupling, never the scene
+itself, so a loop that is stable with the coupling against a wall is stable with any passive scene.
 
-In a scene whose time passes s times as fast, bodies are felt 1/s² times as heavy. With the same coupling the damping
-ratio of the body in it would fall to s times what it was, and what is felt would swing. So the damper grows to 1/s of
-itself, up to `slow_damping`; from there on the spring gives way, by (s d/b)² for the damper d that there is instead
-of b. The damping ratio is always that of full pace, and what a hand feels is never stiffer.
+In a scene whose time passes s times as fast, bodies feel 1/s² times as heavy. With the same coupling the damping
+ratio of the body in it would fall to s times its value, and the body would oscillate. So the damper grows to 1/s of
+itself, up to `slow_damping`; beyond that the spring becomes softer, by (s d/b)², where d is the damper instead of b.
+The damping ratio is always that of full speed, and the coupling is never stiffer.
 """
 
 from __future__ import annotations
@@ -84,12 +84,12 @@ def fill_coupling(
     couplings: Records, pose: Array, R: Array, motion: Array, place: Array, attitude: Array, moving: Array,
     pace: float, ahead: float, wrench: Array,
 ) -> tuple[float, float]:  # fmt: skip
-    """wrench (6,) becomes force [N] and torque about the body's origin [N·m] on the body; returns what the springs hold
-    [J] and what the dampers take [W].
+    """Fill wrench (6,) with the force [N] and torque about the body's origin [N·m] on the body; return the energy of
+    the springs [J] and the power that the dampers take [W].
 
-    couplings (1,) COUPLING. Where the body should be: pose (3,) [m], R (3, 3), motion (6,) linear and angular. Where it
-    was: place (3,), attitude (9,) by rows, moving (6,) angular and linear as MuJoCo has it. The scene's time passes
-    `pace` times as fast, and `ahead` [s] of it are over since then.
+    couplings (1,) COUPLING. Target of the body: pose (3,) [m], R (3, 3), motion (6,) linear and angular. Last
+    pose: place (3,), attitude (9,) by rows, moving (6,) angular and linear as MuJoCo has it. The scene's time passes
+    `pace` times as fast, and `ahead` [s] of it have passed since that pose.
     """
     c = couplings[0]
     stretch, speed = np.empty(3), np.empty(3)

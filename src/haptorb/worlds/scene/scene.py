@@ -27,35 +27,38 @@ __all__ = ["Scene"]
 
 @dataclass(frozen=True)
 class Scene(DynamicWorld):
-    """A scene of MuJoCo; the mover, or a motor's target, holds one of its bodies through a virtual coupling.
+    """A MuJoCo scene; the mover, or a motor's target, holds one of its bodies through a virtual coupling.
 
-    source  a shipped scene ("peg", "outlet", "boxes", "drawer"), the path of an XML file (MJCF), or an MjModel
-    body    name of the body that is held; it needs a joint of its own, or one of what carries it. Empty: the one that
+    source  a supplied scene ("peg", "outlet", "boxes", "drawer"), the path of an XML file (MJCF), or an MjModel
+    body    name of the held body; it, or a parent body, needs a joint. Empty: the one that
             the file names, <custom><text name="held" data="BODY"/></custom>, else "peg"
 
-    The coupling is a spring and a damper between the place of the mover and that of the body: by its frame's origin,
-    and for a motor's target by its attitude as well. What the hand feels is the coupling, so the loop is stable with
-    any passive scene if it is stable with the coupling against a wall. Stiffness 0 means: not chosen yet. A servo
-    chooses it for its rate, latency and hand (`control.stability.coupling_choice`); until then `UNCHOSEN` counts.
+    The coupling is a spring and a damper between the mover and the origin of the body's frame; for a motor's target
+    it also couples the orientation. The hand feels the coupling, so the loop is stable with any passive scene if
+    it is stable with the coupling against a wall. Stiffness 0 means: not chosen yet. A servo chooses it for its
+    rate, latency and hand (`control.stability.coupling_choice`); until then `UNCHOSEN` is used.
 
-    A tool's place counts in the frame S of its device, in metres, times `scale`. A motor's target begins at zero, where
-    the scene has the body. The hand feels `scale` times the force, so that power is what it is in the scene.
+    A tool's position is in the frame S of its device, in metres, times `scale`. A motor's target begins at zero, at
+    the initial pose of the body. The hand feels `scale` times the force, so that power is the same as in the
+    scene.
 
-    Needs the extra haptorb[scenes]. Simplified: what contacts store is not in `energy`; without counting it the
-    passivity control damps earlier, never later.
+    Needs the extra haptorb[scenes]. Simplified: energy stored in contacts is not in `energy`; the passivity control
+    therefore damps earlier, never later.
     """
 
     source: Any = field(default="peg", repr=False)
     body: str = ""
-    stiffness: float = parameter(0.0, "N/m", 0, 20e3, "of the coupling; 0: chosen for rate, latency and hand")
-    damping: float = parameter(0.0, "N·s/m", 0, 200, "of the coupling, where stiffness is given")
-    greatest: float = parameter(0.0, "N", 0, 200, "greatest force of the coupling; 0: the device's")
-    turn_stiffness: float = parameter(0.0, "N·m/rad", 0, 200, "of the coupling about each axis; 0: chosen, or none")
-    turn_damping: float = parameter(0.0, "N·m·s/rad", 0, 10, "of the coupling about each axis")
-    turn_greatest: float = parameter(0.0, "N·m", 0, 20, "greatest torque of the coupling; 0: the device's")
-    slow_damping: float = parameter(0.0, "N·s/m", 0, 2000, "to which damping grows while time is slow; 0: not")
-    slow_turn_damping: float = parameter(0.0, "N·m·s/rad", 0, 100, "to which turn_damping grows while time is slow")
-    scale: float = parameter(1.0, "1", 0.01, 100, "metres in the scene for a metre of the mover")
+    stiffness: float = parameter(0.0, "N/m", 0, 20e3, "stiffness of the coupling; 0: chosen for rate, latency and hand")
+    damping: float = parameter(0.0, "N·s/m", 0, 200, "damping of the coupling, if stiffness is given")
+    greatest: float = parameter(0.0, "N", 0, 200, "maximum force of the coupling; 0: that of the device")
+    turn_stiffness: float = parameter(
+        0.0, "N·m/rad", 0, 200, "rotational stiffness of the coupling; 0: chosen, or none"
+    )
+    turn_damping: float = parameter(0.0, "N·m·s/rad", 0, 10, "rotational damping of the coupling")
+    turn_greatest: float = parameter(0.0, "N·m", 0, 20, "maximum torque of the coupling; 0: that of the device")
+    slow_damping: float = parameter(0.0, "N·s/m", 0, 2000, "maximum damping while time is slow; 0: no increase")
+    slow_turn_damping: float = parameter(0.0, "N·m·s/rad", 0, 100, "maximum rotational damping while time is slow")
+    scale: float = parameter(1.0, "1", 0.01, 100, "scale: metres in the scene per metre of the mover")
     anchored: bool = False  #: the mover begins where the scene has the body: a motor's target
 
     def __post_init__(self) -> None:
@@ -65,7 +68,7 @@ class Scene(DynamicWorld):
         object.__setattr__(self, "_index", self.source.find_body(self.body))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the scratch pads, which are made anew where it arrives."""
+        """Without the scratch pads, which the receiver creates again."""
         return {one.name: getattr(self, one.name) for one in fields(self)} | {"_index": self._index}
 
     _index: int = field(default=0, init=False, repr=False, compare=False)
@@ -83,7 +86,7 @@ class Scene(DynamicWorld):
 
     @property
     def bound(self) -> float:
-        """Spring and damper at their greatest [N]."""
+        """Spring and damper at their maximum [N]."""
         return 2.0 * self.greatest * self.scale if self.greatest else float("inf")
 
     def for_device(self, device: Device) -> Scene:
@@ -108,19 +111,21 @@ class Scene(DynamicWorld):
 
     @cached_property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """Poses of what is drawn, energy, detail, and the state of the engine."""
+        """Poses of the drawn bodies, energy, detail, and the state of the engine."""
         count = max(len(self.drawn), 1)
         return (
-            MemoryField("place", "m", "of each moving shape, in the scene's frame", (count, 3)),
-            MemoryField("attitude", "1", "of each moving shape, quaternion (x, y, z, w)", (count, 4)),
-            MemoryField("energy", "J", "kinetic, of weight and springs, and of the coupling"),
+            MemoryField("place", "m", "position of each moving shape, scene frame", (count, 3)),
+            MemoryField("attitude", "1", "orientation of each moving shape, quaternion (x, y, z, w)", (count, 4)),
+            MemoryField("energy", "J", "energy: kinetic, potential, in springs and in the coupling"),
             *PACE_FIELDS,
-            MemoryField("state", "SI", "MuJoCo: time, places, velocities, warm start", (state_size(self.model),)),
+            MemoryField(
+                "state", "SI", "state of MuJoCo: time, positions, velocities, warm start", (state_size(self.model),)
+            ),
         )
 
     @cached_property
     def _pad(self) -> SceneStepper:
-        # One for all worlds of a scene: to make it anew could take several ticks, and nothing lasts in it.
+        # One for all worlds of a scene: creating it could take several ticks, and it keeps no state.
         pads = self.model.pads
         if self._index not in pads:
             pads[self._index] = SceneStepper(self.model, self._index, np.array(self.drawn, dtype=np.int64))
@@ -129,8 +134,8 @@ class Scene(DynamicWorld):
 
     @cached_property
     def effective_inertia(self) -> tuple[float, float]:
-        """The least mass [kg] and moment of inertia [kg·m²] with which the body resists at its frame's origin, as the
-        scene begins and nothing touches it; at most 1e6 each."""
+        """The smallest effective mass [kg] and moment of inertia [kg·m²] of the body at its frame's origin, in the
+        initial state without contact; at most 1e6 each."""
         return self._pad.effective_inertia()
 
     @cached_property
@@ -156,15 +161,15 @@ class Scene(DynamicWorld):
 
     @cached_property
     def shapes(self) -> tuple[Shape, ...]:
-        """Of every body of the scene, moving or not."""
+        """All bodies of the scene, moving or fixed."""
         return describe_scene(self.model, self._index, self.drawn)
 
     def begin(self) -> Records:
-        """As the file has it, or its first keyframe [m, m/s]."""
+        """The initial state of the file, or its first keyframe [m, m/s]."""
         return self._beginning[0].copy()
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) what the coupling does to the mover [N, N·m], while the scene goes on by `dt` [s]."""
+        """(6,) the wrench of the coupling on the mover [N, N·m], while the scene advances by `dt` [s]."""
         one, pad, wish = memory[0], self._pad, self._wish
         place, R, motion = wish
         np.multiply(state.p, self.scale, out=place)
@@ -197,15 +202,15 @@ class Scene(DynamicWorld):
         self.model.check_period(dt)
 
     def lighten(self, memory: Records) -> None:
-        """A step took too long: the next ones do less, first in the solver, then by letting time pass slower [1]."""
+        """A step took too long: reduce the solver's iterations, then slow down time [1]."""
         memory["detail"] = min(float(memory["detail"][0]) + 1.0, len(LEVELS) - 1.0)
 
     def restore(self, memory: Records) -> None:
-        """There is time again: one level of detail [1] more."""
+        """There is time again: restore one level of detail [1]."""
         memory["detail"] = max(float(memory["detail"][0]) - 1.0, 0.0)
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
-        """The scene goes on [m, m/s] if it is the same one; a file that was saved begins anew."""
+        """The scene continues [m, m/s] if it is the same one; a file that was saved again restarts."""
         if isinstance(previous, Scene) and previous.source is self.source and old.dtype == memory.dtype:
             memory[:] = old
 

@@ -1,4 +1,4 @@
-"""A scene in a user's XML file, which is loaded again whenever it, or a file that it names, is saved."""
+"""A scene in a user's XML file, reloaded whenever it or a file that it includes is saved."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _NAMED = re.compile(r'\bfile\s*=\s*"([^"]+)"')
 
 
 def parse_scene_file(text: str, body: str = "", folder: Path | None = None) -> SceneFile:
-    """The file of the scene `text`, shipped or a path; a relative path starts at `folder`, else here.
+    """The file of the scene `text`, supplied or a path; relative to `folder`, else to the working directory.
 
-    Raises UnknownName for what is neither.
+    Raises UnknownName for anything else.
     """
     return SceneFile(find_scene_file(text, folder), body)
 
@@ -39,7 +39,7 @@ class SceneFile:
 
     @property
     def stamp(self) -> tuple[tuple[int, int, int], ...] | None:
-        """What changes when the file is saved, or one that it names: time [ns], size, inode; None without it."""
+        """Changes when the file or one that it includes is saved: time [ns], size, inode; None without it."""
         try:
             text = self.path.read_text(errors="replace")
             found = [_stamp(self.path)]
@@ -48,7 +48,7 @@ class SceneFile:
         for name in _NAMED.findall(text):
             try:
                 found.append(_stamp(self.path.parent / name))
-            except OSError:  # a mesh in the folder of <compiler meshdir>, or missing: then loading says so
+            except OSError:  # a mesh in the folder of <compiler meshdir>, or missing: then loading reports it
                 continue
         return tuple(found)
 

@@ -1,4 +1,4 @@
-"""A scene as MuJoCo has compiled it, from an XML file or from Python; and what a person reads when it cannot be."""
+"""A scene compiled by MuJoCo, from an XML file or from Python, and the messages when it cannot be compiled."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LINE = re.compile(r"[Ll]ine(?: number)?\s*=?\s*(\d+)")
 
 @cache
 def load_engine() -> Any:
-    """MuJoCo itself, told to write nothing into files. Raises InputError with what to install where it is missing."""
+    """MuJoCo itself, set to write no files. Raises InputError that states what to install if it is missing."""
     try:
         import mujoco
     except ImportError as cause:
@@ -39,9 +39,9 @@ def _ignore(text: str) -> None:
 
 
 def find_scene_file(text: str, folder: Path | None = None) -> Path:
-    """The file that `text` names: a shipped scene, or a path; a relative one starts at `folder`, else here.
+    """The file that `text` names: a supplied scene, or a path; relative to `folder`, else to the working directory.
 
-    Raises UnknownName for what is neither.
+    Raises UnknownName for anything else.
 
     >>> find_scene_file("peg").name
     'peg.xml'
@@ -59,7 +59,7 @@ class SceneModel:
 
     title   its file's name without the ending, or the model's own
     file    where it comes from; None: from Python
-    model   MuJoCo's MjModel; nothing here changes it but the iterations of its solver
+    model   MuJoCo's MjModel; only the iterations of its solver are changed here
     """
 
     title: str
@@ -68,12 +68,12 @@ class SceneModel:
     pads: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)  #: of `SceneStepper`, made once each
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the pads, which are made anew where it arrives."""
+        """Without the scratch pads, which the receiver creates again."""
         return {"title": self.title, "file": self.file, "model": self.model, "pads": {}}
 
     @property
     def held(self) -> str:
-        """The body that is held where nobody names another: what the file says, else "peg"."""
+        """The default held body: the one that the file names, else "peg"."""
         model = self.model
         for n in range(model.ntext):
             named, first = int(model.name_textadr[n]), int(model.text_adr[n])
@@ -83,8 +83,8 @@ class SceneModel:
         return "peg"
 
     def find_body(self, name: str) -> int:
-        """Index [1] of the body `name`. Raises UnknownName with the nearest of the scene's, and InputError for one
-        that cannot be moved."""
+        """Index [1] of the body `name`. Raises UnknownName with the most similar one of the scene, and InputError
+        for one that cannot move."""
         model = self.model
         names = [model.body(i).name for i in range(1, model.nbody)]
         if name not in names:
@@ -98,7 +98,7 @@ class SceneModel:
         return index
 
     def count_freedoms(self, body: int) -> int:
-        """How many degrees of freedom [1] `body` has, by its own joints and those of what carries it."""
+        """Number of degrees of freedom [1] of `body`, from its own joints and those of its parents."""
         model, count = self.model, 0
         while body > 0:
             count += int(model.body_dofnum[body])
@@ -106,7 +106,7 @@ class SceneModel:
         return count
 
     def check_period(self, period: float) -> int:
-        """How many steps of the scene [1] a tick of `period` [s] has. Raises InputError if it has no whole number."""
+        """Number of steps of the scene [1] in a tick of `period` [s]. Raises InputError if it is not a whole number."""
         step = float(self.model.opt.timestep)
         count = round(period / step)
         if count < 1 or abs(count * step - period) > 1e-9:
@@ -119,10 +119,10 @@ class SceneModel:
 
 
 def make_scene_model(source: object) -> SceneModel:
-    """The compiled scene that `source` names or is: a shipped scene, a path of an XML file, or an MjModel.
+    """The compiled scene `source`: a supplied scene, the path of an XML file, or an MjModel.
 
-    Raises UnknownName for a name that is none; InputError for a file that cannot be read or compiled, with its line
-    where the engine knows it, and for a scene without a free body.
+    Raises UnknownName for an unknown name; InputError for a file that cannot be read or compiled, with the line if
+    the engine states it, and for a scene without a movable body.
     """
     if isinstance(source, SceneModel):
         return source
@@ -157,7 +157,7 @@ def _check(scene: SceneModel) -> SceneModel:
         )
     if model.nu or model.na:
         raise InputError(
-            f"scene '{scene.title}' has actuators, which nothing here drives: remove <actuator>, or use springs of "
+            f"scene '{scene.title}' has actuators, which haptorb does not drive: remove <actuator>, or use springs of "
             "joints and <equality>"
         )
     if int(model.opt.integrator) == int(load_engine().mjtIntegrator.mjINT_RK4):

@@ -1,4 +1,4 @@
-"""What the console draws of a scene: its shapes, where they stand still or which rows of the memory move them."""
+"""Shapes of a scene for the console: fixed, or moved by rows of the memory."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _PLANE = (0.1, 0.1, 5e-4)  #: half lengths of the plate that stands for an endle
 
 
 def describe_scene(scene: SceneModel, body: int, drawn: tuple[int, ...]) -> tuple[Shape, ...]:
-    """Every shape of `scene` that is seen; `drawn` are those whose poses the memory has, in its rows.
+    """Every visible shape of `scene`; `drawn` are those whose poses are in the memory, in the order of its rows.
 
-    A shape of `body`, or of what is carried by it, is held. Shapes that MuJoCo does not draw by itself (groups 3 to 5)
-    are left out, and so are meshes beyond 20 000 corners in all.
+    A shape of `body`, or of its children, is held. Shapes that MuJoCo does not draw by default (groups 3 to 5) are
+    left out, and so are meshes beyond 20 000 vertices in total.
     """
     engine, model = load_engine(), scene.model
     data = engine.MjData(model)

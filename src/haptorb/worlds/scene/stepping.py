@@ -1,7 +1,7 @@
-"""One scene being stepped: MuJoCo's own data as a scratch pad, filled from a memory and read back into it.
+"""Stepping of one scene: MuJoCo's own data are a scratch pad, filled from a memory and read back into it.
 
-All that lasts is in the memory. So the same memory, state and dt give the same step, bit for bit, whatever this pad was
-used for before.
+All state is in the memory. So the same memory, state and dt give the same step, bit for bit, regardless of earlier
+use of this pad.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ _HUGE = 1e8  #: beyond it a coordinate or speed has no meaning
 
 
 class SceneExplosion(MemoryNotFinite):
-    """A scene has come into a state that is not finite, or far too large."""
+    """The state of a scene is not finite, or exceeds all bounds."""
 
 
 def state_size(scene: SceneModel) -> int:
-    """How many numbers [1] the state of `scene` is."""
+    """Number of elements [1] of the state of `scene`."""
     engine = load_engine()
     return int(engine.mj_stateSize(scene.model, _list_kinds(engine)))
 
@@ -61,14 +61,14 @@ def _copy_poses(
 
 @final
 class SceneStepper:
-    """`scene` with the body of index `body` in the coupling; `drawn` (g,) are the shapes whose poses are told."""
+    """`scene` with the body of index `body` in the coupling; `drawn` (g,) are the shapes whose poses are reported."""
 
     def __init__(self, scene: SceneModel, body: int, drawn: Integers) -> None:
         self._engine, self._scene, self._model = load_engine(), scene, copy(scene.model)
         self._data = self._engine.MjData(self._model)
         self._kinds, self._body, self._drawn = _list_kinds(self._engine), body, drawn
         option = self._model.opt
-        # An explosion must end in coils off, not in a scene that begins anew by itself in the hand.
+        # A divergence must end with the coils off, not in a scene that restarts by itself in the hand.
         option.disableflags |= int(self._engine.mjtDisableBit.mjDSBL_AUTORESET)
         option.enableflags |= int(self._engine.mjtEnableBit.mjENBL_ENERGY)
         self._iterations = int(option.iterations)
@@ -82,8 +82,8 @@ class SceneStepper:
         self._level = -1
 
     def begin(self) -> tuple[Array, Array, Array, Array, Array]:
-        """The state (n,) at the beginning, places (g, 3) [m] and attitudes (g, 4) of what is drawn, and the place (3,)
-        and attitude (3, 3) of the body. The first keyframe, if the scene has one, is its beginning."""
+        """The initial state (n,), positions (g, 3) [m] and orientations (g, 4) of the drawn shapes, and position
+        (3,) and orientation (3, 3) of the body. If the scene has keyframes, the first one is the initial state."""
         engine, model, data = self._engine, self._model, self._data
         if model.nkey:
             engine.mj_resetDataKeyframe(model, data, 0)
@@ -96,7 +96,8 @@ class SceneStepper:
         return self._state.copy(), places, turns, self._place.copy(), self._attitude.reshape(3, 3).copy()
 
     def effective_inertia(self) -> tuple[float, float]:
-        """Least mass [kg] and moment of inertia [kg·m²] of the body at its origin, as the scene begins: of J M⁻¹ Jᵀ."""
+        """Smallest effective mass [kg] and moment of inertia [kg·m²] of the body at its origin, in the initial state:
+        from J M⁻¹ Jᵀ."""
         engine, model, data = self._engine, self._model, self._data
         self.begin()
         move, turn = np.zeros((3, model.nv)), np.zeros((3, model.nv))
@@ -112,10 +113,10 @@ class SceneStepper:
     def advance(
         self, one: Any, wish: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
     ) -> tuple[Array, float]:
-        """(6,) what pushes the body in this tick of `dt` [s], force and torque [N, N·m], and the energy [J] that scene
-        and coupling hold as it begins. `one` is a record with the fields `state` and `waiting`, which go on.
+        """(6,) force and torque on the body in this tick of `dt` [s] [N, N·m], and the energy [J] of scene and coupling
+        before it. The fields `state` and `waiting` of the record `one` are advanced.
 
-        wish    where the body should be: place (3,) [m], attitude (3, 3), motion (6,) linear and angular
+        wish    target of the body: position (3,) [m], orientation (3, 3), motion (6,) linear and angular
 
         Raises SceneExplosion.
         """
@@ -212,8 +213,8 @@ class SceneStepper:
         self._level = level
 
     def fill_poses(self, places: Array, turns: Array) -> None:
-        """places (g, 3) [m] and turns (g, 4), quaternions (x, y, z, w), become those of what is drawn, as the last step
-        began."""
+        """places (g, 3) [m] and turns (g, 4), quaternions (x, y, z, w), become those of the drawn shapes, at the
+        beginning of the last step."""
         _copy_poses(self._drawn, self._bodies, self._points, self._turns, self._own, places, turns)
 
     def _explain(self) -> str:
@@ -221,7 +222,7 @@ class SceneStepper:
         fastest = np.abs(np.nan_to_num(data.qvel, nan=np.inf, posinf=np.inf, neginf=np.inf)).argmax()
         name = model.body(int(model.dof_bodyid[int(fastest)])).name or "without a name"
         return (
-            f"the scene exploded: place or speed of body '{name}' is not finite, or far too large, after "
+            f"the scene diverged: position or velocity of body '{name}' is not finite or far too large after "
             f"{float(data.time):.3g} s of its time; make its timestep shorter, its contacts softer (solref), or its "
             "bodies heavier"
         )

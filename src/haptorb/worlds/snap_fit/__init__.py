@@ -1,1 +1,1 @@
-"""Snap-fits that go together and come apart."""
+"""Snap-fits: joining and separating."""

@@ -1,20 +1,21 @@
-"""A plug leaving an outlet: a flat plug between two hooks of the socket, pulled, tilted and wriggled.
+"""A plug in an outlet: a flat plug between two hooks of the socket, pulled, tilted and moved back and forth.
 
-Frame: X' points out of the socket, Y' from one hook to the other; `state` is the pose of o', the middle of the plug's
-inner end, which is at the origin when the plug is fully home. The hooks touch at X' = arm. Turned by θ about Z' the
-plug's faces cross X' = arm at Y' = p_y + (arm − p_x) tan θ ± w_p/(2 cos θ), and each hook is bent by what exceeds half
-the opening: eqs. (14)–(16) of Bai 2012, with p_x = x₀ + x (tilted at the floor, one corner touches and o' stands
-x₀ = (w_p/2) sin θ off) and ε_z = −θ. The other sign of ε_z in (16) against y, and against T_Z' in (18), makes a torque
-that turns a tilted plug further: (16)–(18) hold together, and with energy, only if ε_z counts clockwise about Z'.
+Frame: X' points out of the socket, Y' from one hook to the other; `state` is the pose of o', the middle of the
+plug's inner end, which is at the origin when the plug is fully inserted. The hooks touch at X' = arm. Turned by θ about
+Z' the plug's faces cross X' = arm at Y' = p_y + (arm − p_x) tan θ ± w_p/(2 cos θ), and each hook is bent by the excess
+over half the opening: eqs. (14)–(16) of Bai 2012, with p_x = x₀ + x (tilted at the floor, one corner touches and o'
+stands x₀ = (w_p/2) sin θ off) and ε_z = −θ. The other sign of ε_z in (16) against y, and against T_Z' in (18), makes a
+torque that turns a tilted plug further: (16)–(18) hold together, and with energy, only if ε_z counts clockwise about
+Z'.
 
 Two worlds:
 
-`Outlet`            energy-consistent, the one to be felt: forces are the gradient of ½ Σ k δ² and friction opposes
+`Outlet`            conserves energy, for rendering: forces are the gradient of ½ Σ k δ² and friction opposes
                     sliding. Against (17) it has the part of F_X' that a tilted face must push (F_Y' tan ε_z), the
                     torque of the plug getting wider by tilting, and friction's couple. A bevelled end, so that the plug
-                    lets go and can be put back.
-`PublishedOutlet`   (14)–(18) as corrected (E9, E10, signs), for comparison with the paper's Fig. 8. It is not the
-                    gradient of anything: round a small loop it can give energy, so it is marked not passive.
+                    comes out and can be put back.
+`PublishedOutlet`   (14)–(18) as corrected (E9, E10, signs), for comparison with the paper's Fig. 8. It is not a
+                    gradient: a small closed loop can deliver energy, so it is marked not passive.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from haptorb.physics.beams import Model, appendix_b, compliance
 from haptorb.physics.hook import TABLE_3, Hook
 from haptorb.worlds.contact_world import ContactWorld
 from haptorb.worlds.parameter import parameter
-from haptorb.worlds.snap_fit.hook_contact import HookContact
+from haptorb.worlds.snap_fit.hook_contact import HookContact, add_contact, view_contacts
 from haptorb.worlds.snap_fit.root_load import RootLoad, compute_root_load
 from haptorb.worlds.snap_fit.sliding import sliding_push
 from haptorb.worlds.world import TargetWorld
@@ -68,22 +69,19 @@ def _face(along: float, plug: Record) -> tuple[float, float]:
 
 
 @tick_kernel
-def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Array, rows: Array) -> None:
-    """Fill wrench (6,) on the plug about o', and rows (2, 8): δ, place along the hook, contact (3), force on the plug
-    (3). plugs is (1,) _PLUG."""
+def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Array, contacts: Records) -> None:
+    """Fill wrench (6,) on the plug about o', and contacts (2,) CONTACT, which are zero before. plugs is (1,) _PLUG."""
     plug = plugs[0]
     arm, opening, seat, stiffness = plug.arm, plug.opening, plug.seat, plug.stiffness
     recoil, friction, creep = plug.recoil, plug.friction, plug.creep
     for i in range(6):
         wrench[i] = 0.0
     for hook in range(2):
-        for i in range(8):
-            rows[hook, i] = 0.0
-        rows[hook, 1] = plug.peak
+        contacts[hook].place = plug.peak
     if R[0, 0] < 0.5 or R[1, 1] < 0.5:  # turned by more than 60°: a plug that cannot be in the socket
         return
     for hook in range(2):
-        side = 1.0 if hook == 0 else -1.0
+        contact, side = contacts[hook], 1.0 if hook == 0 else -1.0
         along = (arm - p[0]) / R[0, 0]
         width, slope = _face(along, plug)
         for _ in range(30):  # where the plug's face crosses X' = arm
@@ -108,16 +106,9 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Arra
             vy = side * (v[1] + w[2] * rx - w[0] * rz)
             vz = v[2] + w[0] * ry - w[1] * rx
             gx, gy, gz = sliding_push(fx, fy, recoil, vx, vy, vz, friction, creep)
-        fx, fy, fz = -gx, -side * gy, -gz
-        wrench[0] += fx
-        wrench[1] += fy
-        wrench[2] += fz
-        wrench[3] += ry * fz - rz * fy
-        wrench[4] += rz * fx - rx * fz
-        wrench[5] += rx * fy - ry * fx
-        rows[hook, 0] = max(bent, 0.0)
-        rows[hook, 2], rows[hook, 3], rows[hook, 4] = p[0] + rx, p[1] + ry, p[2] + rz
-        rows[hook, 5], rows[hook, 6], rows[hook, 7] = fx, fy, fz
+        contact.force[0], contact.force[1], contact.force[2] = -gx, -side * gy, -gz
+        add_contact(contact, wrench, p, rx, ry, rz)
+        contact.deflection = max(bent, 0.0)
         # the floor under this corner of the plug's inner end
         tip, _ = _face(0.0, plug)
         cx, cy, cz = R[0, 1] * side * tip, R[1, 1] * side * tip, R[2, 1] * side * tip
@@ -131,10 +122,10 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Arra
 
 @dataclass(frozen=True)
 class Outlet(ContactWorld, TargetWorld):
-    """Plug in an outlet: friction holds it, it resists tilt, and it comes free at the end.
+    """Plug in an outlet: friction holds it, it resists tilt, and comes free at the end.
 
-    Sizes and materials of Bai 2012, Table 3, with E = 113 GPa (erratum E7). The whole pull is 11.5 N with the beam that
-    is right (`timoshenko`, E11) and 49.6 N with the paper's (`paper`, appendix B with H_x corrected, E9).
+    Dimensions and materials of Bai 2012, Table 3, with E = 113 GPa (erratum E7). The pull is 11.5 N with the
+    correct beam (`timoshenko`, E11) and 49.6 N with the paper's (`paper`, appendix B with H_x corrected, E9).
 
     >>> out = State.at((0.001, 0, 0), R_SR=np.eye(3), v=(1.0, 0, 0))
     >>> Outlet().wrench(out)[0].round(1), Outlet(beam="paper").wrench(out)[0].round(1)
@@ -218,7 +209,7 @@ class Outlet(ContactWorld, TargetWorld):
 
     @property
     def root_load(self) -> RootLoad:
-        """What the root of a hook bears with the plug between both, straight; touched on the top's end."""
+        """Load at the root of a hook with the plug inserted straight, in contact at the end of the top."""
         bent = np.array([0.5 * (self.plug_width - self.opening)])
         plus = np.array([self.youngs_modulus * self.width / self.stiffness])
         return compute_root_load(self.hook, np.array([self.hook.peak]), bent, plus, self.material)
@@ -230,19 +221,19 @@ class Outlet(ContactWorld, TargetWorld):
 
     @property
     def outline(self) -> Array:
-        """(8, 2) places along the plug from its inner end up to its full width, and its half width there [m]."""
+        """(8, 2) positions along the plug from its inner end to its full width, and its half width there [m]."""
         along = np.linspace(0.0, 1.25 * self.lead_in, 8)
         return np.array([(x, _face(x, self._plug[0])[0]) for x in along.tolist()])
 
     def render_contacts(self, state: State) -> tuple[Array, Array]:
-        """(6,) the wrench, and (2, 8) both hooks, first the one at +Y': see `ContactWorld`."""
-        wrench, hooks = np.empty(6), np.empty((2, 8))
+        """(6,) the wrench, and (2, 8) the contacts of both hooks, first the one at +Y': see `ContactWorld`."""
+        wrench, hooks = np.empty(6), np.zeros((2, 8))
         one = np.ascontiguousarray  # one layout: one compilation
-        _outlet(one(state.p), one(state.R_SR), one(state.v), one(state.w), self._plug, wrench, hooks)
+        _outlet(one(state.p), one(state.R_SR), one(state.v), one(state.w), self._plug, wrench, view_contacts(hooks))
         return wrench, hooks
 
     def contacts(self, state: State) -> tuple[HookContact, ...]:
-        """What each hook does, first the one at +Y'; always on its top."""
+        """State of each hook, first the one at +Y'; the contact is always on its top."""
         return tuple(
             HookContact("top" if bent > 0 else "", np.array(rest[:3]), np.array(rest[3:]), bent, place)
             for bent, place, *rest in self.render_contacts(state)[1].tolist()

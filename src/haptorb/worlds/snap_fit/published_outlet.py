@@ -1,4 +1,4 @@
-"""The outlet as the paper has it, for comparison with its Fig. 8; the one to be felt is `Outlet`."""
+"""The outlet of the paper, for comparison with its Fig. 8; use `Outlet` for rendering."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class PublishedOutlet(TargetWorld):
 
     Pulling: F_X' = −E w μ (w_p sec ε − w_s)/(Ω₊ + μΩ₋), F_Y' and T_Z' = F_Y' (h − p_x) as in (17), (18) with the
     missing factor (E10). F_X' is printed positive, the pull of the hand; on the plug it is the opposite. The plug ends
-    abruptly at p_x = h. For sliding in, friction turns and Ω₊ − μΩ₋ replaces Ω₊ + μΩ₋, as (10) says.
+    abruptly at p_x = h. For insertion, friction reverses and Ω₊ − μΩ₋ replaces Ω₊ + μΩ₋, as in (10).
 
     >>> PublishedOutlet().wrench(State.at((0.001, 0, 0), R_SR=np.eye(3), v=(1.0, 0, 0))).round(1).tolist()
     [-49.6, 0.0, 0.0, 0.0, 0.0, 0.0]

@@ -1,4 +1,4 @@
-"""What a hook bears at its root where it is bent most, and whether its material bears that."""
+"""Load at the root of a hook at its largest deflection, and whether its material yields."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["RootLoad", "compute_root_load"]
 
 @dataclass(frozen=True)
 class RootLoad:
-    """Greatest bending strain and stress at the root, slid straight in and out; linear, without friction's share.
+    """Largest bending strain and stress at the root during straight insertion and removal; linear, without friction.
 
     >>> RootLoad("ABS", 0.02, 46e6).sentence
     'root strain 2 %, stress 46 MPa: BEYOND YIELD of ABS (40 MPa), 1.15 times its yield strength'
@@ -29,7 +29,7 @@ class RootLoad:
 
     @property
     def yield_strength(self) -> float | None:
-        """Of the named material [Pa]; None for one that is not in the table and has none stated."""
+        """Of the named material [Pa]; None if the material is not in the table and none is stated."""
         if self.stated_strength is not None:
             return self.stated_strength
         known = MATERIALS.get(self.material)
@@ -37,17 +37,17 @@ class RootLoad:
 
     @property
     def margin(self) -> float | None:
-        """Yield strength over stress: below 1 the hook stays bent. None where the yield strength is not known."""
+        """Yield strength over stress: below 1 the hook stays bent. None if the yield strength is not known."""
         return None if self.yield_strength is None or self.stress <= 0.0 else self.yield_strength / self.stress
 
     @property
     def beyond_yield(self) -> bool:
-        """Whether the stress exceeds what the named material bears."""
+        """Whether the stress exceeds the yield strength."""
         return self.margin is not None and self.margin < 1.0
 
     @property
     def sentence(self) -> str:
-        """For people, in one line."""
+        """A summary in one line."""
         begin = f"root strain {100 * self.strain:.3g} %, stress {_megapascal(self.stress)}"
         if self.margin is None or self.yield_strength is None:
             return f"{begin}; the yield strength of '{self.material}' is not known (yield_strength in a design file)"
@@ -65,7 +65,7 @@ class RootLoad:
 
 
 def compute_root_load(hook: Hook, places: Array, deflections: Array, plus: Array, material: str) -> RootLoad:
-    """The greatest over contacts at `places` (n,) [m] from the root that bend `hook` by `deflections` (n,) [m], where
+    """The largest over contacts at `places` (n,) [m] from the root that bend `hook` by `deflections` (n,) [m], where
     its compliance is Ω₊ = `plus` (n,)."""
     strain = float(np.max(root_strain(hook, places, deflections, plus), initial=0.0))
     return RootLoad(material, strain, hook.youngs_modulus * strain)

@@ -1,14 +1,16 @@
-"""Sliding with friction against something that gives way: passive, without memory, whatever the path.
+"""Sliding friction on a compliant body: passive for any path, without memory.
 
-A part presses on a spring-like body. Without friction the push on the body is f, the gradient of the stored energy by
-the part's position. With friction μ the push leans by arctan μ against the sliding. Two things are easily got wrong:
+A part presses on a spring-like body. Without friction the force on the body is f, the gradient of the stored energy
+with respect to the part's position. With friction μ the force is inclined by arctan μ against the sliding. Two
+points are easily overlooked:
 
-1. What slides is the part *relative to the body's surface*, and a hook's surface recoils along the hook while the hook
+1. Sliding is the motion of the part *relative to the body's surface*, and a hook's surface recoils along the hook while
+the hook
    bends (by `recoil` = χ times its bending). If the direction of pulling decided instead, as eqs. (10) and (15) of Bai
-   2012 read at face value, one could bend the hook while pulling (soft) and let it go while pushing (stiff) and gain
-   energy. With the sliding velocity v_s = v_t − χ v_n it cannot be: the power going in is dU/dt + μ N |v_s|.
-2. The sign of v_s is smoothed, v_s/√(v_s² + creep²): below the creep speed friction is viscous. A part at rest feels
-   none; a slope therefore lets it creep.
+   2012 read at face value, a hand could bend the hook while pulling (soft) and release it while pushing (stiff) and
+   gain energy. With the sliding velocity v_s = v_t − χ v_n this is impossible: the input power is dU/dt + μ N |v_s|.
+2. The sign of v_s is smoothed, v_s/√(v_s² + creep²): below the creep speed friction is viscous. A part at rest has
+   none; on a slope it therefore creeps.
 
 When the part is only pulled along (v_n = 0) on the top of the hook this is eq. (15) exactly:
 N = E w δ/(Ω₊ ± μ Ω₋) with χ = Ω₋/Ω₊.
@@ -27,7 +29,7 @@ __all__ = ["sliding_push"]
 def sliding_push(
     fx: float, fy: float, recoil: float, vx: float, vy: float, vz: float, friction: float, creep: float
 ) -> tuple[float, float, float]:
-    """(gx, gy, gz), the push on the body with friction [N]; (fx, fy) without it, in the x–y plane of the contact.
+    """(gx, gy, gz), the force on the body with friction [N]; (fx, fy) without it, in the x–y plane of the contact.
 
     The face's tangent is (fx, fy) turned by −90°. recoil is χ, along that tangent; v is the part's velocity at the
     contact [m/s]; sliding along z counts too. Valid while μ |χ| < 1, else the contact jams.

@@ -1,15 +1,17 @@
-"""A snap-fit that goes together and comes apart: cantilever hooks and the part that slides over their wedges.
+"""A snap-fit: cantilever hooks and the part that slides over their wedges.
 
 Frame: X' points out of the socket (pulling apart is +X'), Y' towards one hook; `state` is the pose of the part's
-reference point o' (devices.State: p and R_SR in that frame), which is at the origin when the part is seated. Each hook
-is met by one edge of the part. Bai 2012, eqs. (10)–(13), Fig. 6.
+reference point o' (devices.State: p and R_SR in that frame), which is at the origin when the part is seated. Each
+hook is touched by one edge of the part. Bai 2012, eqs. (10)–(13), Fig. 6.
 
-What the hand meets on the way in: insertion over the front face, dwelling on the top, then the snap; on the way out the
-rear face, dwelling, and release down the front. No state is kept: where the edge is and which way it slides decide.
+The hand feels, during insertion: the front face, the top, then the snap; during removal: the rear face, the top,
+and the release down the front. There is no memory: the position of the edge and its direction of sliding
+determine the force.
 
-The hook has one way to bend: its surface at the wedge moves by δ·(κ, 1), κ = Ω₋/Ω₊, which is eq. (10) read as a
-mechanism, and stores U = E w δ²/(2 Ω₊(x)). So without friction f_y = E w δ/(Ω₊ ± tan γ Ω₋) as in (10), and the turn of
-the face by the bending, arctan(δ/x) in (11), comes out of Ω₊(x) as it must for energy to be conserved. Edges are
+The hook has one bending mode: its surface at the wedge moves by δ·(κ, 1), κ = Ω₋/Ω₊, which is eq. (10) as a
+mechanism, and stores U = E w δ²/(2 Ω₊(x)). So without friction f_y = E w δ/(Ω₊ ± tan γ Ω₋) as in (10), and the
+rotation of the face by the bending, arctan(δ/x) in (11), follows from Ω₊(x), as required for conservation of
+energy. Edges are
 rounded, so the force is continuous. Left out: tilt of the wedge across its width, inertia of the hook, wear.
 """
 
@@ -30,7 +32,7 @@ from haptorb.physics.beams import Model, compliance
 from haptorb.physics.hook import Hook
 from haptorb.worlds.contact_world import ContactWorld
 from haptorb.worlds.parameter import parameter
-from haptorb.worlds.snap_fit.hook_contact import HookContact
+from haptorb.worlds.snap_fit.hook_contact import HookContact, add_contact, view_contacts
 from haptorb.worlds.snap_fit.root_load import RootLoad, compute_root_load
 from haptorb.worlds.snap_fit.sliding import sliding_push
 from haptorb.worlds.world import TargetWorld
@@ -121,9 +123,9 @@ def _find_contact(X: float, Y: float, snap: Record) -> float:
 
 @kernel
 def _snap_fit(
-    p: Array, R: Array, v: Array, w: Array, snaps: Records, spline: Array, wrench: Array, rows: Array
+    p: Array, R: Array, v: Array, w: Array, snaps: Records, spline: Array, wrench: Array, contacts: Records
 ) -> None:
-    """Fill wrench (6,) on the part about o', and rows (2, 8): δ, x, edge position (3), force on the part (3).
+    """Fill wrench (6,) on the part about o', and contacts (2,) CONTACT, which are zero before.
 
     snaps is (1,) _SNAP, spline the table of the hook's stiffness.
     """
@@ -132,11 +134,8 @@ def _snap_fit(
     recoil, friction, creep = snap.recoil, snap.friction, snap.creep
     for i in range(6):
         wrench[i] = 0.0
-    for hook in range(2):
-        for i in range(8):
-            rows[hook, i] = 0.0
     for hook in range(snap.hooks):
-        side = 1.0 if hook == 0 else -1.0
+        contact, side = contacts[hook], 1.0 if hook == 0 else -1.0
         # the edge sits at (0, ±half, 0) of the part
         rx, ry, rz = R[0, 1] * side * half, R[1, 1] * side * half, R[2, 1] * side * half
         X = foot + p[0] + rx
@@ -159,25 +158,19 @@ def _snap_fit(
         below = foot - X
         if below > 0.0:  # the seat
             gx -= seat * below
-        fx, fy, fz = -gx, -side * gy, -gz
-        wrench[0] += fx
-        wrench[1] += fy
-        wrench[2] += fz
-        wrench[3] += ry * fz - rz * fy
-        wrench[4] += rz * fx - rx * fz
-        wrench[5] += rx * fy - ry * fx
-        rows[hook, 0], rows[hook, 1] = bent, x
-        rows[hook, 2], rows[hook, 3], rows[hook, 4] = p[0] + rx, p[1] + ry, p[2] + rz
-        rows[hook, 5], rows[hook, 6], rows[hook, 7] = fx, fy, fz
+        contact.force[0], contact.force[1], contact.force[2] = -gx, -side * gy, -gz
+        add_contact(contact, wrench, p, rx, ry, rz)
+        contact.deflection, contact.place = bent, x
 
 
 @dataclass(frozen=True)
 class SnapFit(ContactWorld, TargetWorld):
-    """Snap-fit: hooks bend, click in, and hold until they are pulled out with enough force.
+    """Snap-fit: hooks bend, snap in, and hold until they are pulled out with enough force.
 
-    Sizes as in `physics.Hook`. The default is a pair of ABS hooks of ordinary proportions (1.5 % strain at the root,
-    about what ABS bears in a joint opened often): a few newtons, which a motor of about 1 N·m renders through the modes
-    without scaling. Raises GeometryError if the hook cannot exist, cannot be pushed in, or cannot be pulled out.
+    Sizes as in `physics.Hook`. The default is a pair of ABS hooks of ordinary proportions (1.5 % strain at the
+    root, about the limit of ABS in a joint that is opened often): a few newtons, which a motor of about 1 N·m renders
+    through the modes without scaling. Raises GeometryError if the hook cannot exist, cannot be pushed in, or cannot be
+    pulled out.
 
     >>> world = SnapFit()
     >>> world.wrench(State.at((0.001, 0, 0), R_SR=np.eye(3), v=(0.05, 0, 0)))[0] < 0      # pulled: it holds back
@@ -263,7 +256,7 @@ class SnapFit(ContactWorld, TargetWorld):
 
     @property
     def root_load(self) -> RootLoad:
-        """What the root of a hook bears where it is bent most: at the nearer end of the top, or on the rear face."""
+        """Load at the root of a hook at its largest deflection: at the nearer end of the top, or on the rear face."""
         places = np.linspace(self.hook.base_length, self.hook.peak, 65)[1:]
         bent = np.maximum(self.hook.section(places) - self.hook.thickness - self.clearance, 0.0)
         return compute_root_load(self.hook, places, bent, compliance(self.hook, places, self.beam).plus, self.material)
@@ -274,16 +267,17 @@ class SnapFit(ContactWorld, TargetWorld):
         return (self.root_load.sentence,)
 
     def render_contacts(self, state: State) -> tuple[Array, Array]:
-        """(6,) the wrench, and (2, 8) the hooks, first the one at +Y': see `ContactWorld`."""
-        wrench, hooks = np.empty(6), np.empty((2, 8))
+        """(6,) the wrench, and (2, 8) the contacts of the hooks, first the one at +Y': see `ContactWorld`."""
+        wrench, hooks = np.empty(6), np.zeros((2, 8))
         one = np.ascontiguousarray  # one layout: one compilation
         _snap_fit(
-            one(state.p), one(state.R_SR), one(state.v), one(state.w), self._snap, self._spline, wrench, hooks
+            one(state.p), one(state.R_SR), one(state.v), one(state.w), self._snap, self._spline, wrench,
+            view_contacts(hooks),
         )  # fmt: skip
         return wrench, hooks
 
     def contacts(self, state: State) -> tuple[HookContact, ...]:
-        """What each hook does, first the one at +Y'."""
+        """State of each hook, first the one at +Y'."""
         found = []
         for bent, place, *rest in self.render_contacts(state)[1][: self.hooks].tolist():
             face = "" if bent == 0.0 else "rear" if place < self.hook.ramp_end else "top"

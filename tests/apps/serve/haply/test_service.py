@@ -13,6 +13,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+from haptorb.apps.serve.ports import has_other_loopback
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.runtime.exchange.shared_memory import Word
 
@@ -73,7 +74,11 @@ def test_who_connects_gets_the_inventory_and_then_exactly_one_answer_for_each_me
         first = json.loads(client.recv(timeout=20))
         tool = check_state(first)
         assert isinstance(first["session_id"], int)
-        assert {"preset", "basis", "mount", "filters", "device_info", "handedness"} <= tool["config"].keys()
+        config = tool["config"]
+        assert {"filters", "handedness", "extended_device_id", "streaming_mode"} <= config.keys()
+        assert config["device_info"]["id"] == tool["device_id"]
+        assert (config["preset"], config["basis"]) == ("defaults", {"permutation": "XYZ"})
+        assert config["mount"].keys() == {"position", "rotation", "scale"}
         assert len(json.dumps(first)) < 8192
         for message in odd:
             answer = ask(client, message)
@@ -89,6 +94,14 @@ def test_who_connects_gets_the_inventory_and_then_exactly_one_answer_for_each_me
         assert "config" in full["inverse3"][0]
 
 
+@pytest.mark.skipif(not has_other_loopback(), reason="this computer does not answer at ::1")
+def test_programs_for_whom_localhost_is_the_other_loopback_are_served(bench, port):
+    """Those of Node.js before version 20, say, which try no second address."""
+    for number, first in ((port, "inverse3"), (bench.ports[1], "name")):
+        with connect(f"ws://[::1]:{number}", open_timeout=20) as client:
+            assert first in json.loads(client.recv(timeout=20))
+
+
 def test_forces_in_both_spellings_add_within_a_message_and_are_recorded_with_their_session(bench, port):
     with dial(port) as client:
         first = json.loads(client.recv(timeout=20))
@@ -98,6 +111,7 @@ def test_forces_in_both_spellings_add_within_a_message_and_are_recorded_with_the
             (push(device, 1, name="values"), 1.0),
             (push(None, 0.5, key="command"), 0.5),
             (push(device.lower(), 0.125), 0.125),
+            (push(int(device, 16), 0.375), 0.375),
             ({"inverse3": push(device, 0.25)["inverse3"] + push(device, 0.5, name="values")["inverse3"]}, 0.75),
         ):
             assert ask(client, message)["inverse3"][0]["status"]["in_use"]
@@ -153,15 +167,28 @@ def test_cursor_buttons_and_axes_follow_the_device_and_the_clients_basis(bench, 
         assert centred == pytest.approx((a + np.array([0.0, 0.14, -0.20]))[[0, 2, 1]])
 
 
-def test_trips_and_the_way_back_are_events(bench, port):
+def test_trips_the_way_back_and_what_holds_the_force_back_are_events(bench, port):
     with dial(bench.ports[1]) as events:
+
+        def hear(kind):
+            event = json.loads(events.recv(timeout=20))
+            assert (event["name"], event["category"]) == ("device-safety-triggered", "device")
+            assert event["data"]["safety_type"] == kind
+            assert event["data"]["device_family"] == "inverse"
+
         assert json.loads(events.recv(timeout=20))["name"] == "device-connected"
         bench.publish(guard=GuardState.TRIPPED, trip=float(Trip.STOPPED))
-        event = json.loads(events.recv(timeout=20))
-        assert event["name"] == "device-safety-triggered"
-        assert event["data"]["safety_type"] == "ebrake_triggered"
+        hear("ebrake_triggered")
         bench.publish(guard=GuardState.RUNNING)
-        assert json.loads(events.recv(timeout=20))["data"]["safety_type"] == "ebrake_released"
+        hear("ebrake_released")
+        bench.publish(guard=GuardState.DERATED, t=2.0)
+        hear("thermal_derating")
+        for t in (2.1, 2.5, 2.9):  # on and off at the border: said once
+            bench.publish(guard=GuardState.RUNNING, t=t)
+            bench.publish(guard=GuardState.DERATED, t=t + 0.1)
+            time.sleep(0.03)
+        bench.publish(injected=0.5, t=4.0)
+        hear("stability_ceiling")
         events.send("hello")  # read only
         bench.served.ending = True
         assert json.loads(events.recv(timeout=20))["name"] == "device-disconnected"
@@ -177,18 +204,40 @@ def request(port, method, path, body=None, **headers):
 
 
 def test_routes_over_http(port):
-    assert request(port, "GET", "/version")[1]["version"]
-    device = request(port, "GET", "/devices")[1]["inverse3"][0]["device_id"]
-    assert request(port, "GET", "/settings")[0] == 200
-    with dial(port) as client:
+    assert request(port, "GET", "/version")[1]["git_tag"].startswith("3.")
+    check_state(request(port, "GET", "/3.1/devices")[1])
+    assert request(port, "GET", "/settings/") == (200, {"ok": True, "data": {}})
+    with dial(port) as client, dial(port) as other:
         session = json.loads(client.recv(timeout=20))["session_id"]
-        assert request(port, "GET", "/sessions")[1]["sessions"][0]["session_id"] == session
-        path = f"/inverse3/{device}/config/basis?session=:0"
-        assert request(port, "POST", path, {"permutation": "XZY"}) == (200, {"permutation": "XZY"})
-        assert request(port, "GET", "/inverse3/0/config/basis")[1] == {"permutation": "XYZ"}  # of the next client
-        assert request(port, "DELETE", path) == (200, {"permutation": "XYZ"})
-        assert request(port, "POST", "/inverse3/*/config/preset", {"preset": "arm_front"})[1]["preset"] == "arm_front"
-        assert request(port, "GET", "/inverse3/0/config?format=json")[1]["ok"] is True
+        other.recv(timeout=20)
+        ask(other, {"session": {"configure": {"profile": {"name": "co.lab::[demo]:main"}}}})
+        listed = request(port, "GET", "/sessions")[1]["data"]
+        assert listed["session_count"] == 2
+        assert listed["sessions"][0]["session_id"] == session
+
+        def tell(method, path, body=None):
+            status, answer = request(port, method, path, body)
+            assert (status, answer["ok"]) == (200, True)
+            return answer["data"]
+
+        basis = "/inverse3/0/config/basis?session="
+        assert tell("POST", f"{basis}:0", {"permutation": "XZY"}) == {"permutation": "XZY"}
+        for own in (f"%23{session}", str(session), ":-2", "default", ":default:0", "def*lt:-1"):
+            assert tell("GET", basis + own) == {"permutation": "XZY"}
+        for name in (":-1", "co.lab::[demo]:main", "co.lab::*:0", "co.lab::?demo?:m*:-1"):
+            assert tell("GET", basis + name) == {"permutation": "XYZ"}
+        device = request(port, "GET", "/devices?session=:0")[1]["inverse3"][0]
+        place = numbers(ask(other, {})["inverse3"][0]["state"]["cursor_position"])
+        assert numbers(device["state"]["cursor_position"]) == pytest.approx(place[[0, 2, 1]])
+        assert tell("DELETE", f"{basis}:0") == {"permutation": "XYZ"}
+        assert tell("POST", "/*inverse/*/config/preset", {"preset": "arm_front"}) == {"preset": "arm_front"}
+        for one in (client, other):  # of all that are connected, and of those that come
+            full = ask(one, {"session": {"force_render_full_state": {}}})
+            assert full["inverse3"][0]["config"]["preset"] == "arm_front"
+        mount = {"transform": {"position": {"x": 1.0}}}
+        assert tell("POST", "/inverse3/0/config/mount?session=:0", mount)["transform"]["position"]["x"] == 1.0
+        assert tell("DELETE", "/inverse3/0/config/mount?session=:0")["transform"]["position"]["x"] == 0.0
+        assert tell("POST", "/inverse3/0/config/damping", {"vector": {"y": 1}})["vector"] == {"x": 0, "y": 1, "z": 0}
 
 
 @pytest.mark.parametrize(
@@ -201,6 +250,8 @@ def test_routes_over_http(port):
         ("POST", "/inverse3/0/config/gravity_compensation", {"enabled": True}, 400),
         ("PUT", "/inverse3/0/config/basis", {}, 405),
         ("GET", "/inverse3/0/config/basis?session=:7", None, 404),
+        ("GET", "/inverse3/0/config/basis?session=*a*a*a*a*a*a*a*a*a*a*b", None, 404),
+        ("GET", "/*inverse/*/config/basis", None, 400),
         ("POST", "/gravity_compensation", {}, 404),
     ],
 )

@@ -62,6 +62,20 @@ def test_the_tool_at_rest_is_in_the_middle_of_the_other_devices_space():
     assert space.configure({"preset": "led_front"}).place((0.01, 0.0, rest[2]))[0] == pytest.approx(-0.02)
 
 
+def test_mount_and_transform_are_in_the_axes_that_the_basis_names_and_presets_follow_it():
+    rest = (0.0, 0.0, load("omni").shell.contact_distance)
+    plain = default_space(load("omni"))
+    up = plain.configure({"basis": {"permutation": "XZY"}})
+    assert up.configure({"preset": "arm_front_centered"}).place(rest) == pytest.approx((0.0, 0.0, 0.0))
+    aside = (0.01, 0.0, rest[2])
+    turned = plain.configure({"preset": "led_front"}).place(aside)
+    assert up.configure({"preset": "led_front"}).place(aside) == pytest.approx(up.basis.name_axes(turned))
+    for name in ("mount", "transform"):
+        lifted = up.configure({name: {"transform": {"position": {"x": 0, "y": 1, "z": 0}}}})
+        assert lifted.place(rest)[1] == pytest.approx(up.place(rest)[1] + 1.0)  # Y is up there
+        assert lifted.stator_force((0.0, 1.0, 0.0)) == pytest.approx((0.0, 0.0, 1.0))
+
+
 def test_the_workspace_is_adjustable():
     space = default_space(load("omni")).configure({"workspace": {"position": [0, 0, 0], "scale": 1}})
     assert space.place((0.01, 0.02, 0.05)) == pytest.approx((0.01, 0.02, 0.05))

@@ -84,8 +84,8 @@ class Setting:
         self.session.report("test", 1.0)
         return json.loads(self.loop.shared.server_facts[0].read()[1])
 
-    def wish(self) -> dict[str, Any] | None:
-        text = self.loop.shared.server_wishes[0].read()[1]
+    def request(self) -> dict[str, Any] | None:
+        text = self.loop.shared.server_requests[0].read()[1]
         return json.loads(text) if text else None
 
     def close(self) -> None:
@@ -156,15 +156,15 @@ def test_a_force_reaches_the_loop_and_the_first_program_holds_the_device(setting
     first, second = setting.connect(), setting.connect()
     first.say("/haptorb/force", 0.5, -1.0, 2)
     setting.look()
-    force, session = setting.loop.hear()
+    force, session = setting.loop.receive()
     assert force == [0.5, -1.0, 2.0]
     second.say("/haptorb/force", 9.0, 9.0, 9.0)
     setting.look()
-    assert setting.loop.hear() == (force, session)
+    assert setting.loop.receive() == (force, session)
     assert "holds the device" in second.read()["/haptorb/error"][0]
     first.say("/haptorb/force", 0, 0, 0)
     setting.look()
-    assert setting.loop.hear() == ([0, 0, 0], session)
+    assert setting.loop.receive() == ([0, 0, 0], session)
 
 
 def test_a_force_that_nobody_feels_is_told() -> None:
@@ -183,7 +183,7 @@ def test_a_force_that_is_none_changes_nothing_and_says_why(setting: Setting, bad
     program.say("/haptorb/force", 0.5, 0.0, 0.0)
     program.say("/haptorb/force", *bad)
     setting.look()
-    assert setting.loop.hear()[0] == [0.5, 0.0, 0.0]
+    assert setting.loop.receive()[0] == [0.5, 0.0, 0.0]
     assert "numbers" in program.read()["/haptorb/error"][0]
     assert setting.report()["refused"] == 1
 
@@ -192,19 +192,19 @@ def test_no_force_beyond_any_number_is_taken(setting: Setting) -> None:
     program = setting.connect()
     program.say("/haptorb/force", 3e38, 0.0, 0.0)
     setting.look()
-    assert setting.loop.hear()[0] == [0.0, 0.0, 0.0]
+    assert setting.loop.receive()[0] == [0.0, 0.0, 0.0]
 
 
-def test_parameters_are_wished_together_until_they_are_there(setting: Setting) -> None:
+def test_parameters_are_requested_together_until_they_are_there(setting: Setting) -> None:
     program = setting.connect()
     for value in (1.0, 2.0, 1.5):
         program.say("/haptorb/parameter/moment", value)
     program.say("/haptorb/parameter/summit", 0.0, 0.6, 0.8)
     setting.look()
-    wish = setting.wish()
-    assert wish is not None
-    assert (wish["name"], wish["values"]["moment"]) == ("dome", 1.5)
-    assert wish["values"]["summit"] == pytest.approx([0.0, 0.6, 0.8])
+    request = setting.request()
+    assert request is not None
+    assert (request["name"], request["values"]["moment"]) == ("dome", 1.5)
+    assert request["values"]["summit"] == pytest.approx([0.0, 0.6, 0.8])
     assert program.read_all() == []
 
 
@@ -224,7 +224,7 @@ def test_a_parameter_that_cannot_be_is_answered_with_the_reason(
     program.say(f"/haptorb/parameter/{name}", *(value if isinstance(value, tuple) else (value,)))
     setting.look()
     assert reason in program.read()["/haptorb/error"][0]
-    assert setting.wish() is None
+    assert setting.request() is None
 
 
 def test_worlds_are_changed_and_unknown_ones_are_refused(setting: Setting) -> None:
@@ -232,11 +232,11 @@ def test_worlds_are_changed_and_unknown_ones_are_refused(setting: Setting) -> No
     program.say("/haptorb/world", "walll")
     setting.look()
     assert "wall" in program.read()["/haptorb/error"][0]
-    assert setting.wish() is None
+    assert setting.request() is None
     program.say("/haptorb/world", "wall")
     program.say("/haptorb/parameter/stiffness", 500.0)
     setting.look()
-    assert setting.wish() == {"name": "wall", "values": {"stiffness": 500.0}}
+    assert setting.request() == {"name": "wall", "values": {"stiffness": 500.0}}
 
 
 def test_the_world_and_the_ranges_of_its_parameters_can_be_asked_for(setting: Setting) -> None:
@@ -269,7 +269,7 @@ def test_nonsense_is_counted_and_nothing_else_happens(setting: Setting, data: by
     program.send(data)
     program.say("/haptorb/force", 1.0, 0.0, 0.0)
     setting.look()
-    assert setting.loop.hear()[0] == [1.0, 0.0, 0.0]
+    assert setting.loop.receive()[0] == [1.0, 0.0, 0.0]
     assert setting.report()["refused"] == 1
 
 
@@ -281,7 +281,7 @@ def test_the_newest_of_a_flood_counts_and_the_rest_is_counted(setting: Setting) 
     other.say("/haptorb/subscribe")
     for _ in range(5):
         setting.look()
-    assert setting.loop.hear()[0] == [3.5, 0.0, 0.0]
+    assert setting.loop.receive()[0] == [3.5, 0.0, 0.0]
     assert "/haptorb/subscribed" in other.read()
     report = setting.report()
     assert report["received"] + report["unread"] >= 402
@@ -296,7 +296,7 @@ def test_a_flood_of_others_does_not_push_out_who_was_understood_before(setting: 
         flooding.send(b"nonsense")
     program.say("/haptorb/force", 0.75, 0.0, 0.0)
     setting.look()
-    assert setting.loop.hear()[0] == [0.75, 0.0, 0.0]
+    assert setting.loop.receive()[0] == [0.75, 0.0, 0.0]
     for _ in range(20):
         setting.look()
         flooding.send(b"nonsense")  # the system tells with the next one what it dropped
@@ -340,11 +340,11 @@ def test_without_the_token_nothing_happens() -> None:
         program.say("/haptorb/force", "another", 1.0, 0.0, 0.0)
         program.say("/haptorb/subscribe")
         setting.look()
-        assert loop.hear()[0] == [0, 0, 0]
+        assert loop.receive()[0] == [0, 0, 0]
         assert program.read_all() == []
         program.say("/haptorb/force", "a-token-of-this-run", 1.0, 0.0, 0.0)
         setting.look()
-        assert loop.hear()[0] == [1.0, 0.0, 0.0]
+        assert loop.receive()[0] == [1.0, 0.0, 0.0]
         setting.close()
 
 
@@ -383,14 +383,14 @@ def test_the_server_ends_with_the_servo() -> None:
         prepared.descriptors.clear()  # it has closed its socket
 
 
-def test_a_wish_that_came_true_is_not_repeated(setting: Setting) -> None:
+def test_a_request_that_was_met_is_not_repeated(setting: Setting) -> None:
     program = setting.connect()
     program.say("/haptorb/parameter/moment", 1.5)
     setting.look()
-    version = setting.loop.shared.server_wishes[0].version
+    version = setting.loop.shared.server_requests[0].version
     setting.loop.shared.announce_world(description(Dome(moment=1.5) + Remote()))
     sleep(0.06)
     setting.look()
     program.say("/haptorb/parameter/moment", 1.5)
     setting.look()
-    assert setting.loop.shared.server_wishes[0].version == version
+    assert setting.loop.shared.server_requests[0].version == version

@@ -17,7 +17,8 @@ from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import page
 from haptorb.apps.study.analysis.summary import print_summary
 from haptorb.apps.study.model.bayesian import Bayesian
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.columns import tidy
 from haptorb.apps.study.store.database import database
@@ -44,12 +45,12 @@ def sat(study: Study, place: Path, codes: tuple[str, ...], skip: str = "", most:
     engine = database(place)
     for n, code in enumerate(codes):
         draw = np.random.default_rng([3, n])
-        with StoredSession(engine, study, code) as sitting:
-            while (prompt := sitting.prompt) is not None and sitting.number < most:
+        with StoredSession(engine, study, code) as session:
+            while (prompt := session.prompt) is not None and session.number < most:
                 if prompt.condition == skip:
                     break
                 stronger = draw.random() < ndtr((prompt.level - 1.2 + 0.05 * n) / 0.15)
-                sitting.answer(Answer(prompt.interval if stronger else 3 - prompt.interval), driver="serial:x")
+                session.answer(Answer(prompt.interval if stronger else 3 - prompt.interval), driver="serial:x")
     engine.dispose()
     return analysis_of(place)
 
@@ -104,6 +105,10 @@ def test_answers_at_one_level_are_told_and_not_fitted(tmp_path: Path) -> None:
     found = sat(study, tmp_path / "s.db", ("P01",), most=4)
     assert any("too few trials" in note for note in found.curves["a"].people["P01"].notes)
     assert found.curves["a"].group is None
+    found = sat(study, tmp_path / "few.db", ("P01", "P02", "P03"), most=1)  # not all at the same level
+    assert found.curves["a"].group is None
+    assert found.curves["a"].numbers()["people"]["P01"]["middle"] is None
+    assert "nan" not in text_of(found)
 
 
 @pytest.mark.parametrize("procedure", ["staircase", "bayesian"])

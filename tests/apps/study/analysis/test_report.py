@@ -17,7 +17,8 @@ from haptorb.apps.study.analysis.figures import figures
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import page
 from haptorb.apps.study.analysis.summary import print_summary
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.database import database
 from haptorb.apps.terminal import make_console
@@ -38,10 +39,10 @@ NO_IMAGES = dict.fromkeys(("confusion", "answers", "error", "curves"), b"")  #: 
 
 def sat(study: Study, place: Path, code: str, driver: str | None, most: int = 1000) -> None:
     """One participant, who answers `most` trials."""
-    with StoredSession(database(place), study, code, simulated=code.startswith("SIM")) as sitting:
-        while (prompt := sitting.prompt) is not None and sitting.number < most:
+    with StoredSession(database(place), study, code, simulated=code.startswith("SIM")) as session:
+        while (prompt := session.prompt) is not None and session.number < most:
             value = prompt.numbers[0] if prompt.numbers else prompt.high or None
-            sitting.answer(Answer(value, (0.0, 0.0, 0.05), 1.0), driver=driver)
+            session.answer(Answer(value, (0.0, 0.0, 0.05), 1.0), driver=driver)
 
 
 def text_of(analysis: Analysis) -> str:

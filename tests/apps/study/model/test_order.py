@@ -17,7 +17,8 @@ from haptorb.apps.study.model.balance import balance_conditions, balance_interva
 from haptorb.apps.study.model.older_study import list_older
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.order_summary import summarize_order
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.simulated.forecast import forecast
 from haptorb.apps.study.store.columns import keep_older, tidy
@@ -194,8 +195,13 @@ def test_blocked_is_the_order_of_the_file_and_one_condition_is_random(procedure:
     assert main[0].condition == "one"
     if procedure != "forced-choice":
         alone = study_with(procedure, 'order = "counter-balanced"', "")
-        assert collect_prompts(alone, 0)
-        assert "order: random, each participant's own" in summarize_order(alone).sentences
+        asked, summary = list_main(collect_prompts(alone, 0)), summarize_order(alone)
+        assert "order: random, each participant's own" in summary.sentences
+        told = {"constant": [f"{p.level:g}" for p in asked], "identification": [str(p.set_point) for p in asked],
+                "staircase": [str(p.interval) for p in asked]}.get(procedure)  # fmt: skip
+        if told is not None:  # a track that ends early asks less than was drawn
+            assert list(summary.asked[0][: len(told)]) == told
+            assert summary.row(0).startswith(" ".join(told[:20]))
 
 
 @pytest.mark.parametrize("procedure", ["staircase", "bayesian", "constant"])
@@ -204,12 +210,12 @@ def test_a_session_that_was_cut_off_goes_on_at_the_same_place(procedure: str, tm
     wanted = collect_prompts(study, 0)
     engine, asked = database(tmp_path / "s.db"), []
     while True:
-        with StoredSession(engine, study, "P01") as sitting:
+        with StoredSession(engine, study, "P01") as session:
             for _ in range(4):  # begun anew after every four answers
-                if (prompt := sitting.prompt) is not None:
+                if (prompt := session.prompt) is not None:
                     asked.append(prompt)
-                    sitting.answer(Answer(prompt.interval))
-            if sitting.over:
+                    session.answer(Answer(prompt.interval))
+            if session.over:
                 break
     assert asked == wanted
     columns = tidy(engine, study)
@@ -246,13 +252,13 @@ def test_a_study_of_an_older_version_keeps_its_digest_and_its_order(text: str, t
     # Its database has the file without a word on order; the same file, run again today, goes on with that study.
     assert study_of(older.text, stored=True).digest == older.digest
     engine = database(tmp_path / "s.db")
-    with StoredSession(engine, older, "P01") as sitting:
-        first = sitting.prompt
+    with StoredSession(engine, older, "P01") as session:
+        first = session.prompt
         assert first is not None
     kept = keep_older(engine, study_of(text))
     assert (kept.digest, kept.text) == (older.digest, older.text)
-    with StoredSession(engine, kept, "P01") as sitting:
-        assert sitting.prompt == first
+    with StoredSession(engine, kept, "P01") as session:
+        assert session.prompt == first
     assert keep_older(database(tmp_path / "new.db"), study_of(text)).order_version == "2"
 
 

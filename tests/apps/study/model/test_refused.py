@@ -68,7 +68,7 @@ def test_a_frame_reaches_the_servo_and_the_command_that_resumes(
     write_frame(FRAME, "a.frame.json")
     made = []
 
-    def hold(sitting: object, start: object, recording: Path | None) -> str:
+    def hold(session: object, start: object, recording: Path | None) -> str:
         made.append(start(recording))  # type: ignore[operator]
         return "left"
 

@@ -11,7 +11,8 @@ from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.model.balance import balance_conditions
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.set_points import list_equal_rings, list_published
-from haptorb.apps.study.model.study_file import Study, read_study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import read_study, study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.simulated.forecast import forecast, load_squared, overlap
 from haptorb.apps.study.store.columns import keep_older
@@ -147,13 +148,13 @@ def test_a_stored_study_keeps_the_set_points_that_it_ran_with(tmp_path: Path) ->
     assert older.points == list_equal_rings()
     engine = database(tmp_path / "s.db")
     assert keep_older(engine, study_of(text)).points == list_published()
-    with StoredSession(engine, older, "P01") as sitting:
-        prompt = sitting.prompt
-        sitting.answer(Answer(prompt.set_point if prompt else 0, (0.0, 0.0, 0.05)))
+    with StoredSession(engine, older, "P01") as session:
+        prompt = session.prompt
+        session.answer(Answer(prompt.set_point if prompt else 0, (0.0, 0.0, 0.05)))
     kept = keep_older(engine, study_of(text))
     assert (kept.digest, kept.text, kept.points) == (older.digest, text, list_equal_rings())
-    with StoredSession(engine, kept, "P01") as sitting:
-        assert sitting.number == 1
+    with StoredSession(engine, kept, "P01") as session:
+        assert session.number == 1
     assert read_stored(engine).points == list_equal_rings()
 
 

@@ -11,7 +11,8 @@ import pytest
 from sqlalchemy import Connection, inspect
 
 from haptorb.apps.asking.prompt import Answer
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store import migrations
 from haptorb.apps.study.store.bids import write_bids
@@ -38,11 +39,11 @@ def kill_sessions(folder: Path, kills: int, *, forked: bool = False) -> dict[str
 
 def test_a_session_is_answered_to_its_end_and_read_back(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    with StoredSession(engine, identify, "P01") as sitting:
-        assert f"of P01, study '{identify.name}': 0 trials answered" in repr(sitting)
-        while sitting.prompt is not None:
-            sitting.answer(Answer(1, HERE, 1.5), safety=[{"code": "OVERHEATED"}] if sitting.number == 2 else ())
-        assert "everything is answered" in repr(sitting)
+    with StoredSession(engine, identify, "P01") as session:
+        assert f"of P01, study '{identify.name}': 0 trials answered" in repr(session)
+        while session.prompt is not None:
+            session.answer(Answer(1, HERE, 1.5), safety=[{"code": "OVERHEATED"}] if session.number == 2 else ())
+        assert "everything is answered" in repr(session)
     columns = tidy(engine, read_study(engine))
     assert list(columns) == list(COLUMNS)
     assert columns["trial"].tolist() == list(range(1, 8))
@@ -56,18 +57,18 @@ def test_a_session_is_answered_to_its_end_and_read_back(identify: Study, tmp_pat
 
 def test_a_code_that_has_finished_is_refused(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    with StoredSession(engine, identify, "P01") as sitting:
-        while sitting.prompt is not None:
-            sitting.answer(Answer(1, HERE))
+    with StoredSession(engine, identify, "P01") as session:
+        while session.prompt is not None:
+            session.answer(Answer(1, HERE))
     with pytest.raises(RecordingError, match="another code"):
         StoredSession(engine, identify, "P01")
 
 
 def test_an_aborted_session_keeps_its_answers_and_is_over(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    with StoredSession(engine, identify, "P01") as sitting:
-        sitting.answer(Answer(1, HERE))
-        sitting.abort("tired")
+    with StoredSession(engine, identify, "P01") as session:
+        session.answer(Answer(1, HERE))
+        session.abort("tired")
     with pytest.raises(RecordingError, match="aborted"):
         StoredSession(engine, identify, "P01")
     assert len(tidy(engine, identify)["trial"]) == 1
@@ -95,18 +96,18 @@ def test_codes_are_those_that_people_use(identify: Study, tmp_path: Path) -> Non
     ]
     with pytest.raises(RecordingError, match=r"'p1' differs from 'P1' in capitals only"):
         StoredSession(engine, identify, "p1")
-    with pytest.raises(RecordingError, match="kept for simulated"):
+    with pytest.raises(RecordingError, match="reserved for simulated"):
         StoredSession(engine, identify, "SIM07")
 
 
 def test_who_took_part_is_listed_with_what_became_of_them(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
     for code, answers in (("P01", 7), ("P02", 2), ("P03", 1)):
-        with StoredSession(engine, identify, code) as sitting:
+        with StoredSession(engine, identify, code) as session:
             for _ in range(answers):
-                sitting.answer(Answer(1, HERE))
+                session.answer(Answer(1, HERE))
             if code == "P03":
-                sitting.abort()
+                session.abort()
     people = list_participants(engine, identify)
     assert [(one.code, one.state, one.answered) for one in people] == [
         ("P01", "finished", 7), ("P02", "open", 2), ("P03", "aborted", 1),
@@ -132,32 +133,32 @@ def test_two_experimenters_cannot_run_one_session(identify: Study, tmp_path: Pat
 
 def test_a_refused_answer_leaves_nothing_behind(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    with StoredSession(engine, identify, "P01") as sitting:
+    with StoredSession(engine, identify, "P01") as session:
         with pytest.raises(InputError, match="1 to 3"):
-            sitting.answer(Answer(9, HERE))
-        assert sitting.number == 0
+            session.answer(Answer(9, HERE))
+        assert session.number == 0
     with pytest.raises(RecordingError, match="no answered trials"):
         tidy(engine, identify)
 
 
 def test_a_trial_that_somebody_else_wrote_is_not_written_twice(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    with StoredSession(engine, identify, "P01") as sitting:
-        claim, sitting._claim = sitting._claim, None  # as if the lock had failed
+    with StoredSession(engine, identify, "P01") as session:
+        claim, session._claim = session._claim, None  # as if the lock had failed
         claim.release()
         with StoredSession(engine, identify, "P01") as other:
             other.answer(Answer(1, HERE))
             with pytest.raises(RecordingError, match="already answered"):
-                sitting.answer(Answer(2, HERE))
-        sitting._claim = lock_session(engine, sitting.id)
+                session.answer(Answer(2, HERE))
+        session._claim = lock_session(engine, session.id)
     assert tidy(engine, identify)["answer"].tolist() == [1]
 
 
 def test_changed_data_are_noticed_on_resuming(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    with StoredSession(engine, identify, "P01") as sitting:
-        sitting.answer(Answer(1, HERE))
-        sitting.answer(Answer(1, HERE))
+    with StoredSession(engine, identify, "P01") as session:
+        session.answer(Answer(1, HERE))
+        session.answer(Answer(1, HERE))
     with sqlite3.connect(tmp_path / "s.db") as raw:
         raw.execute("DELETE FROM trials WHERE number = 0")
     raw.close()
@@ -218,10 +219,10 @@ def test_an_older_schema_is_brought_forward_and_its_session_goes_on(identify: St
     raw.close()
     begun = keep_older(engine, identify)
     assert begun.digest == "87432234ffc10fc3"
-    with StoredSession(engine, begun, "P01") as sitting:
-        assert (sitting.number, sitting.question) == (3, None)
-        while sitting.prompt is not None:
-            sitting.answer(Answer(1, HERE))
+    with StoredSession(engine, begun, "P01") as session:
+        assert (session.number, session.question) == (3, None)
+        while session.prompt is not None:
+            session.answer(Answer(1, HERE))
     assert tidy(engine, begun)["trial"].tolist() == list(range(1, 8))
     with sqlite3.connect(tmp_path / "s.db") as raw:
         assert [raw.execute(query).fetchall() for query in UNTOUCHED] == stored
@@ -287,27 +288,27 @@ text = "Anything else?"
 def test_questions_are_asked_before_and_after_and_kept(tmp_path: Path) -> None:
     study = study_of(QUESTIONS)
     engine = database(tmp_path / "s.db")
-    with StoredSession(engine, study, "P01") as sitting:
-        asked = sitting.question
+    with StoredSession(engine, study, "P01") as session:
+        asked = session.question
         assert asked is not None
         assert asked.name == "hand"
         with pytest.raises(InputError, match="left, right"):
-            sitting.reply(asked, "both")
-        sitting.reply(asked, " right ")
-        assert sitting.question is None
-        sitting.answer(Answer(1, HERE))
-        assert not sitting.over
-    with StoredSession(engine, study, "P01") as sitting:  # cut off between trials and questions: goes on there
-        asked = sitting.question
+            session.reply(asked, "both")
+        session.reply(asked, " right ")
+        assert session.question is None
+        session.answer(Answer(1, HERE))
+        assert not session.over
+    with StoredSession(engine, study, "P01") as session:  # cut off between trials and questions: goes on there
+        asked = session.question
         assert asked is not None
         for wrong in ("11", "ten", "", "-1", "5.0"):
             with pytest.raises(InputError):
-                sitting.reply(asked, wrong)
-        sitting.reply(asked, "3")
-        assert not sitting.over
-        assert sitting.question is not None
-        sitting.reply(sitting.question, "no")
-        assert sitting.over
+                session.reply(asked, wrong)
+        session.reply(asked, "3")
+        assert not session.over
+        assert session.question is not None
+        session.reply(session.question, "no")
+        assert session.over
     assert read_replies(engine, study) == {"P01": {"hand": "right", "tired": "3", "remarks": "no"}}
     answered = read_replies(engine, study)
     *_, path = write_csv(study, tidy(engine, study), tmp_path / "q.csv", replies=answered)
@@ -325,9 +326,9 @@ def test_questions_are_asked_before_and_after_and_kept(tmp_path: Path) -> None:
 
 
 def test_simulated_participants_are_asked_nothing_in_words(tmp_path: Path) -> None:
-    with StoredSession(database(tmp_path / "s.db"), study_of(QUESTIONS), "SIM01", simulated=True) as sitting:
-        sitting.answer(Answer(1, HERE))
-        assert sitting.over
+    with StoredSession(database(tmp_path / "s.db"), study_of(QUESTIONS), "SIM01", simulated=True) as session:
+        session.answer(Answer(1, HERE))
+        assert session.over
 
 
 def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:

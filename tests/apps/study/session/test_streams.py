@@ -84,20 +84,20 @@ def test_markers_tell_a_session_in_its_order(identify: Study, tmp_path: Path) ->
     spec.loader.exec_module(module)
     servo, markers, now = module.FakeServo(), MemoryStream(), [0.0]
     streams = Streams(markers, MemoryStream(), offset=0.0)
-    with StoredSession(database(tmp_path / "s.db"), identify, "P01") as sitting:
-        conduct = TrialRunner(sitting, TrialDevice(identify, servo), None, streams.mark, clock=lambda: now[0])
+    with StoredSession(database(tmp_path / "s.db"), identify, "P01") as session:
+        runner = TrialRunner(session, TrialDevice(identify, servo), None, streams.mark, clock=lambda: now[0])
         servo.trip(module.Trip.OVERHEATED)
-        conduct.tick()
-        conduct.engage()
-        conduct.tick()
-        conduct.answer(1)
-        conduct.pause("test")
+        runner.tick()
+        runner.engage()
+        runner.tick()
+        runner.answer(1)
+        runner.pause("test")
         now[0] += 100.0
-        conduct.tick()
-        assert conduct.rest_left == pytest.approx(2.0)  # a rest stands still in a pause
-        conduct.resume()
+        runner.tick()
+        assert runner.rest_left == pytest.approx(2.0)  # a rest stands still in a pause
+        runner.resume()
         now[0] += 2.0
-        conduct.tick()
+        runner.tick()
     told = [json.loads(sample[0]) for sample in markers.samples]
     assert [one["kind"] for one in told] == [
         "trial", "safety", "device off", "repeat", "trial", "answer", "pause", "resume", "trial",

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from sqlalchemy import text
 
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.keys import END, Keys
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.session.terminal_session import TerminalSession, View
@@ -67,10 +68,22 @@ def run(study: Study, place: Path, *keys: Any, servo: Any = None) -> SimpleNames
     def show(view: View) -> None:
         views.append((view.state, view.typed, view.message))
 
-    with StoredSession(database(place), study, "P01") as sitting:
-        asked = [sitting.prompt]
-        how = TerminalSession(sitting, TrialDevice(study, servo), Script(*keys), show, "run.mcap").run()  # type: ignore[arg-type]
+    with StoredSession(database(place), study, "P01") as session:
+        asked = [session.prompt]
+        how = TerminalSession(session, TrialDevice(study, servo), Script(*keys), show, "run.mcap").run()  # type: ignore[arg-type]
     return SimpleNamespace(how=how, servo=servo, views=views, first=asked[0])
+
+
+def test_a_magnitude_has_one_decimal_point(tmp_path: Path) -> None:
+    study = study_of(
+        'name = "m"\nprocedure = "magnitude"\n[levels]\nreference = 1.0\nvalues = [1.0, 2.0]\n'
+        "[trials]\nrepetitions = 1\npause_seconds = 0.0\n"
+    )
+    ran = run(study, tmp_path / "s.db", ".", "enter", *"2,.5", "enter", *"0", "enter", *"40", "enter")
+    assert ran.how == "done"
+    assert any("must be a number" in message for _, _, message in ran.views)
+    assert any("above 0" in message for _, _, message in ran.views)
+    assert tidy(database(tmp_path / "s.db"), study)["answer"].tolist() == [2.5, 40.0]
 
 
 def test_numbers_are_typed_and_kept_and_the_summit_is_the_prompted_one(short: Study, tmp_path: Path) -> None:

@@ -7,10 +7,12 @@ import pytest
 from scipy.stats import nct, t
 
 from haptorb.apps.study.analysis.analysis import analyse
-from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.simulated.power import power, power_of
 from haptorb.apps.study.simulated.power_person import simulate_value
 from haptorb.errors import InputError
+
+pytestmark = pytest.mark.background
 
 TWO = """
 name = "two"
@@ -93,7 +95,7 @@ def test_with_a_clear_difference_the_test_itself_sets_the_number() -> None:
     clear = [5.0, 6.0, 5.5, 6.5, 5.2, 5.8, 6.1, 5.9]
     found = power_of(clear, (12,), test="sign-flip")
     assert (found.needed, found.least) == (6, 6)  # 2/2⁶ < 0.05 < 2/2⁵
-    assert "with fewer than 6 the test cannot show p < 0.05" in found.sentence
+    assert "with fewer than 6 the test cannot reach p < 0.05" in found.sentence
     assert power_of(clear, (12,), alpha=0.001, test="sign-flip").needed == 11  # 2/2¹¹ < 0.001
     assert power_of(clear, (12,)).needed == 3
 
@@ -131,7 +133,7 @@ def test_a_choice_is_counted_for_the_one_that_was_chosen() -> None:
         ("", {"pool": 8, "wanted": 1.0}, "power"),
     ],
 )
-def test_what_cannot_be_foretold_is_refused(change: str, options: dict[str, object], words: str) -> None:
+def test_what_cannot_be_predicted_is_refused(change: str, options: dict[str, object], words: str) -> None:
     text = TWO[: TWO.index('[[conditions]]\nname = "weak"')] if change else TWO
     with pytest.raises(InputError, match=words):
         power(study_of(text), **options)  # type: ignore[arg-type]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.simulated.power_workers import simulate_pool
 from haptorb.errors import InputError
 

@@ -11,13 +11,17 @@ from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.analysis.error_by_latitude import LatitudeError
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import page
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.set_points import PUBLISHED_ERRORS
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
-from haptorb.apps.study.simulated.participant import PUBLISHED_ERRORS, Participant
-from haptorb.apps.study.simulated.rehearsal import rehearse, sit
+from haptorb.apps.study.simulated.participant import Participant
+from haptorb.apps.study.simulated.rehearsal import answer_rest, rehearse
 from haptorb.apps.study.store.columns import tidy
 from haptorb.apps.study.store.database import database
 from haptorb.errors import InputError
+
+pytestmark = pytest.mark.background
 
 #: as in the paper, whose controller inverts point dipoles; with the set-points that participants were calibrated with
 PUBLISHED = 'name = "published"\nmodel = "published"\n[set_points]\nlayout = "1-8-8-8"'
@@ -37,13 +41,13 @@ def test_an_interrupted_rehearsal_goes_on_as_if_it_had_not_been(identify: Study,
     whole, parts = database(tmp_path / "whole.db"), database(tmp_path / "parts.db")
     rehearse(whole, identify, 1, seed=3)
     person = Participant(identify, (3, 1))
-    with StoredSession(parts, identify, "SIM01", simulated=True) as sitting:
+    with StoredSession(parts, identify, "SIM01", simulated=True) as session:
         for _ in range(3):
-            assert sitting.prompt is not None
-            sitting.answer(person.answer(sitting.prompt, sitting.number))
-    with StoredSession(parts, identify, "SIM01", simulated=True) as sitting:
-        assert sitting.resumed
-        assert sit(sitting, Participant(identify, (3, 1))) == 4
+            assert session.prompt is not None
+            session.answer(person.answer(session.prompt, session.number))
+    with StoredSession(parts, identify, "SIM01", simulated=True) as session:
+        assert session.resumed
+        assert answer_rest(session, Participant(identify, (3, 1))) == 4
     one, two = tidy(whole, identify), tidy(parts, identify)
     for name in ("answer", "x_m", "y_m", "z_m", "seconds"):
         assert one[name].tolist() == two[name].tolist()

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.simulated.rehearsal import rehearse
 from haptorb.apps.study.store.bids import write_bids
 from haptorb.apps.study.store.columns import COLUMNS, Columns, tidy

@@ -29,9 +29,9 @@ REPLIES = {"P01": {"hand": "left"}}
 def columns(identify: Study, tmp_path: Path) -> Columns:
     engine = database(tmp_path / "s.db")
     for code, driver in zip(CODES, ("serial:/dev/ttyUSB0", "sim", "sim"), strict=True):
-        with StoredSession(engine, identify, code) as sitting:
-            while sitting.prompt is not None:
-                sitting.answer(Answer(1, (0.0, 0.0, 0.05), 1.0), driver=driver)
+        with StoredSession(engine, identify, code) as session:
+            while session.prompt is not None:
+                session.answer(Answer(1, (0.0, 0.0, 0.05), 1.0), driver=driver)
     return tidy(engine, identify)
 
 
@@ -79,8 +79,8 @@ def test_csv_parquet_and_bids_say_the_same(identify: Study, columns: Columns, tm
 
 def test_an_older_database_does_not_know_its_device(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    with StoredSession(engine, identify, "P01") as sitting:
-        sitting.answer(Answer(1, (0.0, 0.0, 0.05), 1.0))
+    with StoredSession(engine, identify, "P01") as session:
+        session.answer(Answer(1, (0.0, 0.0, 0.05), 1.0))
     rows = read(write_csv(identify, tidy(engine, identify), tmp_path / "t.csv")[0], ",")
     assert rows[0]["simulated_device"] == ""
 
@@ -142,7 +142,7 @@ def test_a_folder_that_is_no_export_is_never_replaced(identify: Study, columns: 
     assert (home / "README").read_text(encoding="utf-8") != "changed"
     (home / "dataset_description.json").write_text('{"GeneratedBy": [{"Name": "fMRIPrep"}]}')
     before = list_files(home)
-    with pytest.raises(RecordingError, match="no export of haptorb"):
+    with pytest.raises(RecordingError, match="not an export of haptorb"):
         write_bids(identify, columns, home, overwrite=True)
     assert list_files(home) == before
     (tmp_path / "file").write_text("mine")

@@ -12,7 +12,8 @@ import pytest
 from sqlalchemy import text
 
 from haptorb.apps.asking.prompt import Answer
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.columns import tidy
 from haptorb.apps.study.store.database import SCHEMA, database
@@ -30,7 +31,7 @@ import json, sys
 from haptorb.apps.study.store.database import database
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.session.stored_session import StoredSession
-from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.model.study_reader import study_of
 url, first, each, text = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4]
 engine, study = database(url), study_of(text)
 for person in range(each):
@@ -115,19 +116,25 @@ def test_two_experimenters_cannot_run_one_session(fresh: str, identify: Study) -
 
 def test_an_older_schema_is_brought_forward(fresh: str, identify: Study) -> None:
     engine = database(fresh)
-    with StoredSession(engine, identify, "P01") as sitting:
-        sitting.answer(Answer(1, (0.0, 0.0, 0.05)))
+    with StoredSession(engine, identify, "P01") as session:
+        session.answer(Answer(1, (0.0, 0.0, 0.05)))
     with engine.begin() as connection:
         connection.execute(text("DROP TABLE replies"))
         connection.execute(text("ALTER TABLE trials DROP COLUMN driver"))
+        connection.execute(text("ALTER TABLE trials ALTER COLUMN answer TYPE INTEGER"))
         connection.execute(text("UPDATE haptorb_schema SET version = 1"))
     engine.dispose()
     engine = database(fresh)
     with engine.connect() as connection:
         assert connection.execute(text("SELECT version FROM haptorb_schema")).scalar_one() == SCHEMA
         assert connection.execute(text("SELECT count(*) FROM replies")).scalar_one() == 0
-    with StoredSession(engine, identify, "P01") as sitting:
-        assert sitting.number == 1
+    with StoredSession(engine, identify, "P01") as session:
+        assert session.number == 1
+    loud = study_of('name = "m"\nprocedure = "magnitude"\n[levels]\nreference = 1.0\nvalues = [1.0, 2.0]\n')
+    with StoredSession(engine, loud, "P01") as session:
+        session.answer(Answer(2.5))
+    assert tidy(engine, loud)["answer"].tolist() == [2.5]
+    assert tidy(engine, identify)["answer"].dtype.kind == "i"  # whole numbers stay whole
     engine.dispose()
 
 

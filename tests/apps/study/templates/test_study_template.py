@@ -11,7 +11,7 @@ from haptorb.apps.cli import main
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import page
 from haptorb.apps.study.analysis.summary import print_summary
-from haptorb.apps.study.model.study_file import read_study, study_of
+from haptorb.apps.study.model.study_reader import read_study, study_of
 from haptorb.apps.study.simulated.forecast import forecast
 from haptorb.apps.study.simulated.rehearsal import rehearse
 from haptorb.apps.study.store.database import database

@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptorb.errors import DriverError, InputError
+from haptorb.runtime.drivers.electronics import counts
 from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal, missing_chips
-from haptorb.runtime.drivers.serial.protocol import Command, counts, engage, set_duties
+from haptorb.runtime.drivers.serial.protocol import Command, engage, set_duties
 from haptorb.runtime.drivers.serial.reading import READING_BYTES, Reading
 from haptorb.runtime.drivers.serial.replies import BoardLimits, BoardState, Identity
 
@@ -32,7 +33,7 @@ def test_a_reading_is_told_in_si() -> None:
     assert said.applied == pytest.approx([4095 / 4096, -4095 / 4096, 1 / 4096])
     assert said.currents == pytest.approx([19.0, -19.0, 0.005])
     assert said.hall == pytest.approx(np.array([2048, 0, 4095, 1, 2]) / 4095)
-    assert (said.hall_axis, said.hall_first, said.hall_news) == (0, 0, True)
+    assert (said.hall_axis, said.hall_first, said.hall_fresh) == (0, 0, True)
     assert said.hall_age == pytest.approx(420e-6)
     assert (said.thermometer, said.temperature) == (1, pytest.approx(298.15))
     assert said.age == pytest.approx(868e-6)
@@ -42,7 +43,7 @@ def test_a_reading_is_told_in_si() -> None:
 def test_the_second_block_has_four_sensors(axis: int) -> None:
     said = Reading.parse(reading(group=2 * axis + 1, h4=0xFFFF))
     assert (said.hall_axis, said.hall_first, len(said.hall)) == (axis, 5, 4)
-    assert not Reading.parse(reading(group=0x80 | 2 * axis)).hall_news
+    assert not Reading.parse(reading(group=0x80 | 2 * axis)).hall_fresh
 
 
 def test_what_has_not_been_read_is_not_a_number() -> None:

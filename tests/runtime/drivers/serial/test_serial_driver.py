@@ -143,7 +143,7 @@ def test_a_board_that_restarted_is_not_driven_on(made: Make) -> None:
     board, driver = made()
     ticks(driver, SOME, 3)
     board.mode, board.reason = BoardMode.OFF, Reason.BROWN_OUT
-    with pytest.raises(DriverError, match=r"supply sagged"):
+    with pytest.raises(DriverError, match=r"supply dropped"):
         ticks(driver, SOME, 3)
     assert driver.write(SOME).tolist() == [0, 0, 0]
 
@@ -172,7 +172,7 @@ def test_three_answers_missed_in_a_row_are_a_device_that_has_gone(made: Make) ->
     ticks(driver, SOME, 3)
     driver._patience = 0.002
     board.mute = True
-    with pytest.raises(DriverError, match="no answer from the firmware"):
+    with pytest.raises(DriverError, match="no response from the firmware"):
         ticks(driver, SOME, 4)
     assert driver.write(SOME).tolist() == [0, 0, 0]
 
@@ -231,7 +231,7 @@ def test_a_silent_board_at_rest_is_given_more_time(made: Make) -> None:
     driver._patience = 0.002
     board.mute = True
     ticks(driver, OFF, 19)
-    with pytest.raises(DriverError, match="no answer from the firmware"):
+    with pytest.raises(DriverError, match="no response from the firmware"):
         ticks(driver, OFF, 2)
 
 

@@ -107,11 +107,11 @@ def test_a_firmware_of_another_version_is_told_with_both(answering: Callable[...
 
 def test_a_device_of_another_name_is_told(answering: Callable[..., str]) -> None:
     port = answering(identity(name=b"toaster"))
-    with pytest.raises(DriverError, match="calls itself 'toaster'"):
+    with pytest.raises(DriverError, match="identifies itself as 'toaster'"):
         Board(port, patience=0.3)
 
 
 def test_a_device_that_falls_silent_in_the_middle_is_told(answering: Callable[..., str]) -> None:
     port = answering(identity())  # says who it is, and nothing else
-    with pytest.raises(DriverError, match="does not answer; check the cable"):
+    with pytest.raises(DriverError, match="does not respond; check the cable"):
         Board(port, patience=0.3)

@@ -28,10 +28,11 @@ def optimise(
     file: FileArgument,
     into: IntoOption = "results.sqlite",
     generations: Annotated[
-        int | None, typer.Option(help=f"Number of generations (default: {_GENERATIONS}). More of them continue a run.")
+        int | None,
+        typer.Option(help=f"Number of generations (default: {_GENERATIONS}). A larger number continues a run."),
     ] = None,
     evaluations: Annotated[
-        int | None, typer.Option(help="Number of designs, instead of generations. More of them continue a run.")
+        int | None, typer.Option(help="Number of designs, instead of generations. A larger number continues a run.")
     ] = None,
     population: Annotated[int, typer.Option(help="Number of designs in a generation.")] = 50,
     seed: SeedOption = 1,
@@ -39,9 +40,9 @@ def optimise(
     scheduler: SchedulerOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Search for the best design, by differential evolution, or the front of several objectives, by NSGA-II.
+    """Search for the best design (differential evolution) or the Pareto front of several objectives (NSGA-II).
 
-    The same command goes on.
+    The same command continues a run.
     """
     from haptorb.design.design_file import load_design
     from haptorb.design.search.optimise import optimise as evaluate_generations

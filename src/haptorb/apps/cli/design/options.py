@@ -33,10 +33,10 @@ FileArgument = Annotated[Path, typer.Argument(help="Design file (TOML).")]
 IntoOption = Annotated[
     str,
     typer.Option(
-        "--into", metavar="RESULTS", help="Results: a file, or postgresql://host/name. The same command goes on."
+        "--into", metavar="RESULTS", help="Results: a file, or postgresql://host/name. The same command continues them."
     ),
 ]
-SeedOption = Annotated[int, typer.Option(help="Seed: the same gives the same designs.")]
+SeedOption = Annotated[int, typer.Option(help="Seed of the designs: the same seed gives the same designs.")]
 ProcessesOption = Annotated[
     int | None, typer.Option(help="Number of processes (default: one per core). The result is the same.")
 ]
@@ -67,7 +67,7 @@ def keep_run(writer: ResultsWriter, found: Iterable[Evaluation], design: Design,
 
 
 def end_run(tally: Tally, into: str, json: bool) -> None:
-    """Tell what a run came to; exit code 1 if no design is valid."""
+    """Print the result of a run; exit code 1 if no design is valid."""
     from haptorb.files.sql_engine import mask_password
 
     if json:
@@ -91,5 +91,5 @@ def _explain_interrupt(writer: ResultsWriter, total: int, into: str) -> Iterator
         yield
     except KeyboardInterrupt:
         stored = sum(number < total for number in writer.list_known())
-        say(f"interrupted: {stored} of {total} designs are in {mask_password(into)}; the same command goes on")
+        say(f"interrupted: {stored} of {total} designs are in {mask_password(into)}; repeat the command to continue")
         raise

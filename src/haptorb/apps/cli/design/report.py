@@ -36,4 +36,4 @@ def report(
     for one in devices:
         tell(f"device: {one}")
     if not devices:
-        say("There is no valid design; the report counts the refusals.")
+        say("There is no valid design; the report counts the rejected ones.")

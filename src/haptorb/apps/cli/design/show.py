@@ -16,7 +16,7 @@ def show(
     results: Annotated[str, typer.Argument(help="Results: a file, or postgresql://host/name.")],
     port: Annotated[int, typer.Option(help="Port of the page; 0 takes any free port.")] = 8764,
     browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
-    duration: Annotated[float | None, typer.Option(help="Serve for so long [s] (default: until Ctrl-C).")] = None,
+    duration: Annotated[float | None, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = None,
 ) -> None:
     """Choose a design in the browser, see its device in three dimensions, and feel it, SIMULATED."""
     if duration is not None and not 0 < duration < float("inf"):
@@ -31,7 +31,7 @@ def show(
     with announce_wait("reading the results, and computing the base device"):
         table = ResultsTable.of(read_results(results))
     if not table.found:
-        refusals = ", ".join(f"{one.by} refuses {one.count}" for one in table.refusals)
+        refusals = ", ".join(f"{one.by} rejects {one.count}" for one in table.refusals)
         raise InputError(f"{results} holds no valid design to show ({refusals or 'nothing was computed'})")
     with Chooser(table, port) as chooser:
         say(f"Open {chooser.url} in a browser. Ctrl-C ends.")

@@ -25,13 +25,13 @@ def sweep(
     file: FileArgument,
     into: IntoOption = "results.sqlite",
     method: Annotated[str, typer.Option(help="Method: sobol, latin-hypercube or grid.")] = "sobol",
-    count: Annotated[int, typer.Option(help="Number of designs; of a grid the most.")] = 1000,
+    count: Annotated[int, typer.Option(help="Number of designs; for a grid the maximum.")] = 1000,
     seed: SeedOption = 1,
     processes: ProcessesOption = None,
     scheduler: SchedulerOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Compute many designs over the ranges of a design file. Keeps everything on ^C; the same command goes on."""
+    """Evaluate many designs over the ranges of a design file. After Ctrl-C the same command continues."""
     from haptorb.design.design_file import load_design
     from haptorb.design.sampling import list_settings, sample
     from haptorb.design.sampling import sweep as evaluate_sample

@@ -30,11 +30,11 @@ def bench(
         Path | None, typer.Option(help="Store the result in this JSON file, which README and docs quote.")
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Draw the comparison of magnetics into this PNG, SVG or PDF file.")
+        Path | None, typer.Option(help="Plot the comparison of magnetics to this PNG, SVG or PDF file.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Compare this library with its peers and its limits: same problems, same run, with facts of this machine."""
+    """Measure haptorb against other libraries and against limits: same problems, same run."""
     import os
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

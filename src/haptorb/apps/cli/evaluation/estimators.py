@@ -30,9 +30,12 @@ def estimators(
         Path | None, typer.Option(help="File of trained networks (default: those of the device).")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of noise and orientations.")] = 0,
-    plot: Annotated[Path | None, typer.Option(help="Draw Fig. 4 and more into this PNG, SVG or PDF file.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Plot Fig. 4 and other figures to this PNG, SVG or PDF file.")
+    ] = None,
     sensors: Annotated[
-        bool, typer.Option("--sensors", help="What each error of the field sensors does to orientation and torque.")
+        bool,
+        typer.Option("--sensors", help="Show the effect of each error of the field sensors on orientation and torque."),
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
@@ -51,7 +54,7 @@ def estimators(
     build_tables(known)
     if sensors:
         if plot is not None or networks is not None:
-            raise InputError("--sensors tries least squares only and draws nothing; leave out --plot and --networks")
+            raise InputError("--sensors tests least squares only and has no plot; leave out --plot and --networks")
         _print_effects(known, max(10, orientations // 5), seed, json)
         return
     trained = check_networks(known) if networks is None else read_networks(networks)

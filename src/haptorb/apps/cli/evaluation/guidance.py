@@ -23,20 +23,22 @@ def register(app: typer.Typer) -> None:
 def guidance(
     device: Annotated[str, typer.Argument(help="Spherical electromagnet: device name or file.")] = "omni",
     path: Annotated[
-        list[str] | None, typer.Option("--path", help="line, circle, square or spiral; several times (default: all).")
+        list[str] | None,
+        typer.Option("--path", help="Path: line, circle, square or spiral; repeatable (default: all)."),
     ] = None,
     grip: Annotated[
-        list[str] | None, typer.Option("--grip", help="loose, light or firm; several times (default: all).")
+        list[str] | None,
+        typer.Option("--grip", help="Grip of the hand: loose, light or firm; repeatable (default: all)."),
     ] = None,
-    seconds: Annotated[float, typer.Option(help="Motion of each trial [s], 2 to 120.")] = 8.0,
+    seconds: Annotated[float, typer.Option(help="Duration of each trial [s], 2 to 120.")] = 8.0,
     hall: Annotated[
-        bool, typer.Option("--hall", help="Calibrated field sensors tell the place, not a tracker of 240 Hz.")
+        bool, typer.Option("--hall", help="Locate the tool by calibrated field sensors instead of a tracker at 240 Hz.")
     ] = False,
     seed: Annotated[int, typer.Option(help="Seed of persons and noise.")] = 0,
-    plot: Annotated[Path | None, typer.Option(help="Draw the comparison into this PNG, SVG or PDF file.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Plot the comparison to this PNG, SVG or PDF file.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Compare no guidance, valley, spring by the clock and planned guidance: error, force, heat, drag at rest."""
+    """Compare planned guidance with a valley, a moving spring and no guidance: error, force, heat, drag at rest."""
     if not 2.0 <= seconds <= 120.0 or seed < 0:
         raise InputError(f"--seconds must be 2 to 120 and --seed 0 or more; got {seconds:g} and {seed}")
     if plot is not None:

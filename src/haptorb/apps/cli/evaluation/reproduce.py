@@ -28,12 +28,12 @@ def reproduce(
     table: Annotated[str | None, typer.Option(help="Only this table: 1, 2, 3 or A.1.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for page and JSON (default: current folder).")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Leave out the slow parts.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Leave out the slow sections.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Also print the numbers as JSON.")] = False,
 ) -> None:
-    """Compute the papers' numbers, say of each what it shows, and write a page and JSON.
+    """Recompute the numbers of both papers, classify each result, and write a page and JSON.
 
-    Exit code 1 if one differs and its row does not say why."""
+    Exit code 1 if a number differs and its row does not state why."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # training: small matrices, a second thread only waits in a loop
     from haptorb.apps.reproduce import report_page
     from haptorb.files.replace_file import replace_file

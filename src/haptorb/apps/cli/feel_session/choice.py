@@ -41,7 +41,7 @@ class DesignChoice:
 
     @property
     def folder(self) -> Path:
-        """Where ratings and traces go unless told otherwise: beside the file."""
+        """The default folder of ratings and traces: beside the file."""
         from haptorb.worlds.own.world_file import parse_world_file
 
         file = Path(self.file) if self.file else parse_world_file(self.worlds[0]).path
@@ -52,7 +52,7 @@ class DesignChoice:
         from haptorb.apps.cli.world_option import parse_settings
         from haptorb.apps.feel import Candidates, load_designs
         from haptorb.apps.feel.candidates import own_candidate
-        from haptorb.control.clutch.modes import Gains
+        from haptorb.control.clutch.gains import Gains
         from haptorb.worlds.own.world_file import parse_world_file
         from haptorb.worlds.parameter import parameters
 

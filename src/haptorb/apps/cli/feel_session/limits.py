@@ -66,15 +66,18 @@ def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | 
     peaks = [max(run.going_in.max(), run.coming_out.max()) for run in map(course, designs)]
     full = scale.find_saturation(float(max(peaks)))
     if margin is None:
-        return ScaleLimits(1.0, "the stability check did not end", scale.hand_per_part)
+        return ScaleLimits(1.0, "the stability check did not finish", scale.hand_per_part)
     stable = margin / ENOUGH
     if stable < full:
         reason = f"the stability check allows {stable:.3g} (light grip; {margin:.3g} oscillates)"
     else:
-        reason = f"the device then gives its {scale.limit:g} N·m at the greatest force ({max(peaks):.1f} N)"
+        reason = (
+            f"at that gain the device reaches its limit of {scale.limit:g} N·m at the greatest force "
+            f"({max(peaks):.1f} N)"
+        )
     found = min(stable, full)
     if found < 1.0:
-        reason = f"already the design file's gain is above what is possible, {found:.2g}: {reason}"
+        reason = f"the gain in the design file is above the largest possible one, {found:.2g}: {reason}"
     return ScaleLimits(max(found, 1.0), reason, scale.hand_per_part)
 
 

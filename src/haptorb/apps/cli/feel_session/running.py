@@ -30,7 +30,7 @@ def find_scale(device: str, designs: Sequence[Candidate], candidates: Candidates
     Raises InputError if it has no handle, or cannot render one of `designs`.
     """
     from haptorb.apps.feel.true_scale import TrueScale
-    from haptorb.control.clutch.linkage import MOTOR_GAINS
+    from haptorb.control.clutch.gains import MOTOR_GAINS
     from haptorb.devices.loader import load
     from haptorb.worlds.own.failure import try_world
 
@@ -42,7 +42,7 @@ def find_scale(device: str, designs: Sequence[Candidate], candidates: Candidates
 
 
 def _servo(device: str, design: Candidate, candidates: Candidates, *, record: Literal[False] | None = None) -> Servo:
-    from haptorb.control.clutch.linkage import MOTOR_GAINS
+    from haptorb.control.clutch.gains import MOTOR_GAINS
     from haptorb.runtime.servo.servo import Servo
 
     # The file scales torques; how far the handle moves the part is the motor's matter.
@@ -71,7 +71,7 @@ def feel_without_console(
 def feel_with_console(
     live: LiveSession, choice: DesignChoice, device: str, scale: TrueScale, port: int, browser: bool
 ) -> int:
-    """Designs felt and rated in page and terminal until somebody finishes; the signal's number, or 0."""
+    """Designs felt and rated in page and terminal until the session is finished; the signal's number, or 0."""
     from haptorb.apps.console import Console
     from haptorb.apps.console.target import target_scene
     from haptorb.apps.feel.design_panel import DesignPanel
@@ -106,7 +106,7 @@ def feel_with_console(
     threads = [Thread(target=work, name=f"haptorb-{work.__name__}") for work in (collect, listen, judge)]
     with Console(servo, port, designs=DesignPanel(live)) as console, freeze_garbage(), servo:
         live.join(servo)
-        live.news = say
+        live.notify = say
         say(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")
         for thread in threads:
             thread.start()

@@ -14,7 +14,7 @@ __all__ = ["register"]
 
 def register(app: typer.Typer) -> None:
     """Add the commands to `app`."""
-    study = CommandLine(help="Perceptual studies: write, check, rehearse, run, analyse, draw and export.")
+    study = CommandLine(help="Perceptual studies: write, check, rehearse, run, analyse, plot and export.")
     for command in (new, check, run, simulate, power, participants, analyse, figures, export):
         study.command()(command)
     app.add_typer(study, name="study")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 from typing import Annotated
 
@@ -29,7 +30,7 @@ def participants(
     name: NameOption = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """List the codes that are taken, what has become of their sessions, and a code that is free."""
+    """List the codes in use, the states of their sessions, and a free code."""
     from haptorb.apps.study.model.codes import next_code
     from haptorb.apps.study.store.columns import read_study
     from haptorb.apps.study.store.database import database
@@ -62,6 +63,10 @@ def analyse(
         Path | None, typer.Option(help="Registration from `haptorb study check --register`, to compare the plan with.")
     ] = None,
     figures: Annotated[str, typer.Option(help="Format of the figures: svg or png.")] = "svg",
+    serve: Annotated[
+        bool, typer.Option("--serve", help="Serve the report, with a link that plays each recorded trial.")
+    ] = False,
+    port: Annotated[int, typer.Option(help="With --serve: port; 0 takes any free port.")] = 8768,
     json: Annotated[bool, typer.Option("--json", help="Only print the numbers as JSON.")] = False,
 ) -> None:
     """Analyse the answers: confusion, accuracy, error over θ, psychometric curves; write an HTML report."""
@@ -71,7 +76,7 @@ def analyse(
         raise InputError(f"--figures must be svg or png; got '{figures}'")
     registered = None
     if registration is not None:
-        from haptorb.apps.study.plan.registration import read_registration
+        from haptorb.apps.study.store.registration import read_registration
 
         registered = read_registration(registration)
     with make_progress() as bar:
@@ -88,9 +93,22 @@ def analyse(
     from haptorb.apps.study.analysis.summary import print_summary
 
     print_summary(done, make_console())
+    pages = list[str]()
     with show_status("drawing the figures"):
-        path = write_report(done, out or Path(f"{done.study.name}-report"), kind=figures)
+        folder = out or Path(f"{done.study.name}-report")
+        path = write_report(done, folder, kind=figures, serve=pages.append if serve else None)
     tell(f"report: {path}")
+    if serve:
+        _serve_report(pages[0], [str(Path(db).parent / part) for *_, part in done.recorded], port)
+
+
+def _serve_report(html: str, parts: list[str], port: int) -> None:
+    from haptorb.apps.study.pages.report_server import ReportServer
+
+    server = ReportServer(html, parts, port)
+    number = server.serve(lambda: say(f"Open {server.url} in a browser: the report, with its recordings. Ctrl-C ends."))
+    if number is not None and number != signal.SIGINT:
+        raise typer.Exit(128 + number)
 
 
 def figures(
@@ -102,7 +120,7 @@ def figures(
     double: Annotated[float, typer.Option(help="Width of a figure over both columns [mm].")] = 174.0,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
 ) -> None:
-    """Draw all figures for a paper: vector, for colour-blind readers too, fonts embedded, with captions."""
+    """Draw all figures for a paper: vector graphics, colour-blind safe, fonts embedded, with captions."""
     from haptorb.apps.study.analysis.drawings.figure_set import KINDS, write_figures
     from haptorb.apps.study.analysis.drawings.style import PaperSize
     from haptorb.apps.study.analysis.load_analysis import analysis_of

@@ -1,4 +1,4 @@
-"""What a session will be like, said before it begins; and with what a study that has begun goes on."""
+"""The forecast of a session, printed before it begins; and the settings with which a study continues."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def keep_begun_study(engine: Engine, known: Study) -> Study:
 
     study = keep_older(engine, known)
     if known.order_version and not study.order_version:
-        say("this study was begun with an older haptorb and goes on with the order of that time")
+        say("this study was begun with an older haptorb and keeps the order of that version")
     if study.published_layout != known.published_layout:
-        say("this study was begun with 1 + 8 + 8 + 8 set-points and goes on with them (erratum E17, withdrawn)")
+        say("this study was begun with 1 + 8 + 8 + 8 set-points and keeps them (erratum E17, withdrawn)")
     return study

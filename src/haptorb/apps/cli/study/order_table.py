@@ -16,9 +16,11 @@ def print_order(summary: OrderSummary) -> None:
     """The order of the first participants, and how it balances."""
     for sentence in summary.sentences:
         tell(sentence)
-    if len(summary.units) < 2:
+    if len(summary.units) < 2 and not summary.asks:
         return
-    title = "Order, trial by trial" if summary.mixed else "Order of the blocks"
+    title = f"Order of the {summary.asks}" if len(summary.units) < 2 else "Order, trial by trial"
+    if len(summary.units) > 1 and not summary.mixed:
+        title = "Order of the blocks" + (f", and of the {summary.asks} in each" if summary.asks else "")
     table = TextTable((Column("participant"), Column("order", kind="text")), title)
     for person in range(len(summary.plans)):
         table.add_row(str(person + 1), summary.row(person))

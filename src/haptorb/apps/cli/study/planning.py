@@ -18,11 +18,11 @@ __all__ = ["check", "new", "power", "simulate"]
 def new(
     name: Annotated[str, typer.Argument(help="Name of the study; the file is NAME.toml.")],
     like: Annotated[
-        str, typer.Option(help="Begin with: zarate2020, identification, staircase, magnitude or comparison.")
+        str, typer.Option(help="Template: zarate2020, identification, staircase, magnitude or comparison.")
     ] = "identification",
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
-    """Write a commented study file to begin with."""
+    """Write a commented study file as a template."""
     from haptorb.apps.study.templates.study_template import write_study
 
     path = write_study(name, like, overwrite=force)
@@ -31,7 +31,7 @@ def new(
 
 def check(
     file: FileArgument,
-    people: Annotated[int, typer.Option(help="Number of participants whose order is shown.")] = 6,
+    people: Annotated[int, typer.Option(help="Number of participants whose order to show.")] = 6,
     register: Annotated[
         Path | None,
         typer.Option(metavar="NEW.toml", help="Write study and plan, with digests and time, before data exist."),
@@ -40,12 +40,13 @@ def check(
 ) -> None:
     """Check a study file: mistakes, order of the trials, duration, coil temperature, overlap of the maps, plan."""
     from haptorb.apps.study.model.order_summary import summarize_order
-    from haptorb.apps.study.model.study_file import read_study
+    from haptorb.apps.study.model.prompts import asks_places
+    from haptorb.apps.study.model.study_reader import read_study
 
     known = read_study(file)
     order = summarize_order(known, people)
     if register is not None:
-        from haptorb.apps.study.plan.registration import write_registration
+        from haptorb.apps.study.store.registration import write_registration
 
         made = write_registration(known, register)
         say(f"registered: plan {made.plan} of study {made.study}, {made.written}, in {register}")
@@ -59,7 +60,9 @@ def check(
         if not result.holds:
             raise typer.Exit(1)
         return
-    tell(f"{known.name}: {known.procedure} on '{known.device}', {len(known.points)} set-points")
+    first = known.points[0]
+    where = f"{len(known.points)} set-points" if asks_places(known) else f"everything at θ = {first.theta_deg:g} deg"
+    tell(f"{known.name}: {known.procedure} on '{known.device}', {where}")
     print_order(order)
     if known.plan is not None:
         tell(known.plan.sentence)
@@ -74,8 +77,8 @@ def simulate(
     first: Annotated[int, typer.Option(help="Number in the first code, SIM01 and so on.")] = 1,
     seed: Annotated[int, typer.Option(help="Seed of the simulated participants.")] = 0,
 ) -> None:
-    """Rehearse the study with SIMULATED participants. Their answers are no evidence about people."""
-    from haptorb.apps.study.model.study_file import read_study
+    """Rehearse the study with SIMULATED participants. Their answers are not evidence about people."""
+    from haptorb.apps.study.model.study_reader import read_study
     from haptorb.apps.study.simulated.rehearsal import rehearse
     from haptorb.apps.study.store.database import database
 
@@ -99,14 +102,16 @@ def power(
     measure: Annotated[
         str | None,
         typer.Option(
-            help="Measure: error, accuracy, rating, threshold, midpoint, choice, upward-bias or error-slope "
-            "(default: by plan or procedure)."
+            help="Measure: error, accuracy, rating, threshold, midpoint, choice, magnitude, exponent, upward-bias or "
+            "error-slope (default: by plan or procedure)."
         ),
     ] = None,
     pool: Annotated[int, typer.Option(help="Number of simulated participants to draw from.")] = 40,
     people: Annotated[
         list[int] | None,
-        typer.Option(help="Number of participants to show; repeatable. The search goes below and above."),
+        typer.Option(
+            help="Number of participants to show; repeatable. The search also tries lower and higher numbers."
+        ),
     ] = None,
     alpha: Annotated[
         float | None, typer.Option(help="Significance level (default: that of the plan for one test, or 0.05).")
@@ -123,16 +128,16 @@ def power(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Estimate how many participants a study needs. Predicted with simulated participants."""
+    """Estimate how many participants a study needs, with simulated participants."""
     from haptorb.apps.study.inference.significance import check_test
-    from haptorb.apps.study.model.study_file import read_study
-    from haptorb.apps.study.simulated.power import power as foretold
+    from haptorb.apps.study.model.study_reader import read_study
+    from haptorb.apps.study.simulated.power import power as estimate_power
     from haptorb.cluster.cores import count_cores
 
     known = read_study(file)
     with make_progress() as bar:
         task = bar.add_task("SIMULATED participants", total=None)
-        found = foretold(
+        found = estimate_power(
             known, between, measure, pool=pool, people=people, alpha=alpha, wanted=wanted, seed=seed,
             test=None if test is None else check_test(test),
             processes=count_cores() if processes is None else processes, scheduler=scheduler,

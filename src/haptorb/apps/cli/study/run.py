@@ -46,7 +46,7 @@ def run(
 ) -> None:
     """Run sessions with a page for the participant and one for the experimenter. Resumes interrupted sessions."""
     from haptorb.apps.study.model.codes import check_code
-    from haptorb.apps.study.model.study_file import read_study
+    from haptorb.apps.study.model.study_reader import read_study
     from haptorb.apps.study.store.database import database
     from haptorb.runtime.realtime.linux import require_linux
 
@@ -98,16 +98,16 @@ def _run_in_terminal(
 ) -> None:  # fmt: skip
     from haptorb.apps.study.session.stored_session import StoredSession
 
-    with StoredSession(engine, known, participant, simulated=False) as sitting:
-        if sitting.resumed:
-            say(f"resuming session {sitting.id} of {participant} at trial {sitting.number + 1}")
-        if sitting.over:
+    with StoredSession(engine, known, participant, simulated=False) as session:
+        if session.resumed:
+            say(f"resuming session {session.id} of {participant} at trial {session.number + 1}")
+        if session.over:
             raise InputError(f"participant '{participant}' has already answered all trials")
         from haptorb.apps.study.session.terminal import run_session
 
-        how = run_session(sitting, start, _free_recording_path(db, sitting.id) if record else None)
+        how = run_session(session, start, _free_recording_path(db, session.id) if record else None)
     words = {"done": "done: thank you", "aborted": "aborted: the answers are stored"}
-    say(words.get(how, f"session ended: `{again}` resumes at trial {sitting.number + 1}"))
+    say(words.get(how, f"session ended: `{again}` resumes at trial {session.number + 1}"))
 
 
 def _run_in_browser(
@@ -117,7 +117,7 @@ def _run_in_browser(
     from haptorb.apps.study.simulated.forecast import forecast
     from haptorb.files.sql_engine import mask_password
 
-    more = {"database": mask_password(db), "foretold": forecast(known).sentence, "code": participant or ""}
+    more = {"database": mask_password(db), "forecast": forecast(known).sentence, "code": participant or ""}
     with StudyServer(sessions, port, simulated=driver == "sim", more=more) as host:
         nature = "SIMULATED DEVICE" if driver == "sim" else f"driver {driver}"
         say(f"participant:  {host.participant}\nexperimenter: {host.experimenter}\n{nature}. Ctrl-C ends.")
@@ -125,11 +125,11 @@ def _run_in_browser(
             sessions.ask({"do": "begin", "code": participant}, say)
         number = host.serve()
     if number:
-        say("ended: the same command resumes an interrupted session")
+        say("ended: the same command continues an interrupted session")
 
 
 def _free_recording_path(db: str, session: int) -> Path:
-    """A name for this stretch of the session's recording that is not taken."""
+    """An unused name for this part of the session's recording."""
     from haptorb.files.sql_engine import url_of
 
     url = url_of(db)

@@ -20,7 +20,7 @@ __all__ = ["DesignRelay"]
 class DesignRelay:
     """The part of a hub that joins its `pages` to `designs`.
 
-    notice_world   tells the pages of the world if it is another one than before
+    notice_world   sends the world to the pages if it has changed
     """
 
     def __init__(self, designs: DesignSession, pages: list[ConsolePage], notice_world: Callable[[], None]) -> None:
@@ -31,7 +31,7 @@ class DesignRelay:
 
     @property
     def hidden(self) -> bool:
-        """Whether no page may be told name, values or picture of what is felt."""
+        """Whether name, values and picture of the design are hidden from every page."""
         return self._designs.hidden
 
     def notice(self) -> None:

@@ -18,7 +18,7 @@ class DesignSession(Protocol):
 
     @property
     def hidden(self) -> bool:
-        """Whether no page may be told name, values or picture of what is felt."""
+        """Whether name, values and picture of the design are hidden from every page."""
         ...
 
     def describe(self) -> Mapping[str, Any]:

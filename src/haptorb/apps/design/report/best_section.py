@@ -17,9 +17,11 @@ __all__ = ["make_best_section"]
 def make_best_section(table: ResultsTable, best: Sequence[BestDesign]) -> str:
     """HTML of all of `best`."""
     if not best:
-        return "<p>There is no valid design: the ranges and constraints leave none. Refusals are counted below.</p>"
+        return (
+            "<p>There is no valid design within the ranges and constraints. The rejected designs are counted below.</p>"
+        )
     rule = RULES[len(table.select("objective")) > 1]
-    return f"<p class='soft'>How they were chosen. {escape(rule)}</p>" + "".join(
+    return f"<p class='soft'>Selection: {escape(rule)}</p>" + "".join(
         _make_one(table, number, one) for number, one in enumerate(best, 1)
     )
 
@@ -30,7 +32,7 @@ def _make_one(table: ResultsTable, number: int, one: BestDesign) -> str:
     picture = (
         f"<figure tabindex='0'><img loading='lazy' width='1080' height='954' alt='{shown}' "
         f"src='{_encode_data(one.drawing, 'image/png')}'>"
-        "<figcaption>One millimetre is as long in both columns.</figcaption></figure>"
+        "<figcaption>Both columns have the same scale.</figcaption></figure>"
         if one.drawing
         else ""
     )

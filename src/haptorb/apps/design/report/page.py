@@ -52,8 +52,8 @@ def make_page(table: ResultsTable, best: Sequence[BestDesign]) -> str:
 
 
 _LINES = (
-    "<p class='soft'>One line for each valid design; those of the front are drawn in colour, the one that is pointed "
-    "at broad. A line that leaves the drawn part of an axis runs along its end.</p><div id='parallel'></div>"
+    "<p class='soft'>One line per valid design; designs on the Pareto front are coloured, the selected one is "
+    "thick. A line that leaves the visible range of an axis continues along its end.</p><div id='parallel'></div>"
 )
 _NONE = "<p>There is no valid design.</p>"
 
@@ -62,14 +62,14 @@ def _make_front(table: ResultsTable, several: bool) -> str:
     if not table.found:
         return _NONE
     caption = (
-        "Every point is a valid design. The larger points are the front: none of them can be made better in one "
-        "objective without loss in another."
+        "Every point is a valid design. The larger points are the Pareto front: no design is better in one objective "
+        "without being worse in another."
         if several
         else "Every point is a valid design; the larger point is the best."
     )
     return (
-        f"<p class='soft'>{caption} The turned square is the base device, the numbers are the best designs below. "
-        "Point at a design, or use the arrow keys; a click, or Enter, leads to a numbered design’s device.</p>"
+        f"<p class='soft'>{caption} The diamond is the base device; the numbers are the best designs below. "
+        "Point at a design, or use the arrow keys; a click, or Enter, goes to the device of a numbered design.</p>"
         "<noscript><p>The picture needs a script; tables and devices are below without it.</p></noscript>"
         "<div id='scatter'></div>"
     )
@@ -92,8 +92,8 @@ def _make_summary(table: ResultsTable) -> str:
 
 def _make_refusals(table: ResultsTable) -> str:
     if not table.refusals:
-        return "<p>No design was refused.</p>"
-    names = {"device": "device (the values make none)", "objective": "objective (no finite number)"}
+        return "<p>No design was rejected.</p>"
+    names = {"device": "device (values that form no valid device)", "objective": "objective (not a finite number)"}
     lines = "".join(
         f"<tr><th scope='row'>{escape(names.get(one.by, one.by.replace('_', ' ')))}</th>"
         f"<td class='n'>{one.count:,}</td><td class='n'>{one.count / table.total:.0%}</td>"
@@ -101,9 +101,10 @@ def _make_refusals(table: ResultsTable) -> str:
         for one in table.refusals
     )
     return (
-        "<p class='soft'>Constraints are asked in the order of the design file: a design counts for the first that it "
-        "breaks.</p><div class='wide' tabindex='0'><table class='table'><thead><tr><th scope='col'>refused by</th>"
-        "<th scope='col' class='n'>designs</th><th scope='col' class='n'>of all</th><th scope='col'>for example</th>"
+        "<p class='soft'>Constraints are evaluated in the order of the design file; a design counts for the first "
+        "one that it violates.</p><div class='wide' tabindex='0'><table class='table'><thead><tr><th "
+        "scope='col'>rejected by</th>"
+        "<th scope='col' class='n'>designs</th><th scope='col' class='n'>share</th><th scope='col'>example</th>"
         f"</tr></thead><tbody>{lines}</tbody></table></div>"
     )
 

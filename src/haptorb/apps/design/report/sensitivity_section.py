@@ -42,14 +42,16 @@ def _choose_rows(table: ResultsTable) -> tuple[NDArray[np.int_], str]:
     every = np.arange(len(table.found))
     swept = np.array([run.method in METHODS for run, _ in table.found], dtype=bool)
     if swept.sum() >= FEWEST:
-        others = "" if swept.all() else "; the optimiser’s are left out, which are crowded where it searched"
+        others = (
+            "" if swept.all() else "; those of the optimiser, which are concentrated where it searched, are left out"
+        )
         return every[swept], f"From the {swept.sum()} valid designs of sweeps{others}."
     if every.size >= FEWEST:
         return every, (
-            f"From all {every.size} valid designs. An optimiser chose them: they are crowded where it searched, and "
-            "the numbers are rough. A sweep into the same file gives better ones."
+            f"From all {every.size} valid designs. An optimiser chose them, so they are concentrated where it "
+            "searched and the numbers are rough. A sweep into the same file gives better ones."
         )
-    return every, f"{every.size} valid designs are too few: at least {FEWEST} are needed. Compute more."
+    return every, f"{every.size} valid designs are not enough: at least {FEWEST} are needed. Compute more."
 
 
 def _estimate(parameter: ResultsColumn, objective: ResultsColumn, rows: NDArray[np.int_]) -> Sensitivity:
@@ -65,7 +67,7 @@ def _make_table(objective: ResultsColumn, found: list[tuple[ResultsColumn, Sensi
         for parameter, one in found
     )
     together = sum(one.share for _, one in found)
-    rest = f"All together {together:.0%}." if together < 1 else "All together over 100 %: the parameters are dependent."
+    rest = f"Sum {together:.0%}." if together < 1 else "Sum above 100 %: the parameters are dependent."
     return (
         f"<div class='wide' tabindex='0'><table class='table'><caption>{escape(objective.title)} "
         f"<span class='soft'>({rest})</span></caption><thead><tr><th scope='col'>parameter</th>"

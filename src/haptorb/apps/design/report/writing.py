@@ -27,17 +27,17 @@ def write_report(
 ) -> list[Path]:
     """Write the report of `results`, a file or database, to the HTML file `output`; the paths of all files written.
 
-    The `count` best designs are written beside it, as NAME.toml for `haptorb run`; all files or none. `report` is told
-    what is done now, how many steps were done, and of how many.
+    The `count` best designs are written beside it, as NAME.toml for `haptorb run`; all files or none. `report` is
+    called with what is done now, how many steps were done, and of how many.
 
     Raises RecordingError for results that cannot be read, InputError for an output that cannot be written: a device
-    file that somebody else wrote stays.
+    file from elsewhere stays.
     """
     if not 1 <= count <= MOST:
         raise InputError(f"the number of best designs must be from 1 to {MOST}; got {count}")
     page = Path(output).expanduser()
     if not page.absolute().parent.is_dir():
-        raise InputError(f"{page}: there is no folder {page.parent}; make it first")
+        raise InputError(f"{page}: there is no folder {page.parent}; create it first")
     if page.is_dir():
         raise InputError(f"{page} is a folder: name a file, such as report.html")
     report("reading the results", 0, 1)
@@ -56,7 +56,7 @@ def write_report(
             for part, text in zip(parts, texts, strict=True):
                 part.write_text(text, encoding="utf-8")
     except PermissionError as cause:
-        raise InputError(f"{page} and what is beside it cannot be written: {cause.strerror}") from cause
+        raise InputError(f"{page} and the files beside it cannot be written: {cause.strerror}") from cause
     return paths
 
 

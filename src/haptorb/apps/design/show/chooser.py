@@ -1,7 +1,7 @@
 """The chooser: a page on one port, and for the design that is chosen a simulated servo with the console on another.
 
 The servo starts and ends in the thread that calls `serve`, as `haptorb run` has it; a thread of its own answers the
-chooser's page. Every device starts with its coils off: somebody has to engage them in the console.
+chooser's page. Every device starts with its coils off: engage them in the console.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from haptorb.runtime.servo.servo import Servo
 
 __all__ = ["PORT", "Chooser"]
 
-PORT = 8764  #: unless told otherwise; the console's, the study's and the viewer's are others
+PORT = 8764  #: default; the console's, the study's and the viewer's are others
 _LOOK = 0.1  #: between two looks whether to end [s]
 
 
@@ -65,7 +65,7 @@ class Chooser:
     ) -> int | None:
         """Serve until `close`, SIGINT or SIGTERM (the signal's number is returned), or for `until` seconds.
 
-        `say` is told of every device that starts, or cannot. Signals are only heard in the main thread.
+        `say` is called for every device that starts, or cannot. Signals are received only in the main thread.
         """
         end = float("inf") if until is None else monotonic() + until
         self._thread.start()

@@ -81,7 +81,7 @@ def _draw_figure(path: Path) -> Path:
     for model, style, label in (("paper", "C3-", "eq. (12)"), ("timoshenko", "C0-", "loaded where the contact is")):
         right.plot(1e3 * at, compliance(hook, at, model, shear_ratio=2.6).plus, style, label=label)  # type: ignore[arg-type]
     right.set(xlabel="contact at [mm]", ylabel="Ω₊ [1]", ylim=(0, None))
-    right.set_title("How far it gives way (E11)", loc="left", fontsize=10)
+    right.set_title("Deflection (E11)", loc="left", fontsize=10)
     right.grid(alpha=0.3)
     right.legend(frameon=False)
     figure.savefig(path, dpi=120)

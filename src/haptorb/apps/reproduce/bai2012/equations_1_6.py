@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 
 from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Report
 from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
-from haptorb.control.clutch.modes import Clutch, Gains, Mode, TwoModes
+from haptorb.control.clutch.gains import Gains
+from haptorb.control.clutch.moded_linkage import ModedLinkage
+from haptorb.control.clutch.modes import MODES, Mode
 from haptorb.devices.motor.api import motor, torque_characteristic
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.devices.state import State
@@ -45,23 +50,24 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     )
     u = least.currents
     found = [
-        _AT.assume("1-cone", "how far the rotor's axis moves while φ alone turns", 0.0, _axis_spread(), "1", 1e-12,
-                   "XYZ is read as intrinsic angles so that this holds, as the working space demands",
+        _AT.assume("1-cone", "motion of the rotor's axis while only φ changes", 0.0, _axis_spread(), "1", 1e-12,
+                   "XYZ is read as intrinsic angles so that this is true, as the working space requires",
                    where="eq. (1)"),
         _AT.claim("2-linear", "torque by (2) against the force of all coils at once on the magnets' charges, relative",
                  0.0, np.linalg.norm(grouped @ currents - by_charges) / np.linalg.norm(by_charges), "1", 1e-4,
                  "the sum over charges is converged to that", where="eq. (2)"),
         _AT.claim("4-torque", "torque of the allocator's currents against the wanted one, relative", 0.0,
                  np.linalg.norm(K @ u - wanted) / np.linalg.norm(wanted), "1", 1e-12, where="eq. (4)"),
-        _AT.claim("4-least", "power of the allocator's currents over that of (4), the least", 1.0,
+        _AT.claim("4-least", "power of the allocator's currents over that of (4), the minimum", 1.0,
                  (u**2).sum() / (by_equation**2).sum(), "1", 1e-9, where="eq. (4)"),
         *_motions(),
         *_torques(),
         _AT.claim("6-power", "(6b): power lost between handle and target with η̂₁ = ζ̂₂, η̂₂ = ζ̂₁, η̂₃ = ζ̂₃, relative", 0.0,
                  _find_imbalance(), "1", 1e-12, erratum="E6", where="eq. (6b)"),
-        _AT.claim("6-text", "power lost of a pull along X' by the text's 'T_ψ (due to F_X') and T_λ (due to F_Y')', "
-                 "relative", 0.0, _find_loss_by_text(), "1", 1e-12, "a pull along X' turns λ by (6a), and the text has "
-                 "its force act on ψ: all is lost", erratum="E6", corrected=1.0, where="§3.2"),
+        _AT.claim("6-text", "power at the handle over power at the target by the text's 'T_ψ (due to F_X') and T_λ "
+                 "(due to F_Y')', F_X' = F_Y', λ alone moves, ζ̂₁ = 0.4, ζ̂₂ = 0.7", 1.0, _find_power_by_text(), "1",
+                 1e-12, "λ moves X' by (6a), and the text has F_Y' act on it: η̂₁ = ζ̂₂ stands where ζ̂₁ must",
+                 erratum="E6", corrected=0.7 / 0.4, where="§3.2"),
         _AT.item("6-six", "independent motions of the target in the two modes", 6, _count_freedoms(), where="§2.1"),
     ]  # fmt: skip
     report(1.0)
@@ -89,26 +95,39 @@ def _state(t: float, psi: float = 0.0, lam: float = 0.0, phi: float = 0.0) -> St
     return State(t, rotation_from_euler(psi, lam, phi), np.zeros(3), np.zeros(3), np.zeros(3))
 
 
-def _engage(modes: TwoModes, mode: Mode) -> Clutch:
-    """A clutch that has taken hold of the upright rotor in `mode`."""
-    clutch = modes.start(_state(0.0), mode=mode)
-    for k in range(1, 9):
-        clutch = modes.advance(clutch, _state(0.04 * k))
-    return clutch
+@dataclass(frozen=True)
+class _ConstantWrench:
+    value: Array  #: (6,) on the target [N, N·m]
+
+    def wrench(self, state: State) -> Array:
+        return self.value
 
 
-def _target_motion(mode: Mode, axis: int) -> Array:
+_FREE = _ConstantWrench(np.zeros(6))
+
+
+def _engage(gains: Gains, mode: Mode) -> ModedLinkage:
+    """A linkage whose clutch has joined the upright rotor to the target in `mode`."""
+    linkage = ModedLinkage(gains)
+    linkage.set_mode(mode)
+    for k in range(9):
+        linkage.render(_FREE, _state(0.04 * k))
+    return linkage
+
+
+def _turn_handle(gains: Gains, mode: Mode, axis: int) -> Array:
     """(6,) motion of the target, X'Y'Z'ψ'λ'φ', per radian of ψ, λ or φ (axis 0, 1, 2)."""
-    return _turn_handle(TwoModes(_GAINS), mode, axis)
-
-
-def _turn_handle(modes: TwoModes, mode: Mode, axis: int) -> Array:
-    clutch = _engage(modes, mode)
     angles = [0.0, 0.0, 0.0]
     angles[axis] = _TURN
-    after = modes.advance(clutch, _state(clutch.t + 0.001, *angles))
-    moved: Array = np.concatenate([after.position - clutch.position, after.attitude - clutch.attitude]) / _TURN
-    return moved
+    target = _engage(gains, mode).render(_FREE, _state(0.33, *angles)).thing
+    R = target.R_SR
+    attitude = math.atan2(-R[1, 2], R[2, 2]), math.asin(R[0, 2]), math.atan2(-R[0, 1], R[0, 0])
+    return np.array([*target.p, *attitude]) / _TURN
+
+
+def _find_torque(gains: Gains, mode: Mode, wrench: Array) -> Array:
+    """(3,) torque on the upright rotor [N·m] for `wrench` (6,) on the target."""
+    return _engage(gains, mode).render(_ConstantWrench(wrench), _state(0.33)).wrench[3:]
 
 
 def _motions() -> list[Item]:
@@ -121,14 +140,13 @@ def _motions() -> list[Item]:
         ("6a-z", "translate", phi, 2, "ζ̂₃ of Z' = ζ̂₃ φ [m/rad]", 0.05),
     )  # fmt: skip
     return [
-        _AT.claim(name, f"{what}, set and found by turning the rotor", gain, _target_motion(mode, axis)[row], "1", 1e-9,
-                 where=f"eq. ({name[:2]})")
+        _AT.claim(name, f"{what}, set and found by turning the rotor", gain, _turn_handle(_GAINS, mode, axis)[row], "1",
+                 1e-9, where=f"eq. ({name[:2]})")
         for name, mode, axis, row, what, gain in rows
     ]  # fmt: skip
 
 
 def _torques() -> list[Item]:
-    modes = TwoModes(_GAINS)
     rows: tuple[tuple[str, Mode, int, int, str, float], ...] = (
         ("5b-psi", "rotate", 3, 0, "η₁ of T_ψ = η₁ T_ψ'", 0.19),
         ("5b-lambda", "rotate", 4, 1, "η₂ of T_λ = η₂ T_λ'", 0.23),
@@ -138,34 +156,33 @@ def _torques() -> list[Item]:
         ("6b-phi", "translate", 2, 2, "η̂₃ of T_φ = η̂₃ F_Z' [m]", 0.017),
     )  # fmt: skip
     return [
-        _AT.claim(name, f"{what}, set and found", gain, modes.torque(_engage(modes, mode), np.eye(6)[component])[axis],
+        _AT.claim(name, f"{what}, set and found", gain, _find_torque(_GAINS, mode, np.eye(6)[component])[axis],
                  "1", 1e-9, where=f"eq. ({name[:2]})", erratum="E6" if name[:2] == "6b" and axis < 2 else "")
         for name, mode, component, axis, what, gain in rows
     ]  # fmt: skip
 
 
-def _find_loss_by_text() -> float:
-    """Share of the target's power that the handle lacks: F_X' alone, λ alone, and the torques of the text's order."""
-    modes = TwoModes(Gains(translate=(0.4, 0.7, 0.2)))
-    force = np.array([1.0, 0.0, 0.0])
-    target = float(force @ (_turn_handle(modes, "translate", 1)[:3]))
-    torque = modes.torque(_engage(modes, "translate"), np.concatenate([force, np.zeros(3)]))[[1, 0, 2]]
-    return 1.0 - float(torque[1]) / target
+_UNLIKE = Gains(translate=(0.4, 0.7, 0.2))
+
+
+def _find_power_by_text() -> float:
+    """Power at the handle over power at the target: F_X' = F_Y', λ alone moves, and the torques in the text's order."""
+    force = np.array([1.0, 1.0, 0.0])
+    target = float(force @ (_turn_handle(_UNLIKE, "translate", 1)[:3]))
+    torque = _find_torque(_UNLIKE, "translate", np.concatenate([force, np.zeros(3)]))[[1, 0, 2]]
+    return float(torque[1]) / target
 
 
 def _find_imbalance() -> float:
     """Greatest |T·q̇ − F·v'| over |F·v'| with gains that the library calls power-consistent, upright rotor."""
-    modes = TwoModes(Gains(translate=(0.4, 0.7, 0.2)))
-    clutch = _engage(modes, "translate")
     rng, worst = np.random.default_rng(6), 0.0
     for force, rates in zip(rng.normal(size=(20, 3)), rng.normal(size=(20, 3)), strict=True):
-        torque = modes.torque(clutch, np.concatenate([force, np.zeros(3)]))
+        torque = _find_torque(_UNLIKE, "translate", np.concatenate([force, np.zeros(3)]))
         power = force @ (np.array([0.4, 0.7, 0.2]) * rates[[1, 0, 2]])  # X' from λ, Y' from ψ, Z' from φ
         worst = max(worst, abs(float(torque @ rates - power)) / abs(float(power)))
     return worst
 
 
 def _count_freedoms() -> int:
-    return int(
-        np.linalg.matrix_rank([_target_motion(mode, axis) for mode in ("translate", "rotate") for axis in range(3)])
-    )
+    motions = [_turn_handle(_GAINS, mode, axis) for mode in MODES for axis in range(3)]
+    return int(np.linalg.matrix_rank(motions))

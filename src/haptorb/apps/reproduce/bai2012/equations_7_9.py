@@ -41,7 +41,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                      "mm", 5e-4, where="eq. (7)")
             for name, model, radius in (("pm", pm, 15.875 * 4 / 5), ("em", em, 15.88 * 6 / 7))
         ),
-        _AT.claim("8-axis", "field 10 mm above the middle of one PM by (8), summed by hand, against the library's",
+        _AT.claim("8-axis", "field 10 mm above the middle of one PM by (8), summed independently, against the "
+                            "library's",
                  1e3 * _axis_field(10e-3), 1e3 * pm.field((0, 0, 10e-3))[2], "mT", 1e-9, erratum="E1", where="eq. (8)"),
         *(
             _AT.claim(f"9-printed-{axis.lower()}", f"K₁₇ about {axis} at q = (10°, 5°, 5°): as printed, and corrected",
@@ -58,7 +59,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         ),
         _AT.claim("9-scale", "published model over exact bodies, all coils, workspace: best factor", 1.0, scale, "1",
                  0.06, "the accuracy of a model with 41 and 97 pole pairs", erratum="E1", where="eq. (9)"),
-        _AT.claim("9-shape", "what is left after that factor, rms over rms", 0.0, shape, "1", 0.03,
+        _AT.claim("9-shape", "remainder after that factor, rms over rms", 0.0, shape, "1", 0.03,
                  "the same", erratum="E1", where="eq. (9)"),
         _AT.note("9-aspect", "the best factor with the coils' l read as l/2a = 0.3", other, "1",
                  "27 to 30 % off: this reading is rejected", where="eq. (9)"),

@@ -36,19 +36,20 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     given = MinimumPowerAllocator(device.coils.current_limit, compensate_passive=True).allocate(known, wanted)
     left = known.matrix @ given.currents + known.passive - wanted
     report(1.0)
-    assumed = "the paper gives no sizes of rotor and rings: assumed so that this holds"
+    assumed = "the paper gives no sizes of rotor and rings: assumed so that this is true"
     return (
         _AT.assume("topples",
                  "sign of the torque on a leaning rotor, no currents and no regulator ('inverted pendulum')",
                  -1.0, np.sign(alone[1:]).max(), "1", 0.0, assumed),
         _AT.assume("holds", "the same with the regulator, to 20° of tilt ('supports the rotor against gravity')", 1.0,
                  np.sign(held[1:][tilts[1:] <= np.radians(20.0)]).min(), "1", 0.0, assumed),
-        _AT.compare("compensated", "torque left over when the regulator is compensated in the currents, relative", 0.0,
+        _AT.compare("compensated", "remaining torque when the regulator is compensated in the currents, relative", 0.0,
                  np.linalg.norm(left[3:]) / np.linalg.norm(wanted[3:]), "1", 1e-9, "the allocator's own equation"),
         _AT.note("weight", "torque of the weight at the edge of the workspace", -alone[-1], "N·m", assumed),
         _AT.note("saved", "share of it that the regulator carries", 1 - held[-1] / alone[-1], "1"),
         _AT.note("saved-upright", "the same at 5° of tilt", 1 - np.interp(0.0873, tilts, held)
-                 / np.interp(0.0873, tilts, alone), "1", "more than the whole weight: the rest rights the rotor"),
+                 / np.interp(0.0873, tilts, alone), "1", "more than the whole weight: the remainder turns the rotor "
+                                                         "upright"),
         _AT.exempt("loop", "the loop of design, feeling and choosing", "a procedure, not a number; `haptorb feel` "
                       "runs it: candidates are rendered, rated, and the choice is recorded", "Fig. 5(a)"),
         _AT.exempt("photo", "the prototype", "a photograph"),

@@ -28,7 +28,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     found = (
         _AT.note("s", "(10): stiffness while pushed in over stiffness while pulled out, s = ∓1",
                  (soft.plus + _FRICTION * soft.minus) / hard, "1",
-                 "from the printed Ω₊ and corrected Ω₋; a hand that wiggles gains energy", erratum="E25"),
+                 "from the printed Ω₊ and corrected Ω₋; a hand that moves back and forth gains energy", erratum="E25"),
         _AT.claim("dwelling", "(11) on a level top: f_x/f_y = μ", 0.134, force_ratio(0.0, _FRICTION, True), "1", 1e-12),
         _AT.claim("insertion", "(11): f_x/f_y = tan(γ' + arctan μ) at γ' = 30°, and by the balance of forces",
                  _statics(math.radians(30), 1.0), force_ratio(math.radians(30), _FRICTION, True), "1", 1e-12),

@@ -31,17 +31,17 @@ _FAST = 1e4  #: [m/s] so that friction is Coulomb's, not the creep of a smoothed
 
 def items(report: Report) -> tuple[tuple[Item, ...], None]:
     """Δ by plain geometry, forces by quadrature and by the outlet's two worlds, and which of them energy allows."""
-    published, felt = PublishedOutlet(), Outlet(beam="paper")
+    published, rendered = PublishedOutlet(), Outlet(beam="paper")
     stiffness = compute_pull_stiffness()
-    rows = felt.contacts(_plug(1e-3, tilt=_TILT, y=0.1e-3))
+    rows = rendered.contacts(_plug(1e-3, tilt=_TILT, y=0.1e-3))
     bent = [rows[1].deflection, rows[0].deflection]  # hook 1 pushes towards +Y': it stands at −Y'
     arm = _ARM - _X0 - 1e-3
     by_16 = [0.5 * _WP / math.cos(_TILT) + side * arm * math.tan(_TILT) - 0.5 * _WS - side * 0.1e-3 for side in (1, -1)]
-    straight = felt.contacts(_plug(1e-3, vx=_FAST))
+    straight = rendered.contacts(_plug(1e-3, vx=_FAST))
     tilted = published.wrench(_plug(0.0, tilt=_TILT, vx=_FAST))
     report(0.3)
     area = 2 * math.tan(_TILT) * (_ARM - _X0) ** 2
-    missing = felt.wrench(_plug(0.0, tilt=_TILT, vx=_FAST))
+    missing = rendered.wrench(_plug(0.0, tilt=_TILT, vx=_FAST))
     turning = [published.wrench(_plug(4e-3, tilt=math.radians(deg)))[5] for deg in (2.0, 1.0, 0.5, 0.0)]
     found = (
         *(
@@ -54,8 +54,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  abs(straight[0].force[0] / straight[0].force[1]), "1", 1e-6, "the outlet that conserves energy",
                  where="eq. (15b)"),
         _AT.claim("14", "(14): F_X' of both hooks, pulled straight, and (17)", stiffness * _FRICTION * (_WP - _WS),
-                 -felt.wrench(_plug(1e-3, vx=_FAST))[0], "N", 1e-3, "the outlet that conserves energy", erratum="E9",
-                 where="eq. (14)"),
+                 -rendered.wrench(_plug(1e-3, vx=_FAST))[0], "N", 1e-3, "the outlet that conserves energy",
+                 erratum="E9", where="eq. (14)"),
         _AT.claim("17-x", "(17): F_X' at 2°, pull of the hand", stiffness * _FRICTION * (_WP / math.cos(_TILT) - _WS),
                  -tilted[0], "N", 1e-6, erratum="E9", where="eq. (17)"),
         _AT.claim("17-y", "(17): F_Y' at 2°, x = y = 0", stiffness * 2 * math.tan(_TILT) * (_ARM - _X0), tilted[1], "N",
@@ -70,7 +70,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.claim("18-falls", "phase 2: 1 if torque falls as the tilt falls (printed: rises)", -1.0,
                  float(all(a > b for a, b in pairwise(turning))) * 2 - 1, "1", 0.0,
                  "a direction", erratum="E20", corrected=1.0, where="§3.2"),
-        _AT.claim("16-sense", "side force by energy over (17)'s, ε_z counted counter-clockwise", 1.0, _sense(), "1",
+        _AT.claim("16-sense", "side force by energy over (17)'s, ε_z counted counter-clockwise", 1.0,
+                 _compare_sense(stiffness), "1",
                  0.05, "the sign counts; small angles", erratum="E23", corrected=-1.0, where="eqs. (16)–(18)"),
         _AT.claim("17-tilted", "share of the pull at 2° that (17) has and energy has not", 0.0,
                  (tilted[0] - missing[0]) / tilted[0], "1", 0.02, "h is assumed", erratum="E24",
@@ -99,8 +100,9 @@ def _plug(x: float, *, y: float = 0.0, tilt: float = 0.0, vx: float = 0.0) -> St
     return State(0.0, R, np.array([lift + x, y, 0.0]), np.zeros(3), np.array([vx, 0.0, 0.0]))
 
 
-def _sense() -> float:
-    """(17)'s side force, tilted counter-clockwise by a little, over minus the gradient of the springs' energy."""
+def _compare_sense(stiffness: float) -> float:
+    """Minus the gradient of the springs' energy, plug turned counter-clockwise by a little, over (17)'s side force for
+    that ε_z; both springs of `stiffness` [N/m]."""
     theta, step = 0.01, 1e-7
 
     def energy(y: float) -> float:
@@ -111,7 +113,8 @@ def _sense() -> float:
             total += 0.5 * (side * (start[1] + s / c * (_ARM - start[0])) - 0.5 * _WS) ** 2
         return total
 
-    return -(energy(step) - energy(-step)) / (2 * step) / (2 * math.tan(theta) * _ARM)
+    by_energy = -stiffness * (energy(step) - energy(-step)) / (2 * step)
+    return by_energy / float(PublishedOutlet().wrench(_plug(0.0, tilt=theta, vx=_FAST))[1])
 
 
 def _curl(world: World) -> float:

@@ -43,7 +43,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
         name: str, what: str, published: float | None, computed: float, unit: str, tolerance: float | None,
         erratum: str = "", basis: Basis = "computed",
     ) -> Item:  # fmt: skip
-        why = "" if tolerance is None else "noise of sensors and hand; the chain runs at 1 kHz"
+        why = "" if tolerance is None else "noise of sensors and hand; the loop runs at 1 kHz"
         return Item(
             f"fig8-{name}",
             _PAPER,
@@ -68,13 +68,13 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
             stiffness * 2 * math.tan(math.radians(2.0)) * (ARM - X_0), line(X_0), "N", 1.0, "E9"),
         one("fy-line", "greatest departure of F_Y' from a straight line, over its mean", 0.0,
             np.abs(force[:, 1] - line(place)).max() / force[:, 1].mean(), "1", 5e-3),
-        one("fy-falls", "F_Y' lost per way pulled, eq. (17) with E9 and E10",
+        one("fy-falls", "decrease of F_Y' per displacement, eq. (17) with E9 and E10",
             -stiffness * 2 * math.tan(math.radians(2.0)) * 1e-3, line.deriv()(X_0) * 1e-3, "N/mm", 0.2, "E9"),
-        one("torque-zero", "torque about Z' when the plug is righted, over that at 2°: 'becomes zero'", 0.0,
+        one("torque-zero", "torque about Z' when the plug is upright, over that at 2°: 'becomes zero'", 0.0,
             abs(last) / abs(right["object_wrench"][:20, 5].mean()), "1", 5e-3, "E20"),
-        one("given", "torque on the rotor against the torque asked for, both phases, rms over rms", 0.0,
+        one("given", "torque on the rotor against the torque asked, both phases, rms over rms", 0.0,
             _departure(pull, right), "1", 0.02, basis="own"),
-        one("sum", "currents of the parts summed against those that were wanted, greatest difference", 0.0,
+        one("sum", "sum of the currents of the parts against the commanded currents, largest difference", 0.0,
             max(_explanation_error(pull), _explanation_error(right)), "A", 5e-3, basis="own"),
         one("torque", "greatest torque asked of the motor", None, torque.max(), "N·m", None),
     )  # fmt: skip
@@ -120,7 +120,7 @@ def _draw_figure(pull: PhaseRecord, right: PhaseRecord, path: Path) -> Path:
             ]
         else:
             top.plot(along, wrench[:, 5], "C2", label="T_Z' about o' on the plug")
-            top.set(ylabel="N·m", title="Phase 2, rotating: righted")
+            top.set(ylabel="N·m", title="Phase 2, rotating: turned upright")
             expected = [(of_torques[2] * wrench[:, 5], "η₃ T_φ' of (5b)")]
         asked, given = course.euler_torque("asked"), course.euler_torque("given")
         for axis, name in enumerate(("T_ψ", "T_λ", "T_φ")):

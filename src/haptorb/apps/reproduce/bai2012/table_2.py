@@ -44,7 +44,10 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     found += [
         _AT.note("aiding", "smallest singular value, i₁ = i₁₃ with the same radial sense, checkerboard magnets",
                  _least(single @ aiding), "N·m/A", "zero: E4; the motor would heat and not turn"),
-        _AT.note("opposed", "the same, second coil of each pair wound the other way (the default)", best, "N·m/A"),
+        _AT.note("opposed-in-step", "the same, second coil of each pair wound the other way, rings in step",
+                 _least(phase @ opposed), "N·m/A", "zero as well: E4"),
+        _AT.note("opposed", "the same, second coil of each pair wound the other way, checkerboard (the default)", best,
+                 "N·m/A"),
         _AT.note("ratio", "that over the one for rings in step and coils aiding: two readings, both turn",
                  best / _least(phase @ aiding), "1", "depends on how finely the workspace is sampled",
                  erratum="E4"),

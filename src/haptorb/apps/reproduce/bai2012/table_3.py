@@ -49,7 +49,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  read_entry(materials, "MATERIALS[brass].youngs_modulus", 1e-9), "GPa", 1.0, "handbooks: 90 to 105 GPa",
                  erratum="E7", corrected=93.0),
         _AT.claim("pull", "whole pull of the outlet by (17), untilted, H_x as printed, E as printed, and 113 GPa",
-                 _pull(1.13e9), _pull(113e9), "N", 0.01, "a household outlet holds tens of newtons; (12), (13) by "
+                 _pull(1.13e9), _pull(113e9), "N", 0.01, "a household outlet holds with tens of newtons; (12), (13) by "
                  "quadrature", erratum="E7", corrected=compute_pull_stiffness(1 + 0.75 / 0.6) * 0.134 * 1.5e-3),
         _AT.item("p-used", "p of eq. (12)", 1.2, read_entry(beams, "SHEAR_COEFFICIENT"), "1", 1e-9,
                  "A ∫ (Q/(I b))² dA of a rectangle gives it too"),
@@ -63,8 +63,9 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  "1", 0.0, "what cannot be built must not be rendered", erratum="E8"),
         _AT.claim("delta", "δ of each hook with the plug in, (w_p − w_s)/2", 0.75, 1e3 * _bend_hook(), "mm", 1e-6,
                  "found by the outlet's contact"),
-        _AT.claim("yield", "yield stress of phosphor bronze over that at the hooks' root, plug in: 1 or more, or it is "
-                 "bent for good", 1.0, _find_margin(), "1", 5e-3, "a beam loaded at the contact, by quadrature; yield "
+        _AT.claim("yield", "yield stress of phosphor bronze over the stress at the root of the hooks, plug inserted: "
+                 "1 or more, or the hooks stay bent", 1.0, _find_margin(), "1", 5e-3, "a beam loaded at the contact, "
+                                                                                      "by quadrature; yield "
                  "0.55 GPa by handbooks", erratum="E29", corrected=_find_margin_by_quadrature()),
         _AT.exempt("e-plug", "E of brass, 0.93 GPa (93: E7), and its ν = 0.35", "the plug is rigid throughout"),
         _AT.exempt("thickness", "thickness of the plug, 1.5 mm", "it enters no equation; with w_p it names the plug "

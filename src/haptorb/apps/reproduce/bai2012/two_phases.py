@@ -15,8 +15,8 @@ from typing import Any, final
 import numpy as np
 
 from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
-from haptorb.control.clutch.linkage import ModedLinkage
-from haptorb.control.clutch.modes import Gains, TwoModes
+from haptorb.control.clutch.gains import Gains
+from haptorb.control.clutch.moded_linkage import ModedLinkage
 from haptorb.devices.motor.api import motor
 from haptorb.devices.motor.handle import Grasp
 from haptorb.devices.wrench_map import WrenchMap
@@ -122,7 +122,7 @@ def _smooth(s: float) -> float:
 def two_phases(
     device: str = "pmsm", estimator: str = "least-squares", seed: int = 0, report: Callable[[float], None] | None = None
 ) -> tuple[PhaseRecord, PhaseRecord]:
-    """Phase 1 and phase 2 on `device` with the named estimator; `report` is told the share that is done."""
+    """Phase 1 and phase 2 on `device` with the named estimator; `report` receives the share that is done."""
     known = motor(device)
     gains = Gains().scale(FORCE_SCALE)
     spin = TILT / gains.rotate[2]  # of the handle: 8°
@@ -135,7 +135,7 @@ def two_phases(
 
     driver = SimDriver(SimulatedMotor(known, seed, grasp=_STEEL), _DT, hand, seed=seed)
     recorder = _RecordingEstimator(estimator_of(known, estimator, None))
-    linkage = ModedLinkage(TwoModes(gains), position=(X_0, 0.0, 0.0), attitude=(0.0, 0.0, -TILT))
+    linkage = ModedLinkage(gains, position=(X_0, 0.0, 0.0), attitude=(0.0, 0.0, -TILT))
     tick = Tick(known, _WORLD, driver, recorder, allocator_of(known), _DT, linkage)
     parts = MinimumPowerAllocator(known.coils.current_limit, resistance=known.coils.resistance)
     layout, row = tick.layout, tick.layout.empty()

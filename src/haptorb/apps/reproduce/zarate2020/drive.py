@@ -1,6 +1,6 @@
 """Zárate 2020, eqs. (3), (4), (6): the current that is asked for, in a winding that has become 60 K warmer.
 
-At first the drive believes the cold winding's resistance. With the running estimate of eq. (6) the current is right
+At first the drive uses the cold winding's resistance. With the running estimate of eq. (6) the current is right
 again within 0.2 s; without it, it stays 15 to 20 % too small for as long as the coil is warm.
 """
 
@@ -58,7 +58,7 @@ class DriveCourse:
 def drive_course(
     device: SphericalElectromagnet, rise: float = _RISE, wanted: float = _WANTED, seconds: float = 0.5, seed: int = 0
 ) -> DriveCourse:
-    """`wanted` [A] from t = 0 in coils `rise` [K] warmer than the drive believes; currents read with noise."""
+    """`wanted` [A] from t = 0 in coils `rise` [K] warmer than the drive assumes; currents read with noise."""
     if not (0 < wanted <= device.coils.current_limit.min() and abs(rise) <= 120 and seconds > 0):
         raise InputError(
             f"needs a current the coils may carry and a rise to 120 K; got {wanted} A, {rise} K, {seconds} s"
@@ -98,9 +98,9 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
     without = 100 * float(np.abs(course.uncompensated[after] / course.wanted - 1).min())
     found = (
         Item("drive-compensated", "zarate2020", "eq. (6)",
-             "greatest current error from 0.2 s on, 60 K above the assumed temperature", 0.0, with_it, "%", 1.0,
+             "largest current error after 0.2 s, 60 K above the assumed temperature", 0.0, with_it, "%", 1.0,
              why="1 %: a tenth of a just-noticeable difference", implied=True, basis="own"),
-        Item("drive-uncompensated", "zarate2020", "eq. (3)", "the same without the resistance estimate, least", None,
+        Item("drive-uncompensated", "zarate2020", "eq. (3)", "the same without the resistance estimate, smallest", None,
              without, "%", None),
     )  # fmt: skip
     return found, lambda path: _draw_figure(course, path)

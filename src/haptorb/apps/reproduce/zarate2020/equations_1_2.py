@@ -64,13 +64,14 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.item("quarter", "force 2 cm further out: 'F/4'", 0.25, pull[70][0] / pull[50][0], "1", 0.03,
                  "'approximately'; 0.260"),
         _AT.note("half-exact", "the same 1 cm out with the magnet at its size", pull[60][1] / pull[50][1], "1",
-                 "a long magnet falls off faster (E16)"),
+                 "the force of a long magnet decreases faster (E16)"),
         _AT.note("quarter-exact", "and 2 cm out", pull[70][1] / pull[50][1], "1", "the same"),
         _AT.item("fourth", "exponent of force by distance, 1/d⁴", -4.0, _exponent(device, 2), "1", 1e-3,
                  "difference over 1 %"),
         _AT.item("third", "exponent of torque by distance, 1/d³", -3.0, _exponent(device, 4), "1", 1e-3,
                  "difference over 1 %"),
-        _AT.item("flip", "turn of the dipole that swaps the greatest pull for the greatest push", 180.0, _angle(), "°",
+        _AT.item("flip", "rotation of the dipole that changes the largest pull into the largest "
+                         "push", 180.0, _angle(), "°",
                  1.0, "grid of 1°"),
         *(
             _AT.claim(f"size-{d}", f"exact force over the dipole's at {d} mm", 1.0, pull[d][1] / pull[d][0], "1", 5e-4,
@@ -79,7 +80,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
             for d in (50, 60, 70)
         ),
         _AT.claim("far", "(1): pull of the ring at its size, bound currents in a dipole's field, over that of two "
-                 "dipoles at 50 cm", 1.0, _find_excess(device, 0.5), "1", 3e-3, "the ring's length is felt in 0.15 %",
+                 "dipoles at 50 cm", 1.0, _find_excess(device, 0.5), "1", 3e-3, "the length of the ring contributes "
+                                                                                "0.15 %",
                  where="eq. (1)"),
         _AT.note("size-jnd", "the same at contact in just-noticeable differences of force",
                  (pull[50][1] / pull[50][0] - 1) / FORCE_JND, "1"),

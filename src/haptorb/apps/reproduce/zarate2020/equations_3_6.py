@@ -55,11 +55,11 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  1.0,
                  (course.estimate[late] / course.resistance[late]).mean(), "1", 0.01, "noise of the current sensor",
                  where="eq. (6)"),
-        _AT.claim("energy", "'able to accumulate some heat … and continuously dissipates it': the supply's energy "
-                 "that is neither stored in the coil nor in the air after 60 s at half duty, relative", 0.0,
+        _AT.claim("energy", "'able to accumulate some heat … and continuously dissipates it': energy from the supply "
+                 "that is neither in the coil nor in the air after 60 s at half duty, relative", 0.0,
                  _find_lost_energy(device), "1", 1e-3, "trapezoids of 20 ms", where="§III"),
-        _AT.exempt("5-five", "calibration 'with the help of five hall sensors'", "which five is not said; ours "
-                      "takes all nine", "eq. (5)"),
+        _AT.exempt("5-five", "calibration 'with the help of five hall sensors'", "the paper does not say which five; "
+                      "ours uses all nine", "eq. (5)"),
     )  # fmt: skip
     report(1.0)
     return found, None

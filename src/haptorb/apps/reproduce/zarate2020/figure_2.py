@@ -110,7 +110,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
     found = (
         _angle("b-zero", "angle from the summit at which a permanent magnet's radial force vanishes",
                90.0, np.degrees(radial_zero(plain, d)), "", None),
-        Item("fig2b-turn", "zarate2020", "Fig. 2b", "radial force half a turn away over that at the summit", -1.0,
+        Item("fig2b-turn", "zarate2020", "Fig. 2b", "radial force after half a turn over that at the summit", -1.0,
              float(ends[1] / ends[0]), "1", 1e-6, why="switching needs α = π: eq. (1)",
              implied=True),
         Item("fig2b-magnet", "zarate2020", "Fig. 2b", "map with θ1 = π/2 against two point dipoles, greatest error",
@@ -122,7 +122,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
                np.degrees(_find_printed_zero()), "E13", 180.0 / _NARROW * 45.0),
         _angle("c-cut", "angle at which its forces are cut off", 54.0, np.degrees(edge), "", None),
         Item("fig2c-given", "zarate2020", "Fig. 2c",
-             "what the exact inverse gives of that map in contact, greatest error", None,
+             "largest error of that map in contact with the exact inverse", None,
              1e3 * float(np.abs(given - asked[::_EVERY]).max()), "mN", None),
     )  # fmt: skip
     surface = Terrain().for_device(device)

@@ -46,7 +46,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         *_inverse(device.tool.moment),
         _AT.compare("inverse-currents", "force of the allocator's currents against the one asked, relative", 0.0,
                 _allocation_error(), "1", 1e-9, "any direction, dipole model in both"),
-        _AT.claim("cycle", "work given per round out over the summit, aside, in and back", 0.0, _round_trip(18.0), "mJ",
+        _AT.claim("cycle", "work per cycle outward over the summit, sideways, inward and "
+                           "back", 0.0, _round_trip(18.0), "mJ",
                  0.01, "the force along the path, against its curl over the area", erratum="E19",
                  corrected=_integrate_curl(F0 * d**4), where="§II.A"),
         _AT.compare("cycle-60", "the same at θ₁ = 60°, k = 1.5, the one map that is a gradient", 0.0, _round_trip(60.0),

@@ -1,10 +1,11 @@
-"""Zárate 2020, Fig. 6: one coil at 30 % duty for three minutes, then three of cooling; and what follows from it.
+"""Zárate 2020, Fig. 6: one coil at 30 % duty for three minutes, then three of cooling, and what follows from it.
 
 The winding's temperature T_in comes from its resistance, V0 u/i, while the current is on; the boundary's, T_out, from
 its sensor. No temperature compensation, as in the paper: the current falls as the wire warms. From that record, and the
 device file's couplings to the other coils, four values are identified, and the three printed endurances follow: 17 W
-for ever, full power (20 A, 240 W, erratum E15) for 5 s, half duty (60 W) for 60 s. A check of the chain from sensors to
-endurance, not of the real coil: the simulated coil's values were themselves fitted to the printed endurances.
+continuously, full power (20 A, 240 W, erratum E15) for 5 s, half duty (60 W) for 60 s. A check of the chain from
+sensors to endurance, not of the real coil: the simulated coil's values were themselves fitted to the printed
+endurances.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ class ThermalCourse:
         return HeatRecord(self.t, power, inside, outside, device.coils.heat.ambient)
 
     def identify(self, device: Device) -> NetworkIdentification:
-        """The coil's values from the record, with the couplings of `device`, of which it tells nothing."""
+        """The coil's values from the record, with the couplings of `device`, which it does not determine."""
         return coil_identification(self.record(device), device.coils.heat)
 
 

@@ -80,7 +80,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
     found = [
         Item(f"fig7-{name}", "zarate2020", "Fig. 7", f"m_e along {name} at 12.9 A in coil {name}", printed,
              float(matrix[k, k] * _AMPERES), "A·m²", 0.02, basis="assumed",
-             why="the simulated coils have the printed moments; found again from their sensors' noisy readings")
+             why="the simulated coils have the printed moments; identified again from noisy sensor readings")
         for k, (name, printed) in enumerate(zip(names, _PUBLISHED, strict=True))
     ]  # fmt: skip
     found += [

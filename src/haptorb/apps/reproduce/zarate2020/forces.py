@@ -19,7 +19,7 @@ from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.thermal import single_time_constant
 from haptorb.simulation.parts.coils import coil_step, cold_coils
 
-__all__ = ["items"]
+__all__ = ["drive_fully", "items"]
 
 _AT = Citation("zarate2020", "power", "§III")
 
@@ -47,23 +47,23 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.item("inside", "inside diameter", 5.0, read_entry(tool, "inner_radius", 2e3), "mm"),
         _AT.item("height", "its height", 24.0, read_entry(tool, "length", 1e3), "mm"),
         _AT.assume("per-ampere", "force per current at 5 cm, mean of the three coils", 48.0, 1e3 * per_ampere, "mN/A",
-                   0.5, "the ring's remanence is assumed so that this holds"),
+                   0.5, "the ring's remanence is assumed so that this is true"),
         _AT.note("per-ampere-z", "the same for the z coil, magnet at its size", 1e3 * exact, "mN/A",
                  "E16: 15.6 % above the dipole's"),
-        _AT.note("remanence", "remanence that 48 mN/A asks of this ring", remanence, "T",
+        _AT.note("remanence", "remanence that 48 mN/A requires of this ring", remanence, "T",
                  "neodymium's, as printed: an N45 to N48 magnet; the device file takes 1.348 T"),
         _AT.item("p0", "heat in a winding of the simulated device at 12.9 A, room temperature", 100.0,
                  _heat_winding(device, 12.9), "W", 0.5, "12.9 has three digits; 0.6 Ω is the device file's"),
         _AT.item("sustained", "averaged constant force at 17 W in a coil, mean of the three coils", 258.0,
-                 1e3 * per_ampere * sqrt(17.0 / ohm), "mN", 3.0, "1 %: 17 W and 48 mN/A have two digits; 48 mN/A went "
-                 "in by the remanence, 258 mN did not"),
+                 1e3 * per_ampere * sqrt(17.0 / ohm), "mN", 3.0, "1 %: 17 W and 48 mN/A have two digits; 48 mN/A is "
+                 "an input (by the remanence), 258 mN is not"),
         _AT.item("peak", "peak force at full strength, coil at room temperature", 959.0,
-                 1e3 * per_ampere * _drive_fully(device)[0], "mN", 4.0, "two digits of 48; 24 A would give 1152 mN",
+                 1e3 * per_ampere * drive_fully(device)[0], "mN", 4.0, "two digits of 48; 24 A would give 1152 mN",
                  erratum="E15"),
-        _AT.item("peak-power", "power at full strength, coil at room temperature", 230.0, _drive_fully(device)[1], "W",
+        _AT.item("peak-power", "power at full strength, coil at room temperature", 230.0, drive_fully(device)[1], "W",
                  12.0, "5 %: 'roughly 0.6 Ω'"),
         _AT.note("fifteen", "full power over the averaged 17 W: 'peaks up to 15 × P_ave'",
-                 _drive_fully(device)[1] / 17.0),
+                 drive_fully(device)[1] / 17.0),
         _AT.assume("full", "seconds at full power, 240 W, from cold", 5.0, coils.time_to(rise, 240.0 * alone), "s",
                    0.1, "network fitted to the three endurances of one coil", where="§V"),
         _AT.assume("half", "seconds at half duty, a quarter of the power", 60.0, coils.time_to(rise, 60.0 * alone), "s",
@@ -74,8 +74,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.assume("minutes", "order of magnitude of the thermal time, log₁₀ of minutes: 'in the order of minutes'",
                    0.0, log10(device.coils.heat.coil.time_constants[1] / 60.0), "1", 0.8,
                    "network fitted to the three endurances of one coil"),
-        _AT.note("one-node-5", "time constant that one body would need for 5 s at 230 W", one_constant[0], "s",
-                 "one body contradicts itself: see the next; hence two"),
+        _AT.note("one-node-5", "time constant of a single body for 5 s at 230 W", one_constant[0], "s",
+                 "a single body is contradictory: see the next row; hence two"),
         _AT.note("one-node-60", "and for 60 s at half duty", one_constant[1], "s"),
         _AT.item("force-rank", "independent force components at contact: 'three'", 3, fmap, where="§V"),
         _AT.claim("torque-rank", "independent torque components: 'a specific torque map'", 2, rank, "1", 0.0,
@@ -110,5 +110,5 @@ def _heat_winding(device: SphericalElectromagnet, amperes: float) -> float:
     return _simulate_coil(device, amperes * float(device.coils.resistance[0]) / device.supply.voltage)[1]
 
 
-def _drive_fully(device: SphericalElectromagnet) -> tuple[float, float]:
+def drive_fully(device: SphericalElectromagnet) -> tuple[float, float]:
     return _simulate_coil(device, 1.0)

@@ -97,11 +97,11 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
         key = f"hall-{name.replace(' ', '-')}-{amperes:.0f}"
         for kind, unit, part, scale in (("place", "mm", 0, 1e3), ("axis", "°", 1, math.degrees(1.0))):
             for how, value in (("tried", rms[part]), ("least possible", best[part]),
-                               ("tried, at the worst place", reached[:, part].max())):  # fmt: skip
+                               ("simulated, at the worst position", reached[:, part].max())):  # fmt: skip
                 what = f"rms error of the {kind} over the shell, {how}: {where}"
                 id = f"{key}-{kind}-{how.replace(',', '').replace(' ', '-')}"
                 found.append(Item(id, "zarate2020", _WHERE, what, None, scale * float(value), unit, None))
-        found.append(Item(f"{key}-found", "zarate2020", _WHERE, f"share of ticks in which the tool is found: {where}",
+        found.append(Item(f"{key}-found", "zarate2020", _WHERE, f"share of ticks with a valid pose: {where}",
                           None, float(weights @ reached[:, 2]), "1", None))  # fmt: skip
         report((n + 1) / len(cases))
     return tuple(found), lambda path: _draw_figure(maps, list(placements(device)), distances, angles, path)
@@ -129,7 +129,7 @@ def _draw_figure(
         panels[r][0].set_ylabel("magnet [mm]")
     for panel in panels[-1]:
         panel.set_xlabel("angle from the summit [°]")
-    figure.colorbar(filled, ax=panels, label="rms error of the place after the 100 Hz filter [mm]")
+    figure.colorbar(filled, ax=panels, label="rms position error after the 100 Hz filter [mm]")
     figure.suptitle("Tool position by nine Hall sensors: limited by distance to the tool, then noise, then calibration")
     figure.savefig(path, dpi=110)
     return path

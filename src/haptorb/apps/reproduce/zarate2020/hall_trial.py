@@ -47,8 +47,8 @@ def try_hall_tracker(
     """(n, 3) rms errors of place [m] and axis [rad] of a radial tool clamped at each of `places` (n, 3) [m], and the
     share of the ticks in which it was found [1]; the errors are those of the ticks in which it was.
 
-    duty [1] on every coil; calibration: standard deviation of each entry of the moment map that the tracker believes,
-    as a share of its column, drawn anew for each place.
+    duty [1] on every coil; calibration: standard deviation of each entry of the moment map that the tracker uses,
+    as a share of its column, drawn separately for each position.
     """
     rng, still = np.random.default_rng(seed), clamp_tool(device)
     out = np.empty((len(places), 3))

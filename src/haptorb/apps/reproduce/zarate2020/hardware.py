@@ -8,6 +8,7 @@ from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.entry import Entry, read_count, read_entry
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Report
+from haptorb.apps.reproduce.zarate2020.forces import drive_fully
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
@@ -25,7 +26,6 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     """Entries as the device has them, what follows from them, and what only the prototype could tell."""
     device = electromagnet(load("omni"))
     supply, coils = device.supply, device.coils
-    ohm = float(coils.resistance[0])
     full = float(coils.current_limit[0])
     pulls = {d: -1e3 * float(true_wrench(device, State.at((0, 0, 1e-3 * d)), (0, 0, 0))[2]) for d in (50, 60, 70)}
     table = -1e3 * float(device.wrench_map(State.at((0, 0, 0.05)), "exact").passive[2])
@@ -40,8 +40,9 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  read_entry(device, "coils.resistance[0]"), "Ω", 0.01,
                  "'roughly'; 100 W / 12.9² A² = 0.601 Ω"),
         _AT.item("voltage", "supply", 12.0, read_entry(device, "supply.voltage"), "V"),
-        _AT.item("current", "greatest current of a coil: printed, and 12 V over 0.6 Ω", 24.0, supply.voltage / ohm, "A",
-                 1e-9, "Ohm's law", erratum="E15", corrected=20.0),
+        _AT.item("current", "peak current of a coil: printed, and of the simulated coil at full duty, room "
+                 "temperature", 24.0, drive_fully(device)[0], "A", 0.01, "it builds up to 12 V over 0.6 Ω",
+                 erratum="E15", corrected=20.0),
         _AT.item("limit", "current limit of the device file", 24.0,
                  read_entry(device, "coils.current_limit[0]"), "A", 1e-9, erratum="E15", corrected=20.0),
         _AT.item("duty", "bits of the duty", 12, read_entry(device, "supply.duty_bits")),

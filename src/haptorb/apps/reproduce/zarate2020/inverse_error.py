@@ -84,7 +84,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
     worst = max(float(errors.max()) for errors in maps["exact"])
     found.append(
         Item("inverse-exact", "zarate2020", "eq. (1)",
-             "greatest error of the exact inverse over shell and tilts to 30°, of the asked force", 0.0,
+             "largest error of the exact inverse over shell and tilts to 30°, relative to the force asked", 0.0,
              100 * worst / _ASKED, "%", 1.0, why="a seventh of a just-noticeable difference", implied=True,
              basis="own")
     )  # fmt: skip

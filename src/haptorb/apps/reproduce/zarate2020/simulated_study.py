@@ -22,7 +22,7 @@ _PEOPLE = 6
 def simulate_study(seed: int = 0) -> Analysis:
     """The published study, 25 set-points asked twice, answered by six simulated participants."""
     from haptorb.apps.study.analysis.load_analysis import analysis_of
-    from haptorb.apps.study.model.study_file import study_of
+    from haptorb.apps.study.model.study_reader import study_of
     from haptorb.apps.study.simulated.rehearsal import rehearse
     from haptorb.apps.study.store.database import database
 

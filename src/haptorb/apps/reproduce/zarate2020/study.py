@@ -13,9 +13,8 @@ from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.apps.reproduce.zarate2020.simulated_study import draw_study, simulate_study
 from haptorb.apps.study.model.order import plan
-from haptorb.apps.study.model.set_points import directions, list_published
-from haptorb.apps.study.model.study_file import study_of
-from haptorb.apps.study.simulated.participant import PUBLISHED_ERRORS
+from haptorb.apps.study.model.set_points import PUBLISHED_ERRORS, directions, list_published
+from haptorb.apps.study.model.study_reader import study_of
 
 __all__ = ["items"]
 
@@ -46,7 +45,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.item("meridian", "set-points apart along a meridian", 18.0, Entry(spacing, own), "°", 1e-9,
                  where="§I"),
         _AT.assume("nearest", "nearest set-points apart: 'evenly separated by 18°'", 18.0, apart.min(), "°", 1e-9,
-                   "the paper does not list its points; 1 + 4 + 8 + 12 on four rings are assumed so that this holds"),
+                   "the paper does not list its points; 1 + 4 + 8 + 12 on four rings are assumed so that this is true"),
         _AT.item("twice", "how often a person is asked for each point: 'exactly twice'", 2,
                  Entry(twice, own), "1", 1e-9),
         _AT.item("per-person", "data points per user", 50, Entry(len(numbers[0]), own)),
@@ -58,7 +57,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.claim("repulsive", "sign of its moment: 'only repulsive forces'", 1.0,
                   Entry(np.sign(read_entry(world, "moment").value), own), "1", 0.0),
         *_test_trend(),
-        _AT.exempt("confusion", "confusion matrix of 25 set-points, answers drawn to the neighbour higher up",
+        _AT.exempt("confusion", "confusion matrix of 25 set-points, answers biased towards the next higher set-point",
                       _PEOPLE, "Fig. 8"),
         _AT.exempt("gravity", "gravity as the reason for it", _PEOPLE, "Fig. 9"),
         _AT.exempt("arrows", "arrows where a third of the wrong answers went to one point", _PEOPLE, "Fig. 8"),
@@ -70,7 +69,9 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
 
 def _test_trend() -> list[Item]:
     """Fig. 9: the four printed errors, and those of six simulated people, who were calibrated to them."""
-    fitted = "traits of the simulated people were calibrated to the four printed means: 3 standard errors of six people"
+    fitted = (
+        "parameters of the simulated people were calibrated to the four printed means: 3 standard errors of six people"
+    )
     rings = {ring.theta_deg: ring for ring in simulate_study().rings}
     found = []
     for theta, (mean, spread) in PUBLISHED_ERRORS.items():
@@ -84,7 +85,7 @@ def _test_trend() -> list[Item]:
         *found,
         _AT.note("trend-printed", "'the error increases as a function of the angle': slope of the printed means over "
                  "its standard error", _find_slope(printed), "1", "weighted by the printed spreads and 12, 48, 96 and "
-                 "144 answers; above 1.96 the increase is no accident", where="Fig. 9"),
+                 "144 answers; above 1.96 the increase is significant", where="Fig. 9"),
         _AT.assume("grows", "the same of the simulated people: 1 if above 1.96", 1.0, float(_find_slope(here) > 1.96),
                    "1", 0.0, fitted, where="Fig. 9"),
     ]  # fmt: skip

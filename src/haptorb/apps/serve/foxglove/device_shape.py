@@ -1,4 +1,4 @@
-"""The device's shape as one SceneUpdate: what stands still in frame "stator", what the hand moves in frame "mover"."""
+"""The device's shape as one SceneUpdate: the fixed parts in frame "stator", the moving ones in frame "mover"."""
 
 from __future__ import annotations
 

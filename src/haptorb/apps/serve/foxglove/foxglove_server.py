@@ -100,10 +100,10 @@ class _FoxgloveServer:
             trusted = False
         if not trusted:
             self._refused += 1
-            return connection.respond(http.HTTPStatus.FORBIDDEN, "pages of other sites may not look on\n")
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "pages of other sites may not connect\n")
         if len(self._view.viewers) >= _MOST:
             self._refused += 1
-            return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, f"{_MOST} viewers look on already\n")
+            return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, f"{_MOST} viewers are already connected\n")
         return None
 
     async def _attend(self, connection: ServerConnection) -> None:

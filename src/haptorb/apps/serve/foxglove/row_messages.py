@@ -91,7 +91,7 @@ class RowMessages:
                     {"wanted_a": _make_object(coils), "measured_a": _make_object(coils)},
                 ),
                 100.0,
-                "currents wanted and measured, by coil",
+                "currents commanded and measured, by coil",
                 self._encode_currents,
             ),
             RowTopic(

@@ -1,4 +1,4 @@
-"""What Foxglove is told of a topic before its first message: its name, and how its messages are read."""
+"""What Foxglove receives about a topic before its first message: its name, and how its messages are read."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """One connection on one of the two ports: a WebSocket that is answered at once, or a request over HTTP.
 
 Messages are answered where they arrive, without a task or a queue between. Two are answered in a row, then another
-connection has its turn; who does not read its answers is read no more, and let go after ten seconds. Who sends what
-nobody can read is read again a little later, who may not enter learns that a little later, and what follows a message
+connection has its turn; a client that does not read its replies is no longer read, and is closed after ten seconds.
+A client that sends unreadable messages is read again a little later, a refused one is told so a little later, and
+what follows a message
 that is too long is thrown away: none of them takes the processor from the others.
 """
 
@@ -21,7 +22,7 @@ from websockets.server import ServerProtocol
 from haptorb.apps.serve.access import Access
 from haptorb.apps.serve.haply.http_exchange import HttpExchange, HttpReply, read_headers
 
-__all__ = ["Connection", "Door"]
+__all__ = ["Connection", "Endpoint"]
 
 _ROOM = 4096  #: bytes that are read at once: a flood of small messages does not keep the others waiting
 _MESSAGE = 65536  #: longest message [bytes]
@@ -31,12 +32,12 @@ _IN_A_ROW = 2  #: messages of one client that are answered before others have th
 _UNREAD = 65536  #: bytes of answers that may wait for a client that does not read
 _PATIENCE = 10.0  #: for a request, or for a client to read [s]
 _REST = 0.005  #: after a message that cannot be read [s]
-_REFUSAL = 0.05  #: before a refusal: whoever asks at once again does so twenty times a second [s]
+_REFUSAL = 0.05  #: before a refusal: a client that retries at once does so twenty times a second [s]
 _WASTE = 262144  #: bytes that are thrown away at once
 _FAREWELL = 1.0  #: for a client whose message was too long to read why [s]
 
 
-class Door(ABC):
+class Endpoint(ABC):
     """What stands behind a port."""
 
     access: Access
@@ -62,10 +63,10 @@ class Door(ABC):
 
 @final
 class Connection(asyncio.BufferedProtocol):
-    """A client behind `door`, at the address `peer`."""
+    """A client of `endpoint`, at the address `peer`."""
 
-    def __init__(self, door: Door) -> None:
-        self.door, self.peer = door, ""
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.endpoint, self.peer = endpoint, ""
         self._buffer = bytearray(_ROOM)
         self._head = b""
         self._websocket: ServerProtocol | None = None
@@ -76,13 +77,13 @@ class Connection(asyncio.BufferedProtocol):
         self._timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Somebody has connected."""
+        """A client has connected."""
         self._transport = cast(asyncio.Transport, transport)
         self._transport.set_write_buffer_limits(high=_UNREAD)
         self.peer = str((transport.get_extra_info("peername") or ("",))[0])
-        self.door.connections.add(self)
+        self.endpoint.connections.add(self)
         self._wait()
-        if len(self.door.connections) > self.door.room:
+        if len(self.endpoint.connections) > self.endpoint.room:
             self._transport.write(b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
             self._transport.close()
 
@@ -103,7 +104,7 @@ class Connection(asyncio.BufferedProtocol):
             self._read_head(data)
 
     def _read_head(self, data: bytes) -> None:
-        """Until the head of the first request is here nobody knows what it is."""
+        """Until the head of the first request has arrived, its kind is unknown."""
         self._head += data
         end = self._head.find(b"\r\n\r\n")
         if end < 0 and len(self._head) <= _HEAD:
@@ -114,7 +115,7 @@ class Connection(asyncio.BufferedProtocol):
             self._websocket = ServerProtocol(max_size=_MESSAGE)
             self._receive(data)
         else:
-            self._exchange = HttpExchange(self.door.access, self.peer, self.door.reply)
+            self._exchange = HttpExchange(self.endpoint.access, self.peer, self.endpoint.reply)
             self._serve_http(data)
 
     def _serve_http(self, data: bytes) -> None:
@@ -142,7 +143,7 @@ class Connection(asyncio.BufferedProtocol):
 
     def _shake_hands(self, websocket: ServerProtocol, request: Request) -> None:
         headers = {name.lower(): value for name, value in request.headers.raw_items()}
-        refusal = self.door.access.refuse(self.peer, headers, request.path)
+        refusal = self.endpoint.access.refuse(self.peer, headers, request.path)
         if refusal:
             self._transport.pause_reading()
             asyncio.get_running_loop().call_later(_REFUSAL, self._refuse, websocket.reject(403, f"{refusal}\n"))
@@ -152,7 +153,7 @@ class Connection(asyncio.BufferedProtocol):
         if websocket.state is OPEN:
             self._open = True
             self._stop_waiting()
-            self.door.open(self)
+            self.endpoint.open(self)
 
     def _refuse(self, response: Response) -> None:
         assert self._websocket is not None
@@ -169,7 +170,7 @@ class Connection(asyncio.BufferedProtocol):
             return
         self._parts.append(bytes(frame.data))
         if len(self._parts) > _PARTS:
-            self.end(1009, "a message comes in too many parts")
+            self.end(1009, "a message has too many fragments")
             return
         if frame.fin:
             self._waiting.append(b"".join(self._parts))
@@ -182,7 +183,7 @@ class Connection(asyncio.BufferedProtocol):
         for _ in range(_IN_A_ROW):
             if not self._waiting or self._paused or self._rests or not self._open:
                 break
-            answer = self.door.answer(self, self._waiting.popleft())
+            answer = self.endpoint.answer(self, self._waiting.popleft())
             if answer is not None:
                 self.send(answer)
         if self._rests:
@@ -235,7 +236,7 @@ class Connection(asyncio.BufferedProtocol):
         self._transport.close()
 
     def pause_writing(self) -> None:
-        """The client does not read: nothing is read from it either, and after a while it is let go."""
+        """The client does not read: nothing is read from it either, and after a while it is closed."""
         self._paused = True
         self._transport.pause_reading()
         self._wait()
@@ -255,10 +256,10 @@ class Connection(asyncio.BufferedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """It is gone, however it ended."""
         self._stop_waiting()
-        self.door.connections.discard(self)
+        self.endpoint.connections.discard(self)
         if self._open:
             self._open = False
-            self.door.close(self)
+            self.endpoint.close(self)
 
     def _wait(self, patience: float = _PATIENCE) -> None:
         self._stop_waiting()

@@ -6,16 +6,17 @@ import asyncio
 import socket
 from collections.abc import Callable
 from functools import partial
+from itertools import cycle
 from typing import Any, final
 
 from haptorb.apps.serve.access import Access, choose_serve_token
-from haptorb.apps.serve.haply.connection import Connection, Door
+from haptorb.apps.serve.haply.connection import Connection, Endpoint
 from haptorb.apps.serve.haply.events import DeviceWatcher, write_event
 from haptorb.apps.serve.haply.http_exchange import HttpReply
 from haptorb.apps.serve.haply.routes import reply
 from haptorb.apps.serve.haply.service import Service
 from haptorb.apps.serve.haply.session import Session
-from haptorb.apps.serve.ports import LOOPBACK, check_port, open_port
+from haptorb.apps.serve.ports import LOOPBACK, OTHER_LOOPBACK, check_port, has_other_loopback, open_port
 from haptorb.apps.serve.preparation import ServerPreparation
 from haptorb.apps.serve.served_device import ServedDevice
 from haptorb.apps.serve.server_priority import ServerPriority
@@ -47,13 +48,38 @@ def prepare(where: str) -> ServerPreparation:
         raise
     place = f"[{host}]" if ":" in host else host
     numbers = [int(one.getsockname()[1]) for one in (main, events)]
-    remarks = (f"haply: clients on other computers must show this token: {token}",) if token else ()
+    opened = [main, events]
+    try:
+        opened += _open_other_loopback(host, numbers, (first, second))
+    except BaseException:
+        for one in opened:
+            one.close()
+        raise
+    remarks = (f"haply: clients on other computers must send this token: {token}",) if token else ()
     return ServerPreparation(
         {"token": token, "address": f"ws://{place}:{numbers[0]}"},
         f"ws://{place}:{numbers[0]}, events ws://{place}:{numbers[1]}",
-        [main.detach(), events.detach()],
+        [one.detach() for one in opened],
         remarks,
     )
+
+
+def _open_other_loopback(host: str, numbers: list[int], asked: tuple[int, int]) -> list[socket.socket]:
+    """Both ports on ::1 too, where `localhost` leads many programs first; none where this computer has no ::1.
+
+    Raises InputError if another program has a port that was asked for: programs would reach it instead.
+    """
+    opened = list[socket.socket]()
+    try:
+        for number in numbers if host == LOOPBACK and has_other_loopback() else ():
+            opened.append(open_port(number, "--serve haply:PORT:EVENTS", host=OTHER_LOOPBACK))
+    except InputError:
+        for one in opened:
+            one.close()
+        if all(asked):
+            raise
+        return []
+    return opened
 
 
 def _split_address(where: str) -> tuple[str, list[str]]:
@@ -73,14 +99,15 @@ def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) ->
 
 async def _serve(spec: dict[str, Any], sockets: list[socket.socket], served: ServedDevice) -> None:
     access, loop = Access(spec["token"]), asyncio.get_running_loop()
-    listeners = _EventDoor(access)
+    listeners = _EventEndpoint(access)
     service = Service(served, listeners.tell)
-    clients = _ClientDoor(access, service)
-    doors: list[Door] = [clients, listeners]
+    clients = _ClientEndpoint(access, service)
+    endpoints: list[Endpoint] = [clients, listeners]
     watcher = DeviceWatcher(served, service.identity)
     listeners.first = watcher.introduce
     servers = [
-        await loop.create_server(partial(Connection, door), sock=one) for door, one in zip(doors, sockets, strict=True)
+        await loop.create_server(partial(Connection, endpoint), sock=one)
+        for endpoint, one in zip(cycle(endpoints), sockets, strict=False)
     ]
     report, priority = 0.0, ServerPriority()
     while not served.over:
@@ -94,8 +121,8 @@ async def _serve(spec: dict[str, Any], sockets: list[socket.socket], served: Ser
     listeners.tell(*watcher.end())
     for server in servers:
         server.close()
-    for door in doors:
-        for connection in list(door.connections):
+    for endpoint in endpoints:
+        for connection in list(endpoint.connections):
             connection.end(1001, "the servo has ended")
     await asyncio.sleep(_LOOK)
 
@@ -115,7 +142,7 @@ def _report(service: Service, address: str) -> None:
 
 
 @final
-class _ClientDoor(Door):
+class _ClientEndpoint(Endpoint):
     def __init__(self, access: Access, service: Service) -> None:
         self.access, self.connections, self.room = access, set(), _CLIENTS
         self._service = service
@@ -143,12 +170,12 @@ class _ClientDoor(Door):
 
 
 @final
-class _EventDoor(Door):
+class _EventEndpoint(Endpoint):
     """Send events to a connection; what it sends is not read."""
 
     def __init__(self, access: Access) -> None:
         self.access, self.connections, self.room = access, set(), _CLIENTS
-        self.first: Callable[[], str] = str  #: what who has just come is told
+        self.first: Callable[[], str] = str  #: the first message to a new client
 
     def tell(self, name: str, category: str, level: str, data: dict[str, Any], message: str = "") -> None:
         """One event to all; who is slow to read misses it."""

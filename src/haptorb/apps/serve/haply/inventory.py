@@ -10,6 +10,7 @@ from typing import Any
 from haptorb.apps.serve.haply.space import Space
 from haptorb.devices.device import Device
 from haptorb.errors import InputError
+from haptorb.version import __version__
 
 __all__ = ["DeviceIds", "Settings"]
 
@@ -29,20 +30,24 @@ class DeviceIds:
         return cls(digits[:4], digits[4:8], str(uuid.uuid5(uuid.NAMESPACE_URL, f"haptorb:{device.digest}")))
 
     def is_meant(self, given: object) -> bool:
-        """Whether a client that says this id may mean the tool: its id, or none, as from one that does not know it
-        yet."""
-        return given is None or given in ("", "*", 0, "0") or (isinstance(given, str) and given.upper() == self.device)
+        """Whether a client that says this id may mean the tool: its id, also as the number that it writes, or none, as
+        from one that does not know it yet."""
+        if given is None or given in ("", "*", 0, "0"):
+            return True
+        if isinstance(given, str):
+            return given.upper().removeprefix("0X").rjust(len(self.device), "0") == self.device
+        return isinstance(given, int) and given == int(self.device, 16)
 
 
 @dataclass(frozen=True)
 class Settings:
     """What clients may set of the device beside its space. Handedness, damping and gate are kept and told; they change
-    no force: the guard and the passivity control are this device's own."""
+    no force: the guard and the passivity control are this device's own. Of `navigation` nothing is kept: the space is
+    small."""
 
     handedness: str = "right"
-    damping: float = 0.0
+    damping: Mapping[str, Any] = field(default_factory=lambda: {"scalar": 0.0})
     gate: float = 1.0
-    navigation: Mapping[str, Any] = field(default_factory=dict)
 
     def configure(self, found: Mapping[str, Any]) -> Settings:
         """With what `found` sets. Raises InputError for what cannot be, and for what this device does not have."""
@@ -56,11 +61,9 @@ class Settings:
         filters = found.get("filters")
         both = {**(filters if isinstance(filters, Mapping) else {}), **found}
         if "damping" in both:
-            settings = replace(settings, damping=_share(both["damping"], "scalar", "damping"))
+            settings = replace(settings, damping=_read_damping(both["damping"]))
         if "force_gate" in both:
             settings = replace(settings, gate=_share(both["force_gate"], "gain", "force_gate"))
-        if isinstance(found.get("navigation"), Mapping):
-            settings = replace(settings, navigation={})  # this device's space is small: nothing to navigate with
         for name in ("gravity_compensation", "torque_scaling", "home_return"):
             wanted = found.get(name)
             if wanted is True or (isinstance(wanted, Mapping) and wanted.get("enabled") is True):
@@ -70,27 +73,40 @@ class Settings:
         return settings
 
     def as_json(self, identity: DeviceIds, space: Space) -> dict[str, Any]:
-        """The `config` of the device for a client that sees it through `space`."""
+        """The `config` of the device for a client that sees it through `space`, as an inventory has it."""
         return {
             "type": "inverse3",
             "handedness": self.handedness,
             "port": "haptorb",
+            "streaming_mode": "USB",
             "device_info": {
                 "major_version": 3,
                 "minor_version": 5,
-                "id": int(identity.device, 16),
-                "device_type": 0,
+                "id": identity.device,
+                "device_type": 4,
                 "uuid": identity.unique,
             },
+            "extended_device_id": identity.unique,
+            "extended_firmware_version": __version__,
             "gravity_compensation": {"enabled": False, "scaling_factor": 0.0},
             "torque_scaling": {"enabled": False},
             "home_return": {"enabled": False},
-            "preset": {"preset": space.preset},
+            "preset": space.preset,
             "basis": {"permutation": space.basis.permutation},
-            "mount": {"transform": space.mount.as_json()},
-            "workspace": {"transform": space.workspace.as_json()},
-            "filters": {"force_gate": {"gain": self.gate}, "damping": {"scalar": self.damping}},
+            "mount": space.mount.as_json(),
+            "transform": space.transform.as_json(),
+            "workspace": space.workspace.as_json(),
+            "filters": {"force_gate": {"gain": self.gate}, "damping": dict(self.damping)},
         }
+
+    def as_command(self, name: str, identity: DeviceIds, space: Space) -> dict[str, Any]:
+        """The config `name` as a client writes it to set it: that service wraps transforms there, and names of presets,
+        which its inventory has plain."""
+        known = self.as_json(identity, space)
+        found = known["filters"].get(name, known.get(name))
+        if name in ("mount", "transform", "workspace"):
+            return {"transform": found}
+        return dict(found) if isinstance(found, Mapping) else {name: found}
 
 
 def _share(found: object, name: str, what: str) -> float:
@@ -98,3 +114,12 @@ def _share(found: object, name: str, what: str) -> float:
     if isinstance(number, bool) or not isinstance(number, int | float) or not 0.0 <= number <= 1.0:
         raise InputError(f"{what} is a number from 0 to 1, or an object with {name}")
     return float(number)
+
+
+def _read_damping(found: object) -> dict[str, Any]:
+    """A scalar, a vector of shares along the axes, or both."""
+    vector = found.get("vector") if isinstance(found, Mapping) else None
+    if not isinstance(vector, Mapping):
+        return {"scalar": _share(found, "scalar", "damping")}
+    scalar = {"scalar": _share(found, "scalar", "damping")} if isinstance(found, Mapping) and "scalar" in found else {}
+    return {**scalar, "vector": {axis: _share(vector.get(axis, 0.0), "", f"damping along {axis}") for axis in "xyz"}}

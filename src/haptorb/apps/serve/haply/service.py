@@ -1,4 +1,4 @@
-"""The protocol itself: one inventory for who connects, and one state message for every message, whatever it says."""
+"""The protocol itself: one inventory for a new client, and one state message in reply to every message."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Service:
         return self._write(session, config=True, inventory=True)
 
     def answer(self, session: Session, text: str | bytes) -> str:
-        """The one message in answer to a client's message: the state, whatever was said."""
+        """The one reply to a client's message: the state, whatever the message."""
         session.messages += 1
         self.cursor.look()
         try:
@@ -93,7 +93,10 @@ class Service:
             session.refused = True  # said once, not with each of a thousand commands a second
             self.tell(
                 "device-busy", "device", "warning",
-                {"device_id": self.identity.device, "session_id": session.number, "holder": self.served.holder},
+                {
+                    "device_family": "inverse", "device_id": self.identity.device,
+                    "session_id": session.number, "holder": self.served.holder,
+                },
                 "another session commands this device; this one may watch",
             )  # fmt: skip
 
@@ -116,14 +119,14 @@ class Service:
         session.space = replace(session.space, transform=parse_transform(given, session.space.transform))
 
     def configure(self, session: Session | None, found: Mapping[str, Any]) -> None:
-        """What one client sets for itself, or, for None, somebody for all clients that connect from now on. Raises
-        InputError for what cannot be; then nothing changes."""
-        space = (self.space if session is None else session.space).configure(found)
-        self.settings = self.settings.configure(found)
-        if session is None:
-            self.space = space
-        else:
-            session.space = space
+        """What one client sets for itself, or, for None, somebody for all clients of now and later. Raises InputError
+        for what cannot be; then nothing changes."""
+        changed = list(self.sessions.values()) if session is None else [session]
+        spaces = [one.space.configure(found) for one in changed]
+        later = self.space.configure(found) if session is None else self.space
+        self.settings, self.space = self.settings.configure(found), later
+        for one, space in zip(changed, spaces, strict=True):
+            one.space = space
 
     @staticmethod
     def _try(change: Callable[[], None]) -> None:
@@ -139,13 +142,21 @@ class Service:
         holder, buttons = self.served.holder, self.served.buttons
         if not config and not inventory:
             return self._write_state(session.space, holder, buttons)
-        state = self._describe(session.space, holder, buttons)
-        state["inverse3"][0]["config"] = self.settings.as_json(self.identity, session.space)
+        return json.dumps({"session_id": session.number, **self._describe_all(session.space, holder, buttons)})
+
+    def list_devices(self, space: Space) -> dict[str, Any]:
+        """Config, state and status of all devices, as who sees them through `space`."""
+        self.cursor.look()
+        return self._describe_all(space, self.served.holder, self.served.buttons)
+
+    def _describe_all(self, space: Space, holder: int, buttons: dict[str, bool]) -> dict[str, Any]:
+        state = self._describe(space, holder, buttons)
+        state["inverse3"][0]["config"] = self.settings.as_json(self.identity, space)
         state["wireless_verse_grip"][0]["config"] = {"type": "wireless_verse_grip", "handedness": "right"}
-        return json.dumps({"session_id": session.number, **state})
+        return state
 
     def _write_state(self, space: Space, holder: int, buttons: dict[str, bool]) -> str:
-        """The state as everybody is told who sees the device through `space`, written once per tick."""
+        """The state as clients receive it that see the device through `space`, written once per tick."""
         if self._tick != self.cursor.tick:
             self._tick, self._texts = self.cursor.tick, {}
         # With the space itself kept beside the text, no other one can have its id within the tick.
@@ -173,6 +184,7 @@ class Service:
                         "current_cursor_position": place,
                         "angular_position": still,
                         "angular_velocity": still,
+                        "current_angular_position": still,
                         "current_angular_torques": still,
                         "body_orientation": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0},
                         "control_domain": "cartesian",

@@ -17,8 +17,8 @@ _SMOOTH = 0.5  #: weight of the newest rate
 class Session:
     """The client `number` at the address `peer`, seeing the device as `space` says.
 
-    unreadable  how many of its messages nobody could read; one without text can be read
-    refused     whether it was told that another client holds the device, since it last could command
+    unreadable  how many of its messages were unreadable; one without text is readable
+    refused     whether it was informed that another client holds the device, since it could last command
     """
 
     def __init__(self, number: int, peer: str, space: Space) -> None:

@@ -1,7 +1,8 @@
 """Axes, mount and scale as that service's clients set them: where they see the cursor, and whither their forces point.
 
-The order is that of the service's documentation: the device's own frame (X to the right, Y forward, Z up), then the
-mount, then the transform of the workspace, then the basis, which names the axes anew.
+The order is that of the service's documentation: from the device's own frame (X to the right, Y forward, Z up) through
+the basis, which names the axes, then the mount, then the transform of the workspace, both in the axes that the basis
+names.
 """
 
 from __future__ import annotations
@@ -115,6 +116,12 @@ class Basis:
         x, y, z = self.name_axes(q[:3])
         return (self.hand * x, self.hand * y, self.hand * z, q[3])
 
+    def name_transform(self, transform: Transform) -> Transform:
+        """`transform` of the device's own frame, in the client's axes."""
+        i, j, k = self.axes
+        scale = (transform.scale[i], transform.scale[j], transform.scale[k])
+        return Transform(self.name_axes(transform.position), self.name_turn(transform.rotation), scale)
+
 
 def parse_basis(text: object) -> Basis:
     """A basis such as "XZY" or "X-YZ". Raises InputError for what is no permutation of X, Y, Z.
@@ -123,7 +130,9 @@ def parse_basis(text: object) -> Basis:
     (1.0, -2.0, 3.0)
     """
     if not isinstance(text, str) or len(text) > 12:
-        raise InputError("a basis is a permutation of X, Y and Z, each with + or - before it if need be, such as 'XZY'")
+        raise InputError(
+            "a basis must be a permutation of X, Y and Z, each optionally preceded by + or -, such as 'XZY'"
+        )
     axes, signs, sign = list[int](), list[float](), 1.0
     for letter in text.upper():
         if letter in "+-":

@@ -20,7 +20,7 @@ _REPORT = 0.25  #: between two reports [s]
 def prepare(where: str) -> ServerPreparation:
     """Nothing stands behind `lsl`; its ports are the layer's own. Raises InputError if something does."""
     if where:
-        raise InputError(f"--serve lsl takes no address: the layer finds its streams by itself; got '{where}'")
+        raise InputError(f"--serve lsl takes no address, because LSL discovers streams; got '{where}'")
     return ServerPreparation({}, f"stream '{NAME}' of the lab streaming layer")
 
 

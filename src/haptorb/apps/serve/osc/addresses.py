@@ -49,9 +49,13 @@ OUTGOING = (
     Outgoing("/haptorb/angular_velocity", "w", "x y z", "rad/s", "angular velocity of the mover"),
     Outgoing("/haptorb/force", "modelled", "x y z", "N", "force of the measured currents on the mover", last=3),
     Outgoing("/haptorb/torque", "modelled", "x y z", "N·m", "torque of the measured currents on the mover", first=3),
-    Outgoing("/haptorb/force/asked", "asked", "x y z", "N", "force that the worlds ask, after the guard", last=3),
-    Outgoing("/haptorb/torque/asked", "asked", "x y z", "N·m", "torque that the worlds ask, after the guard", first=3),
-    Outgoing("/haptorb/buttons", "buttons", "a b c", "1", "1: a person holds the button down", whole=True),
+    Outgoing("/haptorb/force/asked", "asked", "x y z", "N", "force asked by the worlds, after the guard", last=3),
+    Outgoing("/haptorb/torque/asked", "asked", "x y z", "N·m", "torque asked by the worlds, after the guard", first=3),
+    Outgoing("/haptorb/object/position", "object", "x y z", "m", "position of the object, a motor's target"),
+    Outgoing("/haptorb/object/orientation", "object_q", "x y z w", "1", "orientation of the object, quaternion"),
+    Outgoing("/haptorb/object/force", "object_wrench", "x y z", "N", "force of the worlds on the object", last=3),
+    Outgoing("/haptorb/object/torque", "object_wrench", "x y z", "N·m", "torque of the worlds on the object", first=3),
+    Outgoing("/haptorb/buttons", "buttons", "a b c", "1", "1: the button is pressed", whole=True),
     Outgoing("/haptorb/guard", "guard", "n", "1", "0 off, 1 ramping, 2 running, 3 derated, 4 tripped", whole=True),
     Outgoing("/haptorb/trip", "trip", "n", "1", "code of the last trip, 0 for none", whole=True),
 )
@@ -62,35 +66,35 @@ INCOMING = (
         "/haptorb/subscribe",
         "[port] [rate]",
         "1, Hz",
-        "Send me the bundles: to this port of my computer (default: the port that I send from), at most so often "
-        "(default: 100). Holds for 10 s; send it again every few seconds.",
+        "Subscribe: send bundles to this port of the sender (default: its own port), at this rate at most (default: "
+        "100). Lasts 10 s; renew it every few seconds.",
     ),
-    Incoming("/haptorb/unsubscribe", "[port]", "1", "Send me no more bundles."),
-    Incoming("/haptorb/parameters", "", "", "Tell me the world and its parameters."),
+    Incoming("/haptorb/unsubscribe", "[port]", "1", "Unsubscribe."),
+    Incoming("/haptorb/parameters", "", "", "Request the world and its parameters."),
     Incoming(
         "/haptorb/parameter/NAME",
         "value ...",
         "as `haptorb worlds WORLD` says",
-        "Set the parameter NAME of the present world; one number, or three for a direction.",
+        "Set the parameter NAME of the current world; one number, or three for a direction.",
     ),
     Incoming("/haptorb/world", "NAME", "", "Change the world, with its default parameters."),
     Incoming(
         "/haptorb/force",
         "x y z",
         "N",
-        "Force of the world `remote` on the mover. It fades 50 ms after the last message.",
+        "Force of the world `remote` on the mover, or on a motor's target. It fades out 50 ms after the last message.",
     ),
 )
 
 #: what goes back to the sender of a message, to its own port or to that of its subscription
 REPLIES = (
-    Incoming("/haptorb/subscribed", "rate", "Hz", "Bundles come at this rate."),
-    Incoming("/haptorb/world", "NAME", "", "The present world: answer to `/haptorb/parameters` and `/haptorb/world`."),
+    Incoming("/haptorb/subscribed", "rate", "Hz", "Rate of the bundles."),
+    Incoming("/haptorb/world", "NAME", "", "The current world: reply to `/haptorb/parameters` and `/haptorb/world`."),
     Incoming(
         "/haptorb/parameter",
         "NAME value low high unit",
         "as stated",
-        "A parameter, its value or values, and its range: answer to `/haptorb/parameters`.",
+        "A parameter, its value or values, and its range: reply to `/haptorb/parameters`.",
     ),
-    Incoming("/haptorb/error", "text", "", "Why a message was refused. At most ten a second for each sender."),
+    Incoming("/haptorb/error", "text", "", "Why a message was refused. At most ten per second and sender."),
 )

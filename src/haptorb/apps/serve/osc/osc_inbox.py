@@ -19,7 +19,7 @@ Sender: TypeAlias = tuple[str, int]  #: address and port of a program
 NEWEST = 32  #: datagrams of one sender that count in one look; older ones are overtaken
 _AT_ONCE = 512  #: datagrams taken from the shared socket in one look
 _OWN_AT_ONCE = 64  #: and from a program's own
-_SENDERS = 64  #: that are heard in one look
+_SENDERS = 64  #: that are read in one look
 _OWN = 32  #: programs with a socket of their own
 _LONGEST = 1024  #: no message that is understood is longer [bytes]
 _BUFFER = 1 << 18  #: what the system keeps of them until the next look [bytes]
@@ -78,7 +78,7 @@ class OscInbox:
             own.close()
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         for sender in list(self._own):
             self.release(sender)
         self._shared.close()
@@ -98,7 +98,7 @@ class OscInbox:
                 data, notes, _, sender = source.recvmsg(_LONGEST + 1, socket.CMSG_SPACE(_COUNT.size))
             except BlockingIOError:
                 return False
-            except OSError:  # a reply of "nobody there" to a bundle
+            except OSError:  # "port unreachable" in reply to a bundle
                 continue
             self.received += 1
             self._note_lost(source, notes)

@@ -20,8 +20,8 @@ __all__ = ["FORM", "PORT", "prepare", "serve"]
 FORM = "osc[:[HOST:]PORT]"
 PORT = 9000  #: unless another is given
 
-_LIVELY = 0.002  #: between two looks for rows while somebody gets them [s]
-_IDLE = 0.05  #: and while nobody does [s]
+_LIVELY = 0.002  #: between two looks for rows while a client receives them [s]
+_IDLE = 0.05  #: and while none does [s]
 _FLOODED = 0.004  #: rest after a look that did not reach the end of what came [s]
 _REPORT = 0.25  #: between two reports [s]
 

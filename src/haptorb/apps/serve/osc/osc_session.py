@@ -22,7 +22,7 @@ from haptorb.apps.serve.osc.requests import (
 )
 from haptorb.apps.serve.osc.row_bundle import RowBundle
 from haptorb.apps.serve.osc.subscribers import Subscribers
-from haptorb.apps.serve.osc.world_wishes import WorldWishes
+from haptorb.apps.serve.osc.world_requests import WorldRequests
 from haptorb.apps.serve.served_device import ServedDevice
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
@@ -58,7 +58,7 @@ class OscSession:
         self._bundle = RowBundle(served.layout, time() - monotonic())
         self._t = served.layout["t"].start
         self._subscribers = Subscribers()
-        self._wishes = WorldWishes(served)
+        self._world_requests = WorldRequests(served)
         self._programs: dict[Sender, _Program] = {}
         self.refused = 0  #: packets and messages that were none of the documented ones, or were not allowed
         self.dropped = 0  #: bundles that the system could not take
@@ -69,7 +69,7 @@ class OscSession:
         return self._inbox.sockets
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         self._inbox.close()
 
     @property
@@ -97,16 +97,16 @@ class OscSession:
                         self._refuse(program, cause, now)
             if force is not None:
                 self._command(program, force, now)
-        self._wishes.tell(now)
+        self._world_requests.tell(now)
         return more
 
     def _command(self, program: _Program, force: tuple[float, ...], now: float) -> None:
         if not self._served.command(program.session, force):
             held = self._served.holder not in (0, program.session)
-            reason = "another program holds the device; its force counts" if held else "no such force can be rendered"
+            reason = "another program holds the device" if held else "no such force can be rendered"
             self._refuse(program, InputError(reason), now)
         elif not self._served.renders_force:
-            self._refuse(program, InputError("the world that is felt has no clients' force; choose 'remote'"), now)
+            self._refuse(program, InputError("the current world does not render clients' forces; choose 'remote'"), now)
 
     def _do(self, program: _Program, address: str, values: list[Any], now: float) -> tuple[float, ...] | None:
         """Do what a message asks; the force, if it asks for one: of several at once, the last counts."""
@@ -131,15 +131,15 @@ class OscSession:
             case AskParameters():
                 self._describe_world(program)
             case SetParameter(name, value):
-                self._wishes.set(name, value, now)
+                self._world_requests.set(name, value, now)
             case ChangeWorld(name):
-                self._wishes.change(name, now)
+                self._world_requests.change(name, now)
                 self._answer(program, make_message("/haptorb/world", name))
         return None
 
     def _describe_world(self, program: _Program) -> None:
-        self._answer(program, make_message("/haptorb/world", self._wishes.name))
-        for parameter, value in self._wishes.list_parameters():
+        self._answer(program, make_message("/haptorb/world", self._world_requests.name))
+        for parameter, value in self._world_requests.list_parameters():
             self._answer(program, make_parameter_answer(parameter, value))
 
     def send(self, rows: Array) -> None:
@@ -202,7 +202,7 @@ class OscSession:
         self._send(data, program.answers_to)
 
     def _send(self, data: bytes, to: Sequence[Any]) -> bool:
-        with suppress(OSError):  # the way is full, or nobody is there: never wait
+        with suppress(OSError):  # the buffer is full, or the port closed: never wait
             self._socket.sendto(data, tuple(to))
             return True
         return False

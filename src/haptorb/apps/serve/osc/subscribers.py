@@ -53,7 +53,7 @@ class Subscribers:
         known = self._known.get(to)
         if known is None:
             if len(self._known) >= MOST:
-                raise InputError(f"at most {MOST} programs get bundles at a time, and so many do: end one of them")
+                raise InputError(f"at most {MOST} programs can subscribe at a time: end one of them")
             known = self._known[to] = Subscriber(to, rate, now + LEASE)
         elif known.rate != rate:
             known.rate, known.due = rate, float("-inf")

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from haptorb.apps.study.analysis.wording import format_range
-from haptorb.apps.study.inference.intervals import share_interval, wilson
+from haptorb.apps.study.inference.intervals import wilson
+from haptorb.apps.study.inference.share_interval import share_interval
 from haptorb.apps.study.inference.significance import binomial_tail
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
 from haptorb.numerics.arrays import Array
 
-__all__ = ["Arrow", "Confusion", "count_answers", "describe_accuracy", "find_arrows"]
+__all__ = ["Arrow", "Confusion", "count_answers", "describe_accuracy", "find_arrows", "list_wrong_answers"]
 
 WANDERED = 1 / 3  #: an arrow is drawn where this share of the wrong answers, or more, went to one set-point
 
@@ -82,6 +84,11 @@ def find_arrows(confusion: Confusion) -> tuple[Arrow, ...]:
                 of, to = confusion.numbers[i], confusion.numbers[int(j)]
                 found.append(Arrow(of, to, int(total), float(row[j] / total)))
     return tuple(found)
+
+
+def list_wrong_answers(arrows: Sequence[Arrow], number: int) -> str:
+    """Set-points that a third or more of the wrong answers to set-point `number` went to, and how many did."""
+    return ", ".join(f"{one.to} ({round(one.share * one.wrong)} of {one.wrong})" for one in arrows if one.of == number)
 
 
 def describe_accuracy(confusion: Confusion) -> str:

@@ -13,6 +13,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from haptorb.apps.study.analysis.accuracy import Arrow, Confusion, count_answers, find_arrows
+from haptorb.apps.study.analysis.by_condition.condition_means import (
+    ConditionMean,
+    average_conditions,
+    list_condition_means,
+)
 from haptorb.apps.study.analysis.by_condition.magnitude import MagnitudeScale, estimate_magnitudes, list_magnitudes
 from haptorb.apps.study.analysis.by_condition.response_times import (
     ResponseTime,
@@ -30,11 +35,11 @@ from haptorb.apps.study.analysis.curves import ConditionCurves, fit_curves
 from haptorb.apps.study.analysis.error_by_latitude import LatitudeError, measure_rings
 from haptorb.apps.study.analysis.over_people.directions import SPHERICAL
 from haptorb.apps.study.analysis.over_people.localisation import Localisation, localise
-from haptorb.apps.study.analysis.over_people.plan_report import PlanReport, SessionPlan, find_plan, report_plan
+from haptorb.apps.study.analysis.plan_report import PlanReport, SessionPlan, find_plan, report_plan
 from haptorb.apps.study.analysis.thresholds import ConditionTracks, follow_tracks
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.plan.registration import Registration
 from haptorb.apps.study.store.columns import Columns
+from haptorb.apps.study.store.registration import Registration
 from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.errors import InputError
 
@@ -53,11 +58,12 @@ class Analysis(NotebookReport):
     practice: int
     simulated: int  #: participants that are simulated
     trips: int  #: trials in which the device tripped
-    repeated: int = 0  #: trials that began anew before they were answered
-    on_simulated_device: int = 0  #: trials of people in which nobody felt a force
+    repeated: int = 0  #: trials that were restarted before they were answered
+    on_simulated_device: int = 0  #: trials of people on a simulated device, without a felt force
     on_unknown_device: int = 0  #: trials of people, stored by an older haptorb
     confusion: Confusion | None = None
     arrows: tuple[Arrow, ...] = ()
+    means: tuple[ConditionMean, ...] = ()
     rings: tuple[LatitudeError, ...] = ()
     curves: dict[str, ConditionCurves] = field(default_factory=dict)  #: by condition
     tracks: dict[str, ConditionTracks] = field(default_factory=dict)  #: of an adaptive procedure, by condition
@@ -120,6 +126,8 @@ class Analysis(NotebookReport):
             }  # fmt: skip
             found["confusion"] = [[_number(x) for x in row] for row in c.matrix.tolist()]
             found["arrows"] = [vars(arrow) for arrow in self.arrows]
+        if self.means:
+            found["condition_means"] = list_condition_means(self.means)
         if self.rings:
             found["error_mm"] = [_numbers(ring) for ring in self.rings]
         if self.curves:
@@ -155,7 +163,7 @@ def analyse(
     study: Study, columns: Columns, progress: Callable[[int, int], None] | None = None, *,
     plans: Sequence[SessionPlan] = (), registration: Registration | None = None,
 ) -> Analysis:  # fmt: skip
-    """The analysis of `study` from its tidy `columns`; `progress` is told (people fitted, people in all).
+    """The analysis of `study` from its tidy `columns`; `progress` receives (people fitted, people in all).
 
     `plans` tell with which plan of the analysis each session began, `registration` with which one was filed.
     """
@@ -169,6 +177,7 @@ def analyse(
     if study.procedure == "identification":
         parts["confusion"] = confusion = count_answers(study, main, index, len(people))
         parts["arrows"] = find_arrows(confusion)
+    parts["means"] = average_conditions(study, main, people.tolist())
     if np.isfinite(main["distance_mm"]).any():
         parts["rings"] = measure_rings(main, index, len(people))
     if main.keys() >= set(_RECORDED):  # answers from elsewhere have no recordings

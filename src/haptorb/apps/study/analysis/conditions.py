@@ -12,10 +12,11 @@ import numpy as np
 
 from haptorb.apps.study.analysis.over_people.measures import PersonMeasures, PersonValues, Thresholds
 from haptorb.apps.study.inference.effect_size import EffectSize, effect_size
-from haptorb.apps.study.inference.intervals import mean_interval, share_interval, wilson
+from haptorb.apps.study.inference.intervals import mean_interval, wilson
+from haptorb.apps.study.inference.share_interval import share_interval
 from haptorb.apps.study.inference.significance import PairTest, correct_p, decide_p
+from haptorb.apps.study.model.analysis_plan import CLAIMS, MEASURES, AnalysisPlan, unit_of
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.plan.analysis_plan import CLAIMS, MEASURES, AnalysisPlan, unit_of
 from haptorb.apps.study.store.columns import Columns
 
 __all__ = ["ConditionComparison", "RatingMean", "compare_conditions", "count_choices", "decide", "rate_condition"]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.apps.study.inference.hierarchical import NormalEffect, Population, fit_population
-from haptorb.apps.study.inference.person_fit import PersonFit, fit_person
+from haptorb.apps.study.inference.person_fit import ONE_LEVEL, TOO_FEW, UPPER_LIMIT, PersonFit, fit_person
 from haptorb.apps.study.inference.psychometric import LevelCounts, PsychometricCurve, count_by_level
 from haptorb.apps.study.inference.psychometric_grid import PsychometricGrid
 from haptorb.apps.study.store.columns import Columns
@@ -26,7 +26,7 @@ class ConditionCurves:
 
     answered: LevelCounts
     people: dict[str, PersonFit]  #: by participant's code
-    group: Population | None  #: None with one person
+    group: Population | None  #: None where fewer than two people answered at two levels
 
     @property
     def group_curve(self) -> PsychometricCurve | None:
@@ -35,6 +35,20 @@ class ConditionCurves:
             return None
         lapse = self.group.lapse
         return PsychometricCurve(self.group.threshold.mean, math.exp(self.group.log_spread.mean), lapse, lapse)
+
+    @property
+    def group_notes(self) -> list[str]:
+        """What the answers of all people together cannot tell, because hardly anybody's can."""
+        if self.group is None:
+            return []
+        known = [fit.notes for fit in self.people.values() if ONE_LEVEL not in fit.notes]
+        found = []
+        for what, name in (("threshold", "threshold"), ("spread", "JND")):
+            if 2 * sum(any(note.startswith(f"{TOO_FEW}{what}") for note in notes) for notes in known) > len(known):
+                found.append(f"group: too few trials for the {name}: trust neither it nor its interval")
+        if all(UPPER_LIMIT in notes for notes in known):
+            found.append("group: nobody answered against the order of the levels: the JND has an upper limit only")
+        return found
 
     @property
     def misfits(self) -> int:
@@ -46,7 +60,7 @@ class ConditionCurves:
         x, yes, of = self.answered.pooled
         found: dict[str, Any] = {
             "levels": x.tolist(), "yes": yes.tolist(), "of": of.tolist(), "group": None,
-            "people": {code: fit.numbers() for code, fit in self.people.items()},
+            "people": {code: fit.numbers() for code, fit in self.people.items()}, "group_notes": self.group_notes,
         }  # fmt: skip
         if (group := self.group) is not None:
             spread = group.log_spread
@@ -70,7 +84,7 @@ def effect_numbers(effect: NormalEffect) -> dict[str, Any]:
 def fit_curves(
     main: Columns, progress: Callable[[int, int], None] | None = None
 ) -> tuple[dict[str, ConditionCurves], list[str]]:
-    """By condition; and in words what could not be fitted. `progress` is told (people fitted, people in all)."""
+    """By condition; and in words what could not be fitted. `progress` receives (people fitted, people in all)."""
     names = [str(name) for name in dict.fromkeys(main["condition"].tolist())]
     codes = {name: np.unique(main["participant"][main["condition"] == name]).tolist() for name in names}
     total, done = sum(map(len, codes.values())), 0
@@ -93,5 +107,6 @@ def fit_curves(
             done += 1
             if progress is not None:
                 progress(done, total)
-        found[name] = ConditionCurves(answered, fits, fit_population(grid) if len(people) > 1 else None)
+        known = np.count_nonzero((answered.of > 0).sum(axis=1) > 1)
+        found[name] = ConditionCurves(answered, fits, fit_population(grid) if known > 1 else None)
     return found, notes

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
 from haptorb.apps.study.analysis.analysis import Analysis
-from haptorb.apps.study.simulated.participant import PUBLISHED_ERRORS
+from haptorb.apps.study.model.set_points import PUBLISHED_ERRORS
 
 __all__ = ["draw_answers", "draw_confusion", "draw_curves", "draw_error", "figures"]
 

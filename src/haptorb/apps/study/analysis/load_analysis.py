@@ -10,11 +10,11 @@ from sqlalchemy import select
 from sqlalchemy.engine import Engine
 
 from haptorb.apps.study.analysis.analysis import Analysis, analyse
-from haptorb.apps.study.analysis.over_people.plan_report import SessionPlan
+from haptorb.apps.study.analysis.plan_report import SessionPlan
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.plan.registration import Registration
 from haptorb.apps.study.store.columns import read_study, tidy
 from haptorb.apps.study.store.database import database, participants, sessions
+from haptorb.apps.study.store.registration import Registration
 
 __all__ = ["analysis_of", "read_plans"]
 
@@ -25,8 +25,8 @@ def analysis_of(
 ) -> Analysis:  # fmt: skip
     """The analysis of the study called `name` (the only one, if there is one) in the database at `place`.
 
-    `progress` is told (people fitted, people in all), where something is fitted. The plan of the study is compared with
-    the one of the `registration`.
+    `progress` receives (people fitted, people in all), where something is fitted. The plan of the study is compared
+    with the one of the `registration`.
     """
     engine = database(place, make=False)
     study = read_study(engine, name)

@@ -17,7 +17,8 @@ def list_psychometric_tables(analysis: Analysis) -> Iterator[TextTable]:
     """Those that the procedure has, the group's before each person's."""
     unit = analysis.study.level_unit
     if analysis.curves:
-        yield _tabulate_groups(analysis, unit)
+        if any(one.group for one in analysis.curves.values()):
+            yield _tabulate_groups(analysis, unit)
         yield _tabulate_people(analysis, unit)
     if analysis.tracks:
         if any(one.group for one in analysis.tracks.values()):
@@ -30,17 +31,19 @@ def list_psychometric_notes(analysis: Analysis) -> list[str]:
     found = []
     if analysis.curves:
         found.append(
-            "Each person's own fit: cumulative normal, both tails lapse alike; mean and central 95 % of the posterior. "
-            "Threshold: the comparison is called the stronger in 50 %; JND: from there to 75 %. fit p: share of "
-            "simulated repetitions that deviate as much. Group: hierarchical model of everybody's answers; SD between "
-            "people is a factor where it begins with ×."
+            "Fit of each person: cumulative normal, equal lapse rate in both tails; mean and central 95 % of the "
+            "posterior. "
+            "Threshold: the comparison is called stronger in 50 %; JND: from there to 75 %. fit p: share of "
+            "simulated repetitions with at least this deviance. Group: hierarchical model of all answers; an SD "
+            "between people that begins with × is a factor."
         )
     if analysis.tracks:
         share = "70.7 %" if analysis.study.procedure == "staircase" else "75 %"
         found.append(
-            f"Difference with {share} right answers, with each person's central 95 % of the posterior. Group: "
+            f"Difference with {share} correct answers, and each person's central 95 % of the posterior. Group: "
             "geometric mean of the procedure's own thresholds, Student's interval; SD between people as a factor."
         )
+    found += [f"{name}, {note}" for name, one in analysis.curves.items() for note in one.group_notes]
     for parts in (analysis.curves, analysis.tracks):
         for name, one in parts.items():
             found += [f"{name}, {code}: {note}" for code, fit in one.people.items() for note in fit.notes]
@@ -81,7 +84,8 @@ def _tabulate_people(analysis: Analysis, unit: str) -> TextTable:
             low, high = (JND * end for end in fit.spread_95)
             table.add_row(
                 name, code, str(fit.trials), _digits(fit.curve.middle), format_range(fit.middle_95, ".4g"),
-                f"{JND * fit.curve.spread:.3g}", format_range((low, high), ".3g"), f"{100 * fit.curve.lapse:.1f}",
+                format_value(JND * fit.curve.spread, ".3g"), format_range((low, high), ".3g"),
+                format_value(fit.curve.lapse, ".1f", 100),
                 format_value(fit.p_fit, ".2f"),
             )  # fmt: skip
     return table

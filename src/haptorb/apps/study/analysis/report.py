@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
+from collections.abc import Callable
 from html import escape
 from io import BytesIO
 from pathlib import Path
 from shlex import quote
 
-from haptorb.apps.study.analysis.accuracy import describe_accuracy
+from haptorb.apps.study.analysis.accuracy import describe_accuracy, list_wrong_answers
 from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.analysis.by_condition.condition_means import make_condition_table
 from haptorb.apps.study.analysis.by_condition.magnitude import make_magnitude_tables
 from haptorb.apps.study.analysis.by_condition.response_times import make_response_table
 from haptorb.apps.study.analysis.figures import figures
-from haptorb.apps.study.analysis.over_people.group_tables import list_group_tables, list_notes
+from haptorb.apps.study.analysis.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.psychometric_tables import list_psychometric_notes, list_psychometric_tables
-from haptorb.apps.study.analysis.wording import format_percent, format_range, format_value
+from haptorb.apps.study.analysis.wording import format_p, format_percent, format_range, format_value
 from haptorb.apps.terminal import TextTable
-from haptorb.display.html import scroll_table_html
+from haptorb.display.html import Link, scroll_table_html
 from haptorb.errors import InputError, RecordingError
 
 __all__ = ["page", "write_report"]
@@ -36,15 +38,18 @@ pre{white-space:pre-wrap;background:#f4f7f9;padding:1rem;font-size:13px}.quiet{c
 """
 
 
-def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
-    """The report as HTML, self-contained; `images` are its figures as PNG or SVG, drawn here if they are not given."""
+def page(analysis: Analysis, images: dict[str, bytes] | None = None, *, served: bool = False) -> str:
+    """The report as HTML, self-contained; `images` are its figures as PNG or SVG, drawn here if they are not given.
+
+    served: with links `play/N` to the recordings, for a server that plays them; else with commands that do
+    """
     drawn = {name: _image(data, name) for name, data in (images or _draw_figures(analysis, "png")).items()}
     body = [
         f"<h1>{escape(analysis.study.name)}</h1>",
         f"<p class='{'simulated' if analysis.marked else 'quiet'}'>{escape(analysis.origin)}</p>",
         f"<p>Procedure: {analysis.study.procedure}. {analysis.trials} trials answered, {analysis.practice} practice "
-        f"trials excluded; the device tripped in {analysis.trips} trials; {analysis.repeated} trials began anew before "
-        "they were answered.</p>",
+        f"trials excluded; the device tripped in {analysis.trips} trials; {analysis.repeated} trials were restarted "
+        "before they were answered.</p>",
     ]
     if analysis.plan is not None:
         body.append(f"<p>Planned analysis: {escape(analysis.plan.sentence)}.</p>")
@@ -54,21 +59,24 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             "<h2>Identification</h2>",
             f"<p>Correct answers: <b>{format_percent(c.accuracy)}</b>, averaged over participants "
             f"({describe_accuracy(c)}). Chance is {format_percent(c.chance)}; "
-            f"probability of so many by guessing: p = {c.p_chance:.2g} (exact binomial).</p>",
+            f"probability of so many correct answers by guessing: {escape(format_p(c.p_chance))} (exact binomial).</p>",
             drawn["confusion"],
             drawn["answers"],
             scroll_table_html(
-                ["set-point", "θ [deg]", "φ [deg]", "correct", "95 % [%]", "wrong answers went to"],
+                ["set-point", "θ [deg]", "φ [deg]", "correct", "95 % [%]", "wrong answers to"],
                 [
                     [
                         n, f"{analysis.study.point(n).theta_deg:g}", f"{analysis.study.point(n).phi_deg:g}",
                         format_percent(c.matrix[i, i]), format_range(tuple(c.right_95[i]), ".1f", 100),
-                        ", ".join(f"{x.to} ({x.share:.0%} of {x.wrong})" for x in analysis.arrows if x.of == n),
+                        list_wrong_answers(analysis.arrows, n),
                     ]
                     for i, n in enumerate(c.numbers)
                 ],
             ),
         ]  # fmt: skip
+    if analysis.means:
+        table = make_condition_table(analysis.means)
+        body += [f"<h2>{escape(table.title)}</h2>", _convert_table(table)]
     if analysis.rings:
         rows = [
             [
@@ -85,7 +93,7 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             drawn["error"],
             scroll_table_html(["θ [deg]", "trials", "mean [mm]", "SD [mm]", "95 % of the mean"], rows),
             "<p class='quiet'>Distance of the tool's magnet from its contact position at the set-point. The paper "
-            "does not say whether it means the magnet or the tip; the tip's distance is three fifths of it.</p>",
+            "does not state whether it means the magnet or the tip; the tip's distance is three fifths of it.</p>",
         ]
     if analysis.curves:
         body += ["<h2>Psychometric curves</h2>", drawn["curves"]]
@@ -113,13 +121,13 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
         table = make_response_table(analysis.times)
         body += [
             f"<h2>{escape(table.title)}</h2>", _convert_table(table),
-            "<p class='quiet'>From prompt to answer, pauses left out; mean over people of each one's median, and the "
-            "geometric mean; Student's intervals over people, of the geometric mean in the logarithm.</p>",
+            "<p class='quiet'>From prompt to answer, without pauses; mean over people of each person's median, and "
+            "the geometric mean; Student's intervals over people, of the geometric mean in the logarithm.</p>",
         ]  # fmt: skip
     for table in list_group_tables(analysis):
         body += [f"<h2>{escape(table.title)}</h2>", _convert_table(table)]
     body += [f"<p class='quiet'>{escape(note)}</p>" for note in list_notes(analysis)]
-    body += _list_recordings(analysis)
+    body += _list_recordings(analysis, served=served)
     body += ["<h2>Study file</h2>", f"<pre>{escape(analysis.study.text)}</pre>"]
     title = f"{analysis.study.name}{' (simulated)' if analysis.marked else ''}"
     return (
@@ -130,26 +138,36 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
     )
 
 
-def _list_recordings(analysis: Analysis) -> list[str]:
-    """How to look at each recorded trial: the command, for a page without a server cannot play it."""
+def _list_recordings(analysis: Analysis, *, served: bool) -> list[str]:
+    """How to look at each recorded trial: a link, or the command, for a page without a server cannot play it."""
     if not analysis.recorded:
         return []
-    rows = [
-        [code, trial, safety.replace("|", ", "), f"haptorb view {quote(part)}"]
-        for code, trial, safety, part in analysis.recorded
-    ]
+    rows = []
+    for number, (code, trial, safety, part) in enumerate(analysis.recorded):
+        play = Link("▶ play", f"play/{number}") if served else f"haptorb view {quote(part)}"
+        rows.append([code, trial, safety.replace("|", ", "), play])
+    how = "Each link plays one trial."
+    if not served:
+        how = (
+            "Each command plays one trial. Run it in the folder of the database and recordings. "
+            "<code>haptorb study analyse DATABASE --serve</code> shows this page with links instead."
+        )
     return [
         "<h2>Recordings</h2>",
-        "<p class='quiet'>Each command plays one trial: picture, plots and numbers. Type it in the folder of the "
-        "recordings, which is that of the database.</p>",
+        f"<p class='quiet'>{how}</p>",
         f"<details><summary>{len(rows)} trials</summary>",
-        scroll_table_html(["participant", "trial", "safety", "command"], rows),
+        scroll_table_html(["participant", "trial", "safety", "recording" if served else "command"], rows),
         "</details>",
     ]
 
 
-def write_report(analysis: Analysis, folder: str | Path, *, kind: str = "svg") -> Path:
-    """Write report.html, numbers.json and the figures (`kind` svg or png) into `folder`; returns the report's path."""
+def write_report(
+    analysis: Analysis, folder: str | Path, *, kind: str = "svg", serve: Callable[[str], None] | None = None
+) -> Path:
+    """Write report.html, numbers.json and the figures (`kind` svg or png) into `folder`; returns the report's path.
+
+    serve: is given the page with links to the recordings, for a server
+    """
     if kind not in ("svg", "png"):
         raise InputError(f"figures can be svg or png; got '{kind}'")
     folder = Path(folder)
@@ -163,6 +181,8 @@ def write_report(analysis: Analysis, folder: str | Path, *, kind: str = "svg") -
         (folder / "report.html").write_text(page(analysis, images), encoding="utf-8")
     except OSError as cause:
         raise RecordingError(f"{folder}: the report cannot be written ({cause.strerror})") from cause
+    if serve is not None:
+        serve(page(analysis, images, served=True))
     return folder / "report.html"
 
 

@@ -1,4 +1,4 @@
-"""The analysis at the terminal: what the report tells, without its figures."""
+"""The analysis at the terminal: the report without its figures."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from collections.abc import Iterable, Iterator
 
 from rich.console import Console
 
-from haptorb.apps.study.analysis.accuracy import describe_accuracy
+from haptorb.apps.study.analysis.accuracy import describe_accuracy, list_wrong_answers
 from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.analysis.by_condition.condition_means import make_condition_table
 from haptorb.apps.study.analysis.by_condition.magnitude import make_magnitude_tables
 from haptorb.apps.study.analysis.by_condition.response_times import make_response_table
-from haptorb.apps.study.analysis.over_people.group_tables import list_group_tables, list_notes
+from haptorb.apps.study.analysis.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.psychometric_tables import list_psychometric_notes, list_psychometric_tables
-from haptorb.apps.study.analysis.wording import format_range, format_value
+from haptorb.apps.study.analysis.wording import format_p, format_range, format_value
 from haptorb.apps.terminal import Column, TextTable, make_console, print_table, print_text
 
 __all__ = ["print_summary"]
@@ -23,7 +24,9 @@ def print_summary(analysis: Analysis, console: Console | None = None) -> None:
     out = console or make_console()
     print_text(out, f"{analysis.study.name}: {analysis.trials} trials, {analysis.practice} practice trials excluded")
     if analysis.repeated:
-        print_text(out, f"{analysis.repeated} trials began anew: the device was off, or the experimenter repeated them")
+        print_text(
+            out, f"{analysis.repeated} trials were restarted: the device was off, or the experimenter repeated them"
+        )
     print_text(out, analysis.origin, "bold red" if analysis.marked else "dim")
     if analysis.plan is not None:
         print_text(out, analysis.plan.sentence)
@@ -33,7 +36,7 @@ def print_summary(analysis: Analysis, console: Console | None = None) -> None:
         print_text(
             out,
             f"\ncorrect {100 * c.accuracy:.1f} % ({describe_accuracy(c)}), chance {100 * c.chance:.1f} %; by guessing: "
-            f"p = {c.p_chance:.2g} (exact binomial)",
+            f"{format_p(c.p_chance)} (exact binomial)",
         )
     for table in _tables(analysis):
         print_text(out)
@@ -46,6 +49,8 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
     """Those parts that the procedure has."""
     if analysis.confusion is not None:
         yield _identification(analysis)
+    if analysis.means:
+        yield make_condition_table(analysis.means)
     if analysis.rings:
         yield _table(
             "Error over θ",
@@ -80,13 +85,13 @@ def _identification(analysis: Analysis) -> TextTable:
     rows = []
     for i, n in enumerate(c.numbers):
         point = analysis.study.point(n)
-        wrong = ", ".join(f"{x.to} ({x.share:.0%} of {x.wrong})" for x in analysis.arrows if x.of == n)
+        wrong = list_wrong_answers(analysis.arrows, n)
         limits = format_range(tuple(c.right_95[i]), ".1f", 100)
         right = format_value(c.matrix[i, i], ".1f", 100)
         rows.append((str(n), f"{point.theta_deg:g}", f"{point.phi_deg:g}", right, limits, wrong))
     columns = (
         Column("set-point", kind="key"), Column("θ", "°"), Column("φ", "°"), Column("correct", "%"),
-        Column("95 %", "%"), Column("a third or more of the wrong answers went to", kind="text"),
+        Column("95 %", "%"), Column("wrong answers to", kind="text"),
     )  # fmt: skip
     return _table("Accuracy by set-point", columns, rows)
 

@@ -63,7 +63,7 @@ class ConditionTracks:
 def follow_tracks(
     study: Study, main: Columns, progress: Callable[[int, int], None] | None = None
 ) -> dict[str, ConditionTracks]:
-    """By condition, from the trials without practice. `progress` is told (tracks done, tracks in all)."""
+    """By condition, from the trials without practice. `progress` receives (tracks done, tracks in all)."""
     levels = study.levels
     assert levels is not None
     names = [str(name) for name in dict.fromkeys(main["condition"].tolist())]
@@ -131,7 +131,7 @@ def _join_tracks(procedure: str, levels: Levels, codes: list[str], tracks: list[
 
 
 def _join_group(axis: Array, likelihoods: Array, people: Collection[TrackFit]) -> NormalEffect:
-    """Student's interval of the logarithms of the procedure's own thresholds; of a track that goes on, of the fitted.
+    """Student's interval of the logarithms of the procedure's own thresholds; of an unfinished track, of the fitted.
 
     Adaptive tracks tell unequally much about their thresholds, and the more, the lower these happen to be: a mean that
     weighs by it is biased, and its interval held the truth in 89 % of 300 studies with six people.
@@ -149,7 +149,7 @@ def _fit_staircases(least: float, most: float, tracks: list[_Track]) -> tuple[Ar
     # A difference that came up by multiplication and one by division may differ in the last digit.
     at = np.round(np.log2(np.concatenate([track.differences for track in tracks])), 9)
     right = np.concatenate([track.right for track in tracks])
-    if len(np.unique(at)) < 2:  # a second level, which nobody met, leaves the likelihood as it is
+    if len(np.unique(at)) < 2:  # a second level, without data, leaves the likelihood as it is
         count = np.bincount(person, minlength=len(tracks))[:, None] * [1.0, 0.0]
         yes = np.bincount(person, right, len(tracks))[:, None] * [1.0, 0.0]
         answered = LevelCounts(at[0] + np.array([0.0, 1.0]), yes, count)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["format_percent", "format_range", "format_value"]
+__all__ = ["format_p", "format_percent", "format_range", "format_value"]
 
 
 def format_value(value: float, form: str, scale: float = 1.0) -> str:
@@ -25,6 +25,15 @@ def format_range(limits: tuple[float, float], form: str, scale: float = 1.0) -> 
     low, high = limits
     known = math.isfinite(low) and math.isfinite(high)
     return f"{scale * low:{form}} to {scale * high:{form}}" if known else "–"
+
+
+def format_p(p: float) -> str:
+    """ "p = ..." or, where a computer's numbers end, "p < ...".
+
+    >>> format_p(0.0123), format_p(0.0)
+    ('p = 0.012', 'p < 1e-300')
+    """
+    return "p < 1e-300" if p < 1e-300 else f"p = {p:.2g}"
 
 
 def format_percent(share: float) -> str:

@@ -4,7 +4,9 @@ Every person has a threshold μ_i ~ N(M, T²), a log spread log σ_i ~ N(S, U²)
 The likelihood of one person's answers is known on a grid and integrated over these distributions. M, S and m maximise
 the product over people; T and U the same after M or S is integrated out (restricted likelihood). Intervals of M and S:
 Student's quantile with n − 1 degrees of freedom times a standard error from how much people's scores differ (sandwich),
-which is right however much or little people differ; of T and U: likelihood ratio.
+which is right however much or little people differ; of T and U: likelihood ratio. Where everybody
+answers alike, as where nobody errs, scores have no spread to go by: then the standard error is that of the likelihood,
+with the normal quantile.
 """
 
 from __future__ import annotations
@@ -70,8 +72,6 @@ def fit_normal_effect(values: Array, likelihoods: Array) -> NormalEffect:
 
 def fit_population(grid: PsychometricGrid) -> Population:
     """The group behind the people whose answers `grid` has. InputError with fewer than two people."""
-    from scipy.special import stdtrit
-
     likelihoods, alone = (array[grid.answered.of.any(axis=1)] for array in (grid.likelihoods, grid.posterior))
     people = len(likelihoods)
     if people < 2:
@@ -99,13 +99,25 @@ def fit_population(grid: PsychometricGrid) -> Population:
     # Slope and lapse rate come from the same answers, in the tails: the people's scores are fitted twice there.
     free = np.array([people - 1, max(people - 2, 1), people - 1])
     error = np.sqrt(np.diag(inverse @ (scores.T @ scores) @ inverse) * people / free)
-    half = stdtrit(people - 1, 0.975) * error
+    half = _halve(error, np.sqrt(np.diag(inverse)), people)
     return Population(
         people,
         NormalEffect(float(at[0]), (float(at[0] - half[0]), float(at[0] + half[0])), t, t_95),
         NormalEffect(float(at[1]), (float(at[1] - half[1]), float(at[1] + half[1])), u, u_95),
         float(np.exp(at[2])),
     )  # fmt: skip
+
+
+def _halve(error: Array, expected: Array, people: int) -> Array:
+    """Half of the 95 % intervals from standard errors by people's differences, and those `expected` by likelihood.
+
+    Those of the likelihood serve where people differ less than they do by chance in 999 of 1000 groups.
+    """
+    from scipy.special import chdtri, stdtrit
+
+    least = expected * np.sqrt(chdtri(people - 1, 0.999) / (people - 1))
+    found: Array = np.where(error < least, 1.96 * expected, stdtrit(people - 1, 0.975) * error)
+    return found
 
 
 def _refine(values: Array, likelihoods: Array) -> tuple[Array, Array]:

@@ -1,7 +1,7 @@
 """How much answers tell of what was asked: information transferred, in bits, from a confusion matrix (Miller & Nicely).
 
 T = H(answers) − H(answers | prompts). Counted from few answers as if shares were probabilities (plug-in), T is too
-large: chance alone makes answers look as if they followed prompts. Four formulations are told:
+large: by chance alone, answers seem to follow prompts. Four formulations are reported:
 
     bits          both entropies after Chao & Shen 2003: the share of answers not yet met is guessed from those met once
     miller_madow  the plug-in less (cells − rows − columns + 1)/(2 N ln 2), counting what is not empty (Miller 1955)
@@ -36,7 +36,7 @@ class Information:
     bits: float  #: corrected for few answers, 0 to `most`; NaN with fewer than two answers to a prompt on average
     low: float  #: 95 %, jackknife over people, Student's; NaN for one person, and where all are alike
     high: float
-    most: float  #: [bit] of the prompts, if every one were told apart
+    most: float  #: [bit] of the prompts, if every one were distinguished
     plug_in: float
     miller_madow: float
     chance: float  #: plug-in of shuffled answers, on average
@@ -63,22 +63,26 @@ def transfer_information(counts: ArrayLike, *, seed: int = 0) -> Information:
     most = float(_entropy(table.sum(axis=1)))
     low = high = math.nan
     if trials < 2 * int(np.count_nonzero(table.sum(axis=1))):
-        bits = math.nan  # an answer that was met once tells nothing of what was not met
+        bits = math.nan  # an answer that occurred once says nothing about those that did not occur
     if people > 1 and math.isfinite(bits):
         from scipy.special import stdtrit
 
         without = np.array([_correct_information(table - one) for one in each])
         error = math.sqrt((people - 1) / people * float(np.sum((without - without.mean()) ** 2)))
         half = float(stdtrit(people - 1, 0.975)) * error
+        # What the jackknife would correct tells how far off the estimate may be besides its scatter.
+        other = people * bits - (people - 1) * float(without.mean())
         if error > 1e-12:  # people who all answer alike show no spread to go by
-            low, high = max(0.0, bits - half), min(most, bits + half)
+            low, high = max(0.0, min(bits, other) - half), min(most, max(bits, other) + half)
     plug_in = float(plug_in_information(table))
     cells, rows, columns = ((table > 0).sum(), (table.sum(axis=1) > 0).sum(), (table.sum(axis=0) > 0).sum())
     bias = float(cells - rows - columns + 1) / (2 * trials * math.log(2))
     shuffled = _shuffle(each, seed)
     p = (1 + int(np.sum(shuffled >= plug_in - 1e-12))) / (1 + _SHUFFLES)
     bits = bits if math.isnan(bits) else min(most, max(0.0, bits))
-    return Information(bits, low, high, most, plug_in, plug_in - bias, float(shuffled.mean()), p, trials, people)
+    return Information(
+        bits, low, high, most, plug_in, min(most, plug_in - bias), float(shuffled.mean()), p, trials, people
+    )
 
 
 def plug_in_information(counts: ArrayLike) -> Array:
@@ -125,7 +129,7 @@ def _unseen_entropy(counts: Array) -> Array:
 
 
 def _shuffle(each: Array, seed: int) -> Array:
-    """(shuffles,) plug-in information of answers dealt anew to each person's prompts."""
+    """(shuffles,) plug-in information after shuffling each person's answers over the prompts."""
     draw = np.random.default_rng(seed)
     _, prompts, answers = each.shape
     asked, given = [], []

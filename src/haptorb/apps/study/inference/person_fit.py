@@ -13,10 +13,24 @@ from haptorb.apps.study.inference.psychometric import LevelCounts, PsychometricC
 from haptorb.apps.study.inference.psychometric_grid import LAPSE_EDGES, PsychometricGrid
 from haptorb.numerics.arrays import Array
 
-__all__ = ["PersonFit", "central_interval", "find_median", "fit_people", "fit_person", "psychometric_fit"]
+__all__ = [
+    "ONE_LEVEL",
+    "TOO_FEW",
+    "UPPER_LIMIT",
+    "PersonFit",
+    "central_interval",
+    "find_median",
+    "fit_person",
+    "psychometric_fit",
+]
 
 Interval = tuple[float, float]
-_SAMPLES = 400  #: simulated repetitions of somebody's trials
+#: what trials do not determine; `TOO_FEW` goes before its name
+ONE_LEVEL = "answers at one level only: they determine no function"
+UPPER_LIMIT = "no answer against the order of the levels: the spread has only an upper limit"
+TOO_FEW = "too few trials for the "
+_UNKNOWN = (math.nan, math.nan)
+_SAMPLES = 400  #: simulated repetitions of a person's trials
 _FAR = 12.0  #: in log likelihood: repetitions are fitted at points of the grid that are at most so much worse
 _UNINFORMED = 0.7  #: posterior over prior standard deviation above which trials said little
 
@@ -59,19 +73,19 @@ def psychometric_fit(levels: ArrayLike, yes: ArrayLike, of: ArrayLike) -> Psycho
     return fit_person(grid, 0, samples=0).curve
 
 
-def fit_people(grid: PsychometricGrid, *, seed: int = 0, samples: int = _SAMPLES) -> list[PersonFit | None]:
-    """Each person's fit, nobody else's answers used; None for whoever has not answered."""
-    people = range(len(grid.answered.of))
-    return [
-        fit_person(grid, n, seed=seed, samples=samples) if grid.answered.of[n].any() else None for n in people
-    ]  # fmt: skip
-
-
 def fit_person(grid: PsychometricGrid, person: int, *, seed: int = 0, samples: int = _SAMPLES) -> PersonFit:
-    """The fit of one of the people in `grid`; without `samples` its goodness is not computed."""
-    mass = grid.posterior[person]
+    """The fit of one of the people in `grid`; without `samples` its goodness is not computed.
+
+    With answers at one level only, nothing is known: all numbers are NaN.
+    """
     answered = grid.answered
     yes, of = answered.yes[person], answered.of[person]
+    if np.count_nonzero(of) < 2:
+        nothing = PsychometricCurve(math.nan, math.nan, math.nan, math.nan)
+        return PersonFit(
+            int(of.sum()), nothing, _UNKNOWN, _UNKNOWN, _UNKNOWN, _UNKNOWN, math.nan, math.nan, (ONE_LEVEL,)
+        )
+    mass = grid.posterior[person]
     middles, spreads, lapses = mass.sum(axis=(1, 2)), mass.sum(axis=(0, 2)), mass.sum(axis=(0, 1))
     middle, spread = float(middles @ grid.thresholds), float(np.exp(spreads @ grid.log_spreads))
     lapse = float(lapses @ grid.lapses)
@@ -89,26 +103,24 @@ def _note(grid: PsychometricGrid, yes: Array, of: Array, middles: Array, spreads
     """What the trials of one person cannot tell."""
     x = grid.answered.levels
     met = of > 0
-    if np.count_nonzero(met) < 2:
-        return ["answers at one level only: they determine no function"]
     found = []
     one, two, _ = grid.priors
     for what, axis, mass, prior in (("threshold", grid.thresholds, middles, one),
                                     ("spread", grid.log_spreads, spreads, two)):  # fmt: skip
         if _deviation(axis, mass) > _UNINFORMED * _deviation(axis, prior):
-            found.append(f"too few trials for the {what}: its interval is little narrower than before any answer")
+            found.append(f"{TOO_FEW}{what}: its interval is almost as wide as without answers")
     below, above = x[met & (yes < of)], x[met & (yes > 0)]
     if len(below) and len(above) and below.max() < above.min():
-        found.append("no answer against the order of the levels: the spread has an upper limit only")
+        found.append(UPPER_LIMIT)
     outside = float(middles[grid.thresholds < x[met].min()].sum()), float(middles[grid.thresholds > x[met].max()].sum())
     for share, where in zip(outside, ("below", "above"), strict=True):
         if share > 0.5:
-            found.append(f"the threshold lies {where} the levels shown: the function there is extrapolated")
+            found.append(f"the threshold lies {where} the levels shown: the function is extrapolated there")
     return found
 
 
 def _check_fit(grid: PsychometricGrid, person: int, seed: int, samples: int) -> tuple[float, float]:
-    """Deviance, and the share of simulated repetitions, each fitted anew, that deviate as much (Wichmann 2001)."""
+    """Deviance, and the share of simulated repetitions, each fitted, with at least this deviance (Wichmann 2001)."""
     yes, of = grid.answered.yes[person], grid.answered.of[person]
     logs = grid.log_likelihoods(yes[None, :], of[None, :])[0]
     near = np.flatnonzero(logs > logs.max() - _FAR)

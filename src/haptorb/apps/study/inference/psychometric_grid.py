@@ -40,7 +40,7 @@ class PsychometricGrid:
         cls, answered: LevelCounts, guess: float | None = None, target: float | None = None,
         limits: tuple[float, float] | None = None, spreads: tuple[float, float] | None = None,
     ) -> PsychometricGrid:  # fmt: skip
-        """A grid where somebody's answers leave probability, as fine as the most certain participant needs it.
+        """A grid over the region of remaining probability, as fine as the most certain participant needs it.
 
         limits    of the thresholds; None: half of the levels' range beyond the levels on either side
         spreads   least and greatest; None: from a sixth of the least distance of two levels to twice their range
@@ -51,7 +51,7 @@ class PsychometricGrid:
         least, most = spreads or (max(float(np.diff(x).min()) / 6, span / 300), 2 * span)
         narrow, wide = float(np.log(least)), float(np.log(most))
         axes = np.linspace(low, high, 33), np.linspace(narrow, wide, 17)
-        for _ in range(3):  # again where the grid was too coarse to tell how certain somebody is
+        for _ in range(3):  # again where the grid was too coarse for the most certain person
             rough = cls(answered, *axes, guess, target)
             mass = rough.posterior
             one, sure = _zoom(rough.thresholds, mass.sum(axis=(2, 3)), low, high)
@@ -137,7 +137,7 @@ class PsychometricGrid:
 
     @cached_property
     def posterior(self) -> Array:
-        """(people, m, s, 9) probability of every point after each person's own answers, nobody else's."""
+        """(people, m, s, 9) probability of every point after each person's own answers only."""
         one, two, three = self.priors
         mass = self.likelihoods * one[:, None, None] * two[:, None] * three
         normal: Array = mass / mass.sum(axis=(1, 2, 3), keepdims=True)

@@ -24,7 +24,6 @@ __all__ = [
     "correct_p",
     "decide_p",
     "fewest_people",
-    "sign_flip",
 ]  # fmt: skip
 
 PairTest = Literal["t", "sign-flip"]
@@ -83,18 +82,6 @@ def check_test(name: str) -> PairTest:
         if name == known:
             return known
     raise InputError(f"there is no test '{name}'; known: {', '.join(TESTS)}")
-
-
-def sign_flip(differences: ArrayLike) -> float:
-    """Two-sided p that paired differences are zero on average, from their signs; one person is enough.
-
-    >>> sign_flip([1.0, 2.0, 3.0, 4.0])
-    0.125
-    """
-    d = check_finite(differences, "differences")
-    if d.ndim != 1 or not len(d):
-        raise InputError(f"needs one difference per person; got shape {d.shape}")
-    return float(_flip_signs(d[None])[0])
 
 
 def fewest_people(alpha: float, test: PairTest = "t") -> int:

@@ -72,7 +72,7 @@ def draw_runs(length: int, draw: np.random.Generator) -> list[int]:
 def draw_turns(lengths: Sequence[int], first: Sequence[int], draw: np.random.Generator) -> list[int]:
     """Which track is next, trial by trial: in each round every track comes once, in random order, `first` in the first.
 
-    While all tracks go on, none has more than two trials running and none is more than one trial ahead.
+    While all tracks are running, none has more than two trials running and none is more than one trial ahead.
 
     >>> draw_turns([1, 1], [1, 0], np.random.default_rng(0))
     [1, 0]

@@ -113,10 +113,3 @@ class Bayesian(Procedure):
     def threshold(self) -> float:
         """Posterior mean in the logarithm."""
         return float(np.exp(self.posterior.sum(axis=1) @ np.log(self.thresholds)))
-
-    @property
-    def interval_95(self) -> tuple[float, float]:
-        """Central 95 % of the posterior of the threshold."""
-        mass = np.cumsum(self.posterior.sum(axis=1))
-        low, high = np.searchsorted(mass, (0.025, 0.975))
-        return float(self.thresholds[low]), float(self.thresholds[min(high, len(mass) - 1)])

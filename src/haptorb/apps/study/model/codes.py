@@ -75,7 +75,7 @@ def next_code(used: Iterable[str]) -> str:
 
 
 def make_labels(codes: Iterable[str]) -> Mapping[str, str]:
-    """Code → label of ASCII letters and digits only, unlike every other one whatever the capitals: for file names.
+    """Code → label of ASCII letters and digits only, unlike every other one, in any case: for file names.
 
     A code that is such a label keeps it; others lose the rest of their characters, and get part of their hash where
     that leaves nothing, or what another one has.

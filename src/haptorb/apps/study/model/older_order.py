@@ -1,4 +1,4 @@
-"""The order that older versions drew, for people who join a study that was begun then: its design stays one.
+"""The order that older versions drew, for people who join a study that began then: its design does not change.
 
 Intervals were drawn trial by trial, tracks followed one another, and adaptive procedures had no practice and no breaks.
 """

@@ -1,4 +1,4 @@
-"""A study file as older versions of haptorb understood it: a study that has begun goes on as it began."""
+"""A study file as older versions of haptorb understood it: a study continues as it began."""
 
 from __future__ import annotations
 

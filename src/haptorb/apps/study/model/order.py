@@ -42,7 +42,7 @@ def plan(study: Study, participant: int) -> dict[str, Any]:
 
     participant, seed, order (the rule), units (conditions or pairs in this person's order), parts, and for what runs
     side by side turns (which part is next, trial by trial) and pauses (number of trials answered → break before the
-    next [s]). A study that was begun by an older haptorb goes on with the order of that time.
+    next [s]). A study that was begun with an older haptorb keeps that version's order.
     """
     if not study.order_version:
         return plan_as_before(study, participant)
@@ -96,7 +96,7 @@ def _plan_tracks(study: Study, participant: int, row: Sequence[int], draw: np.ra
         Prompt(phase="practice", condition=names[n % len(names)], level=easy, interval=interval, low=1, high=2)
         for n, interval in enumerate(draw_runs(trials.practice, draw))
     ]
-    # Parts stand in the order of the file, whatever the person's order is.
+    # Parts are in the order of the file, for every person's order.
     tracks = [
         {"kind": study.procedure, "condition": condition.name, "intervals": draw_runs(levels.trials, draw)}
         for condition in study.conditions

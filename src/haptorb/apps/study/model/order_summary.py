@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
@@ -10,6 +11,7 @@ from haptorb.apps.asking.procedure import InterleavedProcedures
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.model.balance import square_size
 from haptorb.apps.study.model.order import list_units, plan, procedure_of
+from haptorb.apps.study.model.prompts import asks_places
 from haptorb.apps.study.model.study_file import Study
 from haptorb.errors import InputError
 
@@ -28,6 +30,8 @@ class OrderSummary:
     square: int  #: people with whom the counter-balanced order is complete
     plans: tuple[dict[str, Any], ...]
     sequences: tuple[tuple[str, ...], ...]  #: for each person the units of the trials that count, practice left out
+    asked: tuple[tuple[str, ...], ...]  #: what the same trials ask: set-point, level, or the comparison's interval
+    asks: str  #: which of these it is
     trials: int  #: that count; adaptive: at most
     practice: int
     breaks: int
@@ -55,22 +59,29 @@ class OrderSummary:
         if self.rule == "counter-balanced":
             found.append(
                 f"order: counter-balanced; every {self.square} participants complete a Williams square: in the {what} "
-                f"every {unit} has every place, and follows every other one, equally often"
+                f"every {unit} is in every position, and follows every other one, equally often"
             )
         elif self.rule == "random":
             found.append("order: random; all trials mixed" if not self.side_by_side else "order: random rounds")
         else:
-            found.append("order: blocked, the same for everybody: an effect of order looks like one of the conditions")
+            found.append(
+                "order: blocked, the same for everybody: an effect of order cannot be distinguished from "
+                "one of the conditions"
+            )
         if self.side_by_side:
-            found.append(f"side by side: in each round every {unit} comes once; one that has ended is passed over")
+            found.append(f"rounds: each contains every {unit} once; those that have ended are skipped")
         return found
 
     def row(self, person: int) -> str:
-        """The order of the person-th participant, in words."""
-        names = self.sequences[person]
+        """The order of the person-th participant, in words: how it begins, and how each block does."""
+        names, asked = self.sequences[person], self.asked[person]
+        if len(self.units) < 2:
+            return _begin(asked, 24)
         if self.mixed:
-            return " ".join(names[:12]) + (" ..." if len(names) > 12 else "")
-        return ", ".join(name for name, _ in groupby(names))
+            return _begin(names, 12)
+        blocks = [[text for _, text in block] for _, block in groupby(zip(names, asked, strict=True), lambda x: x[0])]
+        heads = [name for name, _ in groupby(names)]
+        return "; ".join(f"{name}: {_begin(block, 6)}" for name, block in zip(heads, blocks, strict=True))
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types."""
@@ -82,19 +93,40 @@ class OrderSummary:
         }  # fmt: skip
 
 
+#: procedure → what a trial asks about
+_WHAT = {
+    "identification": "set-points", "localisation": "set-points", "constant": "levels", "magnitude": "levels",
+    "staircase": "intervals with the comparison", "bayesian": "intervals with the comparison",
+    "forced-choice": "intervals with the first of the pair",
+}  # fmt: skip
+
+
+def _ask(study: Study, prompt: Prompt) -> str:
+    """What a listed trial asks, short."""
+    if study.procedure in ("constant", "magnitude"):
+        return f"{prompt.level:g}"
+    return str(prompt.set_point if asks_places(study) else prompt.interval or "–")
+
+
+def _begin(texts: Sequence[str], count: int) -> str:
+    return " ".join(texts[:count]) + (" ..." if len(texts) > count else "")
+
+
 def summarize_order(study: Study, people: int = 6) -> OrderSummary:
     """The order for the first `people` participants, exactly as it will be stored when each of them begins."""
     if not 1 <= people <= _MOST_PEOPLE:
         raise InputError(f"the order can be shown for 1 to {_MOST_PEOPLE} participants; got {people}")
     plans = tuple(plan(study, n) for n in range(people))
     units = list_units(study)
-    sequences, pauses, practice = [], 0, 0
+    sequences, asked, pauses, practice = [], [], 0, 0
     for one in plans:
         procedure = procedure_of(study, one)
-        names, pauses, practice = [], 0, 0
+        names, texts, pauses, practice = [], [], 0, 0
         if isinstance(procedure, InterleavedProcedures):
             tracks = [str(part.get("condition", "")) for part in one["parts"]]
             names = [tracks[turn] for turn in procedure.turns if tracks[turn]]
+            intervals = [iter(part.get("intervals", ())) for part in one["parts"]]
+            texts = [str(next(intervals[turn])) for turn in procedure.turns if tracks[turn]]
             practice, pauses = len(procedure.turns) - len(names), len(procedure.pauses)
         else:
             for part in one["parts"]:
@@ -103,12 +135,15 @@ def summarize_order(study: Study, people: int = 6) -> OrderSummary:
                     pauses += prompt.pause > 0
                     if prompt.phase != "practice":
                         names.append(f"{prompt.condition}, {prompt.other}" if prompt.other else prompt.condition)
+                        texts.append(_ask(study, prompt))
                 names += [str(part.get("condition", ""))] * len(part.get("intervals", ()))
+                texts += map(str, part.get("intervals", ()))
         sequences.append(tuple(names))
+        asked.append(tuple(texts))
     side = study.procedure in ("staircase", "bayesian", "forced-choice") and study.trials.order != "blocked"
     square = square_size(len(units)) if study.trials.order == "counter-balanced" else 1
     return OrderSummary(
         study.trials.order, tuple(units), side and bool(study.order_version), square, plans, tuple(sequences),
-        len(sequences[0]), practice, pauses, study.trials.break_seconds,
+        tuple(asked), _WHAT.get(study.procedure, ""), len(sequences[0]), practice, pauses, study.trials.break_seconds,
         study.procedure in ("staircase", "bayesian"),
     )  # fmt: skip

@@ -8,14 +8,19 @@ from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.asking.rating import rating
 from haptorb.apps.study.model.study_file import Study
 
-__all__ = ["GREATEST", "ask_number", "is_comparison", "list_pairs", "list_prompts"]
+__all__ = ["GREATEST", "ask_number", "asks_places", "is_comparison", "list_pairs", "list_prompts"]
 
-GREATEST = 1_000_000  #: number that answers a magnitude estimation
+GREATEST = 1_000_000  #: number that answers a magnitude estimation; any above zero does
 
 
 def is_comparison(study: Study) -> bool:
     """Whether its trials have two intervals."""
     return study.procedure in ("constant", "staircase", "bayesian", "forced-choice")
+
+
+def asks_places(study: Study) -> bool:
+    """Whether its trials ask about set-points; the others present everything at the first one."""
+    return study.procedure in ("identification", "localisation")
 
 
 def ask_number(study: Study) -> str:
@@ -46,7 +51,7 @@ def list_prompts(study: Study, name: str) -> list[Prompt]:
             cells = [Prompt(condition=name, set_point=top, level=v, low=1, high=2) for v in values]
         case "magnitude":
             values = study.levels.values if study.levels else ()
-            cells = [Prompt(condition=name, set_point=top, level=v, low=1, high=GREATEST) for v in values]
+            cells = [Prompt(condition=name, set_point=top, level=v, high=GREATEST, decimal=True) for v in values]
         case "forced-choice":
             pairs = [other for first, other in list_pairs(study) if first == name]
             cells = [Prompt(condition=name, other=other, set_point=top, low=1, high=2) for other in pairs]

@@ -10,7 +10,18 @@ import numpy as np
 
 from haptorb.numerics.arrays import Array
 
-__all__ = ["SetPoint", "angles_between", "directions", "list_equal_rings", "list_published", "nearest"]
+__all__ = [
+    "PUBLISHED_ERRORS",
+    "SetPoint",
+    "angles_between",
+    "directions",
+    "list_equal_rings",
+    "list_published",
+    "nearest",
+]
+
+#: θ [deg] → mean and standard deviation of the error [mm], Zárate 2020 §IV
+PUBLISHED_ERRORS = {0.0: (2.5, 1.4), 18.0: (5.7, 4.6), 36.0: (6.5, 5.2), 54.0: (7.2, 5.1)}
 
 
 @dataclass(frozen=True)
@@ -33,7 +44,7 @@ def list_published() -> tuple[SetPoint, ...]:
     """The 25 of Zárate 2020 Fig. 8: 1 + 4 + 8 + 12 at θ = 0, 18, 36 and 54 deg, nearest neighbours 18.0 deg apart.
 
     "25 evenly separated by 18°" and the four rings of Fig. 9 agree so; which number belongs where the figure alone
-    tells, so they are counted from the top, ring by ring.
+    gives, so they are counted from the top, ring by ring.
 
     >>> [sum(p.theta_deg == ring for p in list_published()) for ring in (0, 18, 36, 54)]
     [1, 4, 8, 12]

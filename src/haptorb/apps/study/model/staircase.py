@@ -22,7 +22,7 @@ class Staircase(Procedure):
     """Differences from a reference, changed by a factor: `step` until the second reversal, its root from then on.
 
     The difference is what the comparison interval has more than the reference. `intervals` holds, trial by trial, in
-    which interval it comes, and thereby how long the staircase may be at most.
+    which interval it comes, and so how long the staircase may be at most.
     """
 
     reference: float

@@ -1,16 +1,16 @@
-"""A study file (TOML): what is asked, of what, how often and in which order; refused before anyone sits down."""
+"""What a study file says: what is asked, of what, how often and in which order."""
 
 from __future__ import annotations
 
 from hashlib import sha256
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PrivateAttr, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from haptorb import worlds
+from haptorb.apps.study.model.analysis_plan import AnalysisPlan, HandAngle, check_plan
 from haptorb.apps.study.model.set_points import SetPoint, list_equal_rings, list_published
-from haptorb.apps.study.model.study_checks import check_levels, check_study
+from haptorb.apps.study.model.study_checks import check_levels
 from haptorb.apps.study.model.study_parts import (
     Condition,
     Levels,
@@ -25,30 +25,19 @@ from haptorb.apps.study.model.study_parts import (
     Trials,
     Value,
 )
-from haptorb.apps.study.plan.analysis_plan import AnalysisPlan, HandAngle, check_plan
-from haptorb.apps.terminal import announce_wait
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.schema import key as m
-from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import InputError
-from haptorb.files.text_file import parse_toml, read_bytes, read_text
-from haptorb.worlds.own.failure import try_world
-from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
+from haptorb.worlds.own.world_file import is_world_file
 from haptorb.worlds.parameter import Parameter, parameters
 from haptorb.worlds.world import World
 
-__all__ = ["Study", "read_study", "study_of"]
+__all__ = ["Study"]
 
-#: left out of the digest where they are not used: studies that were begun before there were such things go on
+#: left out of the digest where they are not used: studies that began before these existed continue
 _LATER = ("mask", "questions", "model", "render", "world_digest", "published_layout", "order_version", "hand_deg")
-#: what "published" means today; a stored study without the key ran with 1 + 8 + 8 + 8
-_PUBLISHED = "1-4-8-12"
-#: how trials are ordered today; a stored study without the key is ordered as before, at random unless its file says so
-_ORDER = "2"
-_MISTAKES = 20  #: told at once
-_CODE = 1 << 20  #: bytes of a world's file
 _LEVELLED = ("constant", "staircase", "bayesian", "magnitude")
 
 
@@ -61,43 +50,43 @@ class Study(Part):
     ] = "omni"
     world: Annotated[
         str,
-        m.Meaning("world that is felt; it must have a summit"),
+        m.Meaning("world to render; it must have a parameter summit"),
         m.Form("name in the catalogue, or FILE.py:NAME beside the study file"),
     ] = "dome"
     world_digest: Annotated[
         str,
         Field(pattern="^([0-9a-f]{64})?$"),
-        m.Meaning("SHA-256 of the world's own file; haptorb adds it"),
+        m.Meaning("SHA-256 of the world's file; added by haptorb"),
         m.Form("64 hexadecimal digits"),
         m.Without("computed"),
     ] = ""
     published_layout: Annotated[
         Literal["", "1-4-8-12"],
-        m.Meaning('what the layout "published" means; haptorb adds it, without it a stored study has 1 + 8 + 8 + 8'),
+        m.Meaning('meaning of the layout "published"; added by haptorb; a stored study without it has 1 + 8 + 8 + 8'),
         m.Without("computed"),
     ] = ""
     order_version: Annotated[
         Literal["", "2"],
-        m.Meaning("rules by which trials are ordered; haptorb adds it, and without it a stored study keeps older ones"),
+        m.Meaning("version of the rules for the order of trials; added by haptorb; without it, the older rules apply"),
         m.Without("computed"),
     ] = ""
     model: Annotated[
         str,
-        m.Meaning("model of the device that the controller inverts"),
+        m.Meaning("controller model"),
         m.Form("one of the device's models that a loop can use"),
         m.Without("the device's first model"),
     ] = ""
     render: RenderChoice = ""
     procedure: Annotated[
         ProcedureName,
-        m.Meaning("what is asked in each trial"),
+        m.Meaning("procedure: the question of each trial"),
     ] = "identification"
-    instructions: Annotated[str, m.Meaning("what the participant reads first"), m.Form("text")] = (
+    instructions: Annotated[str, m.Meaning("text that the participant reads first"), m.Form("text")] = (
         "Find the place where the dome pushes hardest, then answer with its number."
     )
     consent: Annotated[
         str,
-        m.Meaning("what the participant agrees to before the first trial"),
+        m.Meaning("text that the participant agrees to before the first trial"),
         m.Form("text"),
         m.Without("none is asked for"),
     ] = ""
@@ -110,19 +99,17 @@ class Study(Part):
     set_points: Annotated[
         Places, m.Meaning("places on the dome that trials present"), m.Without("the published layout")
     ] = Places(layout="published")
-    trials: Annotated[
-        Trials, m.Meaning("how often, in which order and with which breaks"), m.Without("the defaults below")
-    ] = Trials()
+    trials: Annotated[Trials, m.Meaning("repetitions, order and breaks"), m.Without("the defaults below")] = Trials()
     conditions: Annotated[
         tuple[Condition, ...],
         Field(max_length=100),
-        m.Meaning("variants of the world that are compared"),
+        m.Meaning("variants of the world to compare"),
         m.Form("1 to 100, each with its own name; 2 or more for forced-choice"),
         m.Without("one, called base"),
     ] = (Condition(name="base"),)
     levels: Annotated[
         Levels | None,
-        m.Meaning("what a comparison varies"),
+        m.Meaning("parameter that a comparison varies"),
         m.Without("none: required with procedures constant, staircase, bayesian and magnitude"),
     ] = None
     rating: Annotated[RatingScale, m.Meaning("question and scale of a rating"), m.Without("the defaults below")] = (
@@ -137,7 +124,9 @@ class Study(Part):
         m.Without("none"),
     ] = ()
     hand_deg: HandAngle = None
-    plan: Annotated[AnalysisPlan | None, m.Meaning("what is decided before data exist"), m.Without("none")] = None
+    plan: Annotated[
+        AnalysisPlan | None, m.Meaning("plan of the analysis, decided before data exist"), m.Without("none")
+    ] = None
     _text: str = PrivateAttr("")
     _own: World | None = PrivateAttr(None)
 
@@ -206,9 +195,15 @@ class Study(Part):
         return tuple(SetPoint(p.number, p.theta_deg, p.phi_deg) for p in self.set_points.points)
 
     def with_text(self, text: str, update: dict[str, Any]) -> Study:
-        """With other values under the keys of `update`, and the `text` that says so."""
+        """With other values under the keys of `update`, and the matching `text`."""
         found = self.model_copy(update=update)
         found._text = text
+        return found
+
+    def with_world(self, world: World) -> Study:
+        """With the `world` of its FILE.py:NAME."""
+        found = self.model_copy()
+        found._own = world
         return found
 
     def point(self, number: int) -> SetPoint:
@@ -234,67 +229,10 @@ class Study(Part):
     def make_world(self, condition: str, number: int = 0, level: float | None = None) -> World:
         """The world of one trial. Raises InputError for a user's own whose file was not read."""
         if self._own is None and is_world_file(self.world):
-            raise InputError(f"world '{self.world}' is loaded only with its study file, not out of a database")
+            raise InputError(f"world '{self.world}' is loaded only with its study file, not from a database")
         fresh = worlds.find_world(self.world)() if self._own is None else self._own
         return fresh.replace(**self.values(condition, number, level))
 
     def load_device(self) -> SphericalElectromagnet:
         """The device; InputError if it has no dome to find places on."""
-        return electromagnet(load(self.device), "a study, whose set-points lie on a dome,")
-
-
-def read_study(path: str | Path) -> Study:
-    """The study in the file `path`, with its world if that is in a file of its own, whose code is run.
-
-    Raises InputError saying what is wrong, where, and what was expected.
-    """
-    return study_of(read_text(path, "study file", InputError), str(path), Path(path).expanduser().parent)
-
-
-def study_of(text: str, where: str = "study", folder: Path | None = None, *, stored: bool = False) -> Study:
-    """The study that `text` (TOML) describes; `where` names it in messages.
-
-    folder   of the study file, where a world's file is looked for; None: no file is read and no code is run, as for
-             what a database holds
-    stored   it is what a database holds: nothing is added to it, so it means what it meant when it was run
-    """
-    try:
-        raw = parse_toml(text)
-    except ValueError as cause:
-        raise InputError(f"study file {where} is not TOML: {cause}") from cause
-    if not stored and "order_version" not in raw:
-        raw["order_version"], text = _ORDER, f'order_version = "{_ORDER}"\n{text}'
-    try:
-        study = Study.model_validate(raw)
-        study._text = text
-        if not stored and study.set_points.layout == "published" and not study.published_layout:
-            study = _add_key(study, "published_layout", _PUBLISHED)
-        if is_world_file(study.world):
-            if folder is None:
-                return study
-            study = _load_world(study, parse_world_file(study.world, folder))
-        check_study(study)
-    except ValidationError as cause:
-        mistakes = explain_mistakes(cause.errors(), Study, _MISTAKES)
-        lines = f" {mistakes[0]}" if len(mistakes) == 1 else "\n  ".join(["", *mistakes])
-        raise InputError(f"study file {where}:{lines}") from cause
-    except InputError as cause:
-        raise InputError(f"study file {where}: {cause}") from cause
-    return study
-
-
-def _load_world(study: Study, file: WorldFile) -> Study:
-    """`study` with the world in `file` and the digest of its code: sessions with other code are another study's."""
-    with announce_wait(f"World file {file.path} has not returned from loading and its first call"):
-        world = try_world(file.load(), study.load_device())
-    digest = sha256(read_bytes(file.path, _CODE, "world file", InputError)).hexdigest()
-    if study.world_digest not in ("", digest):
-        raise InputError(f"world_digest is not that of {file.path}: the file has changed; leave out the key")
-    found = study if study.world_digest else _add_key(study, "world_digest", digest)
-    found._own = world
-    return found
-
-
-def _add_key(study: Study, key: str, value: str) -> Study:
-    """`study` with a key of its own that its file does not have; it stands before the file's text in a database."""
-    return study.with_text(f'{key} = "{value}"\n{study.text}', {key: value})
+        return electromagnet(load(self.device), "a study with set-points on a dome")

@@ -53,8 +53,8 @@ ProcedureName = Literal[
 ]  # fmt: skip
 RenderChoice = Annotated[
     Literal["", "force", "torque", "both"],
-    m.Meaning("part of the world's wrench that is rendered"),
-    m.Without("what the world asks"),
+    m.Meaning("part of the world's wrench to render"),
+    m.Without("the part that the world defines"),
 ]
 Value = Annotated[float | tuple[float, float, float], BeforeValidator(_check_value)]
 Name = Annotated[
@@ -132,7 +132,7 @@ class Trials(Part):
     practice: Annotated[
         Whole,
         Field(ge=0, le=200),
-        m.Meaning("trials before those that count; of a staircase or bayesian at the greatest difference"),
+        m.Meaning("number of practice trials; for staircase and bayesian at the greatest difference"),
     ] = 0
     break_every: Annotated[
         Whole, Field(ge=0, le=_MOST), m.Meaning("trials between two breaks; 0: no breaks"), m.Form("≥ 0")
@@ -147,7 +147,7 @@ class Trials(Part):
     expected_seconds: Annotated[
         Real,
         Field(gt=0, le=3600),
-        m.Meaning("time for a trial, with which `haptorb study check` computes duration and heat"),
+        m.Meaning("assumed duration of a trial, for the forecasts of `haptorb study check`"),
         m.Unit("s"),
     ] = 12.0
     pause_seconds: Annotated[
@@ -161,7 +161,7 @@ class Trials(Part):
 class Condition(Part):
     """A variant of the world."""
 
-    name: Annotated[Name, m.Meaning("name of the condition, in the data too")]
+    name: Annotated[Name, m.Meaning("name of the condition, also used in the data")]
     parameters: Annotated[
         dict[str, Value],
         m.Meaning("parameters of the world in this condition, over those of [parameters]"),
@@ -180,7 +180,7 @@ class Levels(Part):
     ] = "moment"
     reference: Annotated[
         Real,
-        m.Meaning("value of that parameter in the reference interval; magnitude: where the estimates are called 1"),
+        m.Meaning("value of that parameter in the reference interval; magnitude: level whose estimate is 1"),
         m.Unit("that of the parameter"),
     ]
     values: Annotated[
@@ -233,13 +233,13 @@ class RatingScale(Part):
 
 
 class Mask(Part):
-    """Noise on the participant's headphones, so that nobody hears the device; the participant's page plays it."""
+    """Noise on the participant's headphones, which masks the device; the participant's page plays it."""
 
     noise: Annotated[
         Literal["pink", "white"], m.Meaning("noise on the participant's headphones, so that nobody hears the device")
     ] = "pink"
     volume_db: Annotated[
-        Real, Field(ge=-60, le=-12), m.Meaning("effective value over that of the loudest sine"), m.Unit("dB")
+        Real, Field(ge=-60, le=-12), m.Meaning("rms relative to a full-scale sine"), m.Unit("dB")
     ] = -20.0
 
 
@@ -258,13 +258,13 @@ class Question(Part):
     ] = ()
     low: Annotated[
         Annotated[Whole, Field(ge=-_MOST, le=_MOST)] | None,
-        m.Meaning("least whole number that answers"),
+        m.Meaning("lowest whole number that is accepted"),
         m.Form("any, with high"),
         m.Without("none: choices, or free text"),
     ] = None
     high: Annotated[
         Annotated[Whole, Field(ge=-_MOST, le=_MOST)] | None,
-        m.Meaning("greatest whole number that answers"),
+        m.Meaning("highest whole number that is accepted"),
         m.Form("≥ low, with low"),
         m.Without("none: choices, or free text"),
     ] = None

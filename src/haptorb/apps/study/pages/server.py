@@ -18,41 +18,41 @@ from haptorb.errors import ServoError
 
 __all__ = ["PORT", "StudyServer"]
 
-PORT = 8766  #: unless told otherwise; the console's is another
-_LOOK = 0.05  #: between two looks whether the reception is well [s]
+PORT = 8766  #: default; the console's is another
+_LOOK = 0.05  #: between two looks whether the session manager runs [s]
 _SWITCH = 0.0005  #: for which another thread of this program may compute on while a Stop has come [s]
 _LAST_WORDS = 0.5  #: for the pages to show that it is not [s]
 
 
 @final
 class StudyServer:
-    """Serves `reception` at `participant` and, to whoever knows the token in it, at `experimenter`.
+    """Serves `manager` at `participant` and, to clients with the token in it, at `experimenter`.
 
     port   0 takes any free one
-    more   what the experimenter's page shows besides: where answers are kept, what was foretold
+    more   what the experimenter's page shows besides: where answers are stored, and the forecast
     Raises InputError at once if the port cannot be had or the pages have not been built.
     """
 
     def __init__(
         self,
-        reception: SessionManager,
+        manager: SessionManager,
         port: int = PORT,
         *,
         simulated: bool = True,
         more: Mapping[str, Any] | None = None,
     ) -> None:
         self._socket = bind_socket(port)
-        self._reception = reception
+        self._manager = manager
         token = secrets.token_urlsafe(16)
         self.port = int(self._socket.getsockname()[1])
         self.participant = f"http://{HOST}:{self.port}/"
         # Behind the #: browsers keep that to themselves, so it is in no request, no log and no referrer.
         self.experimenter = f"http://{HOST}:{self.port}/experimenter#{token}"
         try:
-            everything = {"places": places(reception.study), **(more or {})}
-            room = StudySocketHub(reception, token, describe_study(reception.study, simulated), everything)
-            self._viewers = room.viewers
-            self._server = server(application(room))
+            everything = {"places": places(manager.study), **(more or {})}
+            hub = StudySocketHub(manager, token, describe_study(manager.study, simulated), everything)
+            self._viewers = hub.viewers
+            self._server = server(application(hub))
         except BaseException:
             self._socket.close()
             raise
@@ -66,33 +66,33 @@ class StudyServer:
 
         def end(number: int) -> None:
             signals_seen.append(number)
-            self._reception.halt.stop(None)
+            self._manager.halt.stop(None)
             self.close()
 
         before = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH)
-        self._reception.open()
+        self._manager.open()
         try:
             with signals(end), prioritize():
                 dead = asyncio.run(self._serve())
         finally:
-            self._reception.close()
+            self._manager.close()
             self._viewers.close()
             sys.setswitchinterval(before)
         if dead:
             raise ServoError(
                 f"the thread that runs the sessions ended: {self._reception.trouble}; the coils are off, and all "
-                "answers are stored: start again and enter the same code to resume"
+                "answers are stored: start again and enter the same code to continue"
             )
         return signals_seen[0] if signals_seen else None
 
     async def _serve(self) -> bool:
-        """Serve until `close`, or until nobody is there who does what is asked; whether it was that."""
+        """Serve until `close`, or until the session's thread has ended; returns whether it was that."""
         serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))
         dead = False
         while not serving.done():
-            if dead := self._reception.dead:
-                self._reception.halt.stop(None)
+            if dead := self._manager.dead:
+                self._manager.halt.stop(None)
                 await asyncio.sleep(_LAST_WORDS)  # the pages show it
                 self._server.should_exit = True
                 break

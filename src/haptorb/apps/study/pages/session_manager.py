@@ -1,7 +1,7 @@
 """Runs sessions one after another in a thread of its own: commands of the pages in, one state out.
 
 The thread may wait for the disk, a database far away, or a device that starts; the pages, the pen and Stop do not:
-Stop goes through `SessionManager.halt`, which asks nobody.
+Stop goes through `SessionManager.halt`, which waits for no other thread.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = ["SessionManager"]
 _TICK = 0.02  #: between two looks at the device [s]
 _WAITING = 100  #: commands that may wait at most: who sends more is no person
 
-#: asked of the reception by a page: tells the page what was wrong, or nothing
+#: for a request of a page to the manager: reports to the page what was wrong, or nothing
 Respond = Callable[[str], None]
 
 
@@ -42,22 +42,22 @@ class SessionManager:
     state   waiting (for a participant), starting (the device), consent, ready, then those of `TrialRunner`, or failed
     start   makes the servo of a session, recording to the given file; not yet open
     beside  file for the recording of session number so-and-so; None: no recording
-    sit     opens the session of a participant's code in the database
+    open_session  opens the session of a participant's code in the database
     """
 
     def __init__(
         self, engine: Engine, study: Study, start: Callable[[Path | None], Servo],
         beside: Callable[[int], Path | None] = lambda session: None, streams: Streams | None = None,
-        sit: Callable[[Engine, Study, str], StoredSession] = StoredSession,
+        open_session: Callable[[Engine, Study, str], StoredSession] = StoredSession,
     ) -> None:  # fmt: skip
         self.engine, self.study = engine, study
-        self._start, self._beside, self._streams, self._sit = start, beside, streams, sit
+        self._start, self._beside, self._streams, self._open_session = start, beside, streams, open_session
         self.halt = StopSwitch()  #: Stop, for every page and thread
         self.state = "waiting"
         self.trouble = ""  #: why the last session ended as it did
-        self.sitting: StoredSession | None = None
-        self.conduct: TrialRunner | None = None
-        self.stage: TrialDevice | None = None
+        self.session: StoredSession | None = None
+        self.runner: TrialRunner | None = None
+        self.trial_device: TrialDevice | None = None
         self.log: list[dict[str, Any]] = []  #: answered trials of this session, newest last
         self.codes = CodeList(engine, study)
         self._recording: Path | None = None
@@ -66,7 +66,7 @@ class SessionManager:
         self._ended = threading.Event()
         self._died = ""  # why the thread ended by itself
         self._next = 0.0  # look at the device
-        self._thread = threading.Thread(target=self._run, name="reception", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="sessions", daemon=True)
 
     def open(self) -> None:
         """Start listening to `ask`."""
@@ -81,30 +81,30 @@ class SessionManager:
 
     @property
     def dead(self) -> bool:
-        """Whether the thread has ended although nobody told it to: nothing that is asked would be done."""
+        """Whether the thread has ended without a request: no command would be executed."""
         return bool(self._died) and not self._thread.is_alive()
 
     def ask(self, command: dict[str, Any], respond: Respond) -> None:
-        """Obey `command` soon; `respond` hears what was wrong with it, if anything was."""
+        """Execute `command` soon; `respond` receives the mistake, if there is one."""
         if self._died:
-            raise InputError(f"the study program has failed and closes: {self._died}")
+            raise InputError(f"the study program has failed and is closing: {self._died}")
         if self._inbox.qsize() >= _WAITING:
             raise InputError("too many commands are waiting (is the database locked?): try again in a moment")
         self._inbox.put((command, self.halt.ask(), respond))
 
     @property
     def now(self) -> str:
-        """The state, in one word; "paused" from the moment at which somebody stops."""
-        conduct, sitting = self.conduct, self.sitting  # the thread may put them away meanwhile
-        state = conduct.state if conduct is not None else self.state
-        if self.halt.active and sitting is not None and state not in ("starting", "waiting", "failed", *OVER):
+        """The state, in one word; "paused" from the moment of a Stop."""
+        runner, session = self.runner, self.session  # the thread may put them away meanwhile
+        state = runner.state if runner is not None else self.state
+        if self.halt.active and session is not None and state not in ("starting", "waiting", "failed", *OVER):
             return "paused"
         return state
 
     @property
     def number(self) -> int:
         """Of the session in the database; 0: none."""
-        return sitting.id if (sitting := self.sitting) is not None else 0
+        return session.id if (session := self.session) is not None else 0
 
     def step(self, wait: float = 0.0) -> None:
         """Obey the command that has waited longest, for which `wait` [s] are waited; and look at the device."""
@@ -128,15 +128,15 @@ class SessionManager:
             self._died = f"its thread ended: {explain_fault(fault)}"
         finally:
             self.halt.stop(None)
-            conduct = self.conduct
-            if conduct is not None and conduct.state not in OVER:
-                try_quietly(conduct.leave)
+            runner = self.runner
+            if runner is not None and runner.state not in OVER:
+                try_quietly(runner.leave)
             self._end(self._died, "failed" if self._died else "left")
             if self._died:
                 self.state, self.trouble = "failed", self._died
 
     def _try(self, do: Callable[[], None], respond: Respond | None) -> None:
-        """`do` it; whatever it raises is told, and this thread goes on. None: nobody asked, so the session ends."""
+        """`do` it; an exception is reported, and this thread continues. None: without a page, so the session ends."""
         try:
             do()
         except HaptorbError as mistake:
@@ -145,7 +145,7 @@ class SessionManager:
             if respond is None or isinstance(mistake, ServoError):
                 self._end(str(mistake))
         except BaseException as fault:  # safety: study-fault
-            # Nobody foresaw it, so nobody knows what the session is in: off, and it can be resumed.
+            # Unexpected, so the session's state is unknown: off, and it can be resumed.
             self.halt.stop(None)
             text = (
                 f"a fault in haptorb, please report it: {explain_fault(fault)}. Coils off; the session can be resumed"
@@ -155,23 +155,23 @@ class SessionManager:
             self._end(text)
 
     def _tick(self) -> None:
-        if self._servo is None or self.stage is None:
+        if self._servo is None or self.trial_device is None:
             return
         self._record_stops()
         self._servo.check()
         if self._streams is not None:
             self._streams.poses(self._servo)
-        if self.conduct is not None:
-            self.conduct.tick()
-            if self.conduct.state in OVER:
-                self._end("", self.conduct.state)
+        if self.runner is not None:
+            self.runner.tick()
+            if self.runner.state in OVER:
+                self._end("", self.runner.state)
 
     def _record_stops(self) -> None:
         """Keep the Stops of the time before the first trial; `TrialRunner` keeps the later ones."""
-        if self.conduct is None and self.sitting is not None:
+        if self.runner is None and self.session is not None:
             for stopped in self.halt.take():
-                self.sitting.note("pause", stopped.why, at=stopped.at, later=True)
-            self.sitting.keep_late()
+                self.session.note("pause", stopped.why, at=stopped.at, later=True)
+            self.session.keep_late()
 
     def _execute(self, command: dict[str, Any], asked: StopCount) -> None:
         self._record_stops()
@@ -182,93 +182,91 @@ class SessionManager:
         if do == "agree":
             self._agree(bool(command.get("agreed", True)))
             return
-        if (conduct := self.conduct) is None and self.sitting is not None and do in ("leave", "abort", "resume"):
+        if (runner := self.runner) is None and self.session is not None and do in ("leave", "abort", "resume"):
             self._execute_before_trials(do, asked)
             return
-        if conduct is None:
+        if runner is None:
             raise InputError("no session is running")
         match do:
             case "answer":
                 # Of the trial that the page showed: a second click must not answer the next one.
-                if command.get("trial") == conduct.sitting.number:
-                    self._answer(conduct, command.get("value"))
+                if command.get("trial") == runner.session.number:
+                    self._answer(runner, command.get("value"))
             case "reply":
-                if conduct.question is not None and command.get("question") == conduct.question.name:
-                    conduct.reply(check_text(command, "reply"))
+                if runner.question is not None and command.get("question") == runner.question.name:
+                    runner.reply(check_text(command, "reply"))
             case "skip":
-                conduct.skip()
+                runner.skip()
             case "interval":
-                conduct.interval(command.get("which"))
+                runner.interval(command.get("which"))
             case "resume":
-                conduct.resume(asked)
+                runner.resume(asked)
             case "repeat":
-                conduct.repeat()
+                runner.repeat()
             case "engage":
-                conduct.engage(asked)
+                runner.engage(asked)
             case "leave":
-                conduct.leave()
+                runner.leave()
             case "abort":
-                conduct.abort("by the experimenter")
-        if conduct.state in OVER:
-            self._end("", conduct.state)
+                runner.abort("by the experimenter")
+        if runner.state in OVER:
+            self._end("", runner.state)
 
     def _begin(self, code: str, asked: StopCount) -> None:
         """Take a participant in: session claimed, device started, nothing felt yet."""
-        if self.sitting is not None:
-            raise InputError(f"participant {self.sitting.code} has a running session: end it first")
-        sitting = self._sit(self.engine, self.study, code.strip())
-        if sitting.over:
-            sitting.close()
+        if self.session is not None:
+            raise InputError(f"participant {self.session.code} has a running session: end it first")
+        session = self._open_session(self.engine, self.study, code.strip())
+        if session.over:
+            session.close()
             raise InputError(f"participant '{code}' has already answered all trials")
-        self.sitting, self.state, self.trouble, self.log = sitting, "starting", "", []
+        self.session, self.state, self.trouble, self.log = session, "starting", "", []
         try:
-            self._recording = self._beside(sitting.id)
+            self._recording = self._beside(session.id)
             self._servo = servo = self._start(self._recording)
             self.halt.attach(servo, asked)  # before it is open: Stop reaches it from here on
             servo.open()
-            stage = TrialDevice(self.study, servo)
-            stage.hold()  # the first time loads kernels; afterwards the pen must never be silent that long
-            self.stage = stage
-            self._mark("session", {"session": sitting.id, "participant": sitting.code})
+            trial_device = TrialDevice(self.study, servo)
+            trial_device.hold()  # the first time loads kernels; afterwards the pen must never be without data that long
+            self.trial_device = trial_device
+            self._mark("session", {"session": session.id, "participant": session.code})
         except HaptorbError as failure:
             self._end(str(failure))
             raise
         self.state = "consent"
 
     def _agree(self, agreed: bool) -> None:
-        if self.state != "consent" or self.sitting is None or self.stage is None or self.conduct is not None:
+        if self.state != "consent" or self.session is None or self.trial_device is None or self.runner is not None:
             raise InputError("no consent is expected now")
         if not agreed:
             self.halt.stop(None)
-            self.sitting.note("declined", later=True)
+            self.session.note("declined", later=True)
             self._end("the participant did not agree", "left")
             return
         if self.halt.active:
             raise InputError("the session is stopped: the experimenter must resume it first")
-        self.sitting.note("consent")
+        self.session.note("consent")
         recording = self._recording.name if self._recording is not None else None
-        self.conduct = TrialRunner(self.sitting, self.stage, recording, self._mark, halt=self.halt)
+        self.runner = TrialRunner(self.session, self.trial_device, recording, self._mark, halt=self.halt)
 
     def _execute_before_trials(self, do: str, asked: StopCount) -> None:
         """What may be asked for while the participant is asked for consent."""
-        assert self.sitting is not None
+        assert self.session is not None
         if do == "resume":
             if self.halt.active:
                 self.halt.engage(asked)
-                self.sitting.note("resume", later=True)
+                self.session.note("resume", later=True)
         elif do == "leave":
             self._end("", "left")
         else:
-            self.sitting.abort("by the experimenter")
+            self.session.abort("by the experimenter")
             self._end("", "aborted")
 
-    def _answer(self, conduct: TrialRunner, value: Any) -> None:
-        prompt, number, seconds, repeats = conduct.prompt, conduct.sitting.number, conduct.seconds, conduct.repeats
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int)):
-            raise InputError(f"an answer is a whole number; got {value!r}")
-        part = conduct.stage.course(str(self._recording.absolute()) if self._recording is not None else None)
-        conduct.answer(value)
-        trips = [str(trip.get("code")) for trip in conduct.trips if trip["trial"] == number]
+    def _answer(self, runner: TrialRunner, value: Any) -> None:
+        prompt, number, seconds, repeats = runner.prompt, runner.session.number, runner.seconds, runner.repeats
+        part = runner.trial_device.course(str(self._recording.absolute()) if self._recording is not None else None)
+        runner.answer(value)
+        trips = [str(trip.get("code")) for trip in runner.trips if trip["trial"] == number]
         assert prompt is not None
         row = {
             "trial": number, "answer": value, "seconds": round(seconds, 1), "safety": trips, "phase": prompt.phase,
@@ -282,19 +280,19 @@ class SessionManager:
             self._streams.mark(kind, facts)
 
     def _end(self, trouble: str, state: str = "failed") -> None:
-        """Coils off, session given back; what was answered is on the disk already."""
-        servo, sitting = self._servo, self.sitting
+        """Coils off, session released; the answers are already on disk."""
+        servo, session = self._servo, self.session
         self._servo = None
         if servo is not None:
             if state == "failed":
                 try_quietly(servo.stop)  # `close` may itself be what fails
             try_quietly(servo.close)
         self.halt.detach()
-        if sitting is not None:
+        if session is not None:
             if trouble and state == "failed":
-                try_quietly(lambda: sitting.note("failed", trouble, later=True))
+                try_quietly(lambda: session.note("failed", trouble, later=True))
             try_quietly(lambda: self._mark("end", {"state": state}))
-            try_quietly(sitting.close)
+            try_quietly(session.close)
             try_quietly(self.codes.refresh)
             self.state, self.trouble = state, trouble
-        self.sitting = self.conduct = self.stage = None
+        self.session = self.runner = self.trial_device = None

@@ -22,7 +22,7 @@ __all__ = ["STATIC", "application"]
 STATIC = Path(__file__).parent / "static"
 
 
-def application(room: StudySocketHub) -> Starlette:
+def application(hub: StudySocketHub) -> Starlette:
     """The ASGI application; InputError if the pages have not been built."""
     files = page_files(STATIC)
     if not {"participant.html", "experimenter.html"} <= set(files):
@@ -44,9 +44,9 @@ def application(room: StudySocketHub) -> Starlette:
             Route("/", participant),
             Route("/experimenter", experimenter),
             Route("/static/{name}", file),
-            WebSocketRoute("/ws/participant", room.join_participant),
-            WebSocketRoute("/ws/experimenter", room.join_experimenter),
+            WebSocketRoute("/ws/participant", hub.join_participant),
+            WebSocketRoute("/ws/experimenter", hub.join_experimenter),
         ],
         middleware=[Middleware(AccessGate)],
-        lifespan=run_beside(room.keep),
+        lifespan=run_beside(hub.keep),
     )

@@ -15,6 +15,7 @@ from typing import Any, final
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from haptorb.apps.study.model.prompts import GREATEST
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.pages.trial_viewers import TrialViewers
 from haptorb.apps.study.pages.views import for_experimenter, for_participant, pen
@@ -30,12 +31,11 @@ PATIENCE = 5.0  #: for an experimenter's token [s]
 
 #: what an experimenter's page sends to end with the coils off; the rest of the message may be anything
 _STOPS = re.compile(r'"do"\s*:\s*"(stop|pause|leave|abort)"')
-#: what a participant may ask of the reception; everything else steers, and steering is the experimenter's
+#: what a participant may ask of the session manager; everything else steers, and steering is the experimenter's
 _PARTICIPANT = frozenset({"agree", "answer", "reply", "skip", "interval"})
 _EXPERIMENTER = frozenset({"begin", "pause", "stop", "resume", "repeat", "engage", "leave", "abort", "skip", "view"})
 _IN_TRIAL = ("running", "time is up")
-_UNTOLD = 20  #: mistakes that a page was not told of yet, at most
-_LARGEST = 10**6  #: draft of an answer
+_UNTOLD = 20  #: mistakes that were not yet sent to a page, at most
 
 
 @final
@@ -54,12 +54,10 @@ class StudyPage:
 
 @final
 class StudySocketHub:
-    """Joins pages to the reception."""
+    """Joins pages to the session manager."""
 
-    def __init__(
-        self, reception: SessionManager, token: str, about: Mapping[str, Any], more: Mapping[str, Any]
-    ) -> None:
-        self._reception, self._token = reception, token
+    def __init__(self, manager: SessionManager, token: str, about: Mapping[str, Any], more: Mapping[str, Any]) -> None:
+        self._manager, self._token = manager, token
         self._about, self._more = dict(about), dict(more)
         self._participants: list[StudyPage] = []  # the first has the pen and answers, the others only look on
         self._experimenters: list[StudyPage] = []
@@ -70,10 +68,10 @@ class StudySocketHub:
     async def keep(self) -> None:
         """For as long as the server runs: the hand at rest on a pen that is steered from a page."""
         while True:
-            stage = self._reception.stage
-            if stage is not None:
-                with suppress(Exception):  # the reception's thread notices by itself, and says so
-                    stage.hold()
+            trial_device = self._manager.trial_device
+            if trial_device is not None:
+                with suppress(Exception):  # the manager's thread notices by itself, and reports it
+                    trial_device.hold()
             await asyncio.sleep(REFRESH)
 
     async def join_participant(self, socket: WebSocket) -> None:
@@ -96,7 +94,7 @@ class StudySocketHub:
         # safety: experimenter-token
         if not secrets.compare_digest(given.encode("utf-8", "replace"), self._token.encode()):
             with suppress(RuntimeError):
-                await socket.close(1008, "this page needs the address that the terminal printed")
+                await socket.close(1008, "open this page with the address that the terminal printed")
             return
         page = StudyPage(socket, participant=False)
         self.enter(page)
@@ -110,32 +108,32 @@ class StudySocketHub:
         (self._participants if page.participant else self._experimenters).append(page)
 
     def part(self, page: StudyPage) -> None:
-        """`page` went away. If it was the participant's, the coils go off, and stay off until somebody resumes."""
+        """`page` went away. If it was the participant's, the coils go off until the session is resumed."""
         if page.participant and self._participants[0] is page:  # safety: participant-gone
-            self._reception.halt.stop("the participant's page was closed")
+            self._manager.halt.stop("the participant's page was closed")
         (self._participants if page.participant else self._experimenters).remove(page)
 
-    def hear(self, page: StudyPage, text: str) -> None:
-        """One message of `page`: Stop before anything else. Nothing that it may hold is raised, `page` is told."""
+    def handle_message(self, page: StudyPage, text: str) -> None:
+        """One message of `page`: Stop before anything else. A wrong message raises nothing, `page` is informed."""
         try:
             if page.participant:
                 if asks_to_stop(text):  # safety: study-stop-first
-                    self._reception.halt.stop("by the participant")
+                    self._manager.halt.stop("by the participant")
             elif found := _STOPS.search(text):  # safety: study-end-first
                 ends = found[1] in ("leave", "abort")
-                self._reception.halt.stop(None if ends else "by the experimenter")
+                self._manager.halt.stop(None if ends else "by the experimenter")
             command = read_command(text)
             do = command.get("do")
             if not isinstance(do, str):
-                raise InputError("a command must say what to do, as a text: do")
+                raise InputError("a command must state its action as text: do")
             if page.participant:
-                self._hear_participant(page, do, command)
+                self._receive_participant(page, do, command)
             else:
-                self._hear_experimenter(page, do, command)
+                self._receive_experimenter(page, do, command)
         except HaptorbError as mistake:
             page.tell(str(mistake))
         # safety: study-message
-        except Exception as fault:  # whatever it holds, the page's next Stop must be heard
+        except Exception as fault:  # for any content, the page's next Stop must be received
             page.tell(f"this message cannot be processed: {type(fault).__name__}")
 
     async def _serve(self, page: StudyPage, about: Mapping[str, Any]) -> None:
@@ -145,34 +143,36 @@ class StudySocketHub:
                 message = await page.socket.receive()
                 if message["type"] == "websocket.disconnect":
                     break
-                self.hear(page, message.get("text") or (message.get("bytes") or b"").decode("utf-8", "replace"))
+                self.handle_message(
+                    page, message.get("text") or (message.get("bytes") or b"").decode("utf-8", "replace")
+                )
         except (WebSocketDisconnect, RuntimeError):
             pass  # the page went away while something was on its way
         finally:
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
 
-    def _hear_participant(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
+    def _receive_participant(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
         if do == "stop":
-            return  # `hear` has done it
+            return  # `handle_message` has done it
         if page is not self._participants[0]:
             raise InputError("another participant's page is open: close that one first")
-        reception = self._reception
+        manager = self._manager
         if do == "steer":
-            stage = reception.stage
-            if stage is not None and stage.steered:
-                stage.aim(_number(command, "x"), _number(command, "y"))
+            trial_device = manager.trial_device
+            if trial_device is not None and trial_device.steered:
+                trial_device.aim(_number(command, "x"), _number(command, "y"))
         elif do == "draft":
-            sitting = reception.sitting
+            session = manager.session
             value = command.get("value")
-            if value is None or (type(value) is int and abs(value) < _LARGEST):
-                self._draft, self._draft_of = value, sitting.number if sitting is not None else -1
+            if value is None or (type(value) in (int, float) and abs(value) <= GREATEST):
+                self._draft, self._draft_of = value, session.number if session is not None else -1
         elif do in _PARTICIPANT:  # safety: participant-steers
-            reception.ask(command, page.tell)
+            manager.ask(command, page.tell)
         else:
             raise InputError(f"a participant's page may not do {do[:40]!r}")
 
-    def _hear_experimenter(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
+    def _receive_experimenter(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
         if do not in _EXPERIMENTER:
             known = ", ".join(sorted(_EXPERIMENTER))
             raise InputError(f"unknown command {do[:40]!r} (known: {known})")
@@ -181,19 +181,19 @@ class StudySocketHub:
         if do == "view":
             self._view(page, command.get("trial"))
         elif do not in ("stop", "pause"):
-            self._reception.ask(command, page.tell)
+            self._manager.ask(command, page.tell)
 
     def _view(self, page: StudyPage, trial: Any) -> None:
         """Have the recording of an answered trial of this session played."""
-        if self._reception.now in _IN_TRIAL:
-            raise InputError("a trial runs: stop it, or wait for the pause after it, to look at a recording")
-        parts = [row.get("recording") for row in self._reception.log if row["trial"] == trial]
+        if self._manager.now in _IN_TRIAL:
+            raise InputError("a trial is running: stop it, or wait for the pause after it, to play a recording")
+        parts = [row.get("recording") for row in self._manager.log if row["trial"] == trial]
         if not parts or parts[-1] is None:
             raise InputError("this trial has no recording: it is not answered yet, or the session is not recorded")
         self.viewers.open(parts[-1], page.tell)
 
     async def _send(self, page: StudyPage, about: Mapping[str, Any]) -> None:
-        """Whatever is new to `page`, some 25 times a second."""
+        """Send what is new to `page`, some 25 times a second."""
         await page.socket.send_text(json.dumps({"event": "about", **about}))
         while True:
             for text in self._collect_messages(page):
@@ -219,19 +219,19 @@ class StudySocketHub:
 
     def _events(self, page: StudyPage) -> dict[str, Any]:
         """What `page` is to know now, by kind of event."""
-        reception = self._reception
+        manager = self._manager
         events: dict[str, Any] = {}
         if page.participant:
-            events["view"] = for_participant(reception) | {"watching": page is not self._participants[0]}
+            events["view"] = for_participant(manager) | {"watching": page is not self._participants[0]}
         else:
-            sitting = reception.sitting
-            draft = self._draft if sitting is not None and self._draft_of == sitting.number else None
-            events["view"] = for_experimenter(reception, len(self._participants), draft)
+            session = manager.session
+            draft = self._draft if session is not None and self._draft_of == session.number else None
+            events["view"] = for_experimenter(manager, len(self._participants), draft)
             events["viewers"] = self.viewers.urls
-        stage = reception.stage
-        if stage is not None and (not page.participant or stage.simulated):
+        trial_device = manager.trial_device
+        if trial_device is not None and (not page.participant or trial_device.simulated):
             with suppress(HaptorbError):
-                events["pen"] = pen(stage)
+                events["pen"] = pen(trial_device)
         return events
 
 

@@ -1,4 +1,4 @@
-"""What each page is told: the participant nothing that would give an answer away, the experimenter everything."""
+"""What each page receives: the participant nothing that would reveal an answer, the experimenter everything."""
 
 from __future__ import annotations
 
@@ -41,37 +41,38 @@ def places(study: Study) -> list[dict[str, float]]:
     return [{"number": p.number, "theta": p.theta_deg, "phi": p.phi_deg} for p in study.points]
 
 
-def for_participant(reception: SessionManager) -> dict[str, Any]:
+def for_participant(manager: SessionManager) -> dict[str, Any]:
     """State, task, progress; never what is prompted, nor which interval holds what.
 
-    stopped      who stopped, "" if nobody did or somebody has resumed since
-    unconfirmed  whether the coils are told to be off, and the device has not confirmed that
+    stopped      who stopped, "" if none did or the session was resumed since
+    unconfirmed  whether the coils were switched off, and the device has not confirmed it
     """
-    conduct, sitting, stage, halt = reception.conduct, reception.sitting, reception.stage, reception.halt
+    runner, session, trial_device = manager.runner, manager.session, manager.trial_device
+    halt = manager.halt
     view: dict[str, Any] = {
-        "state": "failed" if reception.dead else reception.now, "session": reception.number, "task": None,
-        "question": None, "stopped": (halt.why or "by the program") if halt.active and sitting is not None else "",
-        "unconfirmed": stage is not None and stage.unconfirmed,
+        "state": "failed" if manager.dead else manager.now, "session": manager.number, "task": None,
+        "question": None, "stopped": (halt.why or "by the program") if halt.active and session is not None else "",
+        "unconfirmed": trial_device is not None and trial_device.unconfirmed,
     }  # fmt: skip
-    if sitting is not None:
-        view["resumed"] = sitting.resumed
-    if conduct is None or sitting is None:
+    if session is not None:
+        view["resumed"] = session.resumed
+    if runner is None or session is None:
         return view
-    prompt, expected = conduct.prompt, sitting.procedure.expected
+    prompt, expected = runner.prompt, session.procedure.expected
     view |= {
-        "trial": sitting.number,
-        "done": sitting.number,
-        "total": sitting.number + expected,
-        "left": round(conduct.rest_left),
-        "off": conduct.stage.switched_off,
-        "steered": conduct.stage.steered,
-        "repeats": conduct.repeats,
-        "which": conduct.which,
+        "trial": session.number,
+        "done": session.number,
+        "total": session.number + expected,
+        "left": round(runner.rest_left),
+        "off": runner.trial_device.switched_off,
+        "steered": runner.trial_device.steered,
+        "repeats": runner.repeats,
+        "which": runner.which,
     }
     if prompt is not None:
         view["practice"] = prompt.phase == "practice"
-        view["task"] = _task(reception.study, prompt)
-    if (question := conduct.question) is not None:
+        view["task"] = _task(manager.study, prompt)
+    if (question := runner.question) is not None:
         view["question"] = {
             "name": question.name, "text": question.text, "choices": list(question.choices), "low": question.low,
             "high": question.high,
@@ -79,31 +80,31 @@ def for_participant(reception: SessionManager) -> dict[str, Any]:
     return view
 
 
-def for_experimenter(reception: SessionManager, pages: int, draft: Any) -> dict[str, Any]:
+def for_experimenter(manager: SessionManager, pages: int, draft: Any) -> dict[str, Any]:
     """Everything: what is prompted, what is being answered, what the device did."""
-    view = for_participant(reception) | {
-        "trouble": reception.trouble or ("the study program has failed and closes" if reception.dead else ""),
+    view = for_participant(manager) | {
+        "trouble": manager.trouble or ("the study program has failed and is closing" if manager.dead else ""),
         "pages": pages,
         "draft": draft,
-        "log": reception.log[-200:],
+        "log": manager.log[-200:],
         "code": "",
-        "taken": list(reception.codes.taken[-_MOST_CODES:]),
-        "free": reception.codes.free,
+        "taken": list(manager.codes.taken[-_MOST_CODES:]),
+        "free": manager.codes.free,
     }
-    conduct, sitting = reception.conduct, reception.sitting
-    if sitting is not None:
-        view["code"] = sitting.code
-    if conduct is not None:
-        view["seconds"] = round(conduct.seconds)
-        view["trips"] = conduct.trips
-        if conduct.prompt is not None:
-            view["prompt"] = conduct.prompt.row()
+    runner, session = manager.runner, manager.session
+    if session is not None:
+        view["code"] = session.code
+    if runner is not None:
+        view["seconds"] = round(runner.seconds)
+        view["trips"] = runner.trips
+        if runner.prompt is not None:
+            view["prompt"] = runner.prompt.row()
     return view
 
 
-def pen(stage: TrialDevice) -> dict[str, Any] | None:
+def pen(trial_device: TrialDevice) -> dict[str, Any] | None:
     """Where the tool is, seen from above [deg], and the force on it [N]: outwards, and sideways towards +x and +y."""
-    position, force = stage.position, stage.force
+    position, force = trial_device.position, trial_device.force
     if position is None:
         return None
     x, y, z = position
@@ -112,7 +113,7 @@ def pen(stage: TrialDevice) -> dict[str, Any] | None:
     theta = float(np.degrees(np.arctan2(round_, z)))
     view: dict[str, Any] = {
         "x": theta * x / round_ if round_ else 0.0, "y": theta * y / round_ if round_ else 0.0,
-    "off": stage.switched_off,
+    "off": trial_device.switched_off,
     }  # fmt: skip
     if force is not None and distance > 0:
         way = np.array(position) / distance
@@ -131,11 +132,10 @@ def _task(study: Study, prompt: Prompt) -> dict[str, Any]:
         ask = "Which do you prefer?" if prompt.other else "Which one pushed harder?"
         return {"kind": "compare", "ask": ask, "numbers": [1, 2]}
     if prompt.high:
-        numbers = list(range(prompt.low, prompt.high + 1))
-        few = len(numbers) <= _MOST_BUTTONS
+        few = prompt.high - prompt.low < _MOST_BUTTONS and not prompt.decimal
         return {
-            "kind": "rate", "ask": ask_number(study), "numbers": numbers if few else [],
-            "low": prompt.low, "high": prompt.high,
+            "kind": "rate", "ask": ask_number(study), "low": prompt.low, "high": prompt.high, "decimal": prompt.decimal,
+            "numbers": list(range(prompt.low, prompt.high + 1)) if few else [],
         }  # fmt: skip
     if prompt.wants_number:
         return {"kind": "number", "ask": "Which place pushes?", "numbers": list(prompt.numbers)}

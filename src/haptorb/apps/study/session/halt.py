@@ -1,4 +1,4 @@
-"""Stop, from whoever gives it straight to the servo; what was asked for before a Stop cannot switch on after it.
+"""Stop, from any source straight to the servo; a request before a Stop cannot switch on after it.
 
 No queue, no lock, no database: a Stop is a count and one write into the servo's memory. Any thread may call it.
 """
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["StopCount", "StopEvent", "StopSwitch"]
 
-_MOST = 100  #: Stops that nobody has recorded yet, at most
+_MOST = 100  #: Stops that are not recorded yet, at most
 
 
 @dataclass(frozen=True)
@@ -48,12 +48,12 @@ class StopSwitch:
         self._servo: Servo | None = None
         self._numbers = count(1)
         self._last = 0  # number of the last Stop
-        self._cleared = 0  # number of the last Stop after which somebody switched on again
+        self._cleared = 0  # number of the last Stop after which the coils were switched on again
         self._unrecorded: deque[StopEvent] = deque(maxlen=_MOST)
 
     @property
     def active(self) -> bool:
-        """Whether a Stop was given, and nobody has resumed since."""
+        """Whether a Stop was given, without a resume since."""
         return self._last != self._cleared
 
     def stop(self, why: str | None = "") -> None:
@@ -97,7 +97,7 @@ class StopSwitch:
             raise InputError("no device is running")
         if asked.number != self._last:  # safety: study-asked-before
             raise InputError(
-                "Stop was pressed meanwhile: the coils stay off. Press Resume again when everybody is ready"
+                "Stop was pressed in the meantime: the coils stay off. Press Resume again when everybody is ready"
             )
         servo.engage(asked.stops)  # safety: study-stop-engaging
         self._cleared = asked.number

@@ -22,7 +22,7 @@ from haptorb.apps.study.session.halt import StopCount, StopSwitch
 
 __all__ = ["END", "Keyboard", "Keys", "name_keys"]
 
-END = "end"  #: nobody will press a key any more: the pipe or the terminal is closed
+END = "end"  #: no key will come any more: the pipe or the terminal is closed
 
 _NAMES = {
     "\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left", "\x1bOA": "up", "\x1bOB": "down",
@@ -33,7 +33,7 @@ _KEY = re.compile(r"\x1b\[[0-?]*[ -/]*[@-~]|\x1bO.|.", re.DOTALL)
 
 
 def name_keys(typed: str) -> list[str]:
-    """The keys in what a terminal sent; keys that nobody uses are left out.
+    """The keys in what a terminal sent; unused keys are left out.
 
     >>> name_keys("1\\x1b[A \\x1b[3~")
     ['1', 'up', 'space']
@@ -82,7 +82,7 @@ class Keyboard(Keys):
         self._signalled, self._signal = os.pipe()
         os.set_blocking(self._signal, False)
         if threading.current_thread() is threading.main_thread():
-            # Python's own handler of Ctrl-C has to wait until a database lets go of the main thread; this does not.
+            # Python's own handler of Ctrl-C has to wait until a database releases the main thread; this does not.
             self._signal_before = signal.set_wakeup_fd(self._signal, warn_on_full_buffer=False)
         self._thread.start()
         return self

@@ -1,6 +1,6 @@
 """What the terminal shows in a session: the task, the set-points' numbers seen from above, and the answer so far.
 
-Of the simulated device, which nobody can feel, it shows pen and force besides; of a real one it does not.
+Of the simulated device, which cannot be felt, it also shows pen and force; of a real one it does not.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ _KEYS = "space or Esc STOP · Enter answer · r repeat · e switch on · q leave
 class Screen:
     """Draws at most ten times a second into `live`."""
 
-    def __init__(self, stage: TrialDevice, live: Live) -> None:
-        self._stage, self._live = stage, live
+    def __init__(self, trial_device: TrialDevice, live: Live) -> None:
+        self._trial_device, self._live = trial_device, live
         self._next = 0.0
 
     def __call__(self, view: View) -> None:
@@ -42,9 +42,9 @@ class Screen:
 
     def draw(self, view: View) -> RenderableType:
         """The whole screen."""
-        prompt, stage = view.prompt, self._stage
+        prompt, trial_device = view.prompt, self._trial_device
         head = f"trial {view.number}{', practice' if prompt.phase == 'practice' else ''} · {view.left} left"
-        if stage.simulated:
+        if trial_device.simulated:
             head += " · SIMULATED DEVICE"
         parts: list[RenderableType] = []
         if view.question is not None:
@@ -66,7 +66,8 @@ class Screen:
                 if prompt.other:
                     task = f"interval {view.which} (Tab: the other). Which do you prefer? 1 or 2"
             elif prompt.high:
-                task = f"{ask_number(stage.study)} {prompt.low} to {prompt.high}"
+                span = f"any number above {prompt.low}" if prompt.decimal else f"{prompt.low} to {prompt.high}"
+                task = f"{ask_number(trial_device.study)} {span}"
             elif prompt.wants_number:
                 task = "Find the place that pushes; answer with its number"
             else:
@@ -74,19 +75,23 @@ class Screen:
             parts += [Text(task, style="bold"), self._map()]
             if prompt.wants_number:
                 parts.append(Text.assemble("answer: ", (view.typed or "_", "bold reverse")))
-            notice = "abort for good? y aborts, any other key continues" if view.state == "abort?" else view.message
+            notice = (
+                "abort the session permanently? y aborts, any other key continues"
+                if view.state == "abort?"
+                else view.message
+            )
             if notice:
                 parts.append(Text(notice, style="bold yellow"))
-        steer = "arrow keys move the pen · " if stage.steered else ""
+        steer = "arrow keys move the pen · " if trial_device.steered else ""
         return Panel(Group(*parts, Text(steer + _KEYS, style="dim")), title=Text(head), width=_WIDE + 6)
 
     def _map(self) -> RenderableType:
         """Seen from above, +x to the right; the rim is the end of the workspace."""
-        stage = self._stage
+        trial_device = self._trial_device
         field = [[" "] * _WIDE for _ in range(_HIGH)]
 
         def put(theta: float, phi: float, text: str) -> None:
-            r = theta / stage.limit
+            r = theta / trial_device.limit
             column = round((_WIDE - 3) / 2 * (1 + r * cos(phi) * 0.95))
             line = round((_HIGH - 1) / 2 * (1 - r * sin(phi)))
             for n, letter in enumerate(text):
@@ -94,12 +99,12 @@ class Screen:
                     field[line][column + n] = letter
 
         for n in range(72):
-            put(stage.limit, n * pi / 36, "·")
-        for point in stage.study.points:
+            put(trial_device.limit, n * pi / 36, "·")
+        for point in trial_device.study.points:
             put(point.theta_deg, radians(point.phi_deg), str(point.number))
         text = ""
-        position, force = stage.position, stage.force
-        if stage.simulated and position is not None:
+        position, force = trial_device.position, trial_device.force
+        if trial_device.simulated and position is not None:
             x, y, z = position
             put(degrees(atan2(hypot(x, y), z)), atan2(y, x), "◆")
             if force is not None:

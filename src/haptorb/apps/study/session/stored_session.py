@@ -14,7 +14,7 @@ from sqlalchemy.engine import Connection, Engine
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from haptorb.apps.asking.procedure import Procedure
-from haptorb.apps.asking.prompt import Answer, Prompt
+from haptorb.apps.asking.prompt import Answer, Prompt, read_value
 from haptorb.apps.study.model.codes import check_code, fold_code, is_reserved
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study
@@ -106,7 +106,7 @@ class StoredSession:
     ) -> None:  # fmt: skip
         """Keep `answer`: on the disk when this returns. InputError, and nothing kept, if it may not be answered so.
 
-        `driver` of the device tells whether it was simulated.
+        `driver` of the device shows whether it was simulated.
         """
         prompt = self.prompt
         after = self.procedure.record_answer(answer)
@@ -144,8 +144,8 @@ class StoredSession:
     def note(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
         """Keep that something happened, now or `at` that time of day: pause, abort, repeat ...
 
-        With `later`, what the database does not take now is kept with the next thing that it takes, or by `keep_late`,
-        and nothing is raised: what was done must not wait for the record of it.
+        With `later`, what the database does not take now is stored with the next entry that it takes, or by
+        `keep_late`, and nothing is raised: what was done must not wait for the record of it.
         """
         text = text.replace("\0", "").encode("utf-8", "backslashreplace").decode()  # a record is never refused
         self._late.append({"session": self.id, "kind": kind, "trial": self.number, "at": at or utc_now(), "text": text})
@@ -170,7 +170,7 @@ class StoredSession:
             self._late.clear()
 
     def abort(self, reason: str = "") -> None:
-        """End for good: what was answered stays, and the session cannot be resumed."""
+        """End permanently: the answers stay, and the session cannot be resumed."""
         self.note("abort", reason)
         try:
             with self.engine.begin() as connection:
@@ -180,7 +180,7 @@ class StoredSession:
             raise _storage_error(cause) from cause
 
     def close(self) -> None:
-        """Let somebody else have the session; may be called twice."""
+        """Release the session for another station; may be called twice."""
         try:
             if self._late:
                 with self.engine.begin() as connection:
@@ -234,13 +234,15 @@ class StoredSession:
             return int(made[0]), drawn
 
     def _check_free(self, known: Iterable[str]) -> None:
-        """RecordingError if nobody new may have this code, beside the `known` ones."""
+        """RecordingError if a new person may not have this code, beside the `known` ones."""
         if not self.simulated and is_reserved(self.code):
-            raise RecordingError(f"participant code '{self.code}' is kept for simulated participants: use another code")
+            raise RecordingError(
+                f"participant code '{self.code}' is reserved for simulated participants: use another code"
+            )
         for code in known:
             if fold_code(code) == fold_code(self.code):
                 raise RecordingError(
-                    f"participant code '{self.code}' differs from '{code}' in capitals only: enter '{code}' to "
+                    f"participant code '{self.code}' differs from '{code}' only in capitals: enter '{code}' to "
                     "continue that session, or use another code"
                 )
 
@@ -278,7 +280,7 @@ class StoredSession:
                     f"session {self.id}: trial {row.number + 1} does not match the plan; the data were changed"
                 )
             place = None if row.x is None else (row.x, row.y, row.z)
-            procedure = procedure.record_answer(Answer(row.answer, place, row.seconds))
+            procedure = procedure.record_answer(Answer(read_value(row.answer), place, row.seconds))
         return procedure, len(rows)
 
 

@@ -22,29 +22,29 @@ from haptorb.runtime.servo.servo import Servo
 __all__ = ["run_session"]
 
 
-def run_session(sitting: StoredSession, start: Callable[[Path | None], Servo], recording: Path | None) -> str:
+def run_session(session: StoredSession, start: Callable[[Path | None], Servo], recording: Path | None) -> str:
     """'done', 'left' or 'aborted'; coils are off afterwards. `start` makes a servo that records to that file."""
-    study, console, halt = sitting.study, make_console(error=True), StopSwitch()
+    study, console, halt = session.study, make_console(error=True), StopSwitch()
     with Keyboard(halt) as keys:
         text = Text(f"{study.instructions}\n\n{study.consent}".strip())
         console.print(Panel(text, title=Text(study.name)), soft_wrap=False)
         say("Press Enter to begin and, if consent is asked above, to agree. q leaves. Space or Esc stops at any time.")
         while (key := keys.next_key(1.0)) != "enter":
             if key in ("q", END):
-                sitting.note("leave")
+                session.note("leave")
                 return "left"
         say("starting the device ...")
         servo = start(recording)
         halt.attach(servo, keys.asked or halt.ask())  # before it is open: Stop reaches it from here on
         with servo, Live(console=console, auto_refresh=False, screen=sys.stderr.isatty()) as live:
-            stage = TrialDevice(study, servo)
-            drawn = Screen(stage, live)
+            trial_device = TrialDevice(study, servo)
+            drawn = Screen(trial_device, live)
 
             def show(view: object) -> None:
                 drawn(view)  # type: ignore[arg-type]
                 if sys.stderr.isatty():
                     live.refresh()
 
-            runner = TerminalSession(sitting, stage, keys, show, str(recording) if recording else None, halt)
+            runner = TerminalSession(session, trial_device, keys, show, str(recording) if recording else None, halt)
             keys.writing = lambda: runner.writing
             return runner.run()

@@ -1,4 +1,4 @@
-"""The device in a session: a prompted set-point is rendered on the real loop, and what happened meanwhile is told."""
+"""The device in a session: a prompted set-point is rendered on the real loop, and what happens is reported."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class TrialDevice:
 
     @property
     def position(self) -> tuple[float, float, float] | None:
-        """Where the tool's magnet is now [m]; None where its pose may not be believed."""
+        """Where the tool's magnet is now [m]; None where its pose is not valid."""
         row, layout = self.servo.latest(), self.servo.layout
         if row is None or row[layout["valid"]][0] < 1:
             return None
@@ -98,7 +98,7 @@ class TrialDevice:
 
     @property
     def force(self) -> Array | None:
-        """(3,) force really on the tool now [N]; None where nobody can know."""
+        """(3,) force on the tool now [N]; None where unknown."""
         row, layout = self.servo.latest(), self.servo.layout
         if row is None:
             return None
@@ -113,7 +113,7 @@ class TrialDevice:
 
     @property
     def unconfirmed(self) -> bool:
-        """Whether the coils were told to be off, and the device has not confirmed that they are."""
+        """Whether the coils were switched off, and the device has not confirmed it."""
         row = self.servo.latest()
         return row is not None and bool(row[self.servo.layout["coil_state"]][0] == CoilState.UNKNOWN)
 

@@ -1,4 +1,4 @@
-"""A session as it is run, whoever runs it: rests, trials, pauses, questions; commands in, state out, no keys, no page.
+"""A session, independent of its interface: rests, trials, pauses, questions; commands in, state out, no keys, no page.
 
 The terminal and the pages both drive this, so that both keep the same data. One thread calls it.
 """
@@ -23,42 +23,42 @@ _TRIAL = ("running", "time is up")
 
 
 def _ignore_event(kind: str, facts: dict[str, Any]) -> None:
-    """Who listens where nobody does."""
+    """A listener that does nothing."""
 
 
 @final
 class TrialRunner:
-    """Runs `sitting` on `stage`. `tick` is to be called some fifty times a second.
+    """Runs `session` on `trial_device`. `tick` is to be called some fifty times a second.
 
-    A Stop is carried out by `halt`, at once; here it becomes the state "paused", whatever the state was, and a record.
-    A trial in which the device was off, for whatever reason, is not answered: it begins anew when the device is on.
+    A Stop is carried out by `halt`, at once; here it becomes the state "paused", from any state, and a record.
+    A trial in which the device was off, for any reason, is not answered: it starts again when the device is on.
 
     state      question, pause (between trials), break, running, time is up, device off, paused, done, left, aborted
     recording  file that the tool's course goes to; its name is kept with every trial
-    mark       is told of everything that happens, as it happens: for streams to other equipment
-    halt       knows the stage's servo and who stopped it; None: one of its own
+    mark       is called for every event, as it happens: for streams to other equipment
+    halt       knows the servo and who stopped it; None: one of its own
     """
 
     def __init__(
-        self, sitting: StoredSession, stage: TrialDevice, recording: str | None = None,
+        self, session: StoredSession, trial_device: TrialDevice, recording: str | None = None,
         mark: Callable[[str, dict[str, Any]], None] = _ignore_event, clock: Callable[[], float] = monotonic,
         halt: StopSwitch | None = None,
     ) -> None:  # fmt: skip
-        self.sitting, self.stage = sitting, stage
+        self.session, self.trial_device = session, trial_device
         if halt is None:
             halt = StopSwitch()
-            halt.attach(stage.servo, halt.ask())
+            halt.attach(trial_device.servo, halt.ask())
         self.halt = halt
         self.which = 1  #: interval that is felt
         self.seconds = 0.0  #: time in this trial without pauses [s]
         self.trips: list[dict[str, Any]] = []  #: safety events of the session, with the trial each came in
         self._recording, self._mark, self._clock = recording, mark, clock
-        self.repeats = 0  #: how often this trial began anew
-        self._again = ""  # why it is to begin anew
+        self.repeats = 0  #: how often this trial was restarted
+        self._again = ""  # why it must start again
         self._during: list[dict[str, Any]] = []  # trips in this trial, however often it began
         self._until = 0.0  # end of a rest
         self._last = clock()
-        self._trip_count = 0  # trips of the stage that are kept
+        self._trip_count = 0  # trips of the device that are kept
         self._paused_from, self._rest_left = "", 0.0
         self.state = "pause"
         self._continue()
@@ -67,12 +67,12 @@ class TrialRunner:
     @property
     def prompt(self) -> Prompt | None:
         """What is asked now, or next."""
-        return self.sitting.prompt
+        return self.session.prompt
 
     @property
     def question(self) -> Question | None:
         """What is asked in words now."""
-        return self.sitting.question if self.state == "question" else None
+        return self.session.question if self.state == "question" else None
 
     @property
     def rest_left(self) -> float:
@@ -87,17 +87,17 @@ class TrialRunner:
         passed, self._last = now - self._last, now
         self.apply_stop()
         self._notice_off()
-        self.sitting.keep_late()
+        self.session.keep_late()
         rested = self.state in ("pause", "break") and now >= self._until
-        if rested or (self.state == "device off" and not self.stage.switched_off):
+        if rested or (self.state == "device off" and not self.trial_device.switched_off):
             self._begin()
         elif self.state == "running":
             self.seconds += passed
-            limit = self.sitting.study.trials.time_limit
+            limit = self.session.study.trials.time_limit
             if limit is not None and self.seconds > limit:
-                self.stage.rest()
+                self.trial_device.rest()
                 self.state = "time is up"
-                self._mark("time is up", {"trial": self.sitting.number + 1})
+                self._mark("time is up", {"trial": self.session.number + 1})
         elif self.state == "time is up":
             self.seconds += passed
 
@@ -112,23 +112,26 @@ class TrialRunner:
         for stopped in self.halt.take():
             self._note("pause", stopped.why, stopped.at)
 
-    def answer(self, value: int | None) -> None:
-        """Keep the answer, durably, and go on. InputError, and the trial goes on, if it may not be answered so."""
+    def answer(self, value: int | float | None) -> None:
+        """Store the answer, durably, and continue. A wrong answer is an InputError; the trial continues."""
         self.apply_stop()
         self._notice_off()
         if self.state == "device off":
             raise InputError(
-                "the device is off, so this answer does not count: please wait, the trial begins anew when it is on"
+                "the device is off, so this answer does not count: please wait; the trial starts again when it is on"
             )
         prompt = self.prompt
         if self.state not in _TRIAL or prompt is None:
             raise InputError(f"no answer is expected now ({self.state})")
         if value is None and prompt.wants_number:
             raise InputError("choose the number first, then answer")
-        number = self.sitting.number
-        answer = Answer(value, self.stage.position, self.seconds)
-        self.sitting.answer(
-            answer, safety=self._during, recording=self.stage.course(self._recording), driver=self.stage.servo.driver
+        number = self.session.number
+        answer = Answer(value, self.trial_device.position, self.seconds)
+        self.session.answer(
+            answer,
+            safety=self._during,
+            recording=self.trial_device.course(self._recording),
+            driver=self.trial_device.servo.driver,
         )
         self._mark("answer", {"trial": number + 1, "answer": value, "set_point": prompt.set_point})
         self.repeats, self._again, self._during = 0, "", []
@@ -140,7 +143,7 @@ class TrialRunner:
         question = self.question
         if question is None:
             raise InputError("no question is asked now")
-        self.sitting.reply(question, text)
+        self.session.reply(question, text)
         self._mark("reply", {"question": question.name})
         self._continue()
 
@@ -158,18 +161,18 @@ class TrialRunner:
             raise InputError("this trial has no such interval")
         if self.state == "running":
             self.which = which
-            self.stage.interval(prompt, which)
-            self._mark("interval", {"trial": self.sitting.number + 1, "interval": which})
+            self.trial_device.interval(prompt, which)
+            self._mark("interval", {"trial": self.session.number + 1, "interval": which})
 
     def pause(self, why: str = "") -> None:
-        """Coils off until `resume`; a rest stands still meanwhile."""
+        """Coils off until `resume`; a rest is suspended meanwhile."""
         if self.state not in OVER:
             if not self.halt.active:
                 self.halt.stop(why)  # safety: study-pause
             self.apply_stop()
 
     def resume(self, asked: StopCount | None = None) -> None:
-        """Go on where `pause` was, in a trial at its beginning; the coils come back from zero.
+        """Continue where `pause` was, in a trial at its beginning; the coils come back from zero.
 
         InputError, and nothing changes, if Stop was given after `asked`; None: it is asked for now.
         """
@@ -183,7 +186,7 @@ class TrialRunner:
         self._note("resume")
 
     def repeat(self) -> None:
-        """The trial from its beginning, with its time limit anew; that it was repeated is kept."""
+        """Start the trial again, with its full time limit; the repetition is stored."""
         self.apply_stop()
         if self.state not in _TRIAL or self.prompt is None:
             raise InputError(f"there is no trial to repeat now ({self.state})")
@@ -206,25 +209,25 @@ class TrialRunner:
             self.state = "left"
 
     def abort(self, why: str = "") -> None:
-        """End for good. Coils off first of all, also if it cannot be kept."""
+        """End the session. Coils off first of all, even if the end cannot be stored."""
         if self.state not in OVER:
             self.halt.stop(None)
             self.apply_stop()
-            self.sitting.abort(why)
-            self._mark("abort", {"trial": self.sitting.number + 1})
+            self.session.abort(why)
+            self._mark("abort", {"trial": self.session.number + 1})
             self.state = "aborted"
 
     def _continue(self) -> None:
-        """Whatever comes after an answer: a question, a rest, a trial or the end."""
-        self.stage.rest()
+        """What follows an answer: a question, a rest, a trial or the end."""
+        self.trial_device.rest()
         prompt = self.prompt
-        if self.sitting.question is not None:
+        if self.session.question is not None:
             self.state = "question"
         elif prompt is None:
             self.state = "done"
             self._mark("done", {})
         else:
-            wait = prompt.pause or (self.sitting.study.trials.pause_seconds if self.sitting.number else 0.0)
+            wait = prompt.pause or (self.session.study.trials.pause_seconds if self.session.number else 0.0)
             self._until = self._clock() + wait
             self.state = "break" if prompt.pause else "pause"
             if prompt.pause:
@@ -237,50 +240,50 @@ class TrialRunner:
         prompt = self.prompt
         assert prompt is not None
         self._record_trips()
-        if self.stage.switched_off:
+        if self.trial_device.switched_off:
             self._wait_for_device()
             return
         self.state, self.which, self.seconds = "running", 1, 0.0
         self._last = self._clock()
-        self.stage.begin(prompt)
+        self.trial_device.begin(prompt)
         if self._again:
             self.repeats += 1
             self._note("repeat", self._again)
             self._again = ""
         self._mark(
             "trial",
-            {"trial": self.sitting.number + 1, "set_point": prompt.set_point, "condition": prompt.condition,
+            {"trial": self.session.number + 1, "set_point": prompt.set_point, "condition": prompt.condition,
              "level": prompt.level, "interval": prompt.interval, "phase": prompt.phase},
         )  # fmt: skip
 
     def _wait_for_device(self) -> None:
-        self.stage.rest()
+        self.trial_device.rest()
         self.state = "device off"
-        self._mark("device off", {"trial": self.sitting.number + 1})
+        self._mark("device off", {"trial": self.session.number + 1})
 
     def _notice_off(self) -> None:
-        """Keep new trips; a trial in which the device was off waits until it is on, then begins anew."""
+        """Keep new trips; a trial in which the device was off waits until it is on, then starts again."""
         fresh = [str(trip["code"]) for trip in self._record_trips() if trip["code"] != "NOT_WATCHED"]
-        if self.state in _TRIAL and (fresh or self.stage.switched_off):  # safety: study-answer-off
+        if self.state in _TRIAL and (fresh or self.trial_device.switched_off):  # safety: study-answer-off
             self._again = f"the device was off: {', '.join(fresh)}" if fresh else "the device was off"
             self._wait_for_device()
 
     def _record_trips(self) -> list[dict[str, Any]]:
         """Keep new trips, which are returned; those of a trial are kept with its answer besides."""
-        self.stage.look()
-        fresh = self.stage.trips[self._trip_count :]
+        self.trial_device.look()
+        fresh = self.trial_device.trips[self._trip_count :]
         self._trip_count += len(fresh)
         for trip in fresh:
             if trip["code"] == "STOPPED":  # by hand, which is no safety event
                 continue
             if self.state in _TRIAL:
                 self._during.append(trip)
-            known = {**trip, "trial": self.sitting.number}
+            known = {**trip, "trial": self.session.number}
             self.trips.append(known)
-            self.sitting.note("safety", f"{trip['code']}: {trip['reason']}", later=True)
-            self._mark("safety", {**known, "trial": self.sitting.number + 1})
+            self.session.note("safety", f"{trip['code']}: {trip['reason']}", later=True)
+            self._mark("safety", {**known, "trial": self.session.number + 1})
         return fresh
 
     def _note(self, kind: str, text: str = "", at: str | None = None) -> None:
-        self.sitting.note(kind, text, at=at, later=True)
-        self._mark(kind, {"trial": self.sitting.number + 1} | ({"why": text} if text else {}))
+        self.session.note(kind, text, at=at, later=True)
+        self._mark(kind, {"trial": self.session.number + 1} | ({"why": text} if text else {}))

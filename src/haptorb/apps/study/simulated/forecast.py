@@ -14,6 +14,7 @@ import numpy as np
 from haptorb.apps.asking.procedure import FixedOrder, InterleavedProcedures
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.model.order import plan, procedure_of
+from haptorb.apps.study.model.prompts import asks_places
 from haptorb.control.allocation.for_device import tool_choice
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State, rotation_to_axis
@@ -69,7 +70,7 @@ class Forecast:
             return f"{begin}: {word} derating at {self.derate - 273.15:.0f} °C"
         cure = "longer pauses do not help: reduce the moment"
         if self.pause is not None:
-            cure = f"{self.pause:g} s more pause after each trial would prevent this"
+            cure = f"{self.pause:g} s more pause after each trial prevent this"
         return f"{begin}: forces will be reduced (derating at {self.derate - 273.15:.0f} °C); {cure}"
 
 
@@ -97,6 +98,8 @@ class Overlap:
 
 def overlap(study: Study) -> Overlap | None:
     """The overlap of the domes of all set-points in the widest condition; None where there is none."""
+    if not asks_places(study):
+        return None
     device, found = study.load_device(), []
     for condition in study.conditions:
         domes = [study.make_world(condition.name, point.number).for_device(device) for point in study.points]

@@ -2,9 +2,9 @@
 
 Looking for a summit, it goes over the dome, then probes about the best place. Every probe is a force as felt: with an
 error of magnitude and of direction, and with a part of the pen's weight that people do not take out. From its slant a
-person who knows the map tells how far the summit is and where. The last probes count most. Then the place is recalled,
-gone to and reported; recall errs little at the top, which is a landmark, and more away from it, in some trials much
-more than in others.
+person who knows the map estimates how far the summit is and where. The last probes count most. Then the place is
+recalled, gone to and reported; recall errs little at the top, which is a landmark, and more away from it, in some
+trials much more than in others.
 
 CALIBRATED, not predicted: `recall`, `recall_reach_deg`, `recall_spread`, `gravity_left`, `probes`, `forgetting` and
 `motor_noise` were chosen once so that 6 participants × 50 trials give the errors that Zárate 2020 measured (2.5, 5.7,
@@ -31,17 +31,14 @@ from haptorb.numerics.arrays import Array
 from haptorb.simulation.parts.tool import GRAVITY
 from haptorb.worlds.maps.dome import Dome
 
-__all__ = ["PUBLISHED_ERRORS", "Participant", "Traits"]
-
-#: θ [deg] → mean and standard deviation of the error [mm], Zárate 2020 §IV
-PUBLISHED_ERRORS = {0.0: (2.5, 1.4), 18.0: (5.7, 4.6), 36.0: (6.5, 5.2), 54.0: (7.2, 5.1)}
+__all__ = ["Participant", "Traits"]
 
 _ONE_SIGMA = 1 / (0.6745 * 2**0.5)  # a difference noticed in 75 % of the pairs, as the spread of a single sensation
 
 
 @dataclass(frozen=True)
 class Traits:
-    """What a person brings along; the defaults are those of nobody in particular."""
+    """The properties of a person; the defaults are those of a typical one."""
 
     force_jnd: float = 0.085  #: relative; middle of 7 to 10 %
     direction_jnd_deg: float = 22.0  #: of 18 to 32 deg
@@ -59,7 +56,7 @@ class Traits:
     between: float = 0.12  #: how much people differ: of the logarithm of every trait above
 
     def draw_person(self, draw: np.random.Generator) -> Traits:
-        """Somebody in particular."""
+        """One person, drawn at random."""
         names = ("force_jnd", "direction_jnd_deg", "gravity_left", "motor_noise", "tremor", "recall")
         factors = np.exp(self.between * draw.standard_normal(len(names)))
         return replace(self, **{n: getattr(self, n) * float(f) for n, f in zip(names, factors, strict=True)})
@@ -67,7 +64,7 @@ class Traits:
 
 @final
 class Participant:
-    """Answers prompts of one study; the same seed and the same prompt give the same answer, in whatever order."""
+    """Answers prompts of one study; the same seed and the same prompt give the same answer, in any order."""
 
     def __init__(self, study: Study, seed: tuple[int, ...], traits: Traits | None = None) -> None:
         self._study, self._seed = study, seed
@@ -78,7 +75,7 @@ class Participant:
         self._coarse: dict[tuple[str, int, float], Array] = {}
 
     def answer(self, prompt: Prompt, number: int) -> Answer:
-        """What is answered to trial `number`; it draws from a stream of its own, so a resumed session goes on alike."""
+        """The answer to trial `number`; it draws from a stream of its own, so a resumed session continues alike."""
         draw = np.random.default_rng([*self._seed, 1, number])
         if prompt.interval:
             return Answer(self._compare_intervals(prompt, draw), None, 2.0 + float(draw.exponential(1.5)))
@@ -179,11 +176,15 @@ class Participant:
         liking = min(1.0, self._strength(prompt)) + 0.1 * float(draw.standard_normal())
         return int(np.clip(round(prompt.low + liking * (prompt.high - prompt.low)), prompt.low, prompt.high))
 
-    def _estimate(self, prompt: Prompt, draw: np.random.Generator) -> int:
-        """A number for the strength: by a power law (Stevens 1957), on a scale of one's own, 100 for 1 N or so."""
+    def _estimate(self, prompt: Prompt, draw: np.random.Generator) -> float:
+        """A number for the strength: by a power law (Stevens 1957), on a scale of one's own, 100 for 1 N or so.
+
+        Of two digits, as most people answer.
+        """
         scale = 100.0 * float(np.exp(0.5 * np.random.default_rng([*self._seed, 2]).standard_normal()))
         felt = max(1e-3, self._strength(prompt) * (1 + self._noise * float(draw.standard_normal())))
-        return int(np.clip(round(scale * felt**self.traits.force_exponent), prompt.low, prompt.high))
+        estimate = min(float(f"{scale * felt**self.traits.force_exponent:.2g}"), float(prompt.high))
+        return estimate if prompt.decimal else max(prompt.low, round(estimate))
 
 
 def _move_on_sphere(way: Array, step: Array) -> Array:

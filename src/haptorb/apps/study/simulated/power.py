@@ -1,4 +1,4 @@
-"""How many participants a study needs to see a difference between two conditions, foretold with simulated ones.
+"""How many participants a study needs to detect a difference between two conditions, estimated with simulated ones.
 
 A pool of simulated participants sits the study once; each gives one paired difference. Groups of n are drawn from the
 pool, and the test that the analysis uses (`decide_p`, the same function) is applied to each: its share of p < α is the
@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from haptorb.apps.study.inference.significance import PairTest, check_test
+from haptorb.apps.study.model.analysis_plan import CLAIMS, MEASURES, unit_of
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.plan.analysis_plan import CLAIMS, MEASURES, unit_of
 from haptorb.apps.study.simulated.power_search import MOST_PEOPLE, GroupPower
 from haptorb.apps.study.simulated.power_workers import simulate_pool
 from haptorb.errors import InputError
@@ -60,13 +60,13 @@ class Power:
         needed = most if self.needed is None else f"about {self.needed}"
         floor = ""
         if self.needed == self.least:
-            floor = f"; with fewer than {self.least} the test cannot show p < {self.alpha:g}, whatever is found"
+            floor = f"; with fewer than {self.least} the test cannot reach p < {self.alpha:g}"
         what = f"{self.a} − {self.b} " if self.a else ""
         return (
             f"{needed} participants (95 %: {low} to {high}) detect {self.measure} {what}= {self.difference:.3g} ± "
-            f"{self.spread:.2g}{self.unit and f' {self.unit}'} with a probability of {self.wanted:.0%} at α = "
+            f"{self.spread:.2g}{self.unit and f' {self.unit}'} with a probability of {100 * self.wanted:.0f} % at α = "
             f"{self.alpha:.3g} ({_TEST_NAMES[self.test]}, two-sided){floor}; predicted with {self.pool} SIMULATED "
-            "participants, which is no evidence about people"
+            "participants, which are not evidence about people"
         )
 
     def numbers(self) -> dict[str, Any]:
@@ -94,7 +94,7 @@ def power(
     corrected), its number of people; without a plan the first two conditions, α = 0.05 and Student's test. `scheduler`
     is the address of a Dask cluster; the result does not depend on where it is computed.
 
-    Raises InputError for a study, condition or measure for which there is no such thing.
+    Raises InputError for a study, condition or measure without one.
     """
     plan = study.plan
     if plan is not None and measure is None and between is None:
@@ -117,12 +117,7 @@ def _check_question(
     study: Study, measure: str | None, between: tuple[str, str] | None
 ) -> tuple[str, tuple[str, str] | None]:
     """`measure` and conditions, those of the study where they are not given; InputError for what it does not have."""
-    known = MEASURES.get(study.procedure, ())
-    if not known:
-        raise InputError(
-            f"procedure '{study.procedure}' has no measure per participant to compare; power is predicted for "
-            f"{', '.join(MEASURES)}"
-        )
+    known = MEASURES[study.procedure]
     measure = measure or known[0]
     if measure not in known:
         raise InputError(f"procedure '{study.procedure}' has no measure '{measure}'; known: {', '.join(known)}")
@@ -152,7 +147,7 @@ def power_of(
     d = np.asarray(pairs, dtype=float)
     d = d[np.isfinite(d)]
     if len(d) < 4:
-        raise InputError("fewer than 4 simulated participants gave a difference: the procedure ends too soon")
+        raise InputError("fewer than 4 simulated participants have a difference: the procedure ends too soon")
     draw = np.random.default_rng([seed, 2])
     # The k-th pool is the k-th resample, the 0th the pool itself; groups come from that pool with replacement.
     pools = np.vstack([d, d[draw.integers(0, len(d), (_POOLS, len(d)))]])

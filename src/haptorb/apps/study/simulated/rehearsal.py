@@ -11,7 +11,7 @@ from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.simulated.participant import Participant, Traits
 from haptorb.errors import InputError
 
-__all__ = ["rehearse", "sit"]
+__all__ = ["answer_rest", "rehearse"]
 
 
 def rehearse(
@@ -26,28 +26,28 @@ def rehearse(
 ) -> int:
     """Let simulated participants SIM01, SIM02 ... (from `first`) sit the study; returns trials answered.
 
-    `progress` is told (trials done, trials in all at most). A rehearsal that was interrupted is resumed.
+    `progress` receives (trials done, trials in all at most). A rehearsal that was interrupted is resumed.
     """
     if not 1 <= people <= 10_000 or seed < 0 or first < 1:
         raise InputError(f"people must be 1 to 10000, seed 0 or more, first 1 or more; got {people}, {seed}, {first}")
     answered = 0
     for n in range(first, first + people):
-        with StoredSession(engine, study, f"SIM{n:02d}", simulated=True) as sitting:
-            done, left = answered, sitting.procedure.expected
+        with StoredSession(engine, study, f"SIM{n:02d}", simulated=True) as session:
+            done, left = answered, session.procedure.expected
 
             def report_trials(k: int, done: int = done, left: int = left) -> None:
                 if progress is not None:
                     progress(done + k, people * left)
 
-            answered += sit(sitting, Participant(study, (seed, n), traits), report_trials)
+            answered += answer_rest(session, Participant(study, (seed, n), traits), report_trials)
     return answered
 
 
-def sit(sitting: StoredSession, participant: Participant, progress: Callable[[int], None] | None = None) -> int:
-    """Answer everything that is left of `sitting`; returns how many trials that were."""
+def answer_rest(session: StoredSession, participant: Participant, progress: Callable[[int], None] | None = None) -> int:
+    """Answer everything that is left of `session`; returns how many trials that were."""
     answered = 0
-    while (prompt := sitting.prompt) is not None:
-        sitting.answer(participant.answer(prompt, sitting.number), driver="sim")
+    while (prompt := session.prompt) is not None:
+        session.answer(participant.answer(prompt, session.number), driver="sim")
         answered += 1
         if progress is not None:
             progress(answered)

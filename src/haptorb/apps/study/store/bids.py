@@ -54,7 +54,7 @@ def _check_place(folder: Path, overwrite: bool) -> None:
     # What is replaced is gone with all that is in it, so it must be an earlier export.
     if any(folder.iterdir()) and not _is_export(folder):  # safety: export-own-folder
         raise RecordingError(
-            f"{folder} is no export of haptorb, so it is not replaced: choose another name, or remove it yourself"
+            f"{folder} is not an export of haptorb, so it is not replaced: choose another name, or remove it yourself"
         )
 
 

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from sqlalchemy import func, select
 from sqlalchemy.engine import Engine
 
+from haptorb.apps.asking.prompt import read_value
 from haptorb.apps.study.model.older_study import list_older
 from haptorb.apps.study.model.set_points import angles_between
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.store.database import events, participants, replies, sessions, studies, trials
 from haptorb.errors import InputError, RecordingError
 
@@ -23,7 +25,7 @@ __all__ = ["COLUMNS", "Columns", "keep_older", "read_replies", "read_study", "ti
 COLUMNS = {
     "participant": "pseudonymous code",
     "simulated": "true: a simulated participant, not a person",
-    "simulated_device": "true: on the SIMULATED DEVICE, nobody felt a force; empty: not known, from an older haptorb",
+    "simulated_device": "true: on the SIMULATED DEVICE, nobody felt a force; empty: unknown, from an older haptorb",
     "session": "number of the session in the database",
     "trial": "number of the trial in its session, from 1, as on the pages",
     "phase": "practice (left out of every analysis) or main",
@@ -35,7 +37,7 @@ COLUMNS = {
     "level": "value of the varied parameter in the comparison interval; 0: none varied",
     "interval": "interval (1 or 2) with the comparison, or with `condition`; 0: single interval",
     "answer": "number answered; empty: the position was the answer",
-    "correct": "1 the answer is right, 0 it is not, empty where there is no right answer",
+    "correct": "1: correct answer, 0: wrong answer, empty: there is no correct answer",
     "x_m": "position of the tool's magnet at the answer, stator frame [m]",
     "y_m": "position of the tool's magnet at the answer, stator frame [m]",
     "z_m": "position of the tool's magnet at the answer, stator frame [m]",
@@ -43,7 +45,7 @@ COLUMNS = {
     "angle_deg": "angle between the directions of the tool's magnet and of the set-point [deg]",
     "seconds": "time from prompt to answer [s]",
     "safety": "reasons for which the device tripped during the trial, separated by |",
-    "repeats": "how often the trial began anew: the device was off, or the experimenter repeated it",
+    "repeats": "number of restarts of the trial: the device was off, or the experimenter repeated it",
     "recording": "file with the recording",
     "answered": "time of the answer (UTC)",
 }
@@ -103,7 +105,7 @@ def tidy(engine: Engine, study: Study) -> Columns:
     for row in rows:
         if row.safety not in reasons:
             reasons[row.safety] = "|".join(_reasons(row.safety))
-    answers = _column(tuple(row.answer for row in rows))
+    answers = _column(tuple(read_value(row.answer) for row in rows))
     position = np.array([(row.x, row.y, row.z) for row in rows], dtype=float)  # None becomes NaN
     places = {p.number: p for p in study.points}
     number = np.array([prompt["set_point"] for prompt in prompts])
@@ -142,7 +144,7 @@ def tidy(engine: Engine, study: Study) -> Columns:
 
 
 def read_replies(engine: Engine, study: Study) -> dict[str, dict[str, str]]:
-    """Participant's code → question's name → what was answered in words."""
+    """Participant's code → question's name → the answer as text."""
     query = (
         select(participants.c.code, replies.c.question, replies.c.reply)
         .join(sessions, replies.c.session == sessions.c.id)
@@ -160,7 +162,7 @@ def read_replies(engine: Engine, study: Study) -> dict[str, dict[str, str]]:
 def _correct(study: Study, number: NDArray[Any], interval: NDArray[Any], answers: NDArray[Any]) -> NDArray[Any]:
     right = {"identification": number, "staircase": interval, "bayesian": interval}.get(study.procedure)
     if right is None:
-        # Of constant stimuli either answer may be right: the curve tells; the rest has no right answer.
+        # Of constant stimuli either answer may be right: the curve decides; the rest has no right answer.
         return np.full(len(answers), np.nan)
     found: NDArray[Any] = np.equal(answers, right).astype(float)
     return found

@@ -21,15 +21,13 @@ from sqlalchemy import (
     Table,
     Text,
     UniqueConstraint,
-    inspect,
-    select,
 )
 from sqlalchemy.engine import Engine
-from sqlalchemy.exc import SQLAlchemyError
 
 from haptorb.apps.study.store.migrations import STEPS, migrate
 from haptorb.errors import RecordingError
-from haptorb.files.sql_engine import BUSY, lock_database, make_engine, mask_password, url_of
+from haptorb.files.sql_engine import BUSY, lock_database, url_of
+from haptorb.files.table_set import TableSet
 
 __all__ = [
     "FAMILY",
@@ -81,7 +79,8 @@ trials = Table(
     Column("session", ForeignKey("sessions.id"), nullable=False),
     Column("number", Integer, nullable=False),  # from 0; with the session unique: nothing doubled
     Column("prompt", Text, nullable=False),  # JSON
-    Column("answer", Integer),
+    # Whole numbers but for magnitudes; `read_value` tells them. SQLite keeps any number in a column called INTEGER.
+    Column("answer", Float().with_variant(Integer(), "sqlite")),
     Column("x", Float), Column("y", Float), Column("z", Float),  # tool's magnet at the answer [m]
     Column("seconds", Float, nullable=False),
     Column("safety", Text, nullable=False, default="[]"),  # JSON: trips of the device during this trial
@@ -110,6 +109,9 @@ replies = Table(
 )  # fmt: skip
 
 
+_STUDY = TableSet("a study", _tables, versions, SCHEMA, FAMILY, migrate)
+
+
 def database(place: str | Path, *, make: bool = True) -> Engine:
     """The database at `place`, with its tables; RecordingError if it cannot be reached, is newer, or is none of ours.
 
@@ -118,58 +120,17 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
     url = url_of(place)
     if not make and url.startswith("sqlite:///") and not Path(url.removeprefix("sqlite:///")).is_file():
         raise RecordingError(f"database {place} does not exist: create it with `haptorb study run` or `simulate`")
-    engine = make_engine(place)
-    try:
-        with engine.connect() as connection:
-            version = _version(connection, place)
-        if version is None and not make:
-            raise RecordingError(f"database {place} holds no study")
-        if version is None or version < SCHEMA:
-            with engine.begin() as connection:
-                lock(connection)
-                version = _version(connection, place)  # another station may have been quicker
-                if version is None:
-                    _tables.create_all(connection)
-                    connection.execute(versions.insert().values(version=SCHEMA))
-                else:
-                    migrate(connection, version)
-    except SQLAlchemyError as cause:
-        engine.dispose()
-        text = str(getattr(cause, "orig", None) or cause).splitlines()[0]
-        raise RecordingError(
-            f"database {mask_password(place)} cannot be opened, and nothing was started: {text}"
-        ) from cause
-    except RecordingError:
-        engine.dispose()
-        raise
-    return engine
+    return _STUDY.open(place, make=make)
 
 
 def lock(connection: Connection) -> None:
-    """No other study's program gets past here until the transaction that has just begun on `connection` ends."""
+    """No other study's program passes here until the transaction that has just begun on `connection` ends."""
     lock_database(connection, FAMILY)
-
-
-def _version(connection: Connection, place: str | Path) -> int | None:
-    """Schema of the tables, None where there are none; RecordingError if they are not ours, or newer."""
-    known = set(inspect(connection).get_table_names())
-    if not known:
-        return None
-    if versions.name not in known:
-        raise RecordingError(
-            f"database {mask_password(place)} holds other tables than those of a study; choose another"
-        )
-    version = int(connection.execute(select(versions.c.version)).scalar_one())
-    if version > SCHEMA:
-        raise RecordingError(
-            f"database {mask_password(place)} has schema {version}; this haptorb knows up to {SCHEMA}: update haptorb"
-        )
-    return version
 
 
 @contextmanager
 def try_begin(engine: Engine) -> Iterator[Connection]:
-    """A transaction that gives up after 50 ms where another program holds the database."""
+    """A transaction that fails after 50 ms where another program holds the database."""
     with engine.connect() as connection:
         sqlite = engine.dialect.name == "sqlite"
         connection.exec_driver_sql("PRAGMA busy_timeout = 50" if sqlite else "SET LOCAL lock_timeout = 50")

@@ -17,7 +17,7 @@ _UNIT = re.compile(r"(.*) \[(.+)\]")
 _FIXED: dict[str, dict[str, str]] = {
     "simulated": {"true": "a simulated participant", "false": "a person"},
     "simulated_device": {"true": "simulated device: nobody felt a force", "false": "a real device"},
-    "phase": {"practice": "before the trials that count; left out of every analysis", "main": "counts"},
+    "phase": {"practice": "before the main trials; left out of every analysis", "main": "counts"},
     "interval": {"0": "a single interval", "1": "the first of two", "2": "the second of two"},
     "correct": {"1": "right", "0": "wrong"},
 }
@@ -51,7 +51,7 @@ def describe_questions(study: Study) -> dict[str, dict[str, Any]]:
         "question": {"Description": "name of the question", "Levels": {q.name: q.text for q in study.questions}},
         "text": {"Description": "the question as it was asked"},
         "reply": {
-            "Description": "what was answered",
+            "Description": "the answer",
             "Levels": {q.name: " | ".join(q.choices) for q in study.questions if q.choices},
         },
     }
@@ -75,7 +75,7 @@ def _list_levels(study: Study, name: str) -> dict[str, str]:
         case "forced-choice":
             return {"1": "the first interval is preferred", "2": "the second interval is preferred"}
         case "rating":
-            return {str(study.rating.low): f"least of '{study.rating.question}'", str(study.rating.high): "greatest"}
+            return {str(study.rating.low): f"lowest of '{study.rating.question}'", str(study.rating.high): "greatest"}
     return {}
 
 

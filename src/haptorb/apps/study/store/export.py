@@ -33,11 +33,12 @@ __all__ = [
     "write_text",
 ]
 
-Replies = dict[str, dict[str, str]]  #: participant's code → question's name → what was answered
+Replies = dict[str, dict[str, str]]  #: participant's code → question's name → the answer
 Files = dict[Path, Callable[[Path], None]]  #: place → what writes it
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _NUMBER = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
+#: columns whose floats are whole numbers, but for estimated magnitudes
 _WHOLE = {"answer", "correct", "trial", "session", "set_point", "interval", "repeats"}
 
 
@@ -176,7 +177,7 @@ def _cell(value: Any, whole: bool, nothing: str) -> str:
     if isinstance(value, float):
         if not math.isfinite(value):
             return nothing
-        return str(int(value)) if whole else repr(value)
+        return str(int(value)) if whole and value == int(value) else repr(value)
     return escape_formula(str(value)) or nothing
 
 

@@ -25,12 +25,18 @@ def _questions(connection: Connection) -> None:
 
 
 def _driver(connection: Connection) -> None:
-    """2 → 3: how the device was driven in a trial; of older trials nobody knows."""
+    """2 → 3: how the device was driven in a trial; unknown for older trials."""
     connection.execute(text("ALTER TABLE trials ADD COLUMN driver VARCHAR(200)"))
 
 
+def _decimal_answers(connection: Connection) -> None:
+    """3 → 4: answers that are no whole numbers. A column of SQLite takes them as it is."""
+    if connection.dialect.name != "sqlite":
+        connection.execute(text("ALTER TABLE trials ALTER COLUMN answer TYPE DOUBLE PRECISION"))
+
+
 #: version → the step that leads from it to the next
-STEPS: Mapping[int, Callable[[Connection], None]] = {1: _questions, 2: _driver}
+STEPS: Mapping[int, Callable[[Connection], None]] = {1: _questions, 2: _driver, 3: _decimal_answers}
 
 
 def migrate(connection: Connection, version: int) -> int:

@@ -22,7 +22,7 @@ def make_python_script(study: Study, table: str) -> str:
 
 
 def make_r_script(study: Study, table: str) -> str:
-    """The same for R; a Parquet file needs its package arrow."""
+    """The same for R; a Parquet file needs its package arrow or nanoparquet."""
     return (
         (_SOURCES / "read_export.R.txt").read_text(encoding="utf-8").replace("@VERSION@", __version__)
         .replace("@TABLE@", _quote(table)).replace("@FLAGS@", ", ".join(map(_quote, FLAGS)))

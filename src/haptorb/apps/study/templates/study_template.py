@@ -7,7 +7,8 @@ from pathlib import Path
 from textwrap import wrap
 
 from haptorb import worlds
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.devices.schema.key_text import KeyText, list_keys
 from haptorb.errors import InputError, RecordingError, UnknownName, quote
 from haptorb.files.replace_file import replace_file
@@ -24,7 +25,7 @@ _TABLE = re.compile(r"\[\[?([a-z_]+)\]\]?")
 def read_template(like: str) -> str:
     """The template called `like`, without comments on its keys; UnknownName for one that there is not."""
     if like not in TEMPLATES:
-        raise UnknownName("study to begin with", like, TEMPLATES)
+        raise UnknownName("template of a study", like, TEMPLATES)
     return (Path(__file__).parent / f"{like}.toml").read_text(encoding="utf-8")
 
 

@@ -18,8 +18,14 @@ from haptorb.control.allocation.allocator import (
 )
 from haptorb.control.allocation.array.least_heat import solve_least_heat
 from haptorb.control.allocation.bounded_power import NOT_FINITE, solve_bounded_power
-from haptorb.control.allocation.supply_power import hold_power
-from haptorb.control.allocation.whole_wrench import TORQUE_ARM, check_arm, share_within
+from haptorb.control.allocation.whole_wrench import TORQUE_ARM, check_arm
+from haptorb.control.allocation.wrench_limits import (
+    WRENCH_LIMITS,
+    check_greatest,
+    hold_limits,
+    is_missing,
+    subtract_passive,
+)
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, Records, fields
@@ -28,17 +34,13 @@ from haptorb.worlds.wrench_part import WrenchPart
 
 __all__ = ["ArrayAllocator"]
 
-_CURRENT, _POWER, _ALONG = int(Saturation.CURRENT), int(Saturation.POWER), int(Saturation.ALONG)
+_CURRENT = int(Saturation.CURRENT)
 _COILS, _AXIS = int(Saturation.COILS), int(Saturation.AXIS)
-_MISSING = 0.02  #: share of what was asked that may be missing without a word
-_LEAST = (1e-3, 1e-5)  #: force [N] and torque [N·m] that may
 
 _SETTINGS = fields(
     ("weights", "f8", (6,)),  # of the wrench's components; 0: left free
     ("force_only", "?"),  # the force keeps its direction beyond the limits
-    ("power", "f8"),  # of the supply [W]
-    ("force", "f8"),  # greatest on the mover [N]
-    ("torque", "f8"),  # greatest on the mover [N·m]
+    ("limits", WRENCH_LIMITS),
 )
 
 
@@ -50,13 +52,8 @@ def _allocate(
     """Currents (m,) [A] and residual (6,) for `wrench` (6,); the scale, NaN for what is not finite, and the reason."""
     s = settings[0]
     m = limit.shape[0]
-    target, total = np.empty(6), 0.0
-    for i in range(6):
-        target[i] = wrench[i] - passive[i]
-        total += target[i]
-        for j in range(m):
-            total += matrix[i, j]
-    if not np.isfinite(total):
+    target = np.empty(6)
+    if not subtract_passive(matrix, passive, wrench, target):
         return np.nan, 0
     scale, reason = 1.0, 0
     if s.force_only:
@@ -69,30 +66,10 @@ def _allocate(
     for j in range(m):
         if limit[j] > 0.0 and abs(currents[j]) >= limit[j]:
             reason = _CURRENT
-    share = hold_power(currents, resistance, s.power)
-    if share < 1.0:
-        scale *= share
-        reason = _POWER
-    active = np.zeros(6)
-    for i in range(6):
-        for j in range(m):
-            active[i] += matrix[i, j] * currents[j]
-    share = min(share_within(passive, active, 0, s.force), share_within(passive, active, 3, s.torque))
-    if share < 1.0:
-        scale *= share
-        reason = _ALONG
-        for j in range(m):
-            currents[j] *= share
-    missing, asked = np.zeros(2), np.zeros(2)
-    for i in range(6):
-        residual[i] = target[i] - share * active[i]
-        missing[i // 3] += residual[i] * residual[i]
-        asked[i // 3] += wrench[i] * wrench[i]
+    scale, reason = hold_limits(matrix, passive, target, resistance, s.limits, currents, residual, scale, reason)
     if reason == 0 and not s.force_only:
         for part in range(2):
-            if s.weights[3 * part] > 0.0 and np.sqrt(missing[part]) > max(
-                _MISSING * np.sqrt(asked[part]), _LEAST[part]
-            ):
+            if s.weights[3 * part] > 0.0 and is_missing(residual, wrench, part):
                 reason = _AXIS if part == 1 and s.weights[0] == 0.0 else _COILS
     return scale, reason
 
@@ -103,9 +80,9 @@ class ArrayAllocator(Allocator):
 
     current_limit   (m,) greatest magnitude per channel [A]
     resistance      (m,) of the channels as warm as they may be [Ω]
-    part            what is given; the rest of the wrench is left to come along
+    part            what is rendered; the rest of the wrench accompanies it
     power           greatest power Σ R i² that the supply gives [W]; more scales all currents
-    greatest        force [N] and torque [N·m] on the mover: what comes along with what was asked is limited, too
+    greatest        largest force [N] and torque [N·m] on the mover; they also limit the accompanying part
     arm             1 N weighs as much as `arm` [m] × 1 N of torque, where both cannot be given
 
     A force beyond the limits keeps its direction; of a torque or a whole wrench the nearest is given. Raises InputError
@@ -128,14 +105,12 @@ class ArrayAllocator(Allocator):
     ) -> None:
         self.current_limit = check_limit(current_limit)
         self.resistance = check_power(resistance, power, len(self.current_limit))
-        if not (greatest[0] > 0.0 and greatest[1] > 0.0):
-            raise InputError(f"the greatest force and torque must be above 0; got {greatest!r}")
         self.part = part
         force, torque = (0.0 if part == "torque" else 1.0), (0.0 if part == "force" else 1.0 / check_arm(arm))
         self._settings = np.zeros(1, dtype=_SETTINGS)
         self._settings["weights"] = [force] * 3 + [torque] * 3
-        self._settings["force_only"], self._settings["power"] = part == "force", power
-        self._settings["force"], self._settings["torque"] = greatest
+        self._settings["force_only"] = part == "force"
+        self._settings["limits"] = (power, *check_greatest(greatest))
 
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
         """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""

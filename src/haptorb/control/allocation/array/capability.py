@@ -21,11 +21,11 @@ _PLACES = 5  #: along each side of a plate; or around the rim of a dome's worksp
 @final
 @dataclass(frozen=True)
 class ArrayLayer:
-    """Forces on an upright, or over a dome radial, tool at one height above contact; the torque comes along."""
+    """Forces on an upright, or over a dome radial, tool at one height above contact; a torque accompanies them."""
 
     height: float  #: above contact [m]
     peak: Array  #: (3,) along x, y and z in the middle, the weaker sense of each [N]
-    lasting: Array  #: (3,) the same with currents that all coils stand together for ever [N]
+    lasting: Array  #: (3,) the same with continuous currents in all coils [N]
     weakest: float  #: peak force in the worst of the six directions at the worst place [N]
     passive: float  #: size of the force at zero current in the middle [N]
     watts: float  #: heat for 1 N upwards in the middle, coils cold [W]

@@ -12,7 +12,7 @@ __all__ = ["array_allocator", "array_choice", "array_remarks"]
 
 
 def array_allocator(device: CoilArray) -> ArrayAllocator:
-    """Least heat for the force; the torque that comes along stays within the device's limit.
+    """Least heat for the force; the accompanying torque stays within the device's limit.
 
     >>> from haptorb.devices.loader import load
     >>> array_allocator(load("tetrahedron")).part
@@ -45,17 +45,18 @@ def array_remarks(device: CoilArray, choice: WrenchChoice) -> tuple[str, ...]:
     3
     """
     components = 5 if len(device.tool.magnets) == 1 else 6
-    missing = " About the magnet's own axis no current turns it." if components == 5 else ""
+    missing = " There is no torque about the magnet's own axis." if components == 5 else ""
     few = (
-        f" {device.channels} coils for {components} components: the nearest wrench is given, 1 N weighs as much as "
+        f" {device.channels} coils for {components} components: the best approximation is given, with errors of 1 N "
+        "weighted like "
         f"{1e3 * choice.weight:.3g} mm × 1 N of torque."
         if device.channels < components
         else ""
     )
-    fixed = "Only force is rendered, as chosen: a torque that the world asks is left out."
+    fixed = "Only force is rendered, as chosen: torque from the world is left out."
     texts: dict[WrenchPart, str] = {
         "force": fixed if choice.fixed == "force" else "",
-        "torque": f"Torque is rendered; the force that comes along stays within {device.limits.force:g} N.{missing}",
+        "torque": f"Torque is rendered; the accompanying force stays within {device.limits.force:g} N.{missing}",
         "both": f"Force and torque are rendered.{few}{missing}",
     }
     return tuple(texts[part] for part in PARTS)

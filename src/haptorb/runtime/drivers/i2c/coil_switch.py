@@ -14,11 +14,11 @@ from haptorb.runtime.drivers.i2c.pca9685 import Pca9685
 __all__ = ["CoilSwitch"]
 
 _CLOSING = 0.25  #: that `close` tries for, at most [s]
-_TRIES = 2000  #: the same, for a clock that stands still
+_TRIES = 2000  #: the same, for a clock that does not advance
 _STARTING = 5.0  #: that a guardian's interpreter takes to start, at most [s]
 _LEAVING = 0.05  #: for one that was killed to be gone, when a person engages [s]
 _ENDING = 0.5  #: for a guardian to read the chip once more and end [s]
-_ANEW = 1.0  #: between two guardians [s]
+_RESTART = 1.0  #: between two guardians [s]
 
 
 @final
@@ -26,7 +26,7 @@ class CoilSwitch:
     """Whether current can flow through `pwm`'s outputs, as far as the chip confirmed it: `state`.
 
     A write that failed may have been carried out in part, so the state is UNKNOWN until reading the registers back
-    shows every output off. Whoever calls `recover` in every tick tries in every tick; a guardian tries besides.
+    shows every output off. A loop that calls `recover` in every tick tries in every tick; a guardian tries in parallel.
     """
 
     def __init__(self, pwm: Pca9685, port: Port, clock: Callable[[], float]) -> None:
@@ -90,7 +90,7 @@ class CoilSwitch:
         again, so that a person who engages need not wait for it. Never waits."""
         if self.state is not CoilState.OFF:  # safety: i2c-reading-off
             self.switch_off()
-        elif self._is_guardian_gone() and self._clock() - self._started > _ANEW:
+        elif self._is_guardian_gone() and self._clock() - self._started > _RESTART:
             self._started = self._clock()
             with suppress(OSError):
                 self._watcher, self._leaving = self._port.watcher(), False
@@ -102,7 +102,8 @@ class CoilSwitch:
         return self._watcher is None
 
     def require(self) -> None:
-        """DriverError unless the chip confirms that it is off and a guardian watches: nobody may engage before."""
+        """DriverError unless the chip confirms that it is off and a guardian watches; until then, engaging is not
+        allowed."""
         if self.state is not CoilState.OFF and not self.switch_off():  # safety: i2c-engage-off
             raise DriverError(
                 "coil state unknown: the PWM chip has not confirmed that the coils are off. Check the bus and the "
@@ -116,7 +117,7 @@ class CoilSwitch:
 
     def close(self) -> None:
         """Off, confirmed; then the guardian ends. DriverError if it was not confirmed within a quarter of a second: a
-        guardian goes on trying then."""
+        guardian then keeps trying."""
         end = self._clock() + _CLOSING
         for _ in range(_TRIES):
             if self.switch_off() or self._clock() > end:

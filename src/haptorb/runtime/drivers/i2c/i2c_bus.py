@@ -1,4 +1,4 @@
-"""An I²C bus as its messages: the one thing that chip drivers need, real through Linux or simulated."""
+"""An I²C bus as its messages: all that chip drivers need, real through Linux or simulated."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class I2cBus(Protocol):
     """Carries messages joined by repeated STARTs, one STOP at the end."""
 
     def transfer(self, messages: Sequence[Message]) -> list[bytes]:
-        """Carry `messages`; what was read, in order. OSError if nobody acknowledges."""
+        """Transfer `messages`; returns what was read, in order. OSError without an acknowledgement."""
 
     def close(self) -> None:
         """May be called twice."""

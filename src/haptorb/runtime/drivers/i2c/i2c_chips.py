@@ -16,7 +16,7 @@ __all__ = ["LinuxPort", "Port", "UnwatchedPort", "Watchdog", "device_number", "p
 
 
 class Watchdog(Protocol):
-    """Whoever switches off when this process does not beat."""
+    """What switches off when this process sends no heartbeat."""
 
     @property
     def ended(self) -> bool:
@@ -29,7 +29,7 @@ class Watchdog(Protocol):
         """Still here. DriverError if it is not."""
 
     def leave(self) -> None:
-        """Switch off until the chip confirms it, then end; nobody waits."""
+        """Switch off until the chip confirms it, then end; the caller does not wait."""
 
     def end(self, patience: float) -> bool:
         """Off is confirmed: end within `patience` [s], or be killed; whether it has ended."""
@@ -42,24 +42,24 @@ class Port(ABC):
 
     @abstractmethod
     def open(self) -> I2cBus:
-        """The bus. Raises DriverError if it is not there or somebody else drives it."""
+        """The bus. Raises DriverError if it does not exist or another program drives it."""
 
     @abstractmethod
     def watcher(self) -> Watchdog | None:
-        """A new one, not ready yet; None where nobody watches. OSError if it cannot be started."""
+        """A new one, not ready yet; None on a bus without a guardian. OSError if it cannot be started."""
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of the bus. May be called twice."""
+        """Close the bus. May be called twice."""
 
 
 def device_number(bus: int) -> int:
-    """The kernel's number of the bus, whatever name its device file goes by. OSError if it is not there."""
+    """The kernel's number of the bus, whatever name its device file goes by. OSError if it does not exist."""
     return os.stat(f"/dev/i2c-{bus}").st_rdev
 
 
 def pwm_lock(bus: int) -> BusLock:
-    """The lock on the PWM chip of the bus; DriverError that names who has it, if somebody does."""
+    """The lock on the PWM chip of the bus; DriverError that names the holder, if it is taken."""
     return BusLock(device_number(bus), ADDRESS, f"the PWM chip at {ADDRESS:#04x} on i2c:{bus}")
 
 
@@ -104,7 +104,7 @@ class LinuxPort(Port):
 
 @final
 class UnwatchedPort(Port):
-    """A bus of simulated chips, for tests: nobody else is there, and nobody watches."""
+    """A bus of simulated chips, for tests: without a lock and without a guardian."""
 
     name = "i2c:simulated"
 
@@ -116,7 +116,7 @@ class UnwatchedPort(Port):
         return self._bus
 
     def watcher(self) -> None:
-        """Nobody."""
+        """No guardian."""
         return
 
     def close(self) -> None:

@@ -13,7 +13,7 @@ from haptorb.devices.device import Device
 from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.electronics import check_electronics, invalid_pose
+from haptorb.runtime.drivers.electronics import CHANNELS, DUTY_STEPS, check_electronics, counts, invalid_pose
 from haptorb.runtime.drivers.hall_sensor import SPAN_3V3, HallSensors
 from haptorb.runtime.drivers.i2c import ina219, max11616, output_enable, tca9534
 from haptorb.runtime.drivers.i2c.coil_switch import CoilSwitch
@@ -24,7 +24,6 @@ from haptorb.runtime.drivers.i2c.max11616 import HallAdc
 from haptorb.runtime.drivers.i2c.pca9685 import Pca9685
 from haptorb.runtime.drivers.i2c.tca9534 import HallSelect
 from haptorb.runtime.drivers.i2c.w1_thermometers import Thermometers, W1Thermometers
-from haptorb.runtime.drivers.serial.protocol import CHANNELS, DUTY_STEPS, counts
 from haptorb.sensing.sample import Pose, Sample
 
 __all__ = ["I2cDriver"]
@@ -34,15 +33,15 @@ _OVER_IN_A_ROW = 2
 _WARM_UP = 5.0
 _IDLE = 0.02  #: of zero duties, after which the chip is switched off and confirms it [s]
 
-_CONVERTED = 0.53e-3  #: before a current sensor is read, the middle of what it tells, on average [s]
+_CONVERTED = 0.53e-3  #: before a current sensor is read, the middle of the conversion that it reports, on average [s]
 
 
 @final
 class I2cDriver(Driver):
-    """Register by register, without firmware between: so the limits and the dead man's switches are here.
+    """Register by register, without firmware between: so the limits and the watchdogs are here.
 
-    A guardian process switches the PWM chip off when this one dies or hangs for 15 ms, and a monostable on the chip's
-    OE pin when both stand still; without the monostable `open` refuses, unless `watchdog` is False. Two readings of a
+    A guardian process switches the PWM chip off when this one ends or hangs for 15 ms, and a monostable on the
+    chip's OE pin when both hang; without the monostable `open` refuses, unless `watchdog` is False. Two readings of a
     current in a row above the device's limit by 5 %, or a chip that does not answer three times in a row, switch off
     and latch: `read` raises DriverError with the reason until `engage`, and tries to switch off until the chip confirms
     it.
@@ -144,7 +143,7 @@ class I2cDriver(Driver):
                 self._read_hall()
             self._thermometers = self._make_thermometers()
             if not self._thermometers.ready(_WARM_UP):
-                raise DriverError("the DS18B20 thermometers did not answer in time; check the 1-wire bus")
+                raise DriverError("the DS18B20 thermometers did not respond in time; check the 1-wire bus")
             self._switch.start()
         except DriverError as cause:
             try:
@@ -160,8 +159,8 @@ class I2cDriver(Driver):
             raise
 
     def close(self) -> None:
-        """Coils off, then let go of the bus. May be called twice. DriverError if the PWM chip did not confirm within a
-        quarter of a second that they are: the bus is closed then, and the guardian goes on trying."""
+        """Coils off, then close the bus. May be called twice. DriverError if the PWM chip did not confirm within a
+        quarter of a second that they are off: the bus is then closed, and the guardian keeps trying."""
         bus, self._bus = self._bus, None
         thermometers, self._thermometers = self._thermometers, None
         self._engaged = False
@@ -177,8 +176,8 @@ class I2cDriver(Driver):
             self._port.close()
 
     def engage(self) -> None:
-        """A person wants the coils on again: forget a trip; chips that had gone are set up anew. DriverError while the
-        PWM chip has not confirmed that it is off, or has no guardian or monostable."""
+        """A person wants the coils on again: forget a trip; chips that had disappeared are set up again. DriverError
+        while the PWM chip has not confirmed that it is off, or has no guardian or monostable."""
         if self._bus is None or self._switch is None or self._engaged or (self._armed and not self._fault):
             return
         self._switch.require()
@@ -231,7 +230,7 @@ class I2cDriver(Driver):
         except OSError as cause:
             self._fails += 1
             if self._fails >= _FAILS_IN_A_ROW:
-                raise self._fail(f"a chip on the I²C bus does not answer: {cause}") from cause
+                raise self._fail(f"a chip on the I²C bus does not respond: {cause}") from cause
         else:
             self._fails = 0
             # the middle of either's reading; a bus takes its time, and the tick's `now` is when it began
@@ -280,7 +279,7 @@ class I2cDriver(Driver):
                 self._select.trigger()
             switch.write(steps)
         except (DriverError, OSError) as cause:
-            raise self._fail(_explain(cause, "the PWM chip does not answer")) from cause
+            raise self._fail(_explain(cause, "the PWM chip does not respond")) from cause
         self._applied = np.array(steps) / DUTY_STEPS
         return self._applied.copy()
 

@@ -1,4 +1,4 @@
-"""A second process that switches the coils off when the first one dies or hangs: a Raspberry Pi has no firmware.
+"""A second process that switches the coils off when the first one ends or hangs: a Raspberry Pi has no firmware.
 
     python -m haptorb.runtime.drivers.i2c.i2c_guardian BUS ADDRESS
 
@@ -35,9 +35,9 @@ _PRIORITY = 41  #: before every loop: one that never sleeps must not keep its gu
 def watch(heartbeats: int, off: Callable[[], None], patience: float = PATIENCE, answers: int | None = None) -> bool:
     """Watch the file descriptor `heartbeats` until it ends (True) or falls silent while engaged (False); then `off`.
 
-    Every heartbeat is answered on the file descriptor `answers`. After a silence nobody is heard again: the descriptor
-    is closed first, so that a program which comes back to life finds that out with its next heartbeat and cannot switch
-    on by itself.
+    Every heartbeat is answered on the file descriptor `answers`. After a silence no heartbeat counts any more: the
+    descriptor is closed first, so that a program which comes back to life finds that out with its next heartbeat and
+    cannot switch on by itself.
     """
     engaged = False
     while True:
@@ -48,7 +48,7 @@ def watch(heartbeats: int, off: Callable[[], None], patience: float = PATIENCE, 
             off()
             return bool(ready)
         if answers is not None:
-            with suppress(OSError):  # whoever does not hear it any more is told by the end of its pipe
+            with suppress(OSError):  # a host that no longer reads it sees the end of its pipe
                 os.write(answers, b".")  # safety: guardian-answers
         engaged = data.endswith(b"1")
 
@@ -56,7 +56,7 @@ def watch(heartbeats: int, off: Callable[[], None], patience: float = PATIENCE, 
 def switch_off(pwm: Pca9685, wait: Callable[[float], None] = sleep) -> None:
     """Try until the chip confirms that every output is off, however long that takes."""
     while True:
-        # Whatever the bus answers, and in whatever way it fails, there is only one thing to do.
+        # However the bus responds or fails, there is only one thing to do.
         with suppress(Exception):
             if pwm.switch_off():
                 return
@@ -116,7 +116,7 @@ class Guardian:
             if not os.read(self._answers, 4096):
                 raise DriverError("the guardian of the I²C bus has ended")
             self._last_answer = now
-        if engaged and not self._engaged:  # at rest nobody speaks, so nobody was heard
+        if engaged and not self._engaged:  # at rest there are no heartbeats, so none was received
             self._last_answer = now
         self._engaged = engaged
         if engaged and now - self._last_answer > ANSWER:  # safety: guardian-silent
@@ -130,7 +130,7 @@ class Guardian:
         return self._process.poll() is not None
 
     def leave(self) -> None:
-        """Let it switch off, until the chip confirms it, and end; nobody waits for it."""
+        """Let it switch off until the chip confirms it, and end; the caller does not wait."""
         self._beats = -1
         with suppress(OSError):
             self._pipes[0].close()
@@ -150,7 +150,7 @@ class Guardian:
 
 
 def serve(bus: I2cBus, address: int) -> None:
-    """What the process does: switch the chip at `address` off, say so, watch, and switch it off again."""
+    """What the process does: switch the chip at `address` off, report it, watch, and switch it off again."""
     with suppress(OSError):
         os.sched_setaffinity(0, range(os.cpu_count() or 1))  # the loop binds itself, and who it starts, to one core
     with suppress(OSError):

@@ -1,4 +1,4 @@
-"""One program at a time drives one chip: a lock per I²C bus and chip, which ends with whoever holds it."""
+"""One program at a time drives one chip: a lock per I²C bus and chip, which ends with the process that holds it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class BusLock:
                 holder = _holder(descriptor)
                 os.close(descriptor)
                 raise DriverError(f"{self._name} is in use by {holder}") from cause
-            os.close(descriptor)  # somebody removed the file meanwhile
+            os.close(descriptor)  # the file was removed meanwhile
         raise DriverError(f"{self._name} cannot be locked: another program keeps removing {self._path}")
 
     def tell(self, guardian: int = 0) -> None:
@@ -64,7 +64,7 @@ class BusLock:
             os.pwrite(self.descriptor, text.encode()[:200], 0)
 
     def close(self) -> None:
-        """Let go, as far as this process is concerned. May be called twice."""
+        """Release this process's hold. May be called twice."""
         descriptor, self.descriptor = self.descriptor, -1
         if descriptor >= 0:
             os.close(descriptor)
@@ -105,8 +105,8 @@ def _holder(descriptor: int) -> str:
     if _is_alive(int(number)):
         return f"process {number} ({shown}): end it first"
     return (
-        f"the guardian (process {guardian}) that process {number} ({shown}) left behind: it is still trying to switch "
-        "the coils off. Check bus and supply"
+        f"the guardian (process {guardian}) of the ended process {number} ({shown}) is still trying to switch the "
+        "coils off. Check bus and supply"
     )
 
 

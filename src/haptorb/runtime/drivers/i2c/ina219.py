@@ -1,7 +1,7 @@
 """INA219: the voltage over a coil's shunt, 10 µV a step, so 1 mA over 0.01 Ω.
 
 The shunt register is read, not the current register: it needs no calibration in the chip, and a chip that loses its
-supply for a moment then reads wrong for one conversion instead of zero for ever.
+supply for a moment then reads wrong for one conversion instead of zero permanently.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ class HallAdc:
         self._address = address
 
     def setup(self) -> None:
-        """DriverError if nobody answers, or if it does not mark its codes as this chip does."""
+        """DriverError if the chip does not respond, or does not mark its codes as this chip does."""
         try:
             self._bus.transfer([(self._address, _SETUP)])
             (raw,) = self._bus.transfer([(self._address, _SCANS[0]), (self._address, 10)])

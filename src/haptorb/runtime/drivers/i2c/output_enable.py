@@ -13,7 +13,7 @@ from haptorb.runtime.drivers.i2c.tca9534 import HallSelect
 __all__ = ["LONGEST", "SHORTEST", "check_output_enable", "pulse"]
 
 SHORTEST = 0.012  #: of a pulse, so that it lasts from tick to tick also when one is late [s]
-LONGEST = 0.030  #: of a pulse: coils are off that long after the last trigger, whatever stands still [s]
+LONGEST = 0.030  #: of a pulse: coils are off that long after the last trigger, whatever hangs [s]
 
 _EVERY = 4e-3  #: between two triggers of the test [s]
 

@@ -44,7 +44,7 @@ class Pca9685:
         self._bus.transfer([(self._address, data)])
 
     def setup(self) -> None:
-        """Every output off, then the oscillator at 1526 Hz; DriverError if the chip does not hold what it is told."""
+        """Every output off, then the oscillator at 1526 Hz; DriverError if the chip does not hold its settings."""
         self._negative = None
         try:
             self._start()
@@ -60,7 +60,7 @@ class Pca9685:
         self._write(bytes((_PRE_SCALE, _FASTEST)))
         self._write(bytes((_MODE2, _TOTEM_POLE)))
         self._write(bytes((_MODE1, _AUTO_INCREMENT)))
-        # The beginnings of the pulses too, which `write` does not move, and whatever it would restart with.
+        # The beginnings of the pulses too, which `write` does not move, and the values of a restart.
         self._write(bytes((_ALL_LED, 0, 0, 0, _FULL)))
 
     def write(self, steps: list[int]) -> None:
@@ -77,7 +77,8 @@ class Pca9685:
     def switch_off(self) -> bool:
         """Every output off; True if the chip confirms it: it reads back as the one that was set up, all of it off.
 
-        One that does not, as after a loss of its supply, is set up again, outputs off. OSError if nobody answers.
+        One that does not, as after a loss of its supply, is set up again, outputs off. OSError if the chip does not
+        respond.
         """
         self._negative = None
         self._write(ALL_OFF)

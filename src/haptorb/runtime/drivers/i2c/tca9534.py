@@ -13,14 +13,15 @@ __all__ = ["ADDRESS", "HallSelect", "explain_absence"]
 ADDRESS = 0x20
 
 _INPUT, _OUTPUT, _CONFIGURATION = 0x00, 0x01, 0x03
-_TRIGGER = 0x04  #: P2, the monostable's trigger: it begins its pulse anew when this rises
+_TRIGGER = 0x04  #: P2, the monostable's trigger: it restarts its pulse when this rises
 _SENSE = 0x08  #: P3, the PWM chip's OE pin: low lets current flow
 _PINS = 0x07  #: P0, P1 (axis) and P2 are driven; the other five stay inputs
 
 
 def explain_absence(bus: str, hall_axes: int) -> str:
-    """What cannot be done where nobody answers on `bus`, although `hall_axes` axes are needed, and what to do."""
-    text = f"nothing answers at {ADDRESS:#04x} on {bus}: without a TCA9534 "
+    """The message where no chip responds on `bus` although `hall_axes` axes are needed: what cannot be done, and the
+    remedy."""
+    text = f"nothing responds at {ADDRESS:#04x} on {bus}: without a TCA9534 "
     if hall_axes > 1:
         return text + f"and multiplexers the Hall sensors have 1 axis, and the tracker 'hall' needs {hall_axes}"
     return text + (
@@ -48,7 +49,7 @@ class HallSelect:
         return True
 
     def setup(self) -> None:
-        """Axis 0 shown, the trigger low. DriverError if nobody answers."""
+        """Axis 0 selected, the trigger low. DriverError if the chip does not respond."""
         try:
             self._axis, self._level = -1, 0
             self.show(0)

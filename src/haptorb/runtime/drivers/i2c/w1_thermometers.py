@@ -17,7 +17,7 @@ _FOLDER = Path("/sys/bus/w1/devices")
 
 
 class Thermometers(Protocol):
-    """Whoever knows the temperatures at the coils' boundaries."""
+    """A source of the temperatures at the coils' boundaries."""
 
     def ready(self, patience: float) -> bool:
         """Wait for the first reading [s]."""

@@ -10,10 +10,11 @@ import numpy as np
 
 from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Records
+from haptorb.runtime.drivers.electronics import counts
 from haptorb.runtime.drivers.serial.codes import BoardMode, Refusal
 from haptorb.runtime.drivers.serial.frames import Frame, FrameParser, Numbers, encode
 from haptorb.runtime.drivers.serial.messages import refusal
-from haptorb.runtime.drivers.serial.protocol import READING, SET_BYTES, STATE, Command, counts, engage, set_line
+from haptorb.runtime.drivers.serial.protocol import READING, SET_BYTES, STATE, Command, engage, set_line
 from haptorb.runtime.drivers.serial.reading import Reading, Reply, find_answer, make_reading
 from haptorb.runtime.drivers.serial.replies import BoardLimits, BoardState, Identity
 from haptorb.runtime.drivers.serial.serial_port import SerialPort
@@ -33,7 +34,7 @@ class Board:
 
     Opening waits until the firmware has answered (an Arduino restarts when its port is opened, which takes up to two
     seconds), at most `patience` [s], and leaves the coils off. `answer` [s] is how long any later answer may take;
-    `clock` tells the time of a question in `asked`.
+    `clock` gives the time of a request, for `asked`.
 
     Raises DriverError if the port cannot be opened, if nothing answers there, or if what answers is not haptorb's
     firmware with this version's protocol.
@@ -87,15 +88,17 @@ class Board:
             if frame is not None:
                 identity = Identity.parse(frame.payload)
                 if identity.name != "haptorb":
-                    raise DriverError(f"the device at {self.path} calls itself '{identity.name}', not 'haptorb'")
+                    raise DriverError(
+                        f"the device at {self.path} identifies itself as '{identity.name}', not 'haptorb'"
+                    )
                 return identity
             if monotonic() > end:
                 if received:
                     raise DriverError(
-                        f"something answers at {self.path}, but it is not haptorb's firmware (or not at 1 Mbaud); "
+                        f"something responds at {self.path}, but it is not haptorb's firmware (or not at 1 Mbaud); "
                         "choose another port or flash the firmware (`make firmware`)"
                     )
-                raise DriverError(f"nothing answers at {self.path}; is the device powered, and is this its port?")
+                raise DriverError(f"nothing responds at {self.path}; is the device powered, and is this its port?")
 
     def _next(self) -> int:
         self._sequence = (self._sequence + 1) & 0xFF
@@ -131,7 +134,7 @@ class Board:
             frame, _ = self._await_frame(kind, sequence, self._answer)
             if frame is not None:
                 return frame
-        raise DriverError(f"the firmware at {self.path} does not answer; check the cable and the device's supply")
+        raise DriverError(f"the firmware at {self.path} does not respond; check the cable and the device's supply")
 
     def _state(self, make: Callable[[int], Frame]) -> BoardState:
         for _ in range(_TRIES):
@@ -140,10 +143,10 @@ class Board:
             frame, _ = self._await_frame(STATE, sequence, self._answer)
             if frame is not None:
                 return BoardState.parse(frame.payload)
-        raise DriverError(f"the firmware at {self.path} does not answer; check the cable and the device's supply")
+        raise DriverError(f"the firmware at {self.path} does not respond; check the cable and the device's supply")
 
     def engage(self, duty_limit: float = 1.0, current_limit: float = 65.5) -> BoardState:
-        """Let the coils have current, within these limits; `refusal` tells if it was refused."""
+        """Let the coils have current, within these limits; `refusal` holds the reason if it was refused."""
         return self._state(lambda sequence: engage(sequence, duty_limit, current_limit))
 
     def switch_off(self) -> BoardState:
@@ -188,14 +191,14 @@ class Board:
             reading = self.collect(self._answer)
             if reading is not None:
                 return reading
-        raise DriverError(f"the firmware at {self.path} does not answer; check the cable and the device's supply")
+        raise DriverError(f"the firmware at {self.path} does not respond; check the cable and the device's supply")
 
     def set(self, steps: list[int]) -> Reading:
         """New duties in signed steps, and one reading. Raises DriverError if the firmware refuses them or is silent."""
         self.post(np.array(steps, np.int64))
         reading = self.collect(self._answer)
         if reading is None:
-            raise DriverError(f"the firmware at {self.path} does not answer; check the cable and the device's supply")
+            raise DriverError(f"the firmware at {self.path} does not respond; check the cable and the device's supply")
         return Reading.of(reading)
 
     def post(self, steps: Numbers | None) -> None:
@@ -250,11 +253,11 @@ class Board:
             frame, _ = self._await_frame(STATE, self._sequence, self._answer)
             return frame is not None and BoardState.parse(frame.payload).mode is not BoardMode.ENGAGED
         except DriverError:
-            return False  # the line is dead: the firmware's own watchdog has switched off
+            return False  # the line is lost: the firmware's own watchdog has switched off
         finally:
             self._port.close()
 
 
 def _refusal_error(kind: int, frame: Frame) -> DriverError:
     state = BoardState.parse(frame.payload)
-    return DriverError(f"the firmware did not take the command {kind & 0x7F}: {state.refusal.name}")
+    return DriverError(f"the firmware did not accept the command {kind & 0x7F}: {state.refusal.name}")

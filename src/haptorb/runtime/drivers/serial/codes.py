@@ -50,13 +50,13 @@ _REASONS = {
     Reason.OVER_CURRENT: "a coil's current was above the limit (look for a short circuit before you continue)",
     Reason.HEAT: "a coil exceeded its heat limit (let it cool)",
     Reason.HOT: "a coil's boundary is above 85 °C (let it cool, check the fans)",
-    Reason.CHIP: "the PWM chip or a current sensor stopped answering (check the I²C wiring)",
+    Reason.CHIP: "the PWM chip or a current sensor stopped responding (check the I²C wiring)",
     Reason.BUS: "the I²C bus was held low (check the I²C wiring)",
     Reason.STOP_BUTTON: "the stop button is pressed, or its wire is open",
     Reason.HOST: "the host commanded it",
-    Reason.POWER_ON: "it was just powered on",
+    Reason.POWER_ON: "it was powered on",
     Reason.RESET_PIN: "it was reset by its pin (opening the port does that on an Arduino)",
-    Reason.BROWN_OUT: "its supply sagged below 4.3 V (check the 5 V supply)",
+    Reason.BROWN_OUT: "its supply dropped below 4.3 V (check the 5 V supply)",
     Reason.WATCHDOG: "its program hung and was restarted (please report it)",
 }
 

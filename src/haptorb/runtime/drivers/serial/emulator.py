@@ -123,7 +123,7 @@ class Emulator:
     """A running emulator: its serial line is at `port`; `say` and `tell` give it the commands of its own `main.c`.
 
     Firmware time runs at real time; `slow` lets it run slower, for computers that are too busy to keep a watchdog of
-    15 ms content. Times that it tells are firmware times.
+    15 ms content. Times that it reports are firmware times.
 
     Raises DriverError if `board` is not known, if emulator or firmware has not been built, or if it does not become
     ready within 20 s.
@@ -177,7 +177,7 @@ class Emulator:
             raise DriverError("the emulator has ended") from cause
 
     def tell(self, command: str) -> None:
-        """Give a command and wait until it is done; what happens meanwhile can still be heard.
+        """Give a command and wait until it is done; replies in the meantime are kept.
 
         Raises DriverError if the emulator refuses the command, says nothing for 20 s, or has ended.
         """
@@ -187,7 +187,7 @@ class Emulator:
             try:
                 line = self._lines.get(timeout=20.0)
             except Empty:
-                raise DriverError(f"the emulator did not do '{command}'") from None
+                raise DriverError(f"the emulator did not execute '{command}'") from None
             if line.startswith("@error"):
                 raise DriverError(line)
             if line.startswith("@done"):
@@ -201,8 +201,9 @@ class Emulator:
         self.tell(f"pace {pace}")
 
     def wait(self, seconds: float) -> None:
-        """Wait until so much firmware time has passed."""
+        """Let so much firmware time pass, as fast as this computer can; later it runs at the pace that it had."""
         end = float(self.status()["t"]) + seconds
+        self.tell(f"skip {seconds}")
         while float(self.status()["t"]) < end:
             time.sleep(0.005)
 

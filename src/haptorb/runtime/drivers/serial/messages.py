@@ -13,7 +13,7 @@ _NEEDED = 0x0F  #: bits of the parts without which nothing is driven
 
 
 def explain_off(reading: Reading, engaged: bool) -> str:
-    """A trip, or a restart that nobody asked for while the host believed it `engaged`; empty if all is as it should be.
+    """A trip, or an unrequested restart while the host took it for `engaged`; empty if neither.
 
     >>> from haptorb.runtime.drivers.serial.reading import make_reading
     >>> explain_off(Reading.of(make_reading()), engaged=True)

@@ -1,4 +1,4 @@
-"""What the host says to the firmware: its commands, and the duties in them.
+"""What the host says to the firmware: its commands.
 
 Byte layouts, states and times are in docs/reference/protocol.md; the firmware's side is `core/bridge.c`. Frames that
 both sides must make and read alike are in `firmware/vectors/frames.txt`.
@@ -10,38 +10,26 @@ from enum import IntEnum
 from struct import Struct
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, check_finite
+from haptorb.numerics.arrays import check_finite
 from haptorb.numerics.compiled import kernel
+from haptorb.runtime.drivers.electronics import CHANNELS, DUTY_FULL, DUTY_STEPS
 from haptorb.runtime.drivers.serial.frames import HEAD, Frame, Numbers, Octets, seal_frame
 
 __all__ = [
-    "CHANNELS",
-    "DUTY_FULL",
-    "DUTY_STEPS",
     "ENGAGE_KEY",
-    "HALL_SENSORS",
     "PROTOCOL_VERSION",
     "READING",
     "SET_BYTES",
     "STATE",
-    "THERMOMETERS",
     "Command",
-    "counts",
     "engage",
-    "quantise_duties",
     "set_duties",
     "set_line",
 ]
 
 PROTOCOL_VERSION = 3
-CHANNELS = 3
-HALL_SENSORS = 9  #: places
-THERMOMETERS = 3
-DUTY_FULL = 4095  #: greatest duty, in steps
-DUTY_STEPS = 4096  #: steps in one PWM period: a duty of n steps is n / 4096 of the supply
 ENGAGE_KEY = 0x5AFE
 
 
@@ -60,33 +48,6 @@ class Command(IntEnum):
 READING = 0x83
 STATE = 0x84
 SET_BYTES = 13  #: of the frame with three duties
-
-
-@kernel
-def quantise_duties(duties: Array, steps: Numbers) -> bool:
-    """Fill `steps` (3,), signed PWM steps, with duties (3,) in −1…1 [1], clipped, zero for what is no number; any?"""
-    some = False
-    for i in range(CHANNELS):
-        whole = min(max(duties[i] * DUTY_STEPS, -DUTY_FULL), DUTY_FULL)
-        steps[i] = 0 if duties[i] != duties[i] else round(whole)
-        some = some or steps[i] != 0
-    return some
-
-
-def counts(duties: ArrayLike) -> list[int]:
-    """Duties (3,) in −1…1 [1] as signed PWM steps, clipped; what is not a number is zero.
-
-    Raises InputError for another shape.
-
-    >>> counts([0.5, -2.0, float("nan")])
-    [2048, -4095, 0]
-    """
-    asked = np.ascontiguousarray(duties, dtype=np.float64)
-    if asked.shape != (CHANNELS,):
-        raise InputError(f"duties must have one entry per coil, shape ({CHANNELS},); got shape {asked.shape}")
-    steps = np.empty(CHANNELS, np.int64)
-    quantise_duties(asked, steps)
-    return [int(one) for one in steps]
 
 
 _ENGAGE = Struct("<3H")
@@ -111,7 +72,7 @@ def set_duties(sequence: int, steps: list[int]) -> Frame:
 def engage(sequence: int, duty_limit: float = 1.0, current_limit: float = 65.5) -> Frame:
     """The frame that engages the coils for a session, at most `duty_limit` [1] and `current_limit` [A].
 
-    The firmware never goes above its own limits, whatever is asked here.
+    The firmware never exceeds its own limits, whatever the host requests.
 
     Raises InputError for a duty that is not above 0 and at most 1, or a current not above 0 and at most 65.5 A.
     """

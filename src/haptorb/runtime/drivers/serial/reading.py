@@ -13,16 +13,10 @@ import numpy as np
 from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Record, Records, fields
 from haptorb.numerics.compiled import kernel
+from haptorb.runtime.drivers.electronics import DUTY_STEPS, HALL_SENSORS, THERMOMETERS
 from haptorb.runtime.drivers.serial.codes import BoardMode, Reason
 from haptorb.runtime.drivers.serial.frames import HEAD, Numbers, Octets, find_frame
-from haptorb.runtime.drivers.serial.protocol import (
-    DUTY_STEPS,
-    HALL_SENSORS,
-    PROTOCOL_VERSION,
-    READING,
-    STATE,
-    THERMOMETERS,
-)
+from haptorb.runtime.drivers.serial.protocol import PROTOCOL_VERSION, READING, STATE
 from haptorb.runtime.drivers.serial.replies import board_mode, reason
 
 __all__ = ["BLOCKS", "BOARD_READING", "READING_BYTES", "Reading", "Reply", "find_answer", "make_reading"]
@@ -35,7 +29,7 @@ READING_BYTES = 36
 _SECOND = BLOCKS[1][0]
 _NO_TEMPERATURE = 0x7FFF
 _NO_HALL = 0xFFFF
-_REPEATED = 0x80  #: in the group's number: it has been told before
+_REPEATED = 0x80  #: in the group's number: it has been reported before
 _AXES = 3
 
 
@@ -50,7 +44,7 @@ BOARD_READING = fields(
     ("first", "i8"),  # number of the first Hall sensor
     ("count", "i8"),  # of Hall sensors
     ("hall", "f8", (_SECOND,)),  # of the converter's range, 0…1; NaN before the first reading
-    ("news", "?"),  # the Hall readings have not been told before
+    ("fresh", "?"),  # the Hall readings have not been reported before
     ("hall_age", "f8"),  # of them when this was sent [s]
     ("thermometer", "i8"),  # which one the temperature is of
     ("temperature", "f8"),  # [K]; NaN while it has none
@@ -70,7 +64,7 @@ class Reply(IntEnum):
 
 
 def make_reading() -> Records:
-    """(1,) BOARD_READING, zeros: nothing is driven, nothing is told."""
+    """(1,) BOARD_READING, zeros: nothing is driven, nothing is reported."""
     return np.zeros(1, BOARD_READING)
 
 
@@ -97,7 +91,7 @@ def _fill_reading(line: Octets, at: int, reading: Records) -> bool:
     for i in range(3):
         r.applied[i] = _read_signed(line, at + 4 + 2 * i) / DUTY_STEPS
         r.currents[i] = _read_signed(line, at + 10 + 2 * i) * 1e-3
-    r.axis, r.news = axis, group < _REPEATED
+    r.axis, r.fresh = axis, group < _REPEATED
     r.first, r.count = (0, _SECOND) if block == 0 else (_SECOND, HALL_SENSORS - _SECOND)
     for i in range(_SECOND):
         code = _read_unsigned(line, at + 17 + 2 * i)
@@ -136,7 +130,7 @@ class Reading(NamedTuple):
     hall_axis     of the Hall readings: 0, 1, 2 for x, y, z; 0 for radial sensors
     hall_first    number of the first Hall sensor in `hall`
     hall          (4 or 5,) of the converter's range, 0…1; NaN before the first reading
-    hall_news     not told before
+    hall_fresh    not reported before
     hall_age      of `hall` when this was sent [s]
     thermometer   which one `temperature` [K] is of; NaN while it has none
     age           of the oldest of the currents when this was sent [s]
@@ -152,7 +146,7 @@ class Reading(NamedTuple):
     hall_axis: int
     hall_first: int
     hall: tuple[float, ...]
-    hall_news: bool
+    hall_fresh: bool
     hall_age: float
     thermometer: int
     temperature: float
@@ -168,7 +162,7 @@ class Reading(NamedTuple):
         return cls(
             board_mode(int(r["mode"])), reason(int(r["reason"])), int(r["missing"]), tuple(r["applied"].tolist()),
             tuple(r["currents"].tolist()), int(r["axis"]), int(r["first"]), tuple(r["hall"][:count].tolist()),
-            bool(r["news"]), float(r["hall_age"]), int(r["thermometer"]), float(r["temperature"]), float(r["age"]),
+            bool(r["fresh"]), float(r["hall_age"]), int(r["thermometer"]), float(r["temperature"]), float(r["age"]),
             int(r["errors"]), int(r["rounds"]),
         )  # fmt: skip
 

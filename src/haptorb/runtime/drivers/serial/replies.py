@@ -7,8 +7,9 @@ from struct import Struct
 from struct import error as StructError
 
 from haptorb.errors import DriverError
+from haptorb.runtime.drivers.electronics import DUTY_STEPS
 from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal
-from haptorb.runtime.drivers.serial.protocol import DUTY_STEPS, PROTOCOL_VERSION
+from haptorb.runtime.drivers.serial.protocol import PROTOCOL_VERSION
 
 __all__ = ["BoardLimits", "BoardState", "Identity", "board_mode", "reason", "unpack_payload"]
 
@@ -30,12 +31,12 @@ _REFUSALS = {int(one): one for one in Refusal}
 
 
 def reason(value: int) -> Reason:
-    """The reason `value`; NONE for one that nobody knows."""
+    """The reason `value`; NONE for an unknown one."""
     return _REASONS.get(value, Reason.NONE)
 
 
 def board_mode(value: int) -> BoardMode:
-    """The state `value`; one that nobody knows is one in which nothing may be asked."""
+    """The state `value`; in an unknown one, no current may be requested."""
     return _STANDINGS.get(value, BoardMode.TRIPPED)
 
 

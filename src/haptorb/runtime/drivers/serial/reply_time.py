@@ -8,13 +8,13 @@ from typing import final
 __all__ = ["BoardTime"]
 
 #: From a question's sending to its answer's making [s]: 13 bytes at 1 Mbaud, and their check. What a USB bridge adds is
-#: the same for all that one answer tells; between its parts the board's own clock counts.
+#: the same for all values in one reply; between its parts the board's own clock counts.
 _LINE_DELAY = 0.25e-3
 
 
 @final
 class BoardTime:
-    """The last two ticks, by the loop's clock and by the `clock` that tells when a question was sent [s].
+    """The last two ticks, by the loop's clock and by the `clock` that gives the time of a request [s].
 
     An answer is as old as its question, and not as the tick in which it is found: a tick may come late, and the answer
     has then been lying there.

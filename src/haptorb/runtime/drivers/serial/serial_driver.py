@@ -13,12 +13,11 @@ from haptorb.devices.device import Device
 from haptorb.errors import DriverError, HostSilent, InputError
 from haptorb.numerics.arrays import Array, Records
 from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.electronics import check_electronics, invalid_pose
+from haptorb.runtime.drivers.electronics import CHANNELS, DUTY_STEPS, check_electronics, invalid_pose, quantise_duties
 from haptorb.runtime.drivers.hall_sensor import HallSensors
 from haptorb.runtime.drivers.serial.board import Board
 from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, missing_chips
 from haptorb.runtime.drivers.serial.messages import explain_off, refusal
-from haptorb.runtime.drivers.serial.protocol import CHANNELS, DUTY_STEPS, quantise_duties
 from haptorb.runtime.drivers.serial.reading import Reading
 from haptorb.runtime.drivers.serial.replies import Identity
 from haptorb.runtime.drivers.serial.reply_time import BoardTime
@@ -27,9 +26,9 @@ from haptorb.sensing.sample import Pose, Sample
 
 __all__ = ["SerialDriver"]
 
-_LOST_IN_A_ROW = 3  #: readings repeated before the device counts as silent, with current in its coils
+_LOST_IN_A_ROW = 3  #: repeated readings until the device counts as silent, with current in its coils
 _LOST_AT_REST = 20  #: the same while it is not engaged: a busy computer is no danger then
-_SAY_AGAIN = 5e-3  #: who waits longer for an answer must go on talking: 15 ms of silence switch the coils off [s]
+_SAY_AGAIN = 5e-3  #: after this wait for a reply the request is repeated: 15 ms of silence switch the coils off [s]
 _TIMES = 10  #: at most, in all of the patience: who has much of it has an emulator that runs slower than time
 _RETRY = 0.25  #: between two attempts to reach a port that has gone [s]
 _MEETING = 0.2  #: for an answer when the port is back [s]; no Arduino restarts in the middle of a loop
@@ -52,7 +51,7 @@ class SerialDriver(Driver):
     pose(now) is the tracker's word on where the tool is; without it no pose is ever valid. `patience` [s] is how long
     `read` waits for the answer to the last tick's frame, sent again every 5 ms meanwhile; three unanswered in a row are
     a device that has gone, twenty while no current may flow. A trip because this computer was silent is a HostSilent.
-    duty_limit [1] and current_limit [A] are what the firmware is told to hold in this session; by default 5 % above
+    duty_limit [1] and current_limit [A] are the limits sent to the firmware for this session; by default 5 % above
     the device's own current limit. `open` waits at most `warm_up` [s] for every sensor's first reading, and refuses a
     board whose Hall sensors have fewer than `hall_axes`. `clock` runs as fast as the board's time does: an emulated one
     may be slow.
@@ -104,7 +103,7 @@ class SerialDriver(Driver):
 
     @property
     def identity(self) -> Identity | None:
-        """Who answers; None while nobody does."""
+        """The device that responds; None while none does."""
         return None if self._board is None else self._board.identity
 
     @property
@@ -174,7 +173,7 @@ class SerialDriver(Driver):
                 return
             if monotonic() > end:
                 parts = "; ".join(missing_chips(missing)) or "a sensor"
-                raise DriverError(f"at {self._path} there is no answer from: {parts}. Check wiring and supply")
+                raise DriverError(f"at {self._path} there is no response from: {parts}. Check wiring and supply")
 
     def close(self) -> None:
         """Coils off, then disconnect. May be called twice."""
@@ -220,7 +219,7 @@ class SerialDriver(Driver):
             self._board = Board(self._path, _MEETING, self._answer, self._clock)
         except DriverError as cause:
             self._next_try = monotonic() + _RETRY
-            raise DriverError(f"{self._fault}; trying again: {cause}") from cause
+            raise DriverError(f"{self._fault}; retrying: {cause}") from cause
         return self._board
 
     def read(self, now: float) -> Sample:
@@ -238,7 +237,7 @@ class SerialDriver(Driver):
         if reading is None:
             self._lost += 1
             if self._lost >= (_LOST_IN_A_ROW if self._engaged else _LOST_AT_REST):
-                raise self._fail(f"no answer from the firmware at {self._path}; check cable and supply", gone=True)
+                raise self._fail(f"no response from the firmware at {self._path}; check cable and supply", gone=True)
         else:
             self._lost = 0
             mode = reading["mode"][0]

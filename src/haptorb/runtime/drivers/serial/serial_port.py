@@ -63,7 +63,7 @@ class SerialPort:
         except OSError as cause:  # pyserial's own error is one
             raise _explain_port_error(path, cause) from cause
         except ValueError as cause:
-            raise DriverError(f"{path} is no serial port at {BAUD} baud: {cause}") from cause
+            raise DriverError(f"{path} is not a serial port for {BAUD} baud: {cause}") from cause
         with suppress(OSError, ValueError, NotImplementedError, AttributeError):
             self._port.set_low_latency_mode(True)  # USB adapters hold bytes back for 16 ms otherwise
         self._number = self._port.fileno()
@@ -76,7 +76,7 @@ class SerialPort:
     def _lose_port(self, cause: Exception | None) -> DriverError:
         self.close()
         why = f": {cause}" if cause else ""
-        return DriverError(f"{self.path} has gone{why}; check the cable")
+        return DriverError(f"{self.path} has disappeared{why}; check the cable")
 
     def send(self, data: bytes | memoryview) -> None:
         """All of `data`; what the line does not take is an error, because half a frame is worth nothing."""

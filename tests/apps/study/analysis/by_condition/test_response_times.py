@@ -7,7 +7,7 @@ import pytest
 
 from haptorb.apps.study.analysis.by_condition.response_times import find_response_times, list_response_times
 from haptorb.apps.study.inference.intervals import mean_interval
-from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.model.study_reader import study_of
 
 TWO = 'name = "x"\n[trials]\ntime_limit = 10\n[[conditions]]\nname = "a"\n[[conditions]]\nname = "b"\n'
 

@@ -18,11 +18,13 @@ from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.analysis.drawings.figure_set import draw_figures, write_figures
 from haptorb.apps.study.analysis.drawings.style import COLOURS, DASHES, MARKERS, PaperSize
 from haptorb.apps.study.analysis.load_analysis import analysis_of
-from haptorb.apps.study.model.study_file import study_of
-from haptorb.apps.study.simulated.participant import PUBLISHED_ERRORS
+from haptorb.apps.study.model.set_points import PUBLISHED_ERRORS
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.simulated.rehearsal import rehearse
 from haptorb.apps.study.store.database import database
 from haptorb.errors import InputError, RecordingError
+
+pytestmark = pytest.mark.background
 
 POINTS = "[set_points]\npoints = [{ number = 1, theta_deg = 0 }, { number = 2, theta_deg = 36 }]\n"
 TWO = '[[conditions]]\nname = "a"\n[[conditions]]\nname = "b"\nparameters = { moment = 0.5 }\n'

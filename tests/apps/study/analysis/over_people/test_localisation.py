@@ -14,7 +14,8 @@ from haptorb.apps.study.analysis.conditions import compare_conditions
 from haptorb.apps.study.analysis.summary import print_summary
 from haptorb.apps.study.inference.sphere import find_away_axes, local_axes
 from haptorb.apps.study.model.set_points import directions
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.store.columns import Columns
 
 REACH = study_of('name = "reach"\nprocedure = "localisation"\nhand_deg = 90')

@@ -93,7 +93,7 @@ def draw_magnitudes(analysis: Analysis, size: PaperSize) -> Figure:
         bars = np.nan_to_num(np.array([below, above]))
         axes.errorbar(one.levels, one.means, bars, fmt=MARKERS[n % 7], color=COLOURS[n % 7], capsize=2.5,
                       label=f"{one.condition}: exponent {one.exponent:.2f}")  # fmt: skip
-        law = (one.levels / levels.reference) ** one.exponent
+        law = one.at_reference * (one.levels / levels.reference) ** one.exponent
         axes.plot(one.levels, law, color=COLOURS[n % 7], ls=DASHES[n % 7])
     axes.set(xscale="log", yscale="log", xlabel=_level_label(analysis), ylabel="estimated magnitude (reference = 1)")
     ticks = sorted({level for one in analysis.magnitudes for level in one.levels.tolist()})

@@ -45,7 +45,7 @@ def write_figures(
     folder = Path(folder)
     found = draw_figures(analysis, size)
     if not found:
-        raise InputError(f"study '{analysis.study.name}' has no answers of which there is a figure")
+        raise InputError(f"study '{analysis.study.name}' has no answers to plot")
     files = [folder / f"{name}.{kind}" for name in found]
     captions = folder / "captions.md"
     text_of_captions = _write_captions(analysis, found)
@@ -82,9 +82,8 @@ def _list_figures(analysis: Analysis) -> Iterator[_Entry]:
     if analysis.curves:
         yield (
             "psychometric-curves", drawn.draw_curves,
-            "Points: share of trials in which the comparison was called the stronger, over all participants. Thin: "
-            "functions fitted to each participant; thick: participant in the middle of the group; vertical line: "
-            "reference.",
+            "Points: share of trials in which the comparison was called stronger, over all participants. Thin: "
+            "function of each participant; thick: median participant of the group; vertical line: reference.",
         )  # fmt: skip
     if analysis.tracks:
         yield (
@@ -99,8 +98,8 @@ def _list_figures(analysis: Analysis) -> Iterator[_Entry]:
     if analysis.magnitudes:
         yield (
             "magnitudes", drawn.draw_magnitudes,
-            "Geometric means over participants of their estimates, each divided by what the participant's power law "
-            "gives at the reference; bars: Student's 95 % in the logarithm; lines: mean exponent.",
+            "Geometric means over participants of their estimates, each divided by the value of the participant's "
+            "power law at the reference in the first condition; bars: Student's 95 % (logarithm); lines: mean law.",
         )  # fmt: skip
     if analysis.times:
         yield (

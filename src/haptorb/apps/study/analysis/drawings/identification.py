@@ -14,7 +14,7 @@ from matplotlib.projections.polar import PolarAxes
 
 from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.analysis.drawings.style import COLOURS, INK, MARKERS, SHADES, PaperSize, new_paper_figure
-from haptorb.apps.study.simulated.participant import PUBLISHED_ERRORS
+from haptorb.apps.study.model.set_points import PUBLISHED_ERRORS
 
 __all__ = ["draw_identification", "draw_latitude_error", "is_published_layout"]
 

@@ -13,6 +13,7 @@ import numpy as np
 from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.study.analysis.over_people.directions import answer_directions, find_unbounded
 from haptorb.apps.study.inference.person_fit import psychometric_fit
+from haptorb.apps.study.inference.power_law import fit_power_law
 from haptorb.apps.study.inference.psychometric import PsychometricCurve
 from haptorb.apps.study.inference.sphere import error_vectors, local_axes
 from haptorb.apps.study.model.study_file import Study
@@ -31,7 +32,7 @@ class PersonValues:
 
     a: Array  #: (people,)
     b: Array  #: (people,)
-    paired: bool = True  #: whether `b` is a measurement of its own
+    paired: bool = True  #: whether both are measurements whose spread over people means something
 
     @property
     def differences(self) -> Array:
@@ -64,7 +65,7 @@ class PersonMeasures:
     def compare(self, measure: str, between: tuple[str, str] | None) -> PersonValues:
         """`measure` in both conditions of `between`; None: over all conditions, against zero.
 
-        People without a value in either are left out: a condition that nobody met gives nobody.
+        People without a value in either are left out: a condition without data gives no people.
         """
         if measure == "choice" and between is not None:
             one = [_share_chosen(self._main, rows, *between) for rows in self._rows.values()]
@@ -74,7 +75,14 @@ class PersonMeasures:
         two = self._measure_all(measure, between[1]) if between and paired else [0.5 if between else 0.0] * len(one)
         values = np.array([one, two], dtype=float)
         values = values[:, np.isfinite(values).all(axis=0)]
-        return PersonValues(values[0], values[1], paired)
+        # How much people's magnitudes differ is how much their scales do.
+        return PersonValues(values[0], values[1], paired and measure != "magnitude")
+
+    def values_in(self, measure: str, condition: str) -> Array:
+        """(people,) `measure` of those who have it in `condition`."""
+        values = np.array(self._measure_all(measure, condition), dtype=float)
+        known: Array = values[np.isfinite(values)]
+        return known
 
     def _measure_all(self, measure: str, condition: str) -> list[float]:
         """Of everybody; "": over all conditions."""
@@ -92,7 +100,7 @@ class PersonMeasures:
 
 
 def list_thresholds(procedures: Mapping[str, Procedure]) -> dict[str, dict[str, float]]:
-    """Condition → participant's code → threshold, of adaptive `procedures` by code; a track that goes on has none."""
+    """Condition → participant's code → threshold, of adaptive `procedures` by code; an unfinished track has none."""
     found: dict[str, dict[str, float]] = {}
     for code, procedure in procedures.items():
         for part in getattr(procedure, "parts", ()):
@@ -136,6 +144,9 @@ def _measure(
         return math.nan
     if measure in ("threshold", "midpoint"):
         return _fit_person(main, rows, measure)
+    if measure in ("magnitude", "exponent") and study.levels is not None:
+        law = fit_power_law(main["level"][rows], main["answer"][rows].astype(float), study.levels.reference)
+        return law.exponent if measure == "exponent" else law.log_at_reference / math.log(10)
     if measure == "error-slope":
         return fit_slope(main["theta_deg"][rows], main["distance_mm"][rows].astype(float))
     values = (

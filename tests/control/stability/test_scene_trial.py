@@ -1,4 +1,4 @@
-"""A random hand gets nothing out of a scene in the whole loop; the ten minutes are in benchmarks/worlds/scenes.py."""
+"""A random hand extracts nothing from a scene in the whole loop; the ten minutes are in benchmarks/worlds/scenes.py."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.apps.check.scene_trial import find_passivity, try_scene
 from haptorb.control.stability.coupling_choice import CouplingSetting
 from haptorb.control.stability.hand_grip import GRIPS
 from haptorb.devices.loader import load
 from haptorb.worlds import Scene
 from haptorb.worlds.scene.scene_model import SHIPPED
+from oracles.scene_trial import find_passivity, try_scene
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -33,7 +33,7 @@ def test_nor_with_late_poses_or_field_sensors_while_detail_comes_and_goes(choice
     setting = CouplingSetting(load("omni"), 1000.0, GRIPS["loose"], **choices)  # type: ignore[arg-type]
     scene = setting.couple(Scene("boxes"))
     assert isinstance(scene, Scene)
-    trial = try_scene(scene, setting, 2.0, shed_every=0.05)
+    trial = try_scene(scene, setting, 2.0, change_every=0.05)
     assert trial.detail == 4
     assert trial.passivity > -1e-3
     assert not trial.tripped

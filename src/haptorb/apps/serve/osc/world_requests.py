@@ -13,16 +13,16 @@ from haptorb.errors import InputError, UnknownName, quote
 from haptorb.worlds import CATALOGUE, find_world
 from haptorb.worlds.parameter import Parameter, parameters
 
-__all__ = ["WorldWishes"]
+__all__ = ["WorldRequests"]
 
-_EVERY = 0.05  #: between two wishes [s]
-_PATIENCE = 2.0  #: a wish that did not come true until then is forgotten [s]
+_EVERY = 0.05  #: between two requests [s]
+_PATIENCE = 2.0  #: a request that was not met until then is forgotten [s]
 
 Value: TypeAlias = float | tuple[float, ...]
 
 
 @final
-class WorldWishes:
+class WorldRequests:
     """What programs want of the world of `served`."""
 
     def __init__(self, served: ServedDevice) -> None:
@@ -33,7 +33,7 @@ class WorldWishes:
 
     @property
     def name(self) -> str:
-        """Name of the world: of the wished one, until it is there."""
+        """Name of the world: of the requested one, until it is there."""
         return self._name or str(self._served.world.get("name", ""))
 
     def list_parameters(self) -> list[tuple[Parameter, Value]]:
@@ -69,16 +69,16 @@ class WorldWishes:
         self._name, self._values, self._until = name, {}, now + _PATIENCE
 
     def tell(self, now: float) -> None:
-        """Pass on what is wished and not there yet, if it is time."""
+        """Pass on what is requested and not there yet, if it is time."""
         if not self._name or now < self._next:
             return
         if now > self._until or self._is_true():
             self._name, self._values, self._sent = "", {}, None
             return
-        wish = (self._name, dict(self._values))
-        if wish != self._sent:
-            self._served.wish_world(*wish)
-            self._sent, self._next = wish, now + _EVERY
+        request = (self._name, dict(self._values))
+        if request != self._sent:
+            self._served.request_world(*request)
+            self._sent, self._next = request, now + _EVERY
 
     def _is_true(self) -> bool:
         world = self._served.world

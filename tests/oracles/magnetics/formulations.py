@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.numerics.arrays import Array, vectors
-from haptorb.physics.interaction import BoundedValue, _check_outside, _disc, _pose, _refine
+from haptorb.physics.interaction import BoundedValue, _check_outside, _pose, _refine
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.cylinder import CylinderMagnet
 from haptorb.physics.sources.dipole import MU0
@@ -76,3 +76,15 @@ def flux_linkage(
         return np.array([flux.sum()]), np.array([np.abs(flux).sum()])
 
     return _refine(integral, precision, "flux linkage")
+
+
+def _disc(inner: float, outer: float, rings: int, steps: int) -> tuple[Array, Array]:
+    """Points (n, 3) of a ring-shaped face at z = 0, and the area (n,) that each stands for."""
+    x, w = np.polynomial.legendre.leggauss(rings)
+    radii = 0.5 * (outer + inner) + 0.5 * (outer - inner) * x
+    angles = 2 * np.pi * (np.arange(steps) + 0.5) / steps
+    points = np.zeros((rings, steps, 3))
+    points[..., 0] = radii[:, None] * np.cos(angles)
+    points[..., 1] = radii[:, None] * np.sin(angles)
+    area = np.repeat(0.5 * (outer - inner) * w * radii * (2 * np.pi / steps), steps)
+    return points.reshape(-1, 3), area

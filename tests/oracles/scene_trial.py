@@ -1,8 +1,8 @@
-"""What a random hand gets out of a scene in the whole simulated loop, over minutes.
+"""Energy that a random hand extracts from a scene in the whole simulated loop, over minutes.
 
-Not the coupling alone but what a hand meets: sensors with their noise, estimator, latency, modes, guard, coils with
-their inductance, the true wrench of the magnets. The hand wanders at random, and a motor's mode changes now and then.
-Energy is counted where hand and mover meet, with the true wrench and the true motion.
+Not the coupling alone, but the whole loop of a hand: sensors with their noise, estimator, latency, modes, guard, coils
+with their inductance, the true wrench of the magnets. The hand moves at random, and a motor's mode changes now and
+then. Energy is counted between hand and mover, with the true wrench and the true motion.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import final
 import numpy as np
 
 from haptorb.apps.check.late_tracker import LateTracker
-from haptorb.apps.check.noisy_tracker import NoisyTracker
+from haptorb.apps.guidance.noisy_tracker import NoisyTracker
 from haptorb.control.clutch.modes import MODES
 from haptorb.control.stability.coupling_choice import ASSUMED, CouplingSetting
-from haptorb.control.stability.held_mover import hold_mover
 from haptorb.devices.coil_array.coil_array import CoilArray
+from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.electromagnet import Hand, SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
@@ -35,26 +35,26 @@ from haptorb.worlds.scene.scene import Scene
 
 __all__ = ["SceneTrial", "find_passivity", "try_scene"]
 
-NOISE = 2e-5  #: of the place that a tracker tells, rms in each direction [m]
+NOISE = 2e-5  #: of the position that a tracker reports, rms in each direction [m]
 TRACKER_RATE = 240.0  #: of a tracker with a process of its own [Hz]
 _BEGIN = 0.8  #: the guard has ramped up, and the clutch holds [s]
 _WANDER = 0.15  #: time constant of the hand's wish, twice [s]
-_TILT = 0.3  #: about as far the hand of a motor turns its handle [rad]
+_TILT = 0.3  #: about how far the hand of a motor turns its handle [rad]
+_LIFT = 6e-3  #: how far the hand lifts a tool from the device [m]
 _MODE = 5.0  #: in one mode [s]
 
 
 @dataclass(frozen=True)
 class SceneTrial:
-    """What came out of a trial; energies [J] are counted from when the guard has ramped up.
+    """The result of a trial; energies [J] are counted from the end of the guard's ramp.
 
-    passivity the least, over all pairs of moments, of what scene and coupling held at the first, above the least that
-              they ever held, and what the hand put in until the second: negative if it got out more than was there.
-              With the wrench that the guard lets through, as late as the drive makes it
+    passivity the least of `find_passivity`: negative if the hand extracted more than was there. With the wrench that
+              the guard admits, delayed as by the drive
     given     the same with the true wrench of the coils: with saturation, errors of the model, and the drive, which
               makes a rotor that is turned to and fro fast feel heavier
     put_in    by the hand, from the beginning to the end, with the true wrench
     greatest  force, or torque of a motor, on the mover [N or N·m]
-    injected  most damping that the passivity control added [N·s/m]
+    injected  maximum damping that the passivity control added [N·s/m]
     detail    the lowest level of detail, as a number above 0
     tripped   the guard switched off
     """
@@ -69,10 +69,10 @@ class SceneTrial:
 
 
 @final
-class _Shedding:
-    """Changes a scene's detail at random, every `mean` ticks or so; 0: never.
+class _RandomDetail:
+    """Changes a scene's detail at random, every `mean` ticks on average; 0: never.
 
-    energy  that the scene holds [J]
+    energy  of the scene [J]
     detail  the lowest level so far
     """
 
@@ -81,7 +81,7 @@ class _Shedding:
         self.energy, self.detail = 0.0, 0
 
     def begin(self) -> None:
-        """Time does not matter."""
+        """The time of a step does not matter."""
 
     def end(self, bound: BoundWorld) -> TickFailure:
         """Less detail, or more."""
@@ -93,18 +93,17 @@ class _Shedding:
 
 
 def try_scene(
-    scene: Scene, setting: CouplingSetting, seconds: float, *, seed: int = 0, shed_every: float = 0.0
+    scene: Scene, setting: CouplingSetting, seconds: float, *, seed: int = 0, change_every: float = 0.0
 ) -> SceneTrial:
     """Let a random hand hold the mover of `setting`'s device in `scene`, whose coupling was chosen, for `seconds` [s].
 
-    A tool is held by the setting's hand, a handle by that of the device file.
+    A tool is held by the setting's hand, a handle by the hand of the device file.
 
-    shed_every: mean time between changes of the scene's detail, at random [s]; 0: it has all of it, whatever time that
-    takes. Raises DeviceError for a device that cannot be simulated, InputError for one that has neither tool nor rotor.
+    change_every: mean time between changes of the scene's detail, at random [s]; 0: full detail, regardless of the
+    time that it takes.
     """
     device, dt, rng = setting.device, 1.0 / setting.rate, np.random.default_rng(seed)
-    held = hold_mover(device, setting.hand)
-    moved = held.is_tool
+    moved = isinstance(device, SphericalElectromagnet | CoilArray)
     if isinstance(device, SphericalElectromagnet | CoilArray):
         turn, grip = device.hand, setting.hand
         device = replace(
@@ -119,8 +118,7 @@ def try_scene(
         wish = wish + (1 - fade) * (spread * rng.standard_normal(6) - wish)
         slow = slow + (1 - fade) * (wish - slow)
         if moved:
-            middle = held.aim(slow[:3]) if held.radii[1] else device.rest_position + held.aim(slow[:3])
-            return Goal(middle, np.array([0.0, 0.0, 0.0, 1.0]), now, False)
+            return Goal(_aim(device, np.tanh(slow[:3])), np.array([0.0, 0.0, 0.0, 1.0]), now, False)
         turned = 0.5 * _TILT * np.tanh(slow[:3])
         return Goal(np.zeros(3), np.append(turned, 1.0) / math.hypot(1.0, *turned), now, False)
 
@@ -133,7 +131,7 @@ def try_scene(
     tick = Tick(
         device, scene, driver, estimator_of(device, estimator, None), allocator_of(device), dt, linkage_of(device)
     )
-    tick.budget = shedding = _Shedding(shed_every / dt, seed)
+    tick.budget = detail = _RandomDetail(change_every / dt, seed)
     row, layout = tick.layout.empty(), tick.layout
     given, asked, place = row[layout["given"]], row[layout["asked"]], simulation.state()
     find_work = _find_work if moved else _find_turning_work
@@ -154,18 +152,30 @@ def try_scene(
                 greatest = max(greatest, float(np.linalg.norm(given[:3] if moved else given[3:])))
                 injected = max(injected, float(row[layout["injected"]][0]))
                 tripped = tripped or bool(row[layout["trip"]][0])
-            energies[n], place = shedding.energy, now
+            energies[n], place = detail.energy, now
             before[:], asked_before[:], asked_last[:] = given, asked_last, asked
     put_in, held_energy = -np.cumsum(works, axis=1)[:, first:], energies[first:]
     return SceneTrial(
         find_passivity(put_in[0], held_energy), find_passivity(put_in[1], held_energy), float(put_in[1, -1]), greatest,
-        injected, shedding.detail, tripped,
+        injected, detail.detail, tripped,
     )  # fmt: skip
 
 
+def _aim(device: Device, wish: Array) -> Array:
+    """(3,) target of a hand that moves a tool over the dome or the plate [m], for a `wish` (3,) within ±1."""
+    if isinstance(device, CoilArray) and not device.surface.is_dome:
+        on_plate: Array = device.rest_position + wish * np.array([*device.surface.half_width, _LIFT])
+        return on_plate
+    assert isinstance(device, SphericalElectromagnet | CoilArray)
+    near = device.contact_height if isinstance(device, CoilArray) else device.contact_distance
+    u = np.array([math.sin(0.6 * wish[0]), math.sin(0.6 * wish[1]), 1.0])
+    on_dome: Array = (near + 0.5 * _LIFT * (1.0 + wish[2])) / np.linalg.norm(u) * u
+    return on_dome
+
+
 def find_passivity(put_in: Array, stored: Array) -> float:
-    """The least, over all pairs of moments, of `stored` (n,) at the first, above its least, and of what was put in from
-    then to the second; put_in (n,) is its sum [J].
+    """The minimum, over all pairs of instants, of `stored` (n,) at the first, above its least value, plus the energy
+    put in between the first and the second; put_in (n,) is the sum of the energy put in [J].
 
     >>> find_passivity(np.array([0.0, 2.0, 0.5]), np.array([0.0, 1.0, 0.0]))   # 2 J put in, 1 J held, 1.5 J out
     -0.5

@@ -18,10 +18,11 @@ from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import page
 from haptorb.apps.study.analysis.summary import print_summary
-from haptorb.apps.study.model.study_file import Study, study_of
-from haptorb.apps.study.plan.registration import read_registration, write_registration
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.database import database
+from haptorb.apps.study.store.registration import read_registration, write_registration
 from haptorb.errors import InputError
 
 BARE = """
@@ -51,9 +52,9 @@ NO_IMAGES = dict.fromkeys(("confusion", "answers", "error", "curves"), b"")
 def sat(study: Study, place: Path, codes: tuple[str, ...] = tuple(RATINGS), only: str = "abc") -> None:
     engine = database(place)
     for code in codes:
-        with StoredSession(engine, study, code) as sitting:
-            while (prompt := sitting.prompt) is not None and prompt.condition in only:
-                sitting.answer(Answer(RATINGS[code]["abc".index(prompt.condition)], None, 1.0))
+        with StoredSession(engine, study, code) as session:
+            while (prompt := session.prompt) is not None and prompt.condition in only:
+                session.answer(Answer(RATINGS[code]["abc".index(prompt.condition)], None, 1.0))
     engine.dispose()
 
 
@@ -178,7 +179,7 @@ def test_a_registration_is_one_file_that_shows_later_changes(tmp_path: Path) -> 
     with pytest.raises(InputError, match="was CHANGED"):
         read_registration(tmp_path / "registered.toml")
     (tmp_path / "x.toml").write_text("a = 1")
-    with pytest.raises(InputError, match="is no registration"):
+    with pytest.raises(InputError, match="is not a registration"):
         read_registration(tmp_path / "x.toml")
 
 

@@ -1,4 +1,4 @@
-// The dome with the felt map: colour is the radial force that the device would give there, hatched where it is at its
+// The dome with the force map: colour is the radial force that the device would give there, hatched where it is at its
 // limit, lined where the force changes its sign. Where nothing is felt the shell is clear and the coils show.
 
 import {
@@ -58,7 +58,7 @@ const FRAGMENT = /* glsl */ `
     gl_FragColor = vec4(colour, max(alpha, line) * mix(0.6, 1.0, live));
   }`;
 
-export class FeltDome {
+export class ForceDome {
   readonly mesh: Mesh<BufferGeometry, ShaderMaterial>;
   /** force at full colour [N] */
   range = 0.5;
@@ -110,7 +110,7 @@ export class FeltDome {
     this.saturated = saturated;
     let largest = 0;
     for (const f of force) largest = Math.max(largest, Math.abs(f));
-    this.range = niceAbove(Math.max(largest, 0.05));
+    this.range = roundUp(Math.max(largest, 0.05));
     this.blank = largest < 1e-4 && !saturated.some(Boolean); // 0.1 mN: what rounding leaves
     const { geometry, material } = this.mesh;
     (geometry.getAttribute("force") as BufferAttribute).copyArray(force).needsUpdate = true;
@@ -146,7 +146,7 @@ export class FeltDome {
 }
 
 /** The next number of a short list, times a power of ten. */
-export function niceAbove(value: number): number {
+export function roundUp(value: number): number {
   const power = 10 ** Math.floor(Math.log10(value));
   for (const step of [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8]) if (step * power >= value * 0.999) return step * power;
   return 10 * power;

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.analysis.conditions import ConditionComparison
 from haptorb.apps.study.analysis.over_people.localisation import Localisation
-from haptorb.apps.study.analysis.over_people.plan_report import PlanReport
+from haptorb.apps.study.analysis.plan_report import PlanReport
 from haptorb.apps.study.analysis.wording import format_range, format_value
 from haptorb.apps.terminal import Column, TextTable
 
@@ -38,25 +38,30 @@ def list_group_tables(analysis: Analysis) -> Iterator[TextTable]:
 
 def list_notes(analysis: Analysis) -> Iterator[str]:
     """What the tables rest on, a sentence or two each."""
+    if analysis.arrows:
+        yield (
+            "Wrong answers to: set-points that received a third or more of the wrong answers, how many of how many; "
+            "all conditions together."
+        )
     if (found := analysis.localisation) is not None:
         yield (
-            f"Errors on the sphere: {found.answers}, as vectors in the tangent plane at the set-point; up is along the "
-            "meridian towards the top, around is towards growing φ. The top has no meridian; set-points of an "
-            "identification's outermost ring, below which nothing can be answered, are left out of up. "
+            f"Errors on the sphere: {found.answers}, as vectors in the tangent plane at the set-point; up: along the "
+            "meridian towards the top; around: towards larger φ. The top has no meridian; set-points on the "
+            "outermost ring of an identification, below which there are no answers, are left out of up. "
             "Variable error: about each person's mean at each set-point. κ: Fisher's concentration; SD: 1/√κ."
         )
         if any(one.chance > 0 for one in found.information.values()):
             yield (
                 "Information transferred, T: pooled over people as in Miller & Nicely 1955, corrected for few answers; "
-                "95 % by jackknife over people. Plug-in is not corrected; chance is what shuffled answers give."
+                "95 % by jackknife over people. Plug-in: not corrected; chance: with shuffled answers."
             )
     if analysis.comparisons:
         row = analysis.comparisons[0]
         correction = _CORRECTIONS[(analysis.plan and analysis.plan.correction) or "holm"]
-        alike = ", or sign-flip where all have the same value" if row.test == "t" else ""
+        alike = ", or sign-flip if all have the same value" if row.test == "t" else ""
         yield (
             f"p: two-sided, {_TESTS[row.test]}{alike}, one value each; corrected: {correction}, within planned "
-            "tests, within claims over all conditions and within pairs of conditions. Intervals: Student's over "
+            "tests, within tests over all conditions and within pairs of conditions. Intervals: Student's over "
             "people; effect sizes d_z and Hedges' g_av: noncentral t."
         )
 

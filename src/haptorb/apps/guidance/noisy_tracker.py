@@ -16,7 +16,8 @@ __all__ = ["NoisyTracker"]
 
 @final
 class NoisyTracker(Driver):
-    """Tells the pose of `inner` with an error of the place, new in every sample: `noise` [m] rms in each direction."""
+    """Reports the pose of `inner` with an error of the position, new in every sample: `noise` [m] rms in each
+    direction."""
 
     name, simulated = "noisy", False
 

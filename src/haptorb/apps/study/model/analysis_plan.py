@@ -1,7 +1,7 @@
 """What is decided before anybody takes part: how many people, which tests of what, and the smallest effect of interest.
 
 The plan stands in the study file. It says nothing about how trials run, so it is no part of the study's digest: it has
-one of its own, which every session keeps. A plan that changes after the first session is thereby found out.
+one of its own, which every session keeps. A plan that changes after the first session is so detected.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from haptorb.devices.schema import key as m
 
 __all__ = ["CLAIMS", "MEASURES", "AnalysisPlan", "HandAngle", "PlannedTest", "check_plan", "unit_of"]
 
-#: procedure → what may be compared, one value per person and condition; the first unless told
+#: procedure → what may be compared, one value per person and condition; the first by default
 MEASURES = {
     "identification": ("error", "accuracy", "upward-bias", "error-slope"),
     "localisation": ("error", "upward-bias", "error-slope"),
@@ -26,14 +26,15 @@ MEASURES = {
     "staircase": ("threshold",),
     "bayesian": ("threshold",),
     "forced-choice": ("choice",),
+    "magnitude": ("magnitude", "exponent"),
 }
 #: measure that may be tested against zero, without a second condition → what it claims
 CLAIMS = {"upward-bias": "answers go higher", "error-slope": "error grows with θ"}
-_UNITS = {"error": "mm", "upward-bias": "deg", "error-slope": "mm/deg"}
+_UNITS = {"error": "mm", "upward-bias": "deg", "error-slope": "mm/deg", "magnitude": "log10"}
 
 HandAngle = Annotated[
     Annotated[Real, Field(ge=-360, le=360)] | None,
-    m.Meaning("where the hand holds the tool from: direction from the device's axis, about the vertical from +x"),
+    m.Meaning("direction from the device's axis to the hand that holds the tool, about the vertical axis from +x"),
     m.Unit("deg"),
     m.Without("not known: errors away from the hand are not computed"),
 ]
@@ -44,18 +45,18 @@ class PlannedTest(Part):
 
     measure: Annotated[
         str,
-        m.Meaning("what is tested"),
-        m.Form("error, accuracy, rating, threshold, midpoint, choice, upward-bias or error-slope, by procedure"),
+        m.Meaning("measure to test"),
+        m.Form(", ".join(dict.fromkeys(one for known in MEASURES.values() for one in known)) + "; by procedure"),
     ]
     between: Annotated[
         tuple[Name, Name] | None,
-        m.Meaning("the two conditions; the difference is the first less the second"),
+        m.Meaning("the two conditions; the difference is the first minus the second"),
         m.Without("against zero, over all conditions: only upward-bias and error-slope"),
     ] = None
     smallest_effect: Annotated[
         Annotated[Real, Field(gt=0)] | None,
         m.Meaning("smallest difference, of either sign, that would matter"),
-        m.Unit("that of the measure: mm, deg, mm/deg, that of the level, or shares and points as plain numbers"),
+        m.Unit("that of the measure: mm, deg, mm/deg, log10, that of the level, or shares and points as plain numbers"),
         m.Without("none is stated"),
     ] = None
 
@@ -64,15 +65,15 @@ class AnalysisPlan(Part):
     """The plan of a study's analysis."""
 
     participants: Annotated[
-        Whole, Field(ge=2, le=10_000), m.Meaning("participants who finish, as planned"), m.Form("2 to 10000")
+        Whole, Field(ge=2, le=10_000), m.Meaning("planned number of participants who finish"), m.Form("2 to 10000")
     ]
     alpha: Annotated[Real, Field(gt=0, lt=0.5), m.Meaning("significance level of the tests together")] = 0.05
-    correction: Annotated[Correction, m.Meaning("how p is corrected for several planned tests")] = "holm"
+    correction: Annotated[Correction, m.Meaning("correction of p for several planned tests")] = "holm"
     test: Annotated[PairTest, m.Meaning("test over people: Student's of the mean, or of signs")] = "t"
     tests: Annotated[
         tuple[PlannedTest, ...],
         Field(min_length=1, max_length=100),
-        m.Meaning("tests that are planned; all others are reported as exploratory"),
+        m.Meaning("planned tests; all others are reported as exploratory"),
         m.Form("1 to 100, all different"),
     ]
 
@@ -90,7 +91,7 @@ class AnalysisPlan(Part):
 
     @property
     def strictest_alpha(self) -> float:
-        """Level that a single test must reach whatever the others show; for power."""
+        """Level that a single test must reach regardless of the others; for power."""
         return self.alpha if self.correction == "none" else self.alpha / len(self.tests)
 
     @property

@@ -1,7 +1,7 @@
 """A study and the plan of its analysis as one file with digests and a time: written before data exist, and filed.
 
 The database keeps the plan's digest with every session too. A registration adds what a database cannot prove: that the
-plan was there before it. Put it where its date is somebody else's, such as a public registry.
+plan was there before it. Deposit it where another party dates it, such as a public registry.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.errors import InputError
 from haptorb.files.text_file import parse_toml, read_text
 from haptorb.version import __version__
@@ -65,7 +66,7 @@ def read_registration(path: Path) -> Registration:
         raise InputError(f"registration {path} is not TOML: {cause}") from cause
     keys = ("name", "study", "plan", "written", "file")
     if not isinstance(found, dict) or not all(isinstance(found.get(key), str) for key in keys):
-        raise InputError(f"{path} is no registration; `haptorb study check FILE --register NAME.toml` writes one")
+        raise InputError(f"{path} is not a registration; `haptorb study check FILE --register NAME.toml` writes one")
     held = study_of(found["file"], f"in {path}", stored=True)
     if held.plan is None or (held.digest, held.plan.digest) != (found["study"], found["plan"]):
         raise InputError(f"registration {path} was CHANGED: the study in it is not that of its digests")

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from haptorb.apps.study.analysis.conditions import ConditionComparison
+from haptorb.apps.study.model.analysis_plan import CLAIMS, AnalysisPlan, PlannedTest
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.plan.analysis_plan import CLAIMS, AnalysisPlan, PlannedTest
-from haptorb.apps.study.plan.registration import Registration
+from haptorb.apps.study.store.registration import Registration
 
 __all__ = ["PlanOutcome", "PlanReport", "SessionPlan", "find_plan", "report_plan"]
 
@@ -111,7 +111,7 @@ def report_plan(
     sessions: Sequence[SessionPlan],
     registration: Registration | None = None,
 ) -> PlanReport | None:
-    """The report of the plan of `study`, as the database holds it; None where nobody ever had one.
+    """The report of the plan of `study`, as the database holds it; None where there never was one.
 
     `registration` is what was filed. In force is the plan with which the first session began. A plan that came later,
     or was altered, is remarked upon.
@@ -123,7 +123,7 @@ def report_plan(
     remarks = [] if registration is None else _compare_registration(study, first, registration)
     if held != first.digest:
         remarks.append(
-            f"the plan in the database was CHANGED: it is {held or 'missing'} now, the first session began with "
+            f"the plan in the database was CHANGED: it is now {held or 'missing'}; the first session began with "
             f"{first.digest or 'none'}"
         )
     if others:
@@ -131,8 +131,8 @@ def report_plan(
         count = f"{len(others)} session{'' if len(others) == 1 else 's'}"
         remarks.append(
             f"the plan was CHANGED after data existed: {count}, the first of them at "
-            f"{_minute(others[0].started)} UTC, began with plan {plans}; reported is that of the first "
-            f"session, {first.digest or 'none'}"
+            f"{_minute(others[0].started)} UTC, began with plan {plans}; this report uses that of the first session, "
+            f"{first.digest or 'none'}"
         )
     plan = find_plan(study, sessions)
     if plan is None:

@@ -1,0 +1,116 @@
+"""Whether devices that were calibrated first lie in the band of `haptorb inspect omni --errors --calibration`.
+
+    python benchmarks/calibrated_budget.py [--devices 500] [--estimator tracker] [--seed 1000] [--json]
+
+Each device is drawn and built as in `error_budget.py`, and calibrated by the lines of `haptorb calibrate`, by its own
+current sensors and field sensors, which are wrong. The loop believes what was found. With `--estimator hall` the field
+sensors are calibrated as well (steps `fields` and `sensors`), which takes half a minute for each device. The band comes
+from the calibration of another device, which is as its file says: what a calibration says of its own uncertainty hardly
+differs from device to device.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from error_budget import NoWrench, Trial, find_places, run_loop, try_electromagnets
+
+from haptorb.apps.calibrate.dialog import check_steps, guide_calibration
+from haptorb.apps.calibrate.driver import hold_tool, make_driver
+from haptorb.apps.calibrate.measure import Pace
+from haptorb.apps.inspect.errors import report_errors
+from haptorb.devices.electromagnet.api import electromagnet
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.loader import load
+from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.drivers.sim_driver import SimDriver
+from haptorb.runtime.tick.assembly import estimator_of
+from haptorb.sensing.calibration.calibration import Calibration
+
+STEPS = {
+    "tracker": ("rest", "currents", "magnetic"),
+    "hall": ("rest", "currents", "magnetic", "fields", "tool", "sensors"),
+}
+READING = 2e-3  #: from one reading of the calibration to the next [s]
+
+
+def find_calibration(device: SphericalElectromagnet, driver: Driver, pace: Pace, estimator: str) -> Calibration:
+    """What `haptorb calibrate` finds through `driver`."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = guide_calibration(
+            device, driver, Path(folder, "found.json"), steps=check_steps(STEPS[estimator]), pace=pace
+        )
+    assert found is not None
+    return found
+
+
+def calibrate_trial(device: SphericalElectromagnet, trial: Trial, seed: int, estimator: str) -> Calibration:
+    """The calibration of that device, before its wrench is tried."""
+    driver = SimDriver(trial.simulation, READING, seed=seed)
+    hold_tool(driver, device, "away")
+    return find_calibration(device, driver, Pace.for_simulation(), estimator)
+
+
+def count_coverage(
+    device: SphericalElectromagnet, devices: int, seed: int, samples: int, estimator: str
+) -> dict[str, Any]:
+    """How often the true error lies in the band, by region and component, from `devices` calibrated devices."""
+    own = find_calibration(device, *make_driver("sim", device, seed), estimator)
+    budget = report_errors(device, estimator=estimator, calibration=own, samples=samples).budget
+    trials = try_electromagnets(device, budget.asked, seed)
+    names = (*budget.components, "size")
+    inside, tried = (np.zeros((len(budget.bands), len(names))) for _ in range(2))
+    refused = 0
+    for number in range(devices):
+        trial = next(trials)
+        believed = calibrate_trial(device, trial, seed + number, estimator).apply(device)
+        try:
+            error = run_loop(believed, estimator_of(believed, estimator, None), trial, seed + number)
+        except NoWrench:
+            refused += 1
+            continue
+        for region in (trial.region, len(budget.bands) - 1):
+            for component, within in find_places(budget.bands[region], ((2,), (0, 1)), error):
+                inside[region, component] += within
+                tried[region, component] += 1
+    share = inside / np.maximum(tried, 1)
+    return {
+        "device": budget.device,
+        "estimator": estimator,
+        "devices": devices,
+        "refused": refused,
+        "size_mn": 1e3 * budget.bands[-1].size,
+        "coverage_percent": {
+            band.region: {name: round(100 * float(share[r, n]), 1) for n, name in enumerate(names)}
+            for r, band in enumerate(budget.bands)
+        },
+    }
+
+
+def main() -> None:
+    """Print the coverage."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--devices", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=1000)
+    parser.add_argument("--samples", type=int, default=2000, help="devices of the band in each region")
+    parser.add_argument("--estimator", choices=tuple(STEPS), default="tracker")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    device = electromagnet(load("omni"))
+    result = count_coverage(device, given.devices, given.seed, given.samples, given.estimator)
+    if given.json:
+        print(json.dumps(result))
+        return
+    print(f"{result['device']}, {result['estimator']}, calibrated: {result['devices']} devices, {result['refused']} "
+          f"refused by the guard; band {result['size_mn']:.2f} mN; in the 95 % band [%]:")  # fmt: skip
+    for region, shares in result["coverage_percent"].items():
+        print(f"  {region:32s}" + "".join(f"{part}: {share:5.1f}   " for part, share in shares.items()))
+
+
+if __name__ == "__main__":
+    main()

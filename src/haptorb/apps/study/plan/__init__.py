@@ -1,1 +1,0 @@
-"""What is decided before data exist: the plan of the analysis, and its registration."""

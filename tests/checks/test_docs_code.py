@@ -1,0 +1,26 @@
+"""The documentation's programs run: all Python blocks of a page, one after the other."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from oracles.program_runner import ProgramRunner
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = sorted(
+    path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts and "generated" not in path.parts
+)
+CODE = re.compile(r"^```python\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
+WITH_CODE = [path for path in PAGES if CODE.search(path.read_text(encoding="utf-8"))]
+
+
+@pytest.mark.parametrize("page", WITH_CODE, ids=lambda path: str(path.relative_to(ROOT)))
+def test_python_in_the_documentation_runs(page: Path, tmp_path: Path, programs: ProgramRunner) -> None:
+    """All ```python blocks of a page, one after the other, as one program; ```py blocks are only shown."""
+    program = tmp_path / "page.py"
+    program.write_text("\n\n".join(CODE.findall(page.read_text(encoding="utf-8"))), encoding="utf-8")
+    done = programs.run(program, tmp_path)
+    assert done.returncode == 0, done.stderr
