@@ -353,7 +353,7 @@ RULES = [
     ),
     (
         "stiffer-from-the-tank",
-        "a stretched coupling grows stiffer only by the energy that its damper took",
+        "a stretched coupling becomes stiffer only by the energy that its damper took",
         "never",
         "tests/worlds/scene/test_scene.py",
     ),

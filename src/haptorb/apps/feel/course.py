@@ -23,7 +23,7 @@ __all__ = ["InsertionForces", "course", "force_along", "world_wrench"]
 
 OWN_REACH = 0.02  #: along X', over which a world of the user's own is computed [m]: 40° of handle move the part 17 mm
 _TICK = 1e-3  #: of a world with memory [s]
-_MOST_TICKS = 20_000  #: of a way that is gone slowly
+_MOST_TICKS = 20_000  #: of one slow motion
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,8 @@ def course(design: Candidate, points: int = 400, speed: float = 0.1) -> Insertio
 def force_along(design: Candidate, x: float, speed: float) -> float:
     """F_X' [N] on the part at X' = `x` [m], straight and in the middle, that moves with `speed` [m/s] outwards.
 
-    A world with memory is asked on a way that leads there: from home, or, inwards, from home to the farthest place and
-    back. Raises InputError with the place in the user's code if a world of their own fails there.
+    A world with memory is computed along a motion that leads there: from home, or, inwards, from home to the farthest
+    position and back. Raises InputError with the place in the user's code if a world of their own fails there.
     """
     if isinstance(design.world, DynamicWorld):
         turns = (0.0, x) if speed > 0.0 else (0.0, OWN_REACH, x)
@@ -84,8 +84,8 @@ def _state_at(x: float, speed: float) -> State:
 
 
 def _move_memory(design: Candidate, turns: Sequence[float], speed: float) -> list[Array]:
-    """For each stretch between two `turns` [m], gone at `speed` [m/s] in ticks: (n, 2) X' [m] and F_X' [N]. The world
-    remembers all the way."""
+    """For each section between two `turns` [m], at `speed` [m/s] in ticks: (n, 2) X' [m] and F_X' [N]. The memory of
+    the world lasts over all sections."""
     world = design.world
     bound = bind_world(world, _TICK)
     assert bound is not None

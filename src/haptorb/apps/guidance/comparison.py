@@ -78,7 +78,7 @@ class GuidanceComparison:
         return float(np.mean(errors["plan"]) / np.mean(errors["valley"])) if all(errors.values()) else float("nan")
 
     def find_inequality(self, grip: str) -> float:
-        """By how much the mean forces of plan and valley differ at most, over the paths, as a share [1]."""
+        """The largest difference of the mean forces of plan and valley over the paths, relative to the valley's [1]."""
         forces = {way: [row.force for row in self.rows if row.grip == grip and row.way == way] for way in WAYS}
         return max(abs(a / b - 1.0) for a, b in zip(forces["plan"], forces["valley"], strict=True))
 
@@ -223,7 +223,7 @@ def _find_plan(
 ) -> tuple[Trial, PathGuidance]:
     """The plan whose mean force is `force` [N], and its trial; `first` is that of the narrowest tolerance.
 
-    Where no valley has the plan's force, the plan is given a wider tolerance, until it has the valley's.
+    If no valley has the plan's force, the plan gets a wider tolerance, until its force is that of the valley.
     """
     attempts, (low, high) = [(first, _make_plan(path, grip, _TOLERANCES[0]))], _TOLERANCES
     while abs(attempts[-1][0].force / max(force, 1e-9) - 1.0) > _NEAR and len(attempts) <= _TRIES:

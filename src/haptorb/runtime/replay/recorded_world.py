@@ -68,7 +68,7 @@ class RecordedTick:
 
     @property
     def detail_change(self) -> TickFailure:
-        """What became of the recorded world's detail: LESS_DETAIL, MORE_DETAIL or 0."""
+        """The change of the recorded world's detail: LESS_DETAIL, MORE_DETAIL or 0."""
         return TickFailure(self._failures[self._at]) & _DETAIL
 
     def render(self) -> Array:

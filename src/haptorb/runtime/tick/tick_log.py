@@ -31,7 +31,7 @@ class TickCommand(IntFlag):
 
 
 class TickFailure(IntFlag):
-    """What failed, and what a world that took too long, or has time again, does about it."""
+    """What failed in a tick, and whether its world reduced or restored detail."""
 
     READ = 1
     WRITE = 2

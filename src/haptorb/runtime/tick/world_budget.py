@@ -12,9 +12,9 @@ __all__ = ["StepWatch", "WorldBudget"]
 
 _SHARE = 0.4  #: of a tick that a world may take, on average; the rest of the tick needs about 0.2 ms
 _EASY = 0.15  #: of a tick: below, there is time for more
-_MEAN = 8.0  #: steps over which the average reaches
-_MOST_OF_ONE = 2.0  #: ticks that a single step counts at most: one that the computer interrupted says nothing
-_CALM = 1.0  #: with such an average, before one level of detail comes back [s]
+_MEAN = 8.0  #: steps in the average
+_MOST_OF_ONE = 2.0  #: ticks that a single step counts at most: the computer may have interrupted it
+_CALM = 1.0  #: with such an average, before one level of detail returns [s]
 _MOST = 64.0  #: by so much that time grows with every return that did not last
 _NOTHING = TickFailure(0)
 
@@ -33,9 +33,9 @@ class StepWatch(Protocol):
 class WorldBudget:
     """Watches the time of a world's steps in ticks of `dt` [s] and makes it reduce its detail, or restore it.
 
-    A step cannot be interrupted: the budget leaves more than half of a tick, so that a scene which grows heavier sheds
-    detail before ticks are late. What counts is the processor's time, on average: a step that waits because the
-    computer does something else is no faster with less detail, and a hand would feel the scene change for nothing.
+    A step cannot be interrupted: the budget leaves more than half of a tick, so that a scene which takes longer reduces
+    detail before ticks are late. Processor time counts, on average: a step that waits because the computer is busy with
+    other work is no faster with less detail, and the hand would feel the scene change without need.
     """
 
     def __init__(self, dt: float) -> None:
@@ -53,7 +53,7 @@ class WorldBudget:
         return self.judge(bound, thread_time() - self._begun)
 
     def judge(self, bound: BoundWorld, took: float) -> TickFailure:
-        """A step of `bound` took so much of the processor's time [s]."""
+        """Change the detail of `bound` after a step that took so much processor time [s], if it must."""
         self._mean += (min(took, self._most) - self._mean) / _MEAN
         if self._mean > self._budget:
             self._mean, self._calm = 0.0, 0

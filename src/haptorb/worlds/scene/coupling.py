@@ -29,7 +29,7 @@ COUPLING = fields(
 @kernel
 def fit_to_pace(stiffness: float, damping: float, most: float, pace: float) -> tuple[float, float]:
     """Stiffness and damping while the scene's time passes `pace` times as fast, 0 to 1, with a damper of at most
-    `most`: the body keeps its damping ratio.
+    `most`; the body keeps its damping ratio.
 
     >>> fit_to_pace(100.0, 2.0, 8.0, 0.25), fit_to_pace(100.0, 2.0, 4.0, 0.25), fit_to_pace(100.0, 2.0, 0.0, 0.25)
     ((100.0, 8.0), (25.0, 4.0), (6.25, 2.0))
@@ -45,8 +45,8 @@ def fit_to_pace(stiffness: float, damping: float, most: float, pace: float) -> t
 def _limit(
     spring: Array, stretch: Array, speed: Array, stiffness: float, damping: float, greatest: float
 ) -> tuple[float, float]:
-    """spring (3,) becomes the spring's and damper's push along `stretch`, each at most `greatest`; the spring's energy
-    [J] and the damper's power [W]."""
+    """Fill spring (3,) with the force of spring and damper, each at most `greatest`; return the spring's energy [J] and
+    the damper's power [W]."""
     length, fast = 0.0, 0.0
     for i in range(3):
         length += stretch[i] * stretch[i]

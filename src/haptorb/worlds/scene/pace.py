@@ -1,9 +1,9 @@
-"""How fast a scene's own time passes: as fast as the loop's, or slower while its steps take too long.
+"""The pace of a scene: its own time passes as fast as the loop's, or slower while its steps take too long.
 
-The pace goes over smoothly. With a step of it, what moves in the scene would change its speed as the hand sees it
-within a tick, and the hand would feel a knock. The coupling is softer at a slower pace. Where its spring is stretched,
-a rising pace would put energy into it; so the pace rises only as far as the coupling's damper has taken that energy out
-before (a tank, as in Ferraguti, Secchi and Fantuzzi 2013).
+The pace changes smoothly. With a sudden change, moving bodies would change their velocity relative to the hand within
+a tick, and the hand would feel an impact. The coupling is softer at a slower pace. If its spring is stretched, a rising
+pace would add energy to it; so the pace rises only if the coupling's damper has dissipated that energy before (an
+energy tank, as in Ferraguti, Secchi and Fantuzzi 2013).
 """
 
 from __future__ import annotations
@@ -15,33 +15,33 @@ from haptorb.worlds.memory import MemoryField
 
 __all__ = ["LEVELS", "PACE_FIELDS", "ScenePace", "advance_pace", "fill_tank"]
 
-#: detail → (share of the solver's iterations, pace that the scene's time goes over to). The solver ends when it has
+#: detail → (share of the solver's iterations, pace that the scene approaches). The solver ends when it has
 #: converged: a lower limit shortens the longest steps only, and far below a half tight contacts throw a body back and
 #: forth
 LEVELS = ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5), (0.5, 0.25), (0.5, 0.125))
 _GLIDE = 0.1  #: in which the pace changes by a factor of e [s]
-_TANK = 2e-4  #: that is remembered of what the damper has taken [J]
+_TANK = 2e-4  #: capacity of the tank [J]
 
-#: What the memory of a scene has of it.
+#: Fields of the memory of a scene.
 PACE_FIELDS = (
-    MemoryField("detail", "1", "0 full; above: fewer iterations, then slower time"),
-    MemoryField("pace", "1", "how fast the scene's time passes"),
+    MemoryField("detail", "1", "0: full detail; above: fewer iterations, then slower time"),
+    MemoryField("pace", "1", "speed of the scene's time"),
     MemoryField("lighter", "1", "ticks with less than full detail"),
-    MemoryField("behind", "s", "by which the scene's time has fallen behind"),
-    MemoryField("due", "1", "share of a step that is still due in slow time"),
-    MemoryField("stretched", "J", "in the coupling"),
-    MemoryField("tank", "J", "that the coupling's damper has taken in slow time, for a spring that grows stiffer"),
-    MemoryField("waiting", "N·s", "push of the coupling that the next step takes, and its turn [N·m·s]", (6,)),
+    MemoryField("behind", "s", "delay of the scene's time"),
+    MemoryField("due", "1", "fraction of a step due in slow time"),
+    MemoryField("stretched", "J", "energy stored in the coupling"),
+    MemoryField("tank", "J", "energy that the coupling's damper took in slow time and its spring may use"),
+    MemoryField("waiting", "N·s", "impulse of the coupling for the next step, linear and angular [N·m·s]", (6,)),
 )
 
 
 class ScenePace(NamedTuple):
-    """What one tick is for a scene.
+    """One tick of a scene.
 
     level   of detail, an index of `LEVELS`
     steps   that are due now
     pace    how fast its time passes, 0 to 1
-    ahead   part of a step by which its time has gone on since the last one
+    ahead   fraction of a step by which its time has advanced since the last step
     """
 
     level: int
@@ -71,7 +71,7 @@ def advance_pace(one: Any, steps: int, dt: float) -> ScenePace:
 
 
 def _rise(one: Any, pace: float, faster: float) -> float:
-    """The pace that follows: `faster`, if the tank has the energy that the coupling's spring is given by it."""
+    """The next pace: `faster`, if the tank has the energy that this adds to the coupling's spring."""
     needed = float(one["stretched"]) * ((faster / pace) ** 2 - 1.0)  # stiffness grows at most by the square
     if needed > float(one["tank"]):  # safety: stiffer-from-the-tank
         return pace
@@ -80,6 +80,6 @@ def _rise(one: Any, pace: float, faster: float) -> float:
 
 
 def fill_tank(one: Any, stretched: float, taken: float) -> None:
-    """The coupling holds `stretched` [J], and its damper has taken `taken` [J] in this tick of slow time."""
+    """Note that the coupling stores `stretched` [J] and its damper took `taken` [J] in this tick of slow time."""
     one["stretched"] = stretched
     one["tank"] = min(float(one["tank"]) + taken, _TANK)

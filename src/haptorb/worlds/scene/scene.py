@@ -186,9 +186,9 @@ class Scene(DynamicWorld):
         one["energy"] = energy
         if self.drawn:
             pad.fill_poses(one["place"], one["attitude"])
-        felt = np.negative(wrench)
-        felt[:3] *= self.scale
-        return felt
+        rendered = np.negative(wrench)
+        rendered[:3] *= self.scale
+        return rendered
 
     def _count_steps(self, dt: float) -> int:
         return max(round(dt / self._timestep), 1)

@@ -162,8 +162,8 @@ def _check(scene: SceneModel) -> SceneModel:
         )
     if int(model.opt.integrator) == int(load_engine().mjtIntegrator.mjINT_RK4):
         raise InputError(
-            f"scene '{scene.title}' has the integrator RK4, which computes all forces four times in a step: the hand's "
-            'has no place between them; set <option integrator="implicitfast"/>'
+            f"scene '{scene.title}' has the integrator RK4, which computes all forces four times in a step, without "
+            'the hand\'s force in between; set <option integrator="implicitfast"/>'
         )
     loose = np.flatnonzero((model.body_dofnum > 0) & (model.body_mass <= 0.0) & (model.body_subtreemass <= 0.0))
     if loose.size:

@@ -136,7 +136,7 @@ class SceneStepper:
         return self._total, energy
 
     def _step(self, wish: tuple[Array, Array, Array], couplings: Records, steps: int) -> float:
-        """All `steps` of a tick at full pace, each with its own push."""
+        """All `steps` of a tick at full pace, each with its own wrench of the coupling."""
         engine, model, data, total = self._engine, self._model, self._data, self._total
         total[:] = 0.0
         energy = 0.0
@@ -155,14 +155,14 @@ class SceneStepper:
     def _step_slowly(
         self, one: Any, wish: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
     ) -> float:
-        """A tick of slow time, with or without a step: a step takes all the push that came since the last one, so that
+        """A tick of slow time, with or without a step: a step takes the whole impulse since the last one, so that
         nothing of it is lost or counted twice."""
         engine, model, data = self._engine, self._model, self._data
         length = float(model.opt.timestep)
         self._pushed[:] = 0.0
         if time.steps:
             engine.mj_step1(model, data)
-        else:  # where everything is, and how fast; what touches what is not needed
+        else:  # positions and velocities; contacts are not needed
             engine.mj_kinematics(model, data)
             engine.mj_comPos(model, data)
             engine.mj_tendon(model, data)
@@ -190,7 +190,7 @@ class SceneStepper:
     def _couple(
         self, wish: tuple[Array, Array, Array], couplings: Records, pace: float, ahead: float
     ) -> tuple[float, float]:
-        """The coupling's wrench on the body; what its springs hold [J], and what its dampers take [W]."""
+        """Compute the coupling's wrench on the body; return energy of the springs [J] and power of the dampers [W]."""
         engine, moving = self._engine, self._moving
         engine.mj_objectVelocity(self._model, self._data, engine.mjtObj.mjOBJ_XBODY, self._body, moving, 0)
         place, R, motion = wish
@@ -200,7 +200,7 @@ class SceneStepper:
         return float(energy), float(power)
 
     def _push(self, wrench: Array) -> None:
-        """The body is pushed by `wrench` (6,) at its origin [N, N·m]."""
+        """Apply `wrench` (6,) to the body, at its origin [N, N·m]."""
         pushed, arm = self._pushed, self._place - self._centre
         pushed[:] = wrench
         pushed[3] += arm[1] * wrench[2] - arm[2] * wrench[1]
