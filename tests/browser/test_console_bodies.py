@@ -61,13 +61,13 @@ def test_a_ball_rolls_on_the_page_where_the_servo_has_it_and_leaves_with_its_wor
     # At rest again it is where the servo has it; as long as it rolls, the picture is a frame behind.
     screen.until("haptorb.value('memory').slice(6, 9).every((x, i) => Math.abs(x - haptorb.shapes()[0][i]) < 1e-4)")
 
-    def red_over_blue() -> Any:
+    def measure_redness() -> Any:
         colours = look_at(screen, find_spots(screen))
         return colours[:, 0] - colours[:, 2]
 
     # Moving shapes are blue, what the hand holds is red.
     screen.wait_for(
-        lambda: (red_over_blue() * ([-1] * len(KINDS) + [1]) > 40).all(), lambda: (KINDS, red_over_blue().tolist())
+        lambda: (measure_redness() * ([-1] * len(KINDS) + [1]) > 40).all(), lambda: (KINDS, measure_redness().tolist())
     )
     spots = find_spots(screen)
     # The tool comes down onto the ball, which gives way.

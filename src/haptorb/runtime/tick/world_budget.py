@@ -42,15 +42,15 @@ class WorldBudget:
         self._budget, self._easy, self._most = _SHARE * dt, _EASY * dt, _MOST_OF_ONE * dt
         self._wait = round(_CALM / dt)
         self._mean, self._calm, self._patience = 0.0, 0, 1.0
-        self._begun = 0.0
+        self._start = 0.0
 
     def begin(self) -> None:
         """A step begins."""
-        self._begun = thread_time()
+        self._start = thread_time()
 
     def end(self, bound: BoundWorld) -> TickFailure:
         """A step of `bound`, begun on this thread, is over."""
-        return self.judge(bound, thread_time() - self._begun)
+        return self.judge(bound, thread_time() - self._start)
 
     def judge(self, bound: BoundWorld, took: float) -> TickFailure:
         """Change the detail of `bound` after a step that took so much processor time [s], if it must."""
