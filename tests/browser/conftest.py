@@ -25,7 +25,7 @@ from haptorb.control.protection.trip import CoilState, GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.servo.servo import Servo
-from haptorb.worlds import Dome
+from haptorb.worlds import Dome, World
 from haptorb.worlds.parameter import values
 
 DESK = {"width": 1280, "height": 800}
@@ -185,11 +185,11 @@ class Host:
 
 
 @pytest.fixture
-def open_servo(browser: Any) -> Callable[[str, str], AbstractContextManager[tuple[Screen, Servo]]]:
+def open_servo(browser: Any) -> Callable[[str, World | str], AbstractContextManager[tuple[Screen, Servo]]]:
     """A running servo of a device with a world, and its page. Its poses last a second: a busy test machine stutters."""
 
     @contextmanager
-    def open_it(name: str, world: str) -> Iterator[tuple[Screen, Servo]]:
+    def open_it(name: str, world: World | str) -> Iterator[tuple[Screen, Servo]]:
         device = load(name)
         servo = Servo(replace(device, limits=replace(device.limits, expiry=1.0)), world, record=False)
         with Console(servo, 0) as console, servo, serve(console):

@@ -1,121 +1,196 @@
-"""What a random hand gets out of a scene: the energy that it put in, less what the scene holds, over minutes.
+"""Energy that a random hand extracts from a scene in the whole simulated loop, over minutes.
 
-Hand and mover are masses on springs and dampers whose middle wanders at random; forces are held from
-tick to tick, as the loop holds them, so what sampling makes out of nothing is in the figure. All six coordinates move
-at once where the scene has an attitude, which no motor's modes do: more than a device can ask.
+Not the coupling alone, but the whole loop of a hand: sensors with their noise, estimator, latency, modes, guard, coils
+with their inductance, the true wrench of the magnets. The hand moves at random, and a motor's mode changes now and
+then. Energy is counted between hand and mover, with the true wrench and the true motion.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import final
 
 import numpy as np
-from scipy.linalg import expm
 
-from haptorb.control.clutch.gains import MOTOR_GAINS
-from haptorb.control.stability.hand_grip import HandGrip
+from haptorb.apps.check.late_tracker import LateTracker
+from haptorb.apps.guidance.noisy_tracker import NoisyTracker
+from haptorb.control.clutch.modes import MODES
+from haptorb.control.stability.coupling_choice import ASSUMED, CouplingSetting
+from haptorb.devices.coil_array.coil_array import CoilArray
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.devices.electromagnet.electromagnet import Hand, SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
-from haptorb.worlds.bound_world import bind_world
+from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.drivers.sim_driver import SimDriver
+from haptorb.runtime.tick.assembly import allocator_of, check_estimator, estimator_of, linkage_of
+from haptorb.runtime.tick.tick import Tick
+from haptorb.runtime.tick.tick_log import TickFailure
+from haptorb.runtime.trackers.tracker import Goal
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
+from haptorb.simulation.registry import simulate
+from haptorb.worlds.bound_world import BoundWorld
 from haptorb.worlds.scene.scene import Scene
 
-__all__ = ["SceneTrial", "try_random_hand"]
+__all__ = ["SceneTrial", "find_passivity", "try_scene"]
 
-Springs = tuple[Array, Array, Array]  #: masses, dampers and springs
-
+NOISE = 2e-5  #: of the position that a tracker reports, rms in each direction [m]
+TRACKER_RATE = 240.0  #: of a tracker with a process of its own [Hz]
+_BEGIN = 0.8  #: the guard has ramped up, and the clutch holds [s]
 _WANDER = 0.15  #: time constant of the hand's wish, twice [s]
+_TILT = 0.3  #: about how far the hand of a motor turns its handle [rad]
+_LIFT = 6e-3  #: how far the hand lifts a tool from the device [m]
+_MODE = 5.0  #: in one mode [s]
 
 
 @dataclass(frozen=True)
 class SceneTrial:
-    """The lowest passivity energy, what was put in at the end, and the greatest force.
+    """The result of a trial; energies [J] are counted from the end of the guard's ramp.
 
-    lowest    the least of (energy put in by the hand − growth of what the scene holds) [J]; a passive scene: 0
-    put_in    by the hand, to the end [J]
-    greatest  force on the mover [N]
+    passivity the least of `find_passivity`: negative if the hand extracted more than was there. With the wrench that
+              the guard admits, delayed as by the drive
+    given     the same with the true wrench of the coils: with saturation, errors of the model, and the drive, which
+              makes a rotor that is turned to and fro fast feel heavier
+    put_in    by the hand, from the beginning to the end, with the true wrench
+    greatest  force, or torque of a motor, on the mover [N or N·m]
+    injected  maximum damping that the passivity control added [N·s/m]
+    detail    the lowest level of detail, as a number above 0
+    tripped   the guard switched off
     """
 
-    lowest: float
+    passivity: float
+    given: float
     put_in: float
     greatest: float
+    injected: float
+    detail: int
+    tripped: bool
 
 
-def try_random_hand(
-    scene: Scene, device: Device, hand: HandGrip, seconds: float, rate: float = 1000.0, seed: int = 0
+@final
+class _RandomDetail:
+    """Changes a scene's detail at random, every `mean` ticks on average; 0: never.
+
+    energy  of the scene [J]
+    detail  the lowest level so far
+    """
+
+    def __init__(self, mean: float, seed: int) -> None:
+        self._mean, self._rng = mean, np.random.default_rng(seed)
+        self.energy, self.detail = 0.0, 0
+
+    def begin(self) -> None:
+        """The time of a step does not matter."""
+
+    def end(self, bound: BoundWorld) -> TickFailure:
+        """Less detail, or more."""
+        self.energy, self.detail = bound.energy, max(self.detail, int(bound.memory["detail"][0]))
+        if self._mean and self._rng.random() < 1.0 / self._mean:
+            change = bound.world.lighten if self._rng.random() < 0.5 else bound.world.restore
+            change(bound.memory)
+        return TickFailure(0)
+
+
+def try_scene(
+    scene: Scene, setting: CouplingSetting, seconds: float, *, seed: int = 0, change_every: float = 0.0
 ) -> SceneTrial:
-    """Let a random `hand` alone hold the mover of `device` in `scene`, whose coupling was chosen, for `seconds` [s]."""
-    fitted, dt, rng = scene.for_device(device), 1.0 / rate, np.random.default_rng(seed)
-    bound = bind_world(fitted, dt)
-    assert bound is not None
-    masses, dampers, springs = _hold_tool(device, hand) if device.name == "omni" else _hold_rotor(device, hand)
-    steps = [_solve(m, b, k, dt) for m, b, k in zip(masses, dampers, springs, strict=True)]
-    on, push = np.array([one[0] for one in steps]), np.array([one[1] for one in steps])
-    x, v, wish, slow = np.concatenate([device.rest_position, np.zeros(3)]), np.zeros(6), np.zeros(6), np.zeros(6)
-    fade = math.exp(-dt / _WANDER)
+    """Let a random hand hold the mover of `setting`'s device in `scene`, whose coupling was chosen, for `seconds` [s].
+
+    A tool is held by the setting's hand, a handle by the hand of the device file.
+
+    change_every: mean time between changes of the scene's detail, at random [s]; 0: full detail, regardless of the
+    time that it takes.
+    """
+    device, dt, rng = setting.device, 1.0 / setting.rate, np.random.default_rng(seed)
+    moved = isinstance(device, SphericalElectromagnet | CoilArray)
+    if isinstance(device, SphericalElectromagnet | CoilArray):
+        turn, grip = device.hand, setting.hand
+        device = replace(
+            without_errors(device) if setting.estimator == "hall" else device,  # as a calibration leaves its sensors
+            hand=Hand(grip.mass, grip.damping, grip.stiffness, turn.turn_damping, turn.turn_stiffness),
+        )
+    wish, slow, fade = np.zeros(6), np.zeros(6), math.exp(-dt / _WANDER)
     spread = 2.0 * math.sqrt((1 + fade) / (1 - fade))  # white noise, so that the wish has a deviation of 2
-    put_in, lowest, greatest, first = 0.0, 0.0, 0.0, math.nan
-    for n in range(round(seconds * rate)):
-        wrench = bound.wrench(State(n * dt, _rotation(x[3:]), x[:3].copy(), v[3:].copy(), v[:3].copy()))
-        held = bound.energy
-        first = held if n == 0 else first
-        lowest = min(lowest, put_in - (held - first))
-        greatest = max(greatest, math.sqrt(float(wrench[:3] @ wrench[:3])))
-        wish += (1 - fade) * (spread * rng.standard_normal(6) - wish)
-        slow += (1 - fade) * (wish - slow)
-        goal = _aim(device, np.tanh(slow))
-        force = wrench + springs * goal
-        after = on[:, 0, 0] * x + on[:, 0, 1] * v + push[:, 0] * force
-        v = on[:, 1, 0] * x + on[:, 1, 1] * v + push[:, 1] * force
-        put_in -= float(wrench @ (after - x))
-        x = after
-    return SceneTrial(lowest, put_in, greatest)
 
+    def goal(now: float) -> Goal:
+        nonlocal wish, slow
+        wish = wish + (1 - fade) * (spread * rng.standard_normal(6) - wish)
+        slow = slow + (1 - fade) * (wish - slow)
+        if moved:
+            return Goal(_aim(device, np.tanh(slow[:3])), np.array([0.0, 0.0, 0.0, 1.0]), now, False)
+        turned = 0.5 * _TILT * np.tanh(slow[:3])
+        return Goal(np.zeros(3), np.append(turned, 1.0) / math.hypot(1.0, *turned), now, False)
 
-def _hold_tool(device: SphericalElectromagnet, hand: HandGrip) -> Springs:
-    """(6,) each, along and about the axes in which the scene is felt [kg, kg·m²], [N·s/m, N·m·s], [N/m, N·m]."""
-    return (
-        np.array([hand.with_mass(device.tool.mass).mass] * 3 + [1e-4] * 3),
-        np.array([hand.damping] * 3 + [device.hand.turn_damping] * 3),
-        np.array([hand.stiffness] * 3 + [device.hand.turn_stiffness] * 3),
+    simulation = simulate(device, seed)
+    driver: Driver = SimDriver(simulation, dt, goal, seed=seed)
+    if setting.fed:
+        late = ASSUMED if setting.latency is None else setting.latency
+        driver = LateTracker(NoisyTracker(driver, NOISE, seed), TRACKER_RATE, late)
+    estimator = check_estimator(device, setting.estimator if moved else None)
+    tick = Tick(
+        device, scene, driver, estimator_of(device, estimator, None), allocator_of(device), dt, linkage_of(device)
     )
-
-
-def _hold_rotor(device: SphericalMotor, hand: HandGrip) -> Springs:
-    """The same of a target that the handle moves by the default gains."""
-    arm, gains = device.rotor.handle_length, MOTOR_GAINS
-    inertia = float(device.rotor.inertia[0]) + hand.mass * arm**2
-    motion = np.array([*gains.translate, *gains.rotate]) ** 2
-    return inertia / motion, hand.damping * arm**2 / motion, hand.stiffness * arm**2 / motion
+    tick.budget = detail = _RandomDetail(change_every / dt, seed)
+    row, layout = tick.layout.empty(), tick.layout
+    given, asked, place = row[layout["given"]], row[layout["asked"]], simulation.state()
+    find_work = _find_work if moved else _find_turning_work
+    before, asked_before, asked_last = given.copy(), np.zeros(6), np.zeros(6)
+    greatest, injected, tripped = 0.0, 0.0, False
+    count, first = round(seconds * setting.rate), round(_BEGIN * setting.rate)
+    works, energies = np.zeros((2, count)), np.zeros(count)  # with the asked wrench, and with the true one
+    with driver:
+        for n in range(count):
+            if not moved and n % round(_MODE / dt) == round(_MODE / dt) - 1:
+                tick.joining.set_mode(MODES[(n // round(_MODE / dt) + 1) % len(MODES)])
+            tick.step(row, n * dt)
+            now = simulation.state()
+            if n >= first:
+                # In a tick the drive brings the currents from what was asked before to what is asked now.
+                works[0, n] = find_work(asked_before + asked_last, place, now)
+                works[1, n] = find_work(before + given, place, now)
+                greatest = max(greatest, float(np.linalg.norm(given[:3] if moved else given[3:])))
+                injected = max(injected, float(row[layout["injected"]][0]))
+                tripped = tripped or bool(row[layout["trip"]][0])
+            energies[n], place = detail.energy, now
+            before[:], asked_before[:], asked_last[:] = given, asked_last, asked
+    put_in, held_energy = -np.cumsum(works, axis=1)[:, first:], energies[first:]
+    return SceneTrial(
+        find_passivity(put_in[0], held_energy), find_passivity(put_in[1], held_energy), float(put_in[1, -1]), greatest,
+        injected, detail.detail, tripped,
+    )  # fmt: skip
 
 
 def _aim(device: Device, wish: Array) -> Array:
-    """(6,) where the hand's own spring has its middle [m, rad], for a `wish` (6,) within ±1."""
-    if device.name != "omni":
-        return wish * np.array([0.009, 0.001, 0.001, 0.03, 0.03, 0.03])
+    """(3,) target of a hand that moves a tool over the dome or the plate [m], for a `wish` (3,) within ±1."""
+    if isinstance(device, CoilArray) and not device.surface.is_dome:
+        on_plate: Array = device.rest_position + wish * np.array([*device.surface.half_width, _LIFT])
+        return on_plate
+    assert isinstance(device, SphericalElectromagnet | CoilArray)
+    near = device.contact_height if isinstance(device, CoilArray) else device.contact_distance
     u = np.array([math.sin(0.6 * wish[0]), math.sin(0.6 * wish[1]), 1.0])
-    u *= (device.contact_distance + 3e-3 * (1.0 + wish[2])) / np.linalg.norm(u)
-    return np.concatenate([u, np.zeros(3)])
+    on_dome: Array = (near + 0.5 * _LIFT * (1.0 + wish[2])) / np.linalg.norm(u) * u
+    return on_dome
 
 
-def _solve(m: float, b: float, k: float, dt: float) -> tuple[Array, Array]:
-    """(2, 2) and (2,) place and speed after `dt` [s] from those before and a constant force: exact."""
-    A = np.zeros((3, 3))
-    A[0, 1], A[1] = 1.0, (-k / m, -b / m, 1 / m)
-    step = expm(A * dt)
-    return step[:2, :2], step[:2, 2]
+def find_passivity(put_in: Array, stored: Array) -> float:
+    """The minimum, over all pairs of instants, of `stored` (n,) at the first, above its least value, plus the energy
+    put in between the first and the second; put_in (n,) is the sum of the energy put in [J].
+
+    >>> find_passivity(np.array([0.0, 2.0, 0.5]), np.array([0.0, 1.0, 0.0]))   # 2 J put in, 1 J held, 1.5 J out
+    -0.5
+    """
+    spent = put_in - (stored - stored.min())
+    return float((put_in - np.maximum.accumulate(spent)).min())
 
 
-def _rotation(turn: Array) -> Array:
-    """(3, 3) of a rotation vector [rad]."""
-    angle = math.sqrt(float(turn @ turn))
-    x, y, z = turn
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    if angle < 1e-9:
-        small: Array = np.eye(3) + K
-        return small
-    whole: Array = np.eye(3) + math.sin(angle) / angle * K + (1 - math.cos(angle)) / angle**2 * K @ K
-    return whole
+def _find_work(wrenches: Array, start: State, end: State) -> float:
+    """Work of a force between two ticks [J]; `wrenches` (6,) is the sum of both ticks'."""
+    return 0.5 * float(wrenches[:3] @ (end.p - start.p))
+
+
+def _find_turning_work(wrenches: Array, start: State, end: State) -> float:
+    """Work of a torque between two ticks [J], by the small turn from one attitude to the other."""
+    D = end.R_SR @ start.R_SR.T
+    turn = 0.5 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
+    return 0.5 * float(wrenches[3:] @ turn)

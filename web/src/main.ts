@@ -471,6 +471,7 @@ class Console {
       stylus: () => page.subject.places(),
       picture: () => page.subject.picture?.() ?? { coils: 0, mover: [] },
       shapes: () => page.shapes.places,
+      spots: () => page.shapes.spots,
       plug: () => page.target?.shown ?? { place: [], bent: [] },
     });
   }

@@ -28,6 +28,8 @@ export interface Probe {
   picture(): { coils: number; mover: number[] };
   /** where the bodies of a world with memory are drawn [m]; null: not drawn */
   shapes(): (number[] | null)[];
+  /** where their middles are on their canvas [CSS px] */
+  spots(): { x: number; y: number }[];
   /** where the plug is drawn, and how far its hooks' tips are bent [m] */
   plug(): { place: number[]; bent: number[] };
 }

@@ -9,12 +9,13 @@ import pytest
 
 from haptorb.apps.cli.feel_session.choice import DesignChoice
 from haptorb.apps.feel import course, load_designs
+from haptorb.apps.feel.course import force_along
 from haptorb.errors import InputError, UnknownName
 
 GROOVE = """
 from dataclasses import dataclass
 import numpy as np
-from haptorb.worlds import World
+from haptorb.worlds import DynamicWorld, MemoryField, World
 from haptorb.worlds.parameter import parameter
 
 @dataclass(frozen=True)
@@ -27,6 +28,18 @@ class Groove(World):
         out = np.zeros(6)
         out[0] = -self.stiffness * min(state.p[0], self.width)
         return out
+
+@dataclass(frozen=True)
+class Drag(DynamicWorld):
+    "A block on a spring that slips at 2 N, wherever it is left."
+
+    @property
+    def memory_fields(self):
+        return (MemoryField("place", "m", "of the block"),)
+
+    def advance(self, memory, state, dt):
+        memory["place"] = min(max(memory["place"][0], state.p[0] - 2e-3), state.p[0] + 2e-3)
+        return np.array([-1000.0 * (state.p[0] - memory["place"][0]), 0, 0, 0, 0, 0])
 
 @dataclass(frozen=True)
 class Broken(World):
@@ -53,6 +66,17 @@ def test_a_world_of_ones_own_is_a_design_with_its_curve(groove: Path) -> None:
     before = design.digest
     groove.write_text(GROOVE.replace("-self.stiffness", "-2 * self.stiffness"))
     assert choice.load().designs[0].digest != before  # other code is another design: old scores do not count
+
+
+def test_a_world_with_memory_remembers_along_the_whole_way(groove: Path) -> None:
+    (design,) = DesignChoice.of(None, [f"{groove}:Drag"], []).load().designs
+    run = course(design)
+    assert run.coming_out[[200, -1]] == pytest.approx([2.0, 2.0])  # dragged along
+    assert run.coming_out[20] == pytest.approx(1000.0 * run.place[20], rel=0.02)  # it begins at home
+    assert run.going_in[[0, 200]] == pytest.approx([2.0, 2.0])
+    assert run.going_in[-1] == pytest.approx(-2.0)  # still pulled from the way out
+    assert force_along(design, 0.01, 0.005) == pytest.approx(-2.0)
+    assert force_along(design, 0.01, -0.005) == pytest.approx(2.0)
 
 
 def test_a_design_file_varies_the_parameters_of_an_own_world(groove: Path) -> None:

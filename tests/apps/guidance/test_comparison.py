@@ -6,6 +6,7 @@ import pytest
 
 from haptorb.apps.cli.program import main
 from haptorb.apps.guidance import WAYS, compare_guidance
+from haptorb.control.stability.hand_grip import GRIPS
 from haptorb.devices.loader import load
 
 pytestmark = pytest.mark.background
@@ -21,6 +22,16 @@ def test_the_plan_keeps_a_light_hand_nearer_to_the_path_than_the_valley_does(fou
     plan, valley, none = (found.find_row("line", "light", way) for way in ("plan", "valley", "none"))
     assert plan.error < 0.7 * valley.error < none.error
     assert not any(row.tripped for row in found.rows)
+    assert found.find_inequality("light") <= 0.03
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("grip", GRIPS)
+def test_at_equal_mean_force_the_plan_halves_the_valleys_error_for_every_grip(grip):
+    whole = compare_guidance(load("omni"), grips=(grip,))
+    assert whole.find_inequality(grip) <= 0.03
+    assert whole.find_ratio(grip) < 0.5
+    assert whole.drift[grip, "plan"] < 5e-4
 
 
 def test_a_hand_at_rest_is_dragged_by_the_clock_only(found):

@@ -40,7 +40,9 @@ def test_a_late_tracker_gets_a_softer_coupling_at_the_same_margin() -> None:
 def test_what_a_person_gave_stays_and_other_worlds_are_left_alone() -> None:
     setting = CouplingSetting(load("omni"), 1000.0, GRIPS["light"])
     given = Scene("boxes", stiffness=77.0, damping=1.0)
-    assert setting.couple(given) is given
+    coupled = setting.couple(given)
+    assert isinstance(coupled, Scene)
+    assert (coupled.stiffness, coupled.damping) == (77.0, 1.0)
     nothing = Nothing()
     assert setting.couple(nothing) is nothing
     assert setting.describe(nothing) == ""

@@ -186,7 +186,10 @@ class Counter(DynamicWorld):
 def test_a_world_with_memory_goes_on_when_its_file_is_saved_and_its_memory_is_recorded(tmp_path: Path) -> None:
     file = tmp_path / "counter.py"
     file.write_text(COUNTER)
-    with Servo("omni", f"{file}:Counter") as servo:
+    servo = Servo("omni", f"{file}:Counter")
+    before_start = servo.layout  # of what a console that is made before the start sends
+    with servo:
+        assert servo.layout == before_start
         _hold(servo, _wait(0.4))
         assert servo.latest().memory.shape == (41,), "more than rows have room for otherwise"
         before = servo.latest().memory[0]

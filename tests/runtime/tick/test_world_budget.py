@@ -2,31 +2,62 @@
 
 from __future__ import annotations
 
+import pytest
+
+from haptorb.runtime.tick.tick_log import TickFailure
 from haptorb.runtime.tick.world_budget import WorldBudget
-from haptorb.worlds import Scene
+from haptorb.worlds import RollingBall, Scene
 from haptorb.worlds.bound_world import BoundWorld
 
 
-def test_two_long_steps_shed_detail_one_does_not_and_it_comes_back_when_there_is_time() -> None:
-    bound, budget = BoundWorld(Scene("peg"), 1e-3), WorldBudget(1e-3)
-    budget.watch(bound, 0.9e-3)
-    for _ in range(20):
-        budget.watch(bound, 0.2e-3)
-    assert bound.memory["detail"][0] == 0  # the computer's doing
-    for _ in range(2):
-        budget.watch(bound, 0.5e-3)
+@pytest.fixture
+def bound() -> BoundWorld:
+    return BoundWorld(Scene("peg"), 1e-3)
+
+
+def judge(budget: WorldBudget, bound: BoundWorld, took: float, times: int) -> TickFailure:
+    found = TickFailure(0)
+    for _ in range(times):
+        found |= budget.judge(bound, took)
+    return found
+
+
+def test_long_steps_shed_detail_level_by_level_and_it_comes_back_when_there_is_time(bound: BoundWorld) -> None:
+    budget = WorldBudget(1e-3)
+    assert judge(budget, bound, 0.5e-3, 20) == TickFailure.LESS_DETAIL
     assert bound.memory["detail"][0] == 1
-    for _ in range(6):
-        budget.watch(bound, 0.5e-3)
-    assert bound.memory["detail"][0] > 1
-    for _ in range(200_000):
-        budget.watch(bound, 0.05e-3)
+    judge(budget, bound, 0.9e-3, 60)
+    assert bound.memory["detail"][0] == 4
+    assert judge(budget, bound, 0.05e-3, 400_000) == TickFailure.MORE_DETAIL
     assert bound.memory["detail"][0] == 0
 
 
-def test_a_step_in_between_neither_sheds_nor_restores() -> None:
-    bound, budget = BoundWorld(Scene("peg"), 1e-3), WorldBudget(1e-3)
+@pytest.mark.parametrize(("one", "rest", "every"), [(50e-3, 0.1e-3, 40), (0.6e-3, 0.1e-3, 4), (0.7e-3, 0.02e-3, 2)])
+def test_single_long_steps_shed_nothing(bound: BoundWorld, one: float, rest: float, every: int) -> None:
+    budget = WorldBudget(1e-3)
+    for n in range(2000):
+        budget.judge(bound, rest if n % every else one)
+    assert bound.memory["detail"][0] == 0
+
+
+def test_steps_in_between_neither_shed_nor_restore(bound: BoundWorld) -> None:
     bound.world.lighten(bound.memory)
-    for _ in range(5000):
-        budget.watch(bound, 0.3e-3)
+    assert judge(WorldBudget(1e-3), bound, 0.3e-3, 5000) == TickFailure(0)
     assert bound.memory["detail"][0] == 1
+
+
+def test_a_world_with_nothing_to_shed_is_not_said_to_have_shed_it() -> None:
+    ball = BoundWorld(RollingBall(), 1e-3)
+    assert judge(WorldBudget(1e-3), ball, 0.9e-3, 100) == TickFailure(0)
+    assert judge(WorldBudget(1e-3), ball, 1e-6, 5000) == TickFailure(0)
+
+
+def test_waiting_for_a_processor_is_not_the_worlds_time(bound: BoundWorld) -> None:
+    import time
+
+    budget = WorldBudget(1e-3)
+    for _ in range(20):
+        budget.begin()
+        time.sleep(2e-3)
+        budget.end(bound)
+    assert bound.memory["detail"][0] == 0

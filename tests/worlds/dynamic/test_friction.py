@@ -10,7 +10,9 @@ from haptorb.worlds import Friction
 from haptorb.worlds.bound_world import bind_world
 from worlds.dynamic.hands import feel, sum_work, wander
 
-#: values of the simulations in Canudas de Wit et al. 1995, for a mass of 1 kg
+#: Table I of Canudas de Wit et al. 1995, for a unit mass. What the paper says of its simulations are the inputs (a load
+#: of 0.95 F_s, velocities at 1, 10 and 25 rad/s, 2 N/m pulled at 0.1 m/s) and what is seen in Figs. 2 to 6; the numbers
+#: that these tests compare come from its equations, solved by another method
 PAPER = {"stiffness": 1e5, "damping": 1e5**0.5, "viscous": 0.4, "sliding": 1.0, "breakaway": 1.5, "fading": 0.001}
 
 
@@ -26,14 +28,19 @@ def drag(world, load, seconds, dt, mass=1.0, spring=0.0):
     return np.array(out).T
 
 
+def rate_of(v, z):
+    """ż and the friction force of the published equations."""
+    g = PAPER["sliding"] + (PAPER["breakaway"] - PAPER["sliding"]) * np.exp(-((v / PAPER["fading"]) ** 2))
+    dz = v - PAPER["stiffness"] * abs(v) / g * z
+    return dz, PAPER["stiffness"] * z + PAPER["damping"] * dz + PAPER["viscous"] * v
+
+
 def solve(load, seconds, times, mass=1.0):
     """The published equations by an implicit solver of ordinary differential equations: x, v, z."""
 
     def rates(t, y):
         _, v, z = y
-        g = PAPER["sliding"] + (PAPER["breakaway"] - PAPER["sliding"]) * np.exp(-((v / PAPER["fading"]) ** 2))
-        dz = v - PAPER["stiffness"] * abs(v) / g * z
-        force = PAPER["stiffness"] * z + PAPER["damping"] * dz + PAPER["viscous"] * v
+        dz, force = rate_of(v, z)
         return [v, (load(t) - force) / mass, dz]
 
     found = solve_ivp(rates, (0, seconds), [0, 0, 0], "Radau", times, rtol=1e-7, atol=1e-12, max_step=0.01)
@@ -41,34 +48,65 @@ def solve(load, seconds, times, mass=1.0):
 
 
 def test_presliding_and_its_hysteresis_are_the_published_ones():
-    """Presliding displacement: the load goes to 95 % of breakaway, back to minus that, and again; nothing breaks
-    away."""
+    """Fig. 2: the load goes to 1.425 N, 95 % of F_s, back to minus that, and again; nothing breaks away."""
 
     def load(t):
-        return 1.425 * np.interp(t, [0, 4, 5, 13, 14, 22], [0, 1, 1, -1, -1, 1])
+        return 1.425 * np.interp(t, [0, 2, 2.5, 6.5, 7, 11], [0, 1, 1, -1, -1, 1])
 
-    t, x, _, z = drag(Friction(**PAPER, elastic=0.0), load, 22.0, 2e-4)
+    t, x, _, z = drag(Friction(**PAPER, elastic=0.0), load, 11.0, 2e-4)
     chosen = np.arange(0, len(t), 200)
-    expected = solve(load, 22.0, t[chosen])
+    expected = solve(load, 11.0, t[chosen])
     size = np.abs(expected[0]).max()
     assert 1.5e-5 < size < 1e-4  # F_s/σ0 = 15 µm
     assert np.abs(x[chosen] - expected[0]).max() < 0.02 * size
     assert np.abs(z[chosen] - expected[2]).max() < 0.02 * 1.5e-5
-    unloaded = x[np.argmin(np.abs(t - 9.0))]
-    assert 0.5 < unloaded / x[t < 5].max() < 0.8  # with the load gone it does not come all the way back
+    unloaded = x[np.argmin(np.abs(t - 4.5))]
+    assert 0.5 < unloaded / x[t < 2.5].max() < 0.8  # with the load gone it does not come all the way back
 
 
-def test_it_breaks_away_at_the_breakaway_force_if_the_load_rises_slowly():
-    """Break-away force: near F_s for slow rates, and less the faster the load rises."""
-    forces = []
-    for rate, seconds in ((2.0, 0.9), (20.0, 0.12)):
-        t, _, v, _ = drag(Friction(**PAPER, elastic=0.0), lambda t, rate=rate: rate * t, seconds, 5e-5)
-        forces.append(rate * t[np.argmax(v > 0.01)])
-    assert forces[0] == pytest.approx(1.5, rel=0.03)
+@pytest.mark.parametrize("omega", [1.0, 10.0, 25.0])
+def test_friction_lags_behind_the_velocity_as_published(omega):
+    """Fig. 3: the velocity goes up and down about a mean; friction is less while it falls than while it rises."""
+    dt, seconds = 2e-4, 4 * np.pi / omega
+    t = dt * np.arange(round(seconds / dt))
+    x, v = 1e-3 * (1.5 * t + np.sin(omega * t) / omega), 1e-3 * (1.5 + np.cos(omega * t))
+    bound = bind_world(Friction(**PAPER, elastic=0.0), dt)
+    force = np.array(
+        [
+            -bound.wrench(State(n, np.eye(3), np.array([p, 0, 0]), np.zeros(3), np.array([u, 0, 0])))[0]
+            for n, p, u in zip(t, x, v, strict=True)
+        ]
+    )
+
+    def bend(t, z):
+        return rate_of(1e-3 * (1.5 + np.cos(omega * t)), z)[0]
+
+    z = solve_ivp(bend, (0, seconds), [0], "Radau", t, rtol=1e-7, atol=1e-12).y[0]
+    late = t > 0.5 * seconds
+    assert np.abs(force - rate_of(v, z)[1])[late].max() < 5e-4  # N
+    # at one velocity, 1.5 mm/s, falling first and then rising
+    falling, rising = (force[late][np.argmin(np.abs(omega * t[late] / np.pi - k))] for k in (2.5, 3.5))
+    assert rising - falling > {1.0: 0.001, 10.0: 0.01, 25.0: 0.03}[omega]  # N: wider, the faster it changes
+
+
+def test_it_breaks_away_at_a_smaller_force_the_faster_the_load_rises():
+    """Fig. 4: near F_s for slow rates. Break-away is where friction is greatest before the mass slides."""
+
+    def find_break(v, friction):
+        return float(friction[: np.argmax(v > 0.01)].max())
+
+    found = []
+    for rate, seconds in ((2.0, 0.9), (10.0, 0.2), (50.0, 0.06)):
+        t, _, v, _ = drag(Friction(**PAPER, elastic=0.0), lambda t, rate=rate: rate * t, seconds, 2e-5)
+        found.append(find_break(v, rate * t - np.gradient(v, t)))
+        times = np.linspace(0, seconds, 2000)
+        _, v, z = solve(lambda t, rate=rate: rate * t, seconds, times)
+        assert found[-1] == pytest.approx(find_break(v, rate_of(v, z)[1]), rel=0.01)
+    assert found == pytest.approx([1.394, 1.220, 1.007], abs=2e-3)  # N, at 2, 10 and 50 N/s
 
 
 def test_a_spring_that_is_pulled_slowly_sticks_and_slips():
-    """Stick-slip motion: 1 kg on 2 N/m, pulled at 0.1 m/s: the first slip when the spring holds F_s."""
+    """Fig. 6: 1 kg on 2 N/m, pulled at 0.1 m/s: the first slip when the spring holds F_s."""
     t, _, v, _ = drag(Friction(**PAPER, elastic=0.0), lambda t: 0.1 * t, 12.0, 2e-4, spring=2.0)
     slips = np.flatnonzero(np.diff((v > 0.02).astype(int)) == 1)
     assert t[slips[0]] == pytest.approx(7.5, abs=0.15)

@@ -36,7 +36,7 @@ export class Orbit {
   }
 
   zoom(factor: number): void {
-    this.distance = Math.min(1200, Math.max(90, this.distance * factor));
+    this.distance = Math.min(Math.max(1200, 2 * this.home.distance), Math.max(90, this.distance * factor));
     this.place();
   }
 
@@ -60,6 +60,8 @@ export class Orbit {
       .multiplyScalar(this.distance)
       .add(this.centre);
     this.camera.lookAt(this.centre);
+    this.camera.far = Math.max(2000, 2 * this.distance);
+    this.camera.updateProjectionMatrix();
     this.camera.updateMatrixWorld();
   }
 }

@@ -10,6 +10,7 @@ import {
   Mesh,
   MeshLambertMaterial,
   SphereGeometry,
+  Vector3,
 } from "three";
 import type { Sample } from "../sample";
 import type { Shape } from "../session";
@@ -116,7 +117,7 @@ export class Shapes {
     const spans = [axis(0), axis(1), axis(2)];
     return {
       centre: spans.map(([low, high]) => (low + high) / 2),
-      radius: Math.max(...spans.map(([low, high]) => (high - low) / 2)),
+      radius: Math.hypot(...spans.map(([low, high]) => (high - low) / 2)),
     };
   }
 
@@ -147,6 +148,11 @@ export class Shapes {
     this.group.children.forEach((mesh, k) => (mesh.visible = this.shapes[k]!.place === null));
     this.drawn = this.shapes.map(() => []);
     this.stage.touchMoving();
+  }
+
+  /** Where each body's middle is on the canvas [CSS px], for tests. */
+  get spots(): { x: number; y: number }[] {
+    return this.group.children.map((mesh) => this.stage.project(mesh.getWorldPosition(new Vector3())));
   }
 
   /** Where each body is in the picture [m], for tests; null where it is not drawn. */

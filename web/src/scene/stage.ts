@@ -41,6 +41,7 @@ export class Stage {
   private faded = false;
   private kept = 0;
   private size = { width: 1, height: 1 };
+  private middle: { x: number; y: number } | null = null;
 
   constructor(
     readonly canvas: HTMLCanvasElement,
@@ -159,6 +160,18 @@ export class Stage {
     return { from: this.camera.position.clone(), along: far.sub(this.camera.position).normalize() };
   }
 
+  /** Where on the canvas the camera's axis is [CSS px]; null: in its middle. */
+  set centre(centre: { x: number; y: number } | null) {
+    this.middle = centre;
+    this.resize();
+  }
+
+  /** From how far a ball of `radius` is seen within `pixels` of its middle. */
+  fit(radius: number, pixels: number): number {
+    const angle = Math.atan((2 * pixels * Math.tan((this.camera.fov * Math.PI) / 360)) / this.size.height);
+    return radius / Math.sin(angle);
+  }
+
   /** Pixels per millimetre at `distance` from the camera. */
   scale(distance: number): number {
     return this.size.height / (2 * distance * Math.tan((this.camera.fov * Math.PI) / 360));
@@ -178,6 +191,8 @@ export class Stage {
     const { width, height } = this.size;
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
+    if (this.middle) this.camera.setViewOffset(width, height, width / 2 - this.middle.x, height / 2 - this.middle.y, width, height);
+    else this.camera.clearViewOffset();
     this.camera.updateProjectionMatrix();
     this.touch();
   }

@@ -46,7 +46,10 @@ export class TargetPane {
     for (const button of document.querySelectorAll<HTMLElement>("[data-target-view]")) {
       button.addEventListener("click", views[button.dataset["targetView"]!]!);
     }
-    new ResizeObserver(() => this.updateScale()).observe(at("target"));
+    new ResizeObserver(() => {
+      if (this.shapes.scene) this.frameShapes();
+      this.updateScale();
+    }).observe(at("target-free"));
   }
 
   /** How much to draw. */
@@ -62,6 +65,7 @@ export class TargetPane {
     // Only the snap-fits have a plug, and hooks.
     for (const one of document.querySelectorAll<HTMLElement>("[data-held]")) write(one, bodies ? "body" : "plug");
     at("hooks").hidden = bodies;
+    this.stage.centre = null;
     if (scene) this.frame(scene);
     else if (this.shapes.scene) this.frameShapes();
   }
@@ -101,19 +105,24 @@ export class TargetPane {
     this.orbit.reset();
   }
 
-  /** The whole of a scene in view. */
+  /** The whole of a scene in view: between the buttons and the numbers, whatever the size of the page. */
   private frameShapes(): void {
     const { centre, radius } = this.shapes.extent;
-    // A little higher than the middle: the numbers lie over the lower part.
-    const [x, y, z] = centre.map((one) => one * UNIT) as Home["centre"];
-    this.home.centre = [x, y - 0.25 * radius * UNIT, z - 0.45 * radius * UNIT];
-    const narrow = at("target").clientWidth < 450; // a phone's, where buttons and numbers leave less between them
-    this.home.distance = Math.max(250, (narrow ? 9 : 6.4) * radius * UNIT);
+    const free = at("target-free");
+    const [width, height] = [Math.max(60, free.clientWidth) / 2, Math.max(60, free.clientHeight) / 2];
+    this.stage.centre = { x: free.offsetLeft + free.clientWidth / 2, y: free.offsetTop + free.clientHeight / 2 };
+    const turned = this.orbit.distance / this.home.distance;
+    this.home.centre = centre.map((one) => one * UNIT) as Home["centre"];
+    // Seen from the side it is flat; the held body moves sideways, as a drawer does.
+    const reach = radius * UNIT;
+    this.home.distance = Math.max(this.stage.fit(1.25 * reach, width), this.stage.fit(0.65 * reach, height));
     const home = JSON.stringify(this.home);
     if (home === this.framed) return;
+    const other = this.orbit.centre.toArray().some((one, i) => one !== this.home.centre[i]);
     this.framed = home;
     this.orbit.centre.set(...this.home.centre);
-    this.orbit.reset();
+    if (other) this.orbit.reset();
+    else this.orbit.zoom((turned * this.home.distance) / this.orbit.distance); // the page was resized
   }
 
   private drag(event: PointerEvent): void {

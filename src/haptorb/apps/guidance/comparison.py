@@ -28,7 +28,8 @@ WAYS = ("none", "valley", "spring", "plan")
 _STRENGTHS = {"none": 0.0, "valley": 0.35, "spring": 0.35, "plan": 1.0}  #: [N]
 _WIDTH = 0.003  #: of a valley that needs no more than its greatest strength, 1 N, to be as stiff as it should be [m]
 _STIFF = (2.0, 2000.0)  #: of valleys, least and greatest [N/m]
-_TRIES = 8  #: to find the valley's stiffness
+_TRIES = 10  #: to find the valley's stiffness, or the plan's tolerance
+_TOLERANCES = (5e-4, 1e-2)  #: of plans, the default and the widest [m]
 _NEAR = 0.03  #: two mean forces that differ by less are equal
 _KNOWN = 0.7  #: what the plan takes for the hand's mass and damping, as a share of what they are
 _RESTS = (2.0, 3.0, 8.0)  #: the hand stops; the time in which its way is measured begins, and ends [s]
@@ -47,6 +48,7 @@ class GuidanceRow:
     heat: float  #: mean power in the coils [W]
     strength: float  #: of the world: most force [N]
     width: float  #: of the valley, over which its force rises; NaN for the others [m]
+    tolerance: float  #: of the plan; NaN for the others [m]
     tripped: bool
 
 
@@ -71,9 +73,14 @@ class GuidanceComparison:
         return next(row for row in self.rows if (row.path, row.grip, row.way) == (path, grip, way))
 
     def find_ratio(self, grip: str) -> float:
-        """Error of the plan over that of the valley at equal mean force, or the best valley, over all paths."""
+        """Error of the plan over that of the valley at equal mean force, over all paths."""
         errors = {way: [row.error for row in self.rows if row.grip == grip and row.way == way] for way in WAYS}
         return float(np.mean(errors["plan"]) / np.mean(errors["valley"])) if all(errors.values()) else float("nan")
+
+    def find_inequality(self, grip: str) -> float:
+        """The largest difference of the mean forces of plan and valley over the paths, relative to the valley's [1]."""
+        forces = {way: [row.force for row in self.rows if row.grip == grip and row.way == way] for way in WAYS}
+        return max(abs(a / b - 1.0) for a, b in zip(forces["plan"], forces["valley"], strict=True))
 
     def numbers(self) -> dict[str, Any]:
         """For JSON: SI units in the keys."""
@@ -88,12 +95,13 @@ class GuidanceComparison:
                     "path": row.path, "grip": row.grip, "guidance": row.way, "error_m": row.error,
                     "largest_error_m": row.largest, "force_N": row.force, "heat_W": row.heat,
                     "strength_N": row.strength, "width_m": row.width if row.way == "valley" else None,
-                    "tripped": row.tripped,
+                    "tolerance_m": row.tolerance if row.way == "plan" else None, "tripped": row.tripped,
                 }
                 for row in self.rows
             ],
             "at_rest": [{"grip": g, "guidance": w, "way_m": way} for (g, w), way in self.drift.items()],
             "plan_over_valley": {grip: self.find_ratio(grip) for grip in grips},
+            "force_inequality": {grip: self.find_inequality(grip) for grip in grips},
         }  # fmt: skip
 
 
@@ -104,9 +112,14 @@ def _make_world(way: str, path: GuidancePath, grip: HandGrip, pace: float) -> Wo
         return _make_valley(path, _STRENGTHS[way] / _WIDTH)
     if way == "spring":
         return MovingPoint(path=path, strength=_STRENGTHS[way], pace=pace)
+    return _make_plan(path, grip, _TOLERANCES[0])
+
+
+def _make_plan(path: GuidancePath, grip: HandGrip, tolerance: float) -> PathGuidance:
     return PathGuidance(
-        path=path, strength=_STRENGTHS[way], hand_mass=max(_KNOWN * grip.mass, 0.05), hand_damping=_KNOWN * grip.damping
-    )
+        path=path, strength=_STRENGTHS["plan"], tolerance=tolerance, hand_mass=max(_KNOWN * grip.mass, 0.05),
+        hand_damping=_KNOWN * grip.damping,
+    )  # fmt: skip
 
 
 def _make_valley(path: GuidancePath, stiffness: float) -> Guidance:
@@ -132,7 +145,7 @@ def compare_guidance(
     assert shell is not None
     rows: list[GuidanceRow] = []
     courses: dict[tuple[str, str], Any] = {}
-    total, done = len(paths) * len(grips) * (3 + _TRIES) + len(grips) * len(WAYS), 0
+    total, done = len(paths) * len(grips) * (3 + 2 * _TRIES) + len(grips) * len(WAYS), 0
 
     def go_on(steps: int = 1) -> None:
         nonlocal done
@@ -152,13 +165,16 @@ def compare_guidance(
                 go_on()
             found["valley"], valley = _find_valley(path, run, found["plan"].force)
             go_on(_TRIES)
+            found["plan"], plan = _find_plan(path, run, GRIPS[grip], found["plan"], found["valley"].force)
+            go_on(_TRIES)
             for way in WAYS:
                 trial = found[way]
                 strength, width = (valley.strength, valley.width) if way == "valley" else (_STRENGTHS[way], np.nan)
+                tolerance = plan.tolerance if way == "plan" else np.nan
                 rows.append(
                     GuidanceRow(
                         name, grip, way, trial.error, float(np.abs(trial.across).max()), trial.force, trial.heat,
-                        strength, width, trial.tripped,
+                        strength, width, tolerance, trial.tripped,
                     )
                 )  # fmt: skip
                 if name == paths[0]:
@@ -187,16 +203,33 @@ def _find_valley(path: GuidancePath, run: Callable[[World], Trial], force: float
     the valley with the least error, at any force.
     """
     attempts: list[tuple[Trial, Guidance]] = []
-    stiffness, (low, high) = _STRENGTHS["valley"] / _WIDTH, _STIFF
+    stiffness, (low, high) = _STRENGTHS["valley"] / _WIDTH, (0.0, np.inf)
     for _ in range(_TRIES):
         valley = _make_valley(path, stiffness)
         trial = run(valley)
         attempts.append((trial, valley))
-        share = trial.force / max(force, 1e-9)
-        if abs(share - 1.0) <= _NEAR:
+        if abs(trial.force / max(force, 1e-9) - 1.0) <= _NEAR:
             return attempts[-1]
-        low, high = (stiffness, high) if share < 1.0 else (low, stiffness)
-        # Towards an end that no trial has confirmed, the next step is not halfway, but follows the force.
-        guess = stiffness * max(share, 1e-3) ** -1.5
-        stiffness = guess if low < guess < high else (low * high) ** 0.5
+        low, high = (stiffness, high) if trial.force < force else (low, stiffness)
+        if not low or high == np.inf:  # no trial on both sides yet
+            stiffness = min(max(2.0 * stiffness if high == np.inf else 0.5 * stiffness, _STIFF[0]), _STIFF[1])
+        else:
+            stiffness = (low * high) ** 0.5
     return min(attempts, key=lambda one: one[0].error)
+
+
+def _find_plan(
+    path: GuidancePath, run: Callable[[World], Trial], grip: HandGrip, first: Trial, force: float
+) -> tuple[Trial, PathGuidance]:
+    """The plan whose mean force is `force` [N], and its trial; `first` is that of the narrowest tolerance.
+
+    If no valley has the plan's force, the plan gets a wider tolerance, until its force is that of the valley.
+    """
+    attempts, (low, high) = [(first, _make_plan(path, grip, _TOLERANCES[0]))], _TOLERANCES
+    while abs(attempts[-1][0].force / max(force, 1e-9) - 1.0) > _NEAR and len(attempts) <= _TRIES:
+        tolerance = (low * high) ** 0.5
+        plan = _make_plan(path, grip, tolerance)
+        trial = run(plan)
+        attempts.append((trial, plan))
+        low, high = (tolerance, high) if trial.force > force else (low, tolerance)
+    return min(attempts, key=lambda one: abs(one[0].force - force))

@@ -40,19 +40,25 @@ def print_guidance(found: GuidanceComparison, console: Console) -> None:
     grips = tuple(dict.fromkeys(row.grip for row in found.rows))
     ways = tuple(way for way in WAYS if any(key[1] == way for key in found.drift))
     rest = TextTable(
-        (Column("grip", kind="key"), *(Column(way, "mm") for way in ways), Column("plan/valley", "1")),
-        "Motion of a resting hand in 5 s, and error of the plan relative to the valley",
+        (Column("grip", kind="key"), *(Column(way, "mm") for way in ways), Column("error", "1"), Column("force", "%")),
+        "Motion of a resting hand in 5 s; error of the plan relative to the valley, and difference of their forces",
     )
     for grip in grips:
-        rest.add_row(grip, *(f"{1e3 * found.drift[grip, way]:.2f}" for way in ways), f"{found.find_ratio(grip):.2f}")
+        rest.add_row(
+            grip,
+            *(f"{1e3 * found.drift[grip, way]:.2f}" for way in ways),
+            f"{found.find_ratio(grip):.2f}",
+            f"{100 * found.find_inequality(grip):.1f}",
+        )
     print_text(console, "")
     print_table(console, rest)
     print_text(
         console,
         "\nError: mean deviation across the path. Force: mean force asked. The valley (world guidance) is as "
-        "stiff as it must be to use the mean force of the plan (world path_guidance); if a valley of that force "
-        "oscillates, it is the valley with the smallest error. The plan assumes 70 % of the hand's mass and damping. "
-        "Spring: to a point that moves along the path at constant speed.",
+        "stiff as it must be to use the mean force of the plan (world path_guidance). If a valley of that force "
+        "oscillates, it is the valley with the smallest error, and the plan has a wider tolerance, so that it uses no "
+        "more force than that valley. The plan assumes 70 % of the hand's mass and damping. Spring: to a point that "
+        "moves along the path at constant speed.",
     )
 
 

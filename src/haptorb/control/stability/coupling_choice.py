@@ -3,7 +3,8 @@
 The hand feels the coupling, whatever the scene does behind it; in the worst case the scene does not yield. So the
 coupling is a spring and a damper against a wall, and `SampledLoop` says exactly how strong they may be. They are made
 `ENOUGH` times weaker than that. Behind the coupling the body must stay calm, too: its step is explicit, so the damper
-is at most `_SLOW` of what would stop it within one step of the scene.
+is at most `_SLOW` of what would stop it within one step of the scene. While the scene's time is slower, the damper may
+increase (`haptorb.worlds.scene.coupling`), as far as the same loop allows.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ ENOUGH = 1.5  #: a coupling is so many times weaker than the strongest that is s
 _SLOW = 0.3  #: share of a body's momentum that the damper takes in one step of the scene
 _RATIOS = (0.7, 0.4)  #: damping ratios of the body in the coupling, the calmer first
 _WORTH = 0.8  #: a calmer coupling is taken for so much of the stiffness
+_GROWTH = 2.0  #: of the damper in slow time: with more, the hand would feel each lost contact as an impact
 _SOFT = 1e-3
 _SPENT = 2e-3  #: within which a tool reaches its greatest force: stiffer would be felt as a switch [m]
 _HEAVIEST = (0.2, 2e-4)  #: that a body counts as [kg], [kg·m²]
@@ -72,16 +74,44 @@ def choose_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: HandG
 
 
 def couple_world(world: World, device: Device, loop: SampledLoop, hand: HandGrip = GRIPS["light"]) -> World:
-    """`world` with the coupling of every scene in it chosen, where its stiffness is 0; every other world as it is."""
+    """`world` with the coupling of every scene in it chosen, where its stiffness is 0, and the dampers for slower time;
+    every other world unchanged."""
     if isinstance(world, Sum):
         return replace(world, parts=tuple(couple_world(part, device, loop, hand) for part in world.parts))
-    if not isinstance(world, Scene) or world.stiffness:
+    if not isinstance(world, Scene):
         return world
-    found = choose_coupling(world, device, loop, hand)
+    if not world.stiffness:
+        found = choose_coupling(world, device, loop, hand)
+        world = world.replace(
+            stiffness=_round(found.stiffness), damping=_round(found.damping),
+            turn_stiffness=_round(found.turn_stiffness), turn_damping=_round(found.turn_damping),
+        )  # fmt: skip
+    fitted, held = world.for_device(device), hold_mover(device, hand)
+    turned = (held.turn, fitted.turn_stiffness, fitted.turn_damping)
+    moved = (held.move * world.scale**2, fitted.stiffness, fitted.damping)
     return world.replace(
-        stiffness=_round(found.stiffness), damping=_round(found.damping),
-        turn_stiffness=_round(found.turn_stiffness), turn_damping=_round(found.turn_damping),
-    )  # fmt: skip
+        slow_damping=world.slow_damping or _round(_find_slow_damping(loop, held.grip, *moved)),
+        slow_turn_damping=world.slow_turn_damping or _round(_find_slow_damping(loop, held.grip, *turned)),
+    )
+
+
+@lru_cache(maxsize=64)
+def _find_slow_damping(loop: SampledLoop, hand: HandGrip, square: float, stiffness: float, damping: float) -> float:
+    """The maximum damper of the coupling while a scene's time is slower, at the required margin of stability."""
+    if not (square and stiffness and damping):
+        return 0.0
+
+    def margin(factor: float) -> float:
+        return loop.largest(hand, square * stiffness, square * factor * damping)
+
+    low, high = 1.0, _GROWTH
+    enough = min(ENOUGH, margin(low))
+    if margin(high) >= enough:
+        return high * damping
+    while high > 1.01 * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if margin(middle) >= enough else (low, middle)
+    return low * damping
 
 
 def describe_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: HandGrip) -> str:

@@ -14,7 +14,6 @@ from haptorb.errors import HaptorbError, RecordingError
 from haptorb.numerics.arrays import Array, Records
 from haptorb.runtime.recording.recording import Recording
 from haptorb.runtime.tick.tick_log import TickFailure
-from haptorb.runtime.tick.world_budget import StepWatch
 from haptorb.worlds.bound_world import BoundWorld
 from haptorb.worlds.client_force import CLIENT_FORCE
 from haptorb.worlds.dynamic_world import DynamicWorld
@@ -25,6 +24,8 @@ from haptorb.worlds.wrench_part import check_part
 __all__ = ["PlayedBudget", "RecordedTick", "WorldFailed", "list_memory_fields", "make_recorded_world"]
 
 _FAILED = int(TickFailure.WORLD)
+_DETAIL = TickFailure.LESS_DETAIL | TickFailure.MORE_DETAIL
+_DETAIL = TickFailure.LESS_DETAIL | TickFailure.MORE_DETAIL
 
 
 class WorldFailed(HaptorbError):
@@ -33,24 +34,21 @@ class WorldFailed(HaptorbError):
 
 @final
 class RecordedTick:
-    """What the world did in the tick that is replayed now, in a block of ticks.
-
-    took  time of its step [s]
-    """
+    """What the world did in the tick that is replayed now, in a block of ticks."""
 
     def __init__(self) -> None:
         self._wrench: list[Array] = []
         self._contacts: list[Array] = []
         self._memory: list[Array] = []
         self._failures: list[int] = []
-        self._took: list[float] = []
         self._client: dict[str, slice | int] = {}
         self._at = 0
 
     def load(self, block: Mapping[str, Array], *, whole: bool) -> None:
-        """The next ticks: field → (n, width), each in its unit [SI]; only the times unless the `whole` is requested."""
+        """The next ticks: field → (n, width), each in its unit [SI]; only failures unless the `whole` is requested."""
         n = len(block["t"])
-        self._took = block["stages"][:, 2].tolist()
+        self._failures = np.nan_to_num(block["failures"][:, 0]).astype(int).tolist()
+        self._at = 0
         if not whole:
             return
         nothing = np.full((n, 6), np.nan)
@@ -63,17 +61,15 @@ class RecordedTick:
             else list(np.ascontiguousarray(hooks).reshape(n, -1, 8))
         )
         self._memory = list(np.ascontiguousarray(block.get("memory", np.empty((n, 0)))))
-        self._failures = np.nan_to_num(block["failures"][:, 0]).astype(int).tolist()
-        self._at = 0
 
     def go_to(self, number: int) -> None:
         """The tick `number` of the block, from 0 on, is next."""
         self._at = number
 
     @property
-    def took(self) -> float:
-        """Time of the recorded world's step [s]."""
-        return self._took[self._at]
+    def detail_change(self) -> TickFailure:
+        """The change of the recorded world's detail: LESS_DETAIL, MORE_DETAIL or 0."""
+        return TickFailure(self._failures[self._at]) & _DETAIL
 
     def render(self) -> Array:
         """(6,) the recorded wrench on the mover [N, N·m]. Raises WorldFailed where the recorded world failed."""
@@ -119,14 +115,22 @@ class RecordedTick:
 
 @final
 class PlayedBudget:
-    """Reduces detail where the recorded run did: passes the time of the recorded world's step to `budget`."""
+    """Reduces detail where the recorded run did, and restores it there."""
 
-    def __init__(self, budget: StepWatch, tick: RecordedTick) -> None:
-        self._budget, self._tick = budget, tick
+    def __init__(self, tick: RecordedTick) -> None:
+        self._tick = tick
 
-    def watch(self, bound: BoundWorld, took: float) -> None:
-        """One step of `bound` took as long [s] as the recorded one."""
-        self._budget.watch(bound, self._tick.took)
+    def begin(self) -> None:
+        """The time of the step now does not matter."""
+
+    def end(self, bound: BoundWorld) -> TickFailure:
+        """Change the detail as the recorded run did after its step."""
+        change = self._tick.detail_change
+        if change & TickFailure.LESS_DETAIL:
+            bound.world.lighten(bound.memory)
+        elif change & TickFailure.MORE_DETAIL:
+            bound.world.restore(bound.memory)
+        return change
 
 
 def make_recorded_world(description: str, tick: RecordedTick) -> World:

@@ -98,7 +98,7 @@ class Replay:
         self._timetable = table if part is None else table.cut(*part)
         self._find_gaps()
         self._take_state()
-        self.tick.budget = PlayedBudget(self.tick.budget, self._recorded_tick)
+        self.tick.budget = PlayedBudget(self._recorded_tick)
         self.approximate = bool(self._rows.missing) or self._near
         room = next((field.width for field in recording.fields if field.name == "memory"), 0)
         self._layout = RowLayout.of(device, room)

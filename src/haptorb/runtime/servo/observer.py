@@ -26,6 +26,8 @@ from haptorb.runtime.servo.latest_row import LatestRow
 from haptorb.runtime.servo.process_group import ProcessGroup
 from haptorb.runtime.servo.world_watcher import WorldWatcher
 from haptorb.runtime.trackers.pose_source import describe_missing_pose
+from haptorb.worlds.dynamic_world import DynamicWorld
+from haptorb.worlds.memory import count_numbers
 from haptorb.worlds.wrench_part import PARTS, WrenchPart
 
 if TYPE_CHECKING:
@@ -40,7 +42,6 @@ class ServoObserver(Commands):
     """Base of `Servo`: everything that comes back from the loop."""
 
     device: Device
-    layout: RowLayout
     driver: str
     tracker: str
     estimator: str
@@ -52,6 +53,15 @@ class ServoObserver(Commands):
     _children: ProcessGroup | None
     _choice: WrenchChoice | None
     _watcher: WorldWatcher | None
+
+    @property
+    def layout(self) -> RowLayout:
+        """Which numbers of a row are what, with room for the memory of every world that this servo was given."""
+        if self._shared is not None:
+            return self._shared.layout
+        given = (self._first, *self.own_worlds.values())
+        sizes = [count_numbers(one.memory_fields) for one in given if isinstance(one, DynamicWorld)]
+        return RowLayout.of(self.device, max(sizes, default=0))
 
     def __repr__(self) -> str:
         return (

@@ -34,7 +34,6 @@ from haptorb.runtime.realtime.linux import require_linux
 from haptorb.runtime.realtime.schedule import check_rate
 from haptorb.runtime.realtime.stale_files import FileLock, sweep
 from haptorb.runtime.recording.run_recording import RunRecording
-from haptorb.runtime.row import RowLayout
 from haptorb.runtime.servo.launch import check_seed, describe_choices, notes, recorder_spec, tracker_spec
 from haptorb.runtime.servo.process_group import ProcessGroup
 from haptorb.runtime.servo.servo_context import ServoContext
@@ -55,8 +54,6 @@ from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.calibration_file import read_calibration, read_frame
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
 from haptorb.worlds.bound_world import check_world_period
-from haptorb.worlds.dynamic_world import DynamicWorld
-from haptorb.worlds.memory import count_numbers
 from haptorb.worlds.own.failure import fit_world
 from haptorb.worlds.own.file_with_remote import FileWithRemote
 from haptorb.worlds.own.world_file import WorldFile
@@ -128,7 +125,6 @@ class Servo(ServoContext):
     ) -> None:
         require_linux("haptorb.Servo")
         self.device = device if isinstance(device, Device) else load(device)
-        self.layout = RowLayout.of(self.device)
         self.driver = check_driver(driver)
         self.tracker = check_tracker(tracker, self.driver)
         self.tracker_token = ""  #: what senders on other computers must say first; known once the servo is open
@@ -235,7 +231,6 @@ class Servo(ServoContext):
                 plans.save(self._plan, file)
             except Exception as cause:
                 raise InputError(f"world or device cannot be sent to the servo's process: {cause}") from cause
-            self.layout = self._lay_out_rows()
             self._shared = SharedMemory.create(self.layout)
             self._carry_stops(self._shared)
             self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder, self._notes())
@@ -258,12 +253,6 @@ class Servo(ServoContext):
             self._watcher = WorldWatcher(
                 self._world_file, self._plan.world, self.device, self._reload, lambda: self.world
             )
-
-    def _lay_out_rows(self) -> RowLayout:
-        """With room for the memory of every world that this servo was given."""
-        given = (self._plan.world, *self.own_worlds.values())
-        sizes = [count_numbers(one.memory_fields) for one in given if isinstance(one, DynamicWorld)]
-        return RowLayout.of(self.device, max(sizes, default=0))
 
     def _reload(self, world: World, values: dict[str, Any]) -> None:
         assert self._folder is not None

@@ -72,8 +72,7 @@ class Tick:
         self.budget: StepWatch = WorldBudget(dt)
         self.world_changes = 0
         self.driver, self.estimator = driver, estimator
-        self._log = TickLog()
-        self.linkage = linkage or Direct()
+        self._log, self.linkage = TickLog(), linkage or Direct()
         self.joining = NotedLinkage(self.linkage, self._log)
         self.protection = Protection(device, dt, self.linkage.arm)
         self.protection.change_world(passive=self.world.passive and self.linkage.passive)
@@ -211,8 +210,6 @@ class Tick:
         t2 = perf_counter()
         rendered = self._render(estimate, now)
         t3 = perf_counter()
-        if self._bound is not None:
-            self.budget.watch(self._bound, t3 - t2)
         # Modes scale what the hand feels: what a target's world holds is no measure of it.
         stored = np.nan if self._bound is None or self.linkage.modes else self._bound.energy
         asked = protection.protect_wrench(self._rendered, estimate, sample.t, stored)
@@ -253,7 +250,9 @@ class Tick:
                 rendered = self.linkage.render(self.world, estimate.state)
             else:
                 bound.paused = not estimate.valid  # safety: memory-stands-still
+                self.budget.begin()
                 rendered = self.linkage.render(bound, estimate.state)
+                self._log.fail(self.budget.end(bound))
             check_wrench(rendered.wrench)
             # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.
             self._rendered[:], self._on_thing[:] = rendered.wrench, rendered.on_thing

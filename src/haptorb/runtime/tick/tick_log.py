@@ -31,7 +31,7 @@ class TickCommand(IntFlag):
 
 
 class TickFailure(IntFlag):
-    """What failed."""
+    """What failed in a tick, and whether its world reduced or restored detail."""
 
     READ = 1
     WRITE = 2
@@ -39,6 +39,8 @@ class TickFailure(IntFlag):
     WORLD = 8
     MEMORY = 16
     ALLOCATION = 32
+    LESS_DETAIL = 64
+    MORE_DETAIL = 128
 
 
 _MODES: dict[Mode, TickCommand] = dict(zip(MODES, (TickCommand.TRANSLATE, TickCommand.ROTATE), strict=True))

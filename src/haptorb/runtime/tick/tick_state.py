@@ -28,7 +28,7 @@ _REMEMBERED: Final[dict[str, tuple[str, ...]]] = {
     "TickLog": ("scale",),
     "WrenchFade": ("active", "_before", "_start"),
     "RenderedPart": ("number", "is_open", "_part", "_has_pushed"),
-    "WorldBudget": ("_since", "_calm", "_patience"),
+    "WorldBudget": ("_mean", "_calm", "_patience"),
     "Protection": ("coils[]", "state[]", "duties[]"),
     "ModedLinkage": ("_memory", "_mode", "_engaged", "_t", "_scale", "_scale_goal"),
     "Direct": (),

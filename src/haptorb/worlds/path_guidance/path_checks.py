@@ -63,7 +63,7 @@ def check_workspace(places: Array, spacing: float, device: Device) -> None:
     for beyond, where, unit, remedy in ways:
         worst = int(np.argmax(beyond))
         if beyond[worst] > 0.0:
-            over = f"{1e3 * beyond[worst]:.2g} mm" if unit == "m" else f"{np.degrees(beyond[worst]):.2g} deg"
+            over = f"{1e3 * beyond[worst]:.3g} mm" if unit == "m" else f"{np.degrees(beyond[worst]):.3g} deg"
             raise InputError(
                 f"the path leaves the workspace of device '{device.name}': {1e3 * worst * spacing:.0f} mm along it, at "
                 f"{_write_place(places[worst])}, it is {over} {where}; {remedy}"

@@ -2,6 +2,11 @@
 
 After Colgate, Stanley and Brown 1995 and Adams and Hannaford 1999: the hand feels the coupling, never the scene
 itself, so a loop that is stable with the coupling against a wall is stable with any passive scene.
+
+In a scene whose time passes s times as fast, bodies feel 1/s² times as heavy. With the same coupling the damping
+ratio of the body in it would fall to s times its value, and the body would oscillate. So the damper grows to 1/s of
+itself, up to `slow_damping`; beyond that the spring becomes softer, by (s d/b)², where d is the damper instead of b.
+The damping ratio is always that of full speed, and the coupling is never stiffer.
 """
 
 from __future__ import annotations
@@ -11,32 +16,52 @@ import numpy as np
 from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["COUPLING", "fill_coupling"]
+__all__ = ["COUPLING", "fill_coupling", "fit_to_pace"]
 
 #: What the kernel goes by.
 COUPLING = fields(
     ("stiffness", "f8"), ("damping", "f8"), ("greatest", "f8"),  # [N/m], [N·s/m], [N]
     ("turn_stiffness", "f8"), ("turn_damping", "f8"), ("turn_greatest", "f8"),  # [N·m/rad], [N·m·s/rad], [N·m]
+    ("slow_damping", "f8"), ("slow_turn_damping", "f8"),  # at a slower pace [N·s/m], [N·m·s/rad]
 )  # fmt: skip
 
 
 @kernel
-def _limit(spring: Array, stretch: Array, speed: Array, stiffness: float, damping: float, greatest: float) -> float:
-    """spring (3,) becomes the spring's and damper's push along `stretch`, each at most `greatest`; the energy [J]."""
+def fit_to_pace(stiffness: float, damping: float, most: float, pace: float) -> tuple[float, float]:
+    """Stiffness and damping while the scene's time passes `pace` times as fast, 0 to 1, with a damper of at most
+    `most`; the body keeps its damping ratio.
+
+    >>> fit_to_pace(100.0, 2.0, 8.0, 0.25), fit_to_pace(100.0, 2.0, 4.0, 0.25), fit_to_pace(100.0, 2.0, 0.0, 0.25)
+    ((100.0, 8.0), (25.0, 4.0), (6.25, 2.0))
+    """
+    if pace >= 1.0:
+        return stiffness, damping
+    damper = max(min(damping / pace, most), damping)
+    share = pace * damper / damping if damping > 0.0 else pace
+    return share * share * stiffness, damper
+
+
+@kernel
+def _limit(
+    spring: Array, stretch: Array, speed: Array, stiffness: float, damping: float, greatest: float
+) -> tuple[float, float]:
+    """Fill spring (3,) with the force of spring and damper, each at most `greatest`; return the spring's energy [J] and
+    the damper's power [W]."""
     length, fast = 0.0, 0.0
     for i in range(3):
         length += stretch[i] * stretch[i]
         fast += speed[i] * speed[i]
-    length, fast = np.sqrt(length), damping * np.sqrt(fast)
+    length, fast = np.sqrt(length), np.sqrt(fast)
     pull = stiffness * length
     share = 1.0 if pull <= greatest else greatest / pull
-    drag = 1.0 if fast <= greatest else greatest / fast
+    drag = 1.0 if damping * fast <= greatest else greatest / (damping * fast)
     for i in range(3):
         spring[i] = share * stiffness * stretch[i] + drag * damping * speed[i]
+    power = drag * damping * fast * fast
     if share == 1.0:
-        return float(0.5 * pull * length)
+        return 0.5 * pull * length, power
     most = greatest / stiffness
-    return float(0.5 * greatest * most + greatest * (length - most))
+    return 0.5 * greatest * most + greatest * (length - most), power
 
 
 @kernel
@@ -57,24 +82,29 @@ def _turn_between(R: Array, x: Array, turn: Array) -> None:
 @kernel
 def fill_coupling(
     couplings: Records, pose: Array, R: Array, motion: Array, place: Array, attitude: Array, moving: Array,
-    share: float, wrench: Array,
-) -> float:  # fmt: skip
-    """Fill wrench (6,) with the force [N] and torque about the body's origin [N·m] on the body; return the energy [J].
+    pace: float, ahead: float, wrench: Array,
+) -> tuple[float, float]:  # fmt: skip
+    """Fill wrench (6,) with the force [N] and torque about the body's origin [N·m] on the body; return the energy of
+    the springs [J] and the power that the dampers take [W].
 
-    couplings (1,) COUPLING. Target of the body: pose (3,) [m], R (3, 3), motion (6,) linear and angular. Actual
-    pose: place (3,), attitude (9,) by rows, moving (6,) angular and linear as MuJoCo has it, in time that passes
-    `share` times as fast.
+    couplings (1,) COUPLING. Target of the body: pose (3,) [m], R (3, 3), motion (6,) linear and angular. Last
+    pose: place (3,), attitude (9,) by rows, moving (6,) angular and linear as MuJoCo has it. The scene's time passes
+    `pace` times as fast, and `ahead` [s] of it have passed since that pose.
     """
     c = couplings[0]
     stretch, speed = np.empty(3), np.empty(3)
     for i in range(3):
-        stretch[i] = pose[i] - place[i]
-        speed[i] = motion[i] - share * moving[3 + i]
-    energy = _limit(wrench[:3], stretch, speed, c.stiffness, c.damping, c.greatest)
+        stretch[i] = pose[i] - place[i] - ahead * moving[3 + i]
+        speed[i] = motion[i] - pace * moving[3 + i]
+    stiffness, damping = fit_to_pace(c.stiffness, c.damping, c.slow_damping, pace)
+    energy, power = _limit(wrench[:3], stretch, speed, stiffness, damping, c.greatest)
     if c.turn_stiffness == 0.0:
         wrench[3:] = 0.0
-        return energy
+        return energy, power
     _turn_between(R, attitude, stretch)
     for i in range(3):
-        speed[i] = motion[3 + i] - share * moving[i]
-    return energy + _limit(wrench[3:], stretch, speed, c.turn_stiffness, c.turn_damping, c.turn_greatest)
+        stretch[i] -= ahead * moving[i]
+        speed[i] = motion[3 + i] - pace * moving[i]
+    stiffness, damping = fit_to_pace(c.turn_stiffness, c.turn_damping, c.slow_turn_damping, pace)
+    more = _limit(wrench[3:], stretch, speed, stiffness, damping, c.turn_greatest)
+    return energy + more[0], power + more[1]

@@ -15,9 +15,10 @@ from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.memory import MemoryField, make_memory
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.scene.coupling import COUPLING
+from haptorb.worlds.scene.pace import LEVELS, PACE_FIELDS, advance_pace
 from haptorb.worlds.scene.scene_model import SceneModel, make_scene_model
 from haptorb.worlds.scene.scene_shapes import describe_scene
-from haptorb.worlds.scene.stepping import LEVELS, SceneStepper, state_size
+from haptorb.worlds.scene.stepping import SceneStepper, state_size
 from haptorb.worlds.shape import Shape
 from haptorb.worlds.world import World
 
@@ -55,6 +56,8 @@ class Scene(DynamicWorld):
     )
     turn_damping: float = parameter(0.0, "N·m·s/rad", 0, 10, "rotational damping of the coupling")
     turn_greatest: float = parameter(0.0, "N·m", 0, 20, "maximum torque of the coupling; 0: that of the device")
+    slow_damping: float = parameter(0.0, "N·s/m", 0, 2000, "maximum damping while time is slow; 0: no increase")
+    slow_turn_damping: float = parameter(0.0, "N·m·s/rad", 0, 100, "maximum rotational damping while time is slow")
     scale: float = parameter(1.0, "1", 0.01, 100, "scale: metres in the scene per metre of the mover")
     anchored: bool = False  #: the mover begins where the scene has the body: a motor's target
 
@@ -114,10 +117,7 @@ class Scene(DynamicWorld):
             MemoryField("place", "m", "position of each moving shape, scene frame", (count, 3)),
             MemoryField("attitude", "1", "orientation of each moving shape, quaternion (x, y, z, w)", (count, 4)),
             MemoryField("energy", "J", "energy: kinetic, potential, in springs and in the coupling"),
-            MemoryField("detail", "1", "0: full detail; above: fewer iterations, then slower time"),
-            MemoryField("lighter", "1", "ticks with less than full detail"),
-            MemoryField("behind", "s", "delay of the scene's time"),
-            MemoryField("due", "1", "fraction of a step due in slow time"),
+            *PACE_FIELDS,
             MemoryField(
                 "state", "SI", "state of MuJoCo: time, positions, velocities, warm start", (state_size(self.model),)
             ),
@@ -150,7 +150,7 @@ class Scene(DynamicWorld):
         """Memory, and place and attitude of the body, at the beginning."""
         memory = make_memory(self.memory_fields)
         state, places, turns, place, attitude = self._pad.begin()
-        memory["state"][0] = state
+        memory["state"][0], memory["pace"] = state, 1.0
         if len(places):
             memory["place"][0], memory["attitude"][0] = places, turns
         return memory, place, attitude
@@ -181,29 +181,21 @@ class Scene(DynamicWorld):
             np.matmul(state.R_SR, attitude, out=R)
         else:
             R[:] = state.R_SR
-        level = int(one["detail"])
-        steps = max(round(dt / self._timestep), 1)
-        if level:
-            steps = self._slow_down(one, steps, dt, LEVELS[level][1])
-        wrench, energy = pad.advance(one["state"], wish, self._couplings, steps, level)
+        time = advance_pace(one, self._count_steps(dt), dt)
+        wrench, energy = pad.advance(one, wish, self._couplings, time, dt)
         one["energy"] = energy
         if self.drawn:
             pad.fill_poses(one["place"], one["attitude"])
-        np.negative(wrench, out=wrench)
-        wrench[:3] *= self.scale
-        return wrench
+        rendered = np.negative(wrench)
+        rendered[:3] *= self.scale
+        return rendered
+
+    def _count_steps(self, dt: float) -> int:
+        return max(round(dt / self._timestep), 1)
 
     @cached_property
     def _timestep(self) -> float:
         return float(self.model.model.opt.timestep)
-
-    def _slow_down(self, one: Any, steps: int, dt: float, speed: float) -> int:
-        """How many of `steps` are due now, in time that passes `speed` times as fast."""
-        one["lighter"] += 1.0
-        one["behind"] += (1.0 - speed) * dt
-        due = float(one["due"]) + speed * steps
-        one["due"] = due - int(due)
-        return int(due)
 
     def check_period(self, dt: float) -> None:
         """Raise InputError if the scene's timestep does not divide a tick of `dt` [s]."""

@@ -160,6 +160,11 @@ def _check(scene: SceneModel) -> SceneModel:
             f"scene '{scene.title}' has actuators, which haptorb does not drive: remove <actuator>, or use springs of "
             "joints and <equality>"
         )
+    if int(model.opt.integrator) == int(load_engine().mjtIntegrator.mjINT_RK4):
+        raise InputError(
+            f"scene '{scene.title}' has the integrator RK4, which computes all forces four times in a step, without "
+            'the hand\'s force in between; set <option integrator="implicitfast"/>'
+        )
     loose = np.flatnonzero((model.body_dofnum > 0) & (model.body_mass <= 0.0) & (model.body_subtreemass <= 0.0))
     if loose.size:
         raise InputError(f"scene '{scene.title}': body '{model.body(int(loose[0])).name}' moves but has no mass")

@@ -16,15 +16,13 @@ from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
 from haptorb.worlds.bound_world import MemoryNotFinite
 from haptorb.worlds.scene.coupling import fill_coupling
+from haptorb.worlds.scene.pace import LEVELS, ScenePace, fill_tank
 from haptorb.worlds.scene.scene_model import SceneModel, load_engine
 
 Integers = NDArray[np.int64]
 
-__all__ = ["LEVELS", "SceneExplosion", "SceneStepper", "state_size"]
+__all__ = ["SceneExplosion", "SceneStepper", "state_size"]
 
-#: detail → (share of the solver's iterations, speed of the scene's own time). The solver ends when it has converged: a
-#: lower limit shortens the longest steps only, and far below a half tight contacts throw a body back and forth
-LEVELS = ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5), (0.5, 0.25), (0.5, 0.125))
 _HUGE = 1e8  #: beyond it a coordinate or speed has no meaning
 
 
@@ -77,8 +75,7 @@ class SceneStepper:
         data = self._data
         self._place, self._attitude = data.xpos[body], data.xmat[body]
         self._centre, self._pushed = data.xipos[body], data.xfrc_applied[body]
-        self._moving, self._wrench, self._total = np.zeros(6), np.zeros(6), np.zeros(6)
-        self._pose, self._motion = np.zeros(3), np.zeros(6)
+        self._moving, self._wrench, self._total, self._share = (np.zeros(6) for _ in range(4))
         self._points, self._turns = data.geom_xpos, data.xquat
         self._bodies, self._own = self._model.geom_bodyid.astype(np.int64), self._model.geom_quat
         self._state = np.zeros(state_size(scene))
@@ -114,52 +111,101 @@ class SceneStepper:
         return found[0], found[1]
 
     def advance(
-        self, lasting: Array, wish: tuple[Array, Array, Array], couplings: Records, steps: int, level: int
+        self, one: Any, wish: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
     ) -> tuple[Array, float]:
-        """(6,) mean force and torque on the body over `steps` steps of the scene [N, N·m], and the energy [J] of
-        scene and coupling before them. `lasting` (n,) becomes the state after them.
+        """(6,) force and torque on the body in this tick of `dt` [s] [N, N·m], and the energy [J] of scene and coupling
+        before it. The fields `state` and `waiting` of the record `one` are advanced.
 
         wish    target of the body: position (3,) [m], orientation (3, 3), motion (6,) linear and angular
-        level   of detail, an index of `LEVELS`
 
         Raises SceneExplosion.
         """
-        engine, model, data, total = self._engine, self._model, self._data, self._total
-        if level != self._level:
-            self._choose_detail(level)
+        engine, model, data = self._engine, self._model, self._data
+        lasting = one["state"]
+        if time.level != self._level:
+            self._choose_detail(time.level)
         engine.mj_setState(model, data, lasting, self._kinds)
-        total[:] = 0.0
-        energy = 0.0
-        for step in range(max(steps, 1)):
-            self._pushed[:] = 0.0
-            if steps:
-                engine.mj_step1(model, data)
-            else:  # time stops; the rendering does not
-                engine.mj_fwdPosition(model, data)
-                engine.mj_fwdVelocity(model, data)
-            held = self._couple(wish, couplings, LEVELS[level][1])
-            if step == 0:
-                energy = held + float(data.energy[0]) + float(data.energy[1])
-            total += self._wrench
-            if steps:
-                engine.mj_step2(model, data)
-        if steps:
+        if time.pace == 1.0:
+            energy = self._step(wish, couplings, time.steps)
+        else:
+            energy = self._step_slowly(one, wish, couplings, time, dt)
+        if time.steps:
             engine.mj_getState(model, data, lasting, self._kinds)
             if not (np.abs(lasting).max() < _HUGE):
                 raise SceneExplosion(self._explain())
-        return total / max(steps, 1), energy
+        return self._total, energy
 
-    def _couple(self, wish: tuple[Array, Array, Array], couplings: Records, share: float) -> float:
-        engine, moving, wrench = self._engine, self._moving, self._wrench
+    def _step(self, wish: tuple[Array, Array, Array], couplings: Records, steps: int) -> float:
+        """All `steps` of a tick at full pace, each with its own wrench of the coupling."""
+        engine, model, data, total = self._engine, self._model, self._data, self._total
+        total[:] = 0.0
+        energy = 0.0
+        for step in range(steps):
+            self._pushed[:] = 0.0
+            engine.mj_step1(model, data)
+            stretched, _ = self._couple(wish, couplings, 1.0, 0.0)
+            if step == 0:
+                energy = stretched + float(data.energy[0]) + float(data.energy[1])
+            self._push(self._wrench)
+            total += self._wrench
+            engine.mj_step2(model, data)
+        total /= steps
+        return energy
+
+    def _step_slowly(
+        self, one: Any, wish: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
+    ) -> float:
+        """A tick of slow time, with or without a step: a step takes the whole impulse since the last one, so that
+        nothing of it is lost or counted twice."""
+        engine, model, data = self._engine, self._model, self._data
+        length = float(model.opt.timestep)
+        self._pushed[:] = 0.0
+        if time.steps:
+            engine.mj_step1(model, data)
+        else:  # positions and velocities; contacts are not needed
+            engine.mj_kinematics(model, data)
+            engine.mj_comPos(model, data)
+            engine.mj_tendon(model, data)
+            engine.mj_comVel(model, data)
+            engine.mj_energyPos(model, data)
+            engine.mj_energyVel(model, data)
+        stretched, power = self._couple(wish, couplings, time.pace, time.ahead * length)
+        fill_tank(one, stretched, power * dt)
+        waiting: Array = one["waiting"]
+        energy = stretched + float(data.energy[0]) + float(data.energy[1])
+        self._total[:] = self._wrench
+        np.multiply(self._wrench, time.pace * dt, out=self._share)
+        waiting += self._share
+        if time.steps:
+            np.divide(waiting, time.steps * length, out=self._share)
+            waiting[:] = 0.0
+            for step in range(time.steps):
+                if step:
+                    self._pushed[:] = 0.0
+                    engine.mj_step1(model, data)
+                self._push(self._share)
+                engine.mj_step2(model, data)
+        return energy
+
+    def _couple(
+        self, wish: tuple[Array, Array, Array], couplings: Records, pace: float, ahead: float
+    ) -> tuple[float, float]:
+        """Compute the coupling's wrench on the body; return energy of the springs [J] and power of the dampers [W]."""
+        engine, moving = self._engine, self._moving
         engine.mj_objectVelocity(self._model, self._data, engine.mjtObj.mjOBJ_XBODY, self._body, moving, 0)
-        place, R, motion = wish[0], wish[1], wish[2]
-        energy = fill_coupling(couplings, place, R, motion, self._place, self._attitude, moving, share, wrench)
+        place, R, motion = wish
+        energy, power = fill_coupling(
+            couplings, place, R, motion, self._place, self._attitude, moving, pace, ahead, self._wrench
+        )
+        return float(energy), float(power)
+
+    def _push(self, wrench: Array) -> None:
+        """Apply `wrench` (6,) to the body, at its origin [N, N·m]."""
         pushed, arm = self._pushed, self._place - self._centre
         pushed[:] = wrench
         pushed[3] += arm[1] * wrench[2] - arm[2] * wrench[1]
         pushed[4] += arm[2] * wrench[0] - arm[0] * wrench[2]
         pushed[5] += arm[0] * wrench[1] - arm[1] * wrench[0]
-        return float(energy)
 
     def _choose_detail(self, level: int) -> None:
         share, option = LEVELS[level][0], self._model.opt
@@ -176,6 +222,7 @@ class SceneStepper:
         fastest = np.abs(np.nan_to_num(data.qvel, nan=np.inf, posinf=np.inf, neginf=np.inf)).argmax()
         name = model.body(int(model.dof_bodyid[int(fastest)])).name or "without a name"
         return (
-            f"the scene diverged: body '{name}' left all bounds after {float(data.time):.3g} s of "
-            "its time; make its timestep shorter, its contacts softer (solref), or its bodies heavier"
+            f"the scene diverged: position or velocity of body '{name}' is not finite or far too large after "
+            f"{float(data.time):.3g} s of its time; make its timestep shorter, its contacts softer (solref), or its "
+            "bodies heavier"
         )
