@@ -60,6 +60,7 @@ def test_the_file_that_is_written_is_the_device_that_was_computed(tmp_path: Path
     again = load(path)
     assert (again.digest, again.name, again.title) == (device.digest, "found-1", device.title)
     assert again.assumed == device.assumed
+    assert again.text == device.text  # what a recording of it keeps
     assert device.hall.positions[0].tolist() == [0.05725, 0.0, 0.0]
     assert device.hall.positions[1, 0] == -0.05725
     assert device.hall.positions[2:].tolist() == load("omni").hall.positions[2:].tolist()

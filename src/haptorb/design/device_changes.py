@@ -11,6 +11,7 @@ from haptorb.design.device_keys import split_key, write_key
 from haptorb.design.evaluation import Value
 from haptorb.design.parameter import WHOLE, DesignParameter, ParameterPlace, list_entries
 from haptorb.devices.device import Device
+from haptorb.devices.device_text import DeviceText
 from haptorb.devices.loader import DeviceTables, build_tables, lay_over
 from haptorb.errors import InputError
 
@@ -29,8 +30,10 @@ def change_tables(design: Design, values: Mapping[str, Value], name: str = "cand
     """The base device's tables with `values` written to their places; InputError for values that the design has not."""
     changes = _list_changes(design, values, name)
     base = design.base_tables
-    merged = lay_over(base.values, changes)
-    return DeviceTables(name, merged, base.text + _format(design, values, changes))
+    own, file = _format(design, values, changes), None
+    if base.file is not None:
+        file = DeviceText(own, {design.base: base.file.own, **base.file.bases})
+    return DeviceTables(name, lay_over(base.values, changes), base.text + own, file)
 
 
 def write_device_text(design: Design, values: Mapping[str, Value], name: str) -> str:

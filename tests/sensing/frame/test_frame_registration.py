@@ -166,7 +166,9 @@ def test_marks_in_another_order_are_named() -> None:
     front, left, rear = (touched.marks[name] for name in OMNI.marks.names)
     with pytest.raises(CalibrationError, match="another order: 'left' instead of 'front', 'front' instead of 'left'"):
         frame_registration(replace(touched, marks={"front": left, "left": front, "rear": rear}), OMNI)
-    with pytest.raises(CalibrationError, match=r"'left' instead of 'front'.*'rear' instead of 'left'.*'front' instead of 'rear'"):
+    with pytest.raises(
+        CalibrationError, match=r"'left' instead of 'front'.*'rear' instead of 'left'.*'front' instead of 'rear'"
+    ):
         frame_registration(replace(touched, marks={"front": left, "left": rear, "rear": front}), OMNI)
 
 
