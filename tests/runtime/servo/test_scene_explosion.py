@@ -1,8 +1,9 @@
-"""A scene that explodes in a running servo: coils off, with its reason, until a person engages again."""
+"""A scene that diverges in a running servo: coils off, with its reason, until a person engages again."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -29,24 +30,24 @@ FALLING = """
 """
 
 
-def wait_for_trip(servo: Servo, trips: int) -> None:
-    end = time.monotonic() + 10.0
-    while len(servo.trips) < trips and time.monotonic() < end:
+def wait_for(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + 20.0
+    while not condition():
+        assert time.monotonic() < end
         time.sleep(0.02)
 
 
-def test_a_scene_that_explodes_switches_the_coils_off_and_begins_anew_when_engaged(tmp_path: Path) -> None:
+def test_a_scene_that_diverges_switches_the_coils_off_and_restarts_when_engaged(tmp_path: Path) -> None:
     file = tmp_path / "boom.xml"
     file.write_text(FALLING)
     with Servo("omni", Scene(str(file), stiffness=100.0, damping=1.0), record=False) as servo:
-        wait_for_trip(servo, 1)
+        wait_for(lambda: len(servo.trips) == 1)
         assert servo.trips[0].trip == Trip.MEMORY_NOT_FINITE
         assert servo.report()["coil_state"] == "off"
-        assert servo.world_trouble.count("exploded") == 1
+        assert servo.world_trouble.count("diverged") == 1
         assert "body 'charge'" in servo.world_trouble
         servo.engage()
-        time.sleep(0.3)
-        assert servo.report()["coil_state"] == "on"
+        wait_for(lambda: servo.report()["coil_state"] == "on")
         assert not servo.world_trouble
-        wait_for_trip(servo, 2)
+        wait_for(lambda: len(servo.trips) == 2)
         assert [one.trip for one in servo.trips] == [Trip.MEMORY_NOT_FINITE] * 2
