@@ -20,7 +20,7 @@ from haptorb.apps.asking.rating import rating as rating_of
 from haptorb.apps.feel.candidates import Candidates
 from haptorb.apps.feel.records import Choice, DesignRating, Feeling, Record, parse_records, utc_now, write_line
 from haptorb.apps.feel.trace import COLUMNS, HAND, Trace, read_trace, write_trace
-from haptorb.errors import InputError, RecordingError
+from haptorb.errors import InputError, RecordingError, quote
 from haptorb.files.text_file import read_bytes
 from haptorb.numerics.arrays import Array
 
@@ -60,9 +60,9 @@ class FeelSession:
         rated = {record.design for record in self._records()}
         known = [design.name for design in self.candidates.designs]
         if rated and rated.isdisjoint(known):
+            others = ", ".join(quote(name) for name in sorted(rated)[:4])
             raise InputError(
-                f"{self._path} belongs to other designs ({', '.join(sorted(rated)[:8])}), none of which is in this "
-                "file "
+                f"{self._path} belongs to other designs ({others}), none of which is in this file "
                 f"({', '.join(known[:8])}); choose another folder with --session, or use the file it belongs to"
             )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
@@ -12,6 +13,7 @@ from haptorb.design.design import Design
 from haptorb.design.evaluate import evaluate
 from haptorb.design.evaluation import Evaluation, Value
 from haptorb.design.workers.workers import Job
+from haptorb.files.pickle_code import pickle_with_code
 
 __all__ = ["ClusterWorkers", "evaluate_part", "open_cluster_workers"]
 
@@ -39,10 +41,8 @@ class ClusterWorkers:
     """
 
     def __init__(self, client: Any, design: Design) -> None:
-        import cloudpickle
-
         self._client = client
-        self._packed: bytes = cloudpickle.dumps(design)  # an objective of the user's own comes with its code
+        self._packed = pickle_with_code(design)  # an objective of the user's own comes with its code
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
         """The evaluation of each candidate (number, values), each once, as they arrive.
@@ -66,7 +66,5 @@ def evaluate_part(part: Part) -> Sequence[Evaluation]:
 
 @lru_cache(maxsize=4)
 def _unpack(packed: bytes) -> Design:
-    import cloudpickle
-
-    design: Design = cloudpickle.loads(packed)
+    design: Design = pickle.loads(packed)
     return design

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import threading
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,6 +20,7 @@ from haptorb.design.evaluate import evaluate
 from haptorb.design.evaluation import Evaluation
 from haptorb.design.workers.workers import Job, LocalWorker, Workers
 from haptorb.errors import InputError
+from haptorb.files.pickle_code import pickle_with_code
 
 __all__ = ["ProcessWorkers", "open_processes"]
 
@@ -41,9 +43,7 @@ def open_processes(design: Design, processes: int | None = None) -> Iterator[Wor
     if many == 1:
         yield LocalWorker(design)
         return
-    import cloudpickle
-
-    packed: bytes = cloudpickle.dumps(design)  # an objective of the user's own comes with its code
+    packed = pickle_with_code(design)  # an objective of the user's own comes with its code
     others = set(active_children())
     pool = ProcessPoolExecutor(many, get_context("spawn"), initializer=_start, initargs=(packed,))
     try:
@@ -117,11 +117,9 @@ _design: Design | None = None  # of this process, if it is one of the workers
 def _start(packed: bytes) -> None:
     """Unpack the design once per process, and end with the program that started it, however that ends."""
     global _design
-    import cloudpickle
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_wait_for_parent, daemon=True).start()
-    _design = cloudpickle.loads(packed)
+    _design = pickle.loads(packed)
 
 
 def _wait_for_parent() -> None:

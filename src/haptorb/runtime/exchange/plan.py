@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from haptorb.devices.device import Device
+from haptorb.files.pickle_code import pickle_with_code
 from haptorb.runtime.tick.chain import Chain
 from haptorb.runtime.tick.compilation import Compilation
 from haptorb.runtime.trackers.tracker import Tracker
@@ -36,9 +37,7 @@ class Plan:
 
 def pack(what: Any) -> bytes:
     """`what` pickled with its code and with the folders in which its modules were found."""
-    import cloudpickle
-
-    return pickle.dumps((sys.path, cloudpickle.dumps(what)))
+    return pickle.dumps((sys.path, pickle_with_code(what)))
 
 
 def unpack(content: bytes) -> Any:
