@@ -189,7 +189,7 @@ def test_silence_is_told_as_silence(emulator: Any, driver: SerialDriver) -> None
 def test_a_port_that_comes_back_is_found_within_two_seconds_and_stays_off(emulator: Any, driver: SerialDriver) -> None:
     ticks(driver, SMALL, 5)
     emulator.tell("pull")
-    with pytest.raises(DriverError, match="gone"):
+    with pytest.raises(DriverError, match="disappeared"):
         ticks(driver, SMALL, 3)
     assert driver.write(SMALL).tolist() == [0, 0, 0]
     time.sleep(0.5)

@@ -18,7 +18,7 @@ from haptorb.runtime.replay.replay import Replay
 from haptorb.worlds import Remote, Terrain
 from haptorb.worlds.own.world_file import parse_world_file
 
-pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
+pytestmark = pytest.mark.realtime
 
 
 def wait_for(condition, seconds=30.0):

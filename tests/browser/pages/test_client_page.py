@@ -43,7 +43,7 @@ def test_the_wall_of_the_page_pushes_the_tool_back(browser: Any, site: str) -> N
         page.fill("#place", "-8")
         page.fill("#stiffness", "100")
         page.wait_for_function("felt.force < -0.1 && felt.place.x - felt.centre.x < -0.0005")
-        page.wait_for_function("document.getElementById('status').textContent.includes('answers a second')")
+        page.wait_for_function("document.getElementById('status').textContent.includes('replies per second')")
         report = run.end()
         page.wait_for_function("!felt.connected")
         assert "No server" in page.inner_text("#status")

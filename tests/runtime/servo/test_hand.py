@@ -96,7 +96,7 @@ def test_a_path_that_fails_is_told_with_its_line_and_its_pose_expires(servo: Ser
         return HERE if t < 0.1 else 1 / 0
 
     servo.follow(path)
-    with pytest.raises(InputError, match=r"path at 0\.\d+ s: p must be the place of the tool's magnet, 3 finite"):
+    with pytest.raises(InputError, match=r"path at 0\.\d+ s: p must be the position of the tool's magnet, 3 finite"):
         servo.run(20)
     servo.follow(buggy)
     assert servo.hand_trouble == ""
@@ -164,7 +164,7 @@ def test_nothing_is_held_before_the_start_and_after_the_end(fake_servo: Any) -> 
     [
         ({"driver": "serial:/dev/ttyACM0"}, "real tool, whose pose would be unknown"),
         ({"driver": "i2c:1", "tracker": "hall"}, "real tool, whose pose would be unknown"),
-        ({"tracker": "osc:9000"}, "tracker 'osc:9000' says where the hand is"),
+        ({"tracker": "osc:9000"}, "tracker 'osc:9000' determines where the hand is"),
     ],
 )
 def test_no_pose_is_held_that_a_tracker_should_measure(arguments: Any, says: str) -> None:

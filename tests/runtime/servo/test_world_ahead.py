@@ -12,7 +12,7 @@ from haptorb.errors import InputError
 from haptorb.numerics.compiled import cache_folder
 from haptorb.runtime.servo.servo import Servo
 
-pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
+pytestmark = [pytest.mark.realtime]
 
 COLD = "worlds.basic.guidance"
 

@@ -95,7 +95,7 @@ def test_another_program_at_the_other_end_is_told(answering: Callable[..., str])
 
 def test_silence_is_told(answering: Callable[..., str]) -> None:
     port = answering(lambda data: b"")
-    with pytest.raises(DriverError, match=r"nothing answers .* powered"):
+    with pytest.raises(DriverError, match=r"nothing responds .* powered"):
         Board(port, patience=0.3)
 
 
