@@ -280,7 +280,7 @@ def take_view(path: Path) -> None:
         player = "document.querySelector('iframe').contentWindow.player"
         _until(page, f"!!{player} && {player}.shown.settled && timeline.overview === 1")
         page.evaluate("timeline.go(9.4)")
-        _until(page, f"{player}.shown.settled && Math.abs({player}.felt([0, 0, 1])) > 0")
+        _until(page, f"{player}.shown.settled && Math.abs({player}.forceAt([0, 0, 1])) > 0")
         page.wait_for_timeout(1500)
         path.parent.mkdir(parents=True, exist_ok=True)
         page.screenshot(path=path)

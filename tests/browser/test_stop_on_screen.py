@@ -27,7 +27,7 @@ def test_stop_is_whole_and_no_text_lies_over_another(shared):
     page = screen.page
     screen.until("haptorb.status === 'running' && haptorb.value('p')[2] > 0 && haptorb.control")
     screen.until("!document.getElementById('legend').hidden && !document.getElementById('hint').hidden")
-    screen.until("document.getElementById('loop').textContent.includes('not recording')")
+    screen.until("document.getElementById('loop').textContent.includes('not\u00a0recording')")
     for part in ("#simulated", "#arrows", "#scale", "#detail", "#view .camera", "#model"):
         assert page.locator(part).is_visible(), part
     faults = find_faults(page, NOTES)

@@ -109,7 +109,7 @@ def test_keys_and_pointer_show_the_tick_and_its_numbers(played):
     # The map follows the world of the time.
     box = page.locator("#slider").bounding_box()
     page.mouse.click(box["x"] + 0.9 * box["width"], box["y"] + box["height"] / 2)
-    screen.until("document.querySelector('iframe').contentWindow.player.felt([0, 0, 1]) === 1")
+    screen.until("document.querySelector('iframe').contentWindow.player.forceAt([0, 0, 1]) === 1")
     assert screen.tell("player.shown.tick") == pytest.approx(0.9 * 2999, abs=6)
     screen.until("document.querySelector('iframe').contentWindow.player.samples > 2600")
     # A key acts from within the recording's page, too; there it is also told.
