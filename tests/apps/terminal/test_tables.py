@@ -263,7 +263,7 @@ def guidance():
     from haptorb.apps.guidance.comparison import GuidanceComparison, GuidanceRow
     from haptorb.apps.guidance.show import print_guidance
 
-    rows = tuple(GuidanceRow("circle", "light", way, 0.001234, 0.00567, 0.0891, 12.34, 1.0, 0.003, way == "plan")
+    rows = tuple(GuidanceRow("circle", "light", way, 0.001234, 0.00567, 0.0891, 12.34, 1.0, 0.002, 0.003, way == "plan")
                  for way in ("none", "valley", "spring", "plan"))  # fmt: skip
     drift = {("light", way): 0.00778 for way in ("none", "valley", "plan")}
     made = GuidanceComparison("omni", 20.0, 1, "exact", rows, drift, {})
