@@ -79,7 +79,7 @@ class RecordedTick:
 
     @property
     def contacts(self) -> Array:
-        """(n, 8) as a row has them."""
+        """(n, 8) as a row has them [m, N]."""
         return self._contacts[self._at]
 
     def find_client(self, fields: Sequence[MemoryField], recording: Recording) -> None:
