@@ -38,11 +38,15 @@ _PAPERS_NODES = 10
 _MORE_NODES, _COMPONENTS = 80, 40  #: of a network that takes all readings, through so many principal components
 _COARSER = (15, 15, 36)  #: orientations that it learns from: half as many as the paper, to be done in half the time
 _SHARES = (0.3, 0.85, 1.0)  #: of the time: training of the shared networks and of both of EM17's, then comparison
-_KNOWN = (
-    "K_Y hardly changes along the trajectory, so 2 % of its range is 0.2 % of K: ten nodes cannot follow the field of "
-    f"the whole workspace so closely. {_MORE_NODES} nodes over all readings can (rows below), and least squares can. "
-    "The paper may have taken other readings than those around the coil: its text does not say which"
-)
+_KNOWN = {
+    _PAPERS_NODES: "K_Y hardly changes along the trajectory, so 2 % of its range is 0.2 % of K: ten nodes cannot follow "
+    f"the field of the whole workspace so closely. {_MORE_NODES} nodes over all readings come close (rows below), and "
+    "least squares does it. The paper may have taken other readings than those around the coil: its text does not say "
+    "which",
+    _MORE_NODES: "the error is above 2 % of the small range that K_Y has along the trajectory, and about a tenth of "
+    "that over its range in the workspace (rows below). More nodes and a longer training would be needed; least "
+    "squares needs neither",
+}  #: by number of nodes
 _EXCELLENT = "'agrees excellently well': R² of 0.999, and an error of 2 % of the range, the width of a printed line"
 
 
@@ -142,7 +146,7 @@ def _judge(course: Course, network: CoilNetwork) -> list[Item]:
             _AT.claim(f"{key}-error", f"greatest error of K_{fit.component} along the trajectory, over its range of "
                       f"{1e3 * fit.span:.3g} mN·m/A: {who}", 0.0, 100 * fit.greatest, "%", 2.0, _EXCELLENT),
         ]  # fmt: skip
-    return [replace(item, known=_KNOWN if network.network.nodes == _PAPERS_NODES else "") for item in found]
+    return [replace(item, known=_KNOWN[network.network.nodes]) for item in found]
 
 
 def _describe(course: Course, network: CoilNetwork, place: str) -> list[Item]:
