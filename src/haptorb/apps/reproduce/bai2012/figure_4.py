@@ -40,9 +40,9 @@ _COARSER = (15, 15, 36)  #: orientations that it learns from: half as many as th
 _SHARES = (0.3, 0.85, 1.0)  #: of the time: training of the shared networks and of both of EM17's, then comparison
 _KNOWN = {
     _PAPERS_NODES: "K_Y hardly changes along the trajectory, so 2 % of its range is 0.2 % of K: ten nodes cannot "
-    f"follow the field of the whole workspace so closely. {_MORE_NODES} nodes over all readings come close (rows below), and "
-    "least squares does it. The paper may have taken other readings than those around the coil: its text does not say "
-    "which",
+    "follow the field of the whole workspace so closely. "
+    f"{_MORE_NODES} nodes over all readings come close (rows below), and least squares does it. "
+    "The paper may have taken other readings than those around the coil: its text does not say which",
     _MORE_NODES: "the error is above 2 % of the small range that K_Y has along the trajectory, and about a tenth of "
     "that over its range in the workspace (rows below). More nodes and a longer training would be needed; least "
     "squares needs neither",
