@@ -50,8 +50,9 @@ class SceneTrial:
 
     passivity the least of `find_passivity`: negative if the hand extracted more than was there. With the wrench that
               the guard admits, delayed as by the drive
-    given     the same with the true wrench of the coils: with saturation, errors of the model, and the drive, which
-              makes a rotor that is turned to and fro fast feel heavier
+    given     the same with the true wrench of the coils: with saturation and errors of model and drive. The drive
+              compensates the induced voltage by a velocity that is late. This makes a mover feel heavier, and what
+              that stores in a movement is counted as stored (`find_late_energy`)
     put_in    by the hand, from the beginning to the end, with the true wrench
     greatest  force, or torque of a motor, on the mover [N or N·m]
     injected  maximum damping that the passivity control added [N·s/m]
@@ -128,9 +129,8 @@ def try_scene(
         late = ASSUMED if setting.latency is None else setting.latency
         driver = LateTracker(NoisyTracker(driver, NOISE, seed), TRACKER_RATE, late)
     estimator = check_estimator(device, setting.estimator if moved else None)
-    tick = Tick(
-        device, scene, driver, estimator_of(device, estimator, None), allocator_of(device), dt, linkage_of(device)
-    )
+    estimator_used = estimator_of(device, estimator, None)
+    tick = Tick(device, scene, driver, estimator_used, allocator_of(device), dt, linkage_of(device))
     tick.budget = detail = _RandomDetail(change_every / dt, seed)
     row, layout = tick.layout.empty(), tick.layout
     given, asked, place = row[layout["given"]], row[layout["asked"]], simulation.state()
@@ -138,7 +138,8 @@ def try_scene(
     before, asked_before, asked_last = given.copy(), np.zeros(6), np.zeros(6)
     greatest, injected, tripped = 0.0, 0.0, False
     count, first = round(seconds * setting.rate), round(_BEGIN * setting.rate)
-    works, energies = np.zeros((2, count)), np.zeros(count)  # with the asked wrench, and with the true one
+    works, energies, late_energies = np.zeros((2, count)), np.zeros(count), np.zeros(count)  # asked wrench, true one
+    lag, resistance = 0.5 * dt + getattr(estimator_used, "lag", 0.0), tick.protection.coils["resistance"]
     with driver:
         for n in range(count):
             if not moved and n % round(_MODE / dt) == round(_MODE / dt) - 1:
@@ -153,11 +154,12 @@ def try_scene(
                 injected = max(injected, float(row[layout["injected"]][0]))
                 tripped = tripped or bool(row[layout["trip"]][0])
             energies[n], place = detail.energy, now
+            late_energies[n] = find_late_energy(device, now, lag, resistance)
             before[:], asked_before[:], asked_last[:] = given, asked_last, asked
-    put_in, held_energy = -np.cumsum(works, axis=1)[:, first:], energies[first:]
+    put_in, stored = -np.cumsum(works, axis=1)[:, first:], energies[first:]
     return SceneTrial(
-        find_passivity(put_in[0], held_energy), find_passivity(put_in[1], held_energy), float(put_in[1, -1]), greatest,
-        injected, detail.detail, tripped,
+        find_passivity(put_in[0], stored), find_passivity(put_in[1], stored + late_energies[first:]),
+        float(put_in[1, -1]), greatest, injected, detail.detail, tripped,
     )  # fmt: skip
 
 
@@ -182,6 +184,13 @@ def find_passivity(put_in: Array, stored: Array) -> float:
     """
     spent = put_in - (stored - stored.min())
     return float((put_in - np.maximum.accumulate(spent)).min())
+
+
+def find_late_energy(device: Device, state: State, lag: float, resistance: Array) -> float:
+    """Energy that a mover in motion seems to have besides its own [J], if the drive compensates the induced voltage e
+    (m,) `lag` [s] late: currents of lag · ė/R oppose the acceleration, as an inertia does. ½ lag Σ e²/R."""
+    induced = device.wrench_map(state, device.models[0]).matrix.T @ np.concatenate((state.v, state.w))
+    return 0.5 * lag * float((induced**2 / resistance).sum())
 
 
 def _find_work(wrenches: Array, start: State, end: State) -> float:

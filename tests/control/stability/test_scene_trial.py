@@ -21,8 +21,9 @@ def test_less_than_a_millijoule_comes_out_of_a_scene(name: str) -> None:
     setting = CouplingSetting(device, 1000.0, GRIPS["light"])
     scene = setting.couple(Scene(name))
     assert isinstance(scene, Scene)
-    trial = try_scene(scene, setting, 2.0)
+    trial = try_scene(scene, setting, 2.7 if name == "peg" else 2.0)  # before 2.7 s the hand turns too slowly
     assert trial.passivity > -1e-3
+    assert trial.given > -1e-3
     assert trial.put_in > 1e-3  # it was felt at all
     assert trial.greatest > 0.1
     assert not trial.tripped

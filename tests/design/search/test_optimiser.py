@@ -93,6 +93,19 @@ def test_of_two_objectives_the_whole_front_is_found() -> None:
     assert max(np.diff(on_front)) < 2.0
 
 
+def test_a_generation_near_the_best_still_employs_every_worker() -> None:
+    """Differential evolution that has converged makes mostly children that the run had before."""
+    optimiser = Optimiser(MIXED, seed=1, population=20)
+    assert optimiser.method == "de"
+    sizes = []
+    for _ in range(100):
+        generation = optimiser.ask()
+        sizes.append(len(generation))
+        optimiser.tell(list(compute(generation)))
+    assert np.mean(sizes[50:]) > 19.0
+    assert min(sizes) > 10
+
+
 def test_a_space_of_few_candidates_is_gone_through_and_then_it_ends() -> None:
     few = replace(MIXED, parameters=(replace(PARAMETERS[1], low=2.0, high=2.5), PARAMETERS[2]))
     optimiser = Optimiser(few, seed=0, population=10)

@@ -2,9 +2,11 @@
 
 Several objectives: NSGA-II (Deb et al. 2002). One objective: differential evolution (Storn and Price 1997): a child
 takes nine tenths of its parameters from the best so far plus 0.7 of the difference of two others, and one in ten is
-changed besides. A valid candidate replaces a refused one, and of two refused ones the one nearer to being valid stays
-(Deb 2000). NSGA-II with one objective stops short of the best if several constraints are active. Where no
-parameter is a continuous range, differences lead to what was tried before, and NSGA-II serves for one objective too.
+changed besides. So is a child that the run had before, until it is new: near the end most are, and small generations
+would leave workers idle and take long to replay. A valid candidate replaces a rejected one, and of two rejected ones
+the one nearer to being valid stays (Deb 2000). NSGA-II with one objective stops short of the best if several
+constraints are active. Where no parameter is a continuous range, differences lead to what was tried before, and
+NSGA-II serves for one objective too.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ __all__ = ["POPULATION", "Optimiser"]
 
 POPULATION = 50  #: candidates in a generation, unless something else is asked for
 _TRIES = 100  #: generations of differential evolution without a new candidate, until it ends
+_CHANGES = 10  #: of a child of differential evolution that the run had before, until it is left out
 
 
 @final
@@ -90,10 +93,20 @@ class Optimiser:
             return self._algorithm.ask()  # asks `_new` itself
         for _ in range(_TRIES):
             found = self._algorithm.ask()
+            self._change_old(found)
             new = ~self._new.find_old(found)
             if new.any():
                 return found[new]  # each knows whose place it may take
         return None
+
+    def _change_old(self, found: Any) -> None:
+        """Change the children in `found` that the run had before, until they are new."""
+        for _ in range(_CHANGES):
+            old = found[self._new.find_old(found)]
+            if not len(old):
+                return
+            self._change(self._algorithm.problem, old, random_state=self._algorithm.random_state)
+            old.set("X", self.space.snap(old.get("X")))
 
     def _make_algorithm(self, seed: int) -> None:
         from pymoo.algorithms.moo.nsga2 import NSGA2  # a second and a half, which only an optimiser needs
@@ -110,7 +123,7 @@ class Optimiser:
         first, snap = self._first_generation(seed), Snap(self.space)
         if self.method == "de":
             variant = Variant(selection="best", F=0.7, CR=0.9, control=NoParameterControl, repair=snap)
-            variant.mutation = MixedMutation(self.space, prob=0.1)
+            variant.mutation, self._change = MixedMutation(self.space, prob=0.1), MixedMutation(self.space)
             self._algorithm = DE(pop_size=self._population, sampling=first, variant=variant)
         else:
             self._algorithm = NSGA2(

@@ -56,7 +56,7 @@ class LeastSquaresOrientation(Estimator):
     def __init__(self, motor: SphericalMotor, start: Array | None = None, lag: float = 5e-3) -> None:
         if not 0 < lag < 1:
             raise InputError(f"lag must be a time between 0 and 1 s; got {lag!r}")
-        self._motor = motor
+        self._motor, self.lag = motor, lag
         self._model = field_model(motor)
         noise = float(np.hypot(max(motor.hall.noise, 1e-6), motor.hall.step / np.sqrt(12)))
         self._cold = ColdStart(motor, self._model, noise)
