@@ -83,7 +83,7 @@ export class FeelPanel {
     Object.assign(range, { min: String(low), max: String(Math.max(low, Math.floor(high * 20) / 20)) });
     range.value = String(gain);
     write(at("feel-gain-now"), gain.toFixed(2));
-    write(at("feel-gain-why"), `1 N at the part is ${hand.toPrecision(2)} N in the hand. Up to ${range.max}: ${reason}`);
+    write(at("feel-gain-why"), `1 N at the part is ${hand.toPrecision(2)} N in the hand. At most ${range.max}: ${reason}`);
     const who = at<HTMLInputElement>("feel-person");
     if (document.activeElement !== who) who.value = now.person;
     at("feel-people").replaceChildren(...now.people.filter(Boolean).map((code) => make("option", { value: code })));

@@ -10,10 +10,12 @@ import { Stage } from "./stage";
 import { Target, UNIT } from "./target";
 
 const HOME: Home = { azimuth: -78, elevation: 52, distance: 360, centre: [56, -14, -22] };
+const BEGIN = 17e-3; // m: how far a plug is out when a session begins
 
 export class TargetPane {
   private readonly home: Home = { ...HOME };
   private framed = "";
+  private scene: TargetScene | null = null;
   private readonly stage: Stage;
   private readonly orbit: Orbit;
   private readonly target: Target;
@@ -47,7 +49,7 @@ export class TargetPane {
       button.addEventListener("click", views[button.dataset["targetView"]!]!);
     }
     new ResizeObserver(() => {
-      if (this.shapes.scene) this.frameShapes();
+      this.frameAll();
       this.updateScale();
     }).observe(at("target-free"));
   }
@@ -65,9 +67,9 @@ export class TargetPane {
     // Only the snap-fits have a plug, and hooks.
     for (const one of document.querySelectorAll<HTMLElement>("[data-held]")) write(one, bodies ? "body" : "plug");
     at("hooks").hidden = bodies;
+    this.scene = scene;
     this.stage.centre = null;
-    if (scene) this.frame(scene);
-    else if (this.shapes.scene) this.frameShapes();
+    this.frameAll();
   }
 
   show(sample: Sample): void {
@@ -92,32 +94,35 @@ export class TargetPane {
     return { place: this.target.place, bent: [...this.target.bent] };
   }
 
-  /** The whole of socket and plug in view, the plug half out. */
-  private frame({ root, floor, outline }: TargetScene): void {
-    const from = (Math.min(root, floor) - 2.5e-3) * UNIT;
-    const to = (outline.at(-1)![0] + 10e-3) * UNIT;
-    this.home.centre = [(from + to) / 2, -14, -22];
-    this.home.distance = Math.max(300, 2.4 * (to - from));
-    const home = JSON.stringify(this.home);
-    if (home === this.framed) return; // a slider that moves nothing leaves the view as it was turned
-    this.framed = home;
-    this.orbit.centre.set(...this.home.centre);
-    this.orbit.reset();
+  private frameAll(): void {
+    if (this.scene) this.frame(this.scene);
+    else if (this.shapes.scene) this.frameShapes();
   }
 
-  /** The whole of a scene in view: between the buttons and the numbers, whatever the size of the page. */
+  /** The whole of socket and plug in view, the plug as far out as it begins. */
+  private frame({ root, floor, outline }: TargetScene): void {
+    const from = (Math.min(root, floor) - 2.5e-3) * UNIT;
+    const to = (outline.at(-1)![0] + BEGIN) * UNIT;
+    this.look([(from + to) / 2, -14, -22], 0.58 * (to - from)); // the nearer end looks larger
+  }
+
+  /** The whole of a scene in view. */
   private frameShapes(): void {
     const { centre, radius } = this.shapes.extent;
+    this.look(centre.map((one) => one * UNIT) as Home["centre"], 1.25 * radius * UNIT);
+  }
+
+  /** What reaches so far to both sides of `centre` in view: between the buttons and the numbers, at any size of the page. */
+  private look(centre: Home["centre"], reach: number): void {
     const free = at("target-free");
     const [width, height] = [Math.max(60, free.clientWidth) / 2, Math.max(60, free.clientHeight) / 2];
     this.stage.centre = { x: free.offsetLeft + free.clientWidth / 2, y: free.offsetTop + free.clientHeight / 2 };
     const turned = this.orbit.distance / this.home.distance;
-    this.home.centre = centre.map((one) => one * UNIT) as Home["centre"];
-    // Seen from the side it is flat; the held body moves sideways, as a drawer does.
-    const reach = radius * UNIT;
-    this.home.distance = Math.max(this.stage.fit(1.25 * reach, width), this.stage.fit(0.65 * reach, height));
+    this.home.centre = centre;
+    // Seen from the side it is flat; the body that is held moves sideways, as a drawer does.
+    this.home.distance = Math.max(this.stage.fit(reach, width), this.stage.fit(0.56 * reach, height));
     const home = JSON.stringify(this.home);
-    if (home === this.framed) return;
+    if (home === this.framed) return; // a slider that moves nothing leaves the view as it was turned
     const other = this.orbit.centre.toArray().some((one, i) => one !== this.home.centre[i]);
     this.framed = home;
     this.orbit.centre.set(...this.home.centre);

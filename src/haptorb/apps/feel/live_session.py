@@ -241,7 +241,7 @@ class LiveSession:
         """What is known by now of how strong the designs may be felt."""
         with self._lock:
             self.limits = limits
-            self._tell(f"gain: up to {limits.largest:.3g}, {limits.reason}")
+            self._tell(f"gain: at most {limits.largest:.3g}: {limits.reason}")
 
     def finish(self) -> None:
         """The session ends; its servo is to be closed by who opened it."""

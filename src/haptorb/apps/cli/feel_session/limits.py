@@ -69,7 +69,7 @@ def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | 
         return ScaleLimits(1.0, "the stability check did not finish", scale.hand_per_part)
     stable = margin / ENOUGH
     if stable < full:
-        reason = f"the stability check allows {stable:.3g} (light grip; {margin:.3g} oscillates)"
+        reason = f"in a light grip it oscillates from {margin:.3g}; the stability check keeps a factor of {ENOUGH:g}"
     else:
         reason = (
             f"at that gain the device reaches its limit of {scale.limit:g} N·m at the greatest force "
