@@ -29,7 +29,7 @@ class FakeServo:
     def set_world(self, name: str, values: dict[str, Any] | None = None) -> None:
         self.calls.append((name, (values or {}).get("summit")))
 
-    def point(self, p: np.ndarray) -> None:
+    def point(self, p: np.ndarray, *, patience: float = 0.0) -> None:
         self.p = p
 
     def check(self) -> None:

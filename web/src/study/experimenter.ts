@@ -236,7 +236,7 @@ function showAlarm(): void {
   show("resume", stopped && v.state === "paused");
   if (stopped) {
     const coils = v.unconfirmed ? `The device has not confirmed that its coils are off. ${BY_HAND}` : v.state === "starting" ? "The device stays off after it starts." : "The coils are off.";
-    say("alert-word", `Stopped ${v.stopped}.`);
+    say("alert-word", v.stopped.startsWith("by ") ? `Stopped ${v.stopped}.` : `Stopped: ${v.stopped}.`);
     say("alert-text", `${coils} Ask the participant whether to continue; then press Resume, or end the session below.`);
     return;
   }

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["TrialDevice"]
 
+_PATIENCE = 1.0  #: that a simulated hand rests where it is while this program waits for a processor [s]
+
 
 @final
 class TrialDevice:
@@ -85,7 +87,7 @@ class TrialDevice:
             theta, phi = hypot(x, y), atan2(y, x)
             way = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
             # A little above contact: the hand rests on the dome, it does not dig in.
-            self.servo.point(way * self.contact)
+            self.servo.point(way * self.contact, patience=_PATIENCE)
 
     @property
     def position(self) -> tuple[float, float, float] | None:
