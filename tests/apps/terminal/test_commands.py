@@ -104,3 +104,17 @@ def test_nothing_prints_beside_it(root):
                 names = {alias.name for alias in node.names} - {"Console"}
                 found += [f"{path.relative_to(apps)}:{node.lineno} {name}" for name in names]
     assert found == []
+
+
+def test_an_option_that_would_lose_a_value_is_an_error(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    for words in (
+        ["run", "--world", "dome", "--world", "wall"],
+        ["inspect", "omni", "--plot", "a.png", "--plot=b.png"],
+    ):
+        with pytest.raises(SystemExit) as ended:
+            COMMAND.main(words, prog_name="haptorb")
+        assert ended.value.code == 2
+        text = capsys.readouterr().err
+        assert words[1 if words[0] == "run" else 2] in text
+        assert "2 times" in text

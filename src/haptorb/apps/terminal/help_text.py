@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import sys
+from collections import Counter
 from typing import Any
 
 import typer
@@ -37,9 +38,11 @@ class HelpCommand(TyperCommand):
     """A command whose help is laid out here. Its device is an argument; `--device` works as before."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """As click's, with the value of `--device` moved to where a device stands."""
+        """As click's, with the value of `--device` moved to where a device stands; an option that takes one value and
+        is given twice is an error: the first value would be lost."""
         if any(parameter.name in _DEVICES for parameter in self.params):
             args = _move_device(args)
+        _check_repeated(self, ctx, args)
         return super().parse_args(ctx, args)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
@@ -73,6 +76,13 @@ def _move_device(args: list[str]) -> list[str]:
         if word.startswith("--device="):
             return [*args[:place], *args[place + 1 :], word.removeprefix("--device=")]
     return args
+
+
+def _check_repeated(command: Any, ctx: Any, args: list[str]) -> None:
+    """Raise a usage error for an option of `command` that takes one value and has several in `args`."""
+    for option, count in Counter(command.make_parser(ctx).parse_args(list(args))[2]).items():
+        if count > 1 and option.param_type_name == "option" and not (option.multiple or option.is_flag):
+            ctx.fail(f"{option.opts[0]} takes one value; it is given {count} times")
 
 
 def _compose_help(command: Any, ctx: Any, commands: list[tuple[str, str]] | None = None) -> str:
