@@ -12,11 +12,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from haptorb.apps.check.late_tracker import LateTracker
+from haptorb.apps.check.pose_delay import PoseDelay
 from haptorb.control.stability.hand_grip import HandGrip
 from haptorb.devices.electromagnet.electromagnet import Hand, SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.imperfect_tracker import ImperfectTracker
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.tick.assembly import allocator_of, estimator_of
 from haptorb.runtime.tick.tick import Tick
@@ -80,7 +81,7 @@ def grows(
 
     dt = 1 / rate
     inner = SimDriver(SimulatedElectromagnet(held, step=_STEP), dt, goal)
-    driver = inner if hall else LateTracker(inner, tracker_rate, latency)
+    driver = inner if hall else ImperfectTracker(inner, PoseDelay(tracker_rate, latency))
     estimator = estimator_of(held, "hall" if hall else "tracker", None)
     tick = Tick(held, _Spring(stiffness), driver, estimator, allocator_of(held), dt)
     row = tick.layout.empty()
