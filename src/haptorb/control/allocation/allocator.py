@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from enum import IntEnum
 
 import numpy as np
@@ -11,10 +12,19 @@ from numpy.typing import ArrayLike
 
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, check_finite
+from haptorb.numerics.arrays import Array, Records, check_finite
 from haptorb.numerics.record import record
 
-__all__ = ["SATURATIONS", "Allocation", "Allocator", "Saturation", "check_limit", "check_power", "check_problem"]
+__all__ = [
+    "SATURATIONS",
+    "Allocation",
+    "Allocator",
+    "Saturation",
+    "check_limit",
+    "check_power",
+    "check_problem",
+    "solve_problem",
+]
 
 
 class Saturation(IntEnum):
@@ -140,3 +150,26 @@ def check_problem(wrench_map: WrenchMap, wrench: ArrayLike, channels: int) -> tu
     if passive.shape != (6,):
         raise InputError(f"the passive wrench must have shape (6,); got {passive.shape}")
     return matrix, passive, asked
+
+
+def solve_problem(
+    solve: Callable[..., tuple[float, int]],
+    settings: Records,
+    limit: Array,
+    resistance: Array,
+    wrench_map: WrenchMap,
+    wrench: ArrayLike,
+) -> Allocation:
+    """The allocation that the kernel `solve` finds with `settings`, current limits (m,) [A] and resistances (m,) [Ω].
+
+    `solve` fills currents (m,) [A] and residual (6,) [N, N·m]; it returns the scale, NaN for what is not finite, and
+    the number of the saturation.
+
+    Raises InputError for a wrench (6,) [N, N·m] or a map of another shape, or where either is not finite.
+    """
+    matrix, passive, asked = check_problem(wrench_map, wrench, limit.shape[0])
+    currents, residual = np.empty(limit.shape[0]), np.empty(6)
+    scale, reason = solve(settings, matrix, passive, asked, limit, resistance, currents, residual)
+    if scale != scale:
+        raise InputError(f"wrench and wrench map must be finite; got wrench {wrench!r}, map {wrench_map!r}")
+    return Allocation(currents, residual, SATURATIONS[reason], scale)
