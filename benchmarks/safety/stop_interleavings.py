@@ -54,12 +54,12 @@ ENGAGED = (GuardState.RAMPING, GuardState.RUNNING, GuardState.DERATED)
 
 
 class Failing(Driver):
-    """The simulated device; `deaf` ticks it does not answer, `blind` ticks its tracker sees nothing."""
+    """The simulated device; `silent_ticks` it does not answer, `lost_ticks` its tracker sees nothing."""
 
     name, simulated = "sim", True
 
     def __init__(self, inner: Driver) -> None:
-        self.inner, self.deaf, self.blind = inner, 0, 0
+        self.inner, self.silent_ticks, self.lost_ticks = inner, 0, 0
 
     def open(self) -> None:
         self.inner.open()
@@ -68,22 +68,22 @@ class Failing(Driver):
         self.inner.close()
 
     def read(self, now: float) -> Any:
-        if self.deaf:
-            self.deaf -= 1
+        if self.silent_ticks:
+            self.silent_ticks -= 1
             raise DriverError("the device does not answer")
         sample = self.inner.read(now)
-        if self.blind:
-            self.blind -= 1
+        if self.lost_ticks:
+            self.lost_ticks -= 1
             return replace(sample, pose=replace(sample.pose, valid=False))
         return sample
 
     def write(self, duties: Any) -> Any:
-        if self.deaf:
+        if self.silent_ticks:
             raise DriverError("the device does not answer")
         return self.inner.write(duties)
 
     def engage(self) -> None:
-        if self.deaf:
+        if self.silent_ticks:
             raise DriverError("the device does not answer")
 
     def truth(self) -> Any:
@@ -239,7 +239,7 @@ class Trial:
             (4, self.console_stop), (6, self.console_engage), (1, self.console_leave), (2, self.participant_stop),
             (2, self.experimenter_pause), (5, self.experimenter_resume), (3, self.experimenter_engage),
             (1, self.experimenter_repeat), (1, self.participant_leave), (6, self.study_step), (2, self.trip),
-            (1, self.deafen), (1, self.blind), (1, self.hold), (1, self.release), (2, self.agree),
+            (1, self.silence_device), (1, self.lose_tool), (1, self.hold), (1, self.release), (2, self.agree),
         ]  # fmt: skip
 
     # --- deeds -------------------------------------------------------------------------------------------------------
@@ -326,11 +326,11 @@ class Trial:
     def trip(self) -> None:
         self.chain.protection.trip(self.random.choice((Trip.WORLD_FAILED, Trip.OVERCURRENT)))
 
-    def deafen(self) -> None:
-        self.device.deaf = self.random.choice((1, 2, 6))
+    def silence_device(self) -> None:
+        self.device.silent_ticks = self.random.choice((1, 2, 6))
 
-    def blind(self) -> None:
-        self.device.blind = self.random.choice((1, 3))
+    def lose_tool(self) -> None:
+        self.device.lost_ticks = self.random.choice((1, 3))
 
     def hold(self) -> None:
         self.host.point((0.0, 0.0, 0.05))

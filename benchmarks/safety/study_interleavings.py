@@ -70,7 +70,7 @@ class World:
         self.experimenter = self._page(False)
 
     def _start(self, recording: Path | None) -> Any:
-        self.meanwhile()
+        self.interrupt()
         self.servo = Servo(self)
         return self.servo
 
@@ -79,17 +79,17 @@ class World:
         self.hub.enter(page)
         return page
 
-    def meanwhile(self) -> None:
+    def interrupt(self) -> None:
         """Something else, while the session's thread waits."""
         while self.depth < 3 and self.draw.random() < 0.35:
             self.depth += 1
-            self.happen(inside=True)
+            self.do_anything(inside=True)
             self.depth -= 1
 
-    def happen(self, inside: bool = False) -> None:
+    def do_anything(self, inside: bool = False) -> None:
         """One thing, whatever; inside the session's thread itself that thread does nothing else."""
         draw = self.draw
-        things = [self.tick, self.tick, self.stop, self.ask, self.ask, self.ask, self.trip, self.depart]
+        things = [self.tick, self.tick, self.stop, self.ask, self.ask, self.ask, self.trip, self.close_page]
         if not inside:
             things += [self.step] * 4
         what = draw.choice(things)
@@ -141,7 +141,7 @@ class World:
                 self.servo.alive = False
                 self.servo.switch_off()
 
-    def depart(self) -> None:
+    def close_page(self) -> None:
         """A participant's page is closed and another one opened, or the experimenter ends the session."""
         if self.draw.random() < 0.2:
             self.stopped_last = True

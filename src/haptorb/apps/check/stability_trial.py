@@ -26,7 +26,7 @@ from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
 from haptorb.worlds.world import World
 
-__all__ = ["boundary", "grows"]
+__all__ = ["boundary", "is_growing"]
 
 _ABOVE = 0.010  #: the spring's middle is so far above contact, where no dome is touched [m]
 _SETTLED = 0.45  #: by then the guard has ramped up [s]
@@ -50,7 +50,7 @@ class _Spring(World):
         return wrench
 
 
-def grows(
+def is_growing(
     device: SphericalElectromagnet, grip: HandGrip, stiffness: float, rate: float, tracker_rate: float | None,
     latency: float, *, hall: bool = False,
 ) -> bool:  # fmt: skip
@@ -104,17 +104,18 @@ def boundary(
 ) -> float:  # fmt: skip
     """The largest stiffness [N/m] whose oscillation dies away, by bisection from about `expected`."""
     low, high = 0.7 * expected, 1.4 * expected
-    while grows(device, grip, low, rate, tracker_rate, latency, hall=hall):
+    while is_growing(device, grip, low, rate, tracker_rate, latency, hall=hall):
         low, high = 0.5 * low, low
         if low < 1e-3 * expected:
             return 0.0
-    while not grows(device, grip, high, rate, tracker_rate, latency, hall=hall):
+    while not is_growing(device, grip, high, rate, tracker_rate, latency, hall=hall):
         low, high = high, 2 * high
         if high > 1e3 * expected:
             return float("inf")
     while high - low > precision * high:
         middle = 0.5 * (low + high)
-        low, high = (
-            (low, middle) if grows(device, grip, middle, rate, tracker_rate, latency, hall=hall) else (middle, high)
-        )
+        if is_growing(device, grip, middle, rate, tracker_rate, latency, hall=hall):
+            high = middle
+        else:
+            low = middle
     return 0.5 * (low + high)

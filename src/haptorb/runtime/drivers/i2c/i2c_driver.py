@@ -142,7 +142,7 @@ class I2cDriver(Driver):
             for _ in range(axes * len(max11616.BLOCKS)):
                 self._read_hall()
             self._thermometers = self._make_thermometers()
-            if not self._thermometers.ready(_WARM_UP):
+            if not self._thermometers.wait_until_ready(_WARM_UP):
                 raise DriverError("the DS18B20 thermometers did not respond in time; check the 1-wire bus")
             self._switch.start()
         except DriverError as cause:

@@ -95,7 +95,7 @@ class Guardian:
         """Of the process."""
         return self._process.pid
 
-    def ready(self, patience: float) -> bool:
+    def wait_until_ready(self, patience: float) -> bool:
         """Whether it watches; waits for its first word for at most `patience` [s]."""
         if not self._ready and self._answers >= 0:
             readable, _, _ = select.select((self._answers,), (), (), patience)

@@ -196,7 +196,7 @@ class Emulator:
         for one in lines:
             self._lines.put(one)
 
-    def slow(self, pace: float = 0.02) -> None:
+    def set_pace(self, pace: float = 0.02) -> None:
         """Let firmware time run at `pace` of ours."""
         self.tell(f"pace {pace}")
 
