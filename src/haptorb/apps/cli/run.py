@@ -118,7 +118,7 @@ def run(
 ) -> None:
     """Run a device with a world and the console. Default: simulated Omni with a dome."""
     if duration is not None and not 0 < duration < float("inf"):
-        raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
+        raise InputError(f"--duration must be greater than 0 s; got {duration:g} s")
     from haptorb.runtime.processes.prestart import PrestartedProcess
     from haptorb.runtime.realtime.linux import require_linux
 

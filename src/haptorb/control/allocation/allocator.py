@@ -105,7 +105,7 @@ def check_limit(value: ArrayLike) -> Array:
     if limit.ndim != 1 or limit.size == 0:
         raise InputError(f"current_limit must have one entry per channel, shape (m,); got shape {limit.shape}")
     if (limit < 0).any():
-        raise InputError(f"current_limit must not be negative: it bounds a magnitude; got {value!r}")
+        raise InputError(f"current_limit must not be negative: it bounds a magnitude [A]; got {value!r}")
     return np.ascontiguousarray(limit)
 
 
@@ -115,14 +115,16 @@ def check_power(resistance: ArrayLike | None, power: float, channels: int) -> Ar
     Raises InputError for another shape, for what is not positive, and for a power without resistances.
     """
     if not power > 0.0:
-        raise InputError(f"power must be the supply's limit, above 0 W, or inf for none; got {power!r}")
+        raise InputError(f"power must be the supply's limit, above 0 W, or inf for none; got {power!r} W")
     if resistance is None:
         if np.isfinite(power):
             raise InputError("a power limit needs the resistance of every channel")
         return np.ones(channels)
     ohms = np.ascontiguousarray(check_finite(resistance, "resistance"))
     if ohms.shape != (channels,) or not (ohms > 0).all():
-        raise InputError(f"resistance must have one entry > 0 per channel, shape ({channels},); got {resistance!r}")
+        raise InputError(
+            f"resistance must have one entry above 0 Ω per channel, shape ({channels},); got {resistance!r}"
+        )
     return ohms
 
 

@@ -29,7 +29,7 @@ _CALM = 1.0  #: what lasted, and was over for so long, is new when it comes agai
 
 @final
 class _Spell:
-    """Something that comes and goes in the rows: `begins` is true once for each time that it comes."""
+    """Something that comes and goes in the rows: `has_begun` is true once for each time that it comes."""
 
     def __init__(self) -> None:
         self._last = float("-inf")
