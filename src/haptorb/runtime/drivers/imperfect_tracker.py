@@ -62,7 +62,7 @@ class ImperfectTracker(Driver):
         return replace(sample, pose=pose)
 
     def write(self, duties: Array) -> Array:
-        """As `inner` does."""
+        """Apply `duties` (m,), −1…1 [1], as `inner` does; returns (m,) those applied."""
         return self._inner.write(duties)
 
     @property
@@ -72,7 +72,7 @@ class ImperfectTracker(Driver):
 
     @property
     def field_axes(self) -> Array | None:
-        """(k, 3) those of `inner`."""
+        """(k, 3) unit vectors [1] of `inner`."""
         return self._inner.field_axes
 
     def engage(self) -> None:
@@ -88,5 +88,5 @@ class ImperfectTracker(Driver):
         return self._inner.truth()
 
     def target(self) -> Array:
-        """(7,) as `inner` knows it."""
+        """(7,) as `inner` knows it: position [m], quaternion."""
         return self._inner.target()
