@@ -99,13 +99,16 @@ class Host(Commands):
     driver, tracker, alive = "sim", "pointer", True
 
     def __init__(self, shared: SharedMemory) -> None:
-        self.device, self.modes, self.layout = load("omni"), (), shared.layout
+        self.device, self.modes, self.layout, self._model = load("omni"), (), shared.layout, "exact"
         super().__init__(find_world("dome")())
         self._shared, self.now, self._changes = shared, 0.0, 0
 
     @property
     def _memory_or_none(self) -> SharedMemory:
         return self._shared
+
+    def _compile_world(self, name: str) -> None:
+        return
 
     def check(self) -> None:
         return
@@ -143,6 +146,9 @@ class Sitting:
         self.prompt = Prompt(condition=study.conditions[0].name, set_point=1)
 
     def note(self, kind: str, text: str = "", **more: Any) -> None:
+        return
+
+    def keep_late(self) -> None:
         return
 
     def answer(self, answer: Any, **more: Any) -> None:
@@ -231,6 +237,7 @@ class Trial:
         self.number = 1
         self.stops: list[tuple[int, int]] = []  # stop counts that were read for an engage to come
         self.off, self.gain = True, 0.0
+        self.fault = ""  # of this program's stand-ins: with it nothing is proved
         self.trail: list[str] = []
         self.plan: list[tuple[int, Callable[[], None]]] = []
         self.gap = 0
@@ -271,9 +278,14 @@ class Trial:
     def page(self) -> Socket:
         while len(self.pages) < 2:
             self.pages.append(socket := Socket())
-            self.aio.create_task(self.console.join(socket))  # type: ignore[arg-type]
+            task = self.aio.create_task(self.console.join(socket))  # type: ignore[arg-type]
+            task.add_done_callback(self.check_page)
             self.aio.spin()
         return self.random.choice(self.pages)
+
+    def check_page(self, task: asyncio.Task[None]) -> None:
+        if not task.cancelled() and task.exception() is not None:
+            self.fault = f"a page of the console failed: {task.exception()!r}"
 
     def console_stop(self) -> None:
         page = self.page()
@@ -370,6 +382,8 @@ class Trial:
 
     def look(self) -> None:
         """Were the promises kept in the last tick?"""
+        if self.fault:
+            raise BrokenPromise(self.fault)
         row = self.shared.ring.latest()
         if row is None:
             return
@@ -395,6 +409,8 @@ class Trial:
             self.device.open()
             self.manager.ask({"do": "begin", "code": "P1"}, lambda text: None)
             self.manager.step()
+            if self.manager.now == "failed":
+                return f"no session: {self.manager.trouble}"
             loop = Loop(self.chain, find_world("dome")(), self.shared, RATE, os.getppid())
             well = loop.run(self)  # type: ignore[arg-type]
             return "" if well else f"the loop ended: {loop.reason}"

@@ -179,13 +179,13 @@ class Servo:
 
     def open(self) -> None:
         """Other things happen while it starts."""
-        self._world.meanwhile()
+        self._world.interrupt()
         self.open_ = True
         self.tick()
 
     def close(self) -> None:
         """Coils off for good."""
-        self._world.meanwhile()
+        self._world.interrupt()
         self.open_ = False
         self.switch_off()
 
@@ -200,10 +200,10 @@ class Servo:
 
     def engage(self, stops: int | None = None) -> None:
         """As the servo's own; a Stop may come while it is on its way."""
-        self._world.meanwhile()
+        self._world.interrupt()
         self._world.resumed += 1
         wanted = self.stops if stops is None else stops
-        self._world.meanwhile()
+        self._world.interrupt()
         self._engage = wanted
 
     def trip(self, reason: Trip) -> None:
@@ -235,7 +235,7 @@ class Servo:
 
     def set_world(self, name: str, values: Any = None) -> None:
         """It takes a tick or two, in which anything may happen."""
-        self._world.meanwhile()
+        self._world.interrupt()
         self.tick()
         self.check()
 
@@ -262,7 +262,7 @@ class Paper:
     id, code, simulated, resumed, over = 1, "P01", False, False, False
 
     def __init__(self, world: World) -> None:
-        world.meanwhile()
+        world.interrupt()
         self._world, self.study = world, world.study
         self.procedure = world.procedure
         self.number = 0
@@ -279,7 +279,7 @@ class Paper:
         return self.study.questions[0] if self._asked else None
 
     def check_kept(self) -> None:
-        self._world.meanwhile()
+        self._world.interrupt()
         if self._world.draw.random() < 0.05:
             raise RecordingError("the database is locked")
 
@@ -298,13 +298,13 @@ class Paper:
     def note(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
         """Keep that something happened."""
         if later:
-            self._world.meanwhile()
+            self._world.interrupt()
         else:
             self.check_kept()
 
     def keep_late(self) -> None:
         """What could not be kept is kept."""
-        self._world.meanwhile()
+        self._world.interrupt()
 
     def abort(self, reason: str = "") -> None:
         """End for good."""
@@ -312,7 +312,7 @@ class Paper:
 
     def close(self) -> None:
         """Somebody else's."""
-        self._world.meanwhile()
+        self._world.interrupt()
 
 
 def study_interleavings(interleavings: int, seed: int = 1) -> SimpleNamespace:
@@ -334,7 +334,7 @@ def study_interleavings(interleavings: int, seed: int = 1) -> SimpleNamespace:
                 world.step()
                 world.check("the beginning")
         for _ in range(STEPS):
-            world.happen()
+            world.do_anything()
             steps += 1
         switched_on += world.switched_on
         resumed += world.resumed
