@@ -23,6 +23,7 @@ from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any
 
+from console_drag import HOLDING, take_hold
 from playwright.sync_api import Page, sync_playwright
 
 from haptorb.apps.check.machine import StolenTimeCounter
@@ -58,21 +59,6 @@ EMPTY = """([width, height]) => {
   };
   requestAnimationFrame(frame);
 }"""
-HOLDING = "document.querySelector('#scene.holding') !== null"
-
-
-def take_stylus(page: Page) -> tuple[float, float]:
-    """Press the mouse on the stylus, which the guided hand moves on meanwhile; the place [px]."""
-    for _ in range(100):
-        _, magnet, end = page.evaluate("haptorb.stylus()")
-        x, y = 0.6 * magnet["x"] + 0.4 * end["x"], 0.6 * magnet["y"] + 0.4 * end["y"]
-        page.mouse.move(x, y)
-        page.mouse.down()
-        page.wait_for_timeout(60)
-        if page.evaluate(HOLDING):
-            return float(x), float(y)
-        page.mouse.up()
-    raise SystemExit("the stylus could not be taken: nothing was measured")
 
 
 def serve(line: Connection) -> None:
@@ -95,7 +81,7 @@ def drag(page: Page, x: float, y: float, seconds: float, *, again: bool) -> None
         page.wait_for_timeout(25)
         if again and k % 40 == 39 and not page.evaluate(HOLDING):  # a page that stuttered has let go
             page.mouse.up()
-            x, y = take_stylus(page)
+            x, y = take_hold(page)
 
 
 def measure(seconds: float, detail: str) -> dict[str, Any]:
@@ -119,7 +105,7 @@ def measure(seconds: float, detail: str) -> dict[str, Any]:
                     raise SystemExit(f"the loop ended by itself, nothing was measured: {line.recv()['trips']}")
                 page.wait_for_timeout(100)
             page.evaluate(PACES)
-            drag(page, *take_stylus(page), seconds, again=True)
+            drag(page, *take_hold(page), seconds, again=True)
             page.mouse.up()
             times = sorted(page.evaluate("haptorb.latencies"))
             parts, costs = page.evaluate("haptorb.parts"), page.evaluate("haptorb.costs")

@@ -16,10 +16,11 @@ import argparse
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from changed_readings import ChangedReadings
 
 from haptorb.apps.inspect.errors import report_errors
 from haptorb.apps.progress import build_tables
@@ -28,7 +29,7 @@ from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.motor.spherical_motor import SphericalMotor
-from haptorb.devices.state import State, rotation_to_axis
+from haptorb.devices.state import rotation_to_axis
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.quaternions import quaternion
 from haptorb.numerics.rotations import rotation_from_euler
@@ -63,46 +64,12 @@ class Reading:
     place: Array  #: (3,) tracked less true place [m]
     turn: Array  #: (3, 3) from the true to the tracked orientation
 
-
-class WrongSensors(Simulation):
-    """A simulation whose current sensors and tracker have lasting errors."""
-
-    def __init__(self, simulation: Simulation, reading: Reading) -> None:
-        self.device, self.simulation, self.reading = simulation.device, simulation, reading
-
-    def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
-        """What is read, errors included."""
-        true, wrong = self.simulation.sample(t, pose_stamp, pose_valid), self.reading
+    def apply(self, true: Sample) -> Sample:
+        """What is read instead of the `true` sample."""
         pose = true.pose
-        tracked = Pose(pose.t, wrong.turn @ pose.R_SR, pose.p + wrong.place, pose.w, pose.v, pose.valid)
-        currents = (1 + wrong.gain) * true.currents + wrong.offset
+        tracked = Pose(pose.t, self.turn @ pose.R_SR, pose.p + self.place, pose.w, pose.v, pose.valid)
+        currents = (1 + self.gain) * true.currents + self.offset
         return Sample(true.t, currents, true.temperatures, true.field, tracked)
-
-    def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
-        """As the true one."""
-        self.simulation.advance(dt, duties, goal_p, goal_q)
-
-    def truth(self) -> Array:
-        """As the true one."""
-        return self.simulation.truth()
-
-    def state(self) -> State:
-        """As the true one."""
-        return self.simulation.state()
-
-    def quantise(self, duties: Array) -> Array:
-        """As the true one."""
-        return self.simulation.quantise(duties)
-
-    def place(self, p: ArrayLike, q: ArrayLike) -> None:
-        """As the true one."""
-        self.simulation.place(p, q)
-
-    def reset(self, seed: int = 0) -> None:
-        """As the true one; a core has a history."""
-        self.simulation.reset(seed)
-        if isinstance(self.simulation, SimulatedElectromagnet):
-            magnetise_core(self.simulation, np.random.default_rng([seed, 1]))
 
 
 @dataclass(frozen=True)
@@ -110,7 +77,7 @@ class Trial:
     """One device, where its mover is, and what is asked there."""
 
     region: int
-    simulation: WrongSensors
+    simulation: Simulation  #: with wrong readings
     p: Array  #: (3,) [m]
     R: Array  #: (3, 3)
     wrench: Array  #: (2, 6) asked at the end and a quarter of a turn later [N, N·m]; the second zero: at rest
@@ -143,8 +110,9 @@ def draw_turning(asked: float, rng: np.random.Generator) -> Array:
     return asked * np.hstack([np.stack([first, across]), np.zeros((2, 3))])
 
 
-def magnetise_core(simulated: SimulatedElectromagnet, rng: np.random.Generator) -> None:
+def magnetise_core(simulated: SimulatedElectromagnet, seed: int) -> None:
     """A history: some currents of any size, and none in the end."""
+    rng = np.random.default_rng([seed, 1])
     state = simulated.state()
     for size in (1.0, 0.5, 0.2):
         simulated.advance(5e-3, size * rng.uniform(-1, 1, 3), state.p, quaternion(state.R_SR))
@@ -190,10 +158,9 @@ def try_electromagnets(device: SphericalElectromagnet, asked: float, seed: int) 
         axis = np.array([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
         R = rotation_to_axis(axis)
         simulated = SimulatedElectromagnet(true, number, specimen=seed + number)
+        wrongly = ChangedReadings(simulated, wrong.apply, partial(magnetise_core, simulated))
         turning = draw_turning(asked, rng)
-        yield Trial(
-            region, WrongSensors(simulated, wrong), (device.contact_distance + height) * axis - shift, R, turning, R
-        )
+        yield Trial(region, wrongly, (device.contact_distance + height) * axis - shift, R, turning, R)
         number += 1
 
 
@@ -236,7 +203,7 @@ def try_motors(device: SphericalMotor, asked: float, seed: int) -> Iterator[Tria
         wrench = np.append(np.zeros(3), asked * draw_direction(rng))
         turning = np.stack([wrench, np.zeros(6)])
         firm = replace(device.hand, stiffness=FIRM * device.hand.stiffness, damping=30 * device.hand.damping)
-        simulation = WrongSensors(SimulatedMotor(true, seed + number, grasp=firm), wrong)
+        simulation = ChangedReadings(SimulatedMotor(true, seed + number, grasp=firm), wrong.apply)
         yield Trial(region, simulation, np.zeros(3), R, turning, np.eye(3))
         number += 1
 

@@ -60,7 +60,7 @@ class _Run:
             device, self.emulator.port, patience=1.0, warm_up=90.0, hall_axes=3, clock=lambda: time.monotonic() * pace
         )
         self.driver.open()
-        self.emulator.slow(pace)
+        self.emulator.set_pace(pace)
 
     def close(self) -> None:
         """Driver first: it says OFF."""

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from changed_readings import ChangedReadings
 from scipy.spatial.transform import Rotation
 
 from haptorb.apps.calibrate.dialog import check_steps, guide_calibration
@@ -31,7 +31,7 @@ from haptorb.apps.reproduce.zarate2020.hall_trial import clamp_tool, shell_place
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
-from haptorb.devices.state import State, rotation_to_axis
+from haptorb.devices.state import rotation_to_axis
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources import dipole
 from haptorb.runtime.drivers.sim_driver import SimDriver
@@ -47,45 +47,18 @@ STEPS = ("rest", "currents", "magnetic", "fields", "tool", "sensors")
 SETTLED, TICKS = 60, 120
 
 
-class UniformField(Simulation):
-    """An electromagnet in a field (3,) [T] that is the same everywhere, but for the core, which concentrates it."""
+class UniformField:
+    """A field (3,) [T] that is the same everywhere, but for the core of an electromagnet, which concentrates it."""
 
-    def __init__(self, simulation: SimulatedElectromagnet, field: Array) -> None:
-        self.device, self.simulation = simulation.device, simulation
-        device = simulation.device
+    def __init__(self, device: SphericalElectromagnet, field: Array) -> None:
         moment = 4 * np.pi * device.core_radius**3 * field / dipole.MU0  # permeability infinite
         at = device.hall.positions
         self._field = field + dipole.field(np.broadcast_to(moment, at.shape), at)
 
-    def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
+    def add(self, read: Sample) -> Sample:
         """What is read, the uniform field included."""
-        read = self.simulation.sample(t, pose_stamp, pose_valid)
         alive = read.field.any(axis=1, keepdims=True)
         return Sample(read.t, read.currents, read.temperatures, read.field + alive * self._field, read.pose)
-
-    def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
-        """As without it."""
-        self.simulation.advance(dt, duties, goal_p, goal_q)
-
-    def truth(self) -> Array:
-        """As without it."""
-        return self.simulation.truth()
-
-    def state(self) -> State:
-        """As without it."""
-        return self.simulation.state()
-
-    def quantise(self, duties: Array) -> Array:
-        """As without it."""
-        return self.simulation.quantise(duties)
-
-    def place(self, p: ArrayLike, q: ArrayLike) -> None:
-        """As without it."""
-        self.simulation.place(p, q)
-
-    def reset(self, seed: int = 0) -> None:
-        """As without it."""
-        self.simulation.reset(seed)
 
 
 @dataclass(frozen=True)
@@ -97,13 +70,13 @@ class Case:
     after: Array
 
 
-def simulate(device: SphericalElectromagnet, seed: int, specimen: int, dead: int, uniform: Array) -> UniformField:
+def simulate(device: SphericalElectromagnet, seed: int, specimen: int, dead: int, uniform: Array) -> Simulation:
     """Device number `specimen`, with sensor `dead`, from 1, failed (0: none), in the `uniform` field (3,) [T]."""
     stronger = replace(device, tool=replace(device.tool, remanence=STRONGER * device.tool.remanence))
     world = SimulatedElectromagnet(stronger, seed, specimen=specimen)
     if dead:
         world.fail([dead - 1])
-    return UniformField(world, uniform)
+    return ChangedReadings(world, UniformField(stronger, uniform).add)
 
 
 def calibrate(device: SphericalElectromagnet, specimen: int, case: Case) -> Calibration:

@@ -107,7 +107,7 @@ def hold(port: int, seconds: float) -> dict[str, object]:
         time.sleep(0.002)
 
 
-def friends(port: int, seconds: float, count: int = 39) -> dict[str, object]:
+def run_readers(port: int, seconds: float, count: int = 39) -> dict[str, object]:
     """Many clients that only look, twenty times a second each."""
     clients = [Client(port) for _ in range(count)]
     asked = worst = 0
@@ -150,7 +150,7 @@ def _attack(port: int, kind: str, end: float) -> None:
             time.sleep(0.01)
 
 
-def foes(port: int, seconds: float) -> dict[str, object]:
+def run_attackers(port: int, seconds: float) -> dict[str, object]:
     """Ten hostile clients, two of each kind."""
     kinds = ["bad JSON", "8 MB frames", "foreign origin", "numbers", "never reading"]
     end = time.monotonic() + seconds
@@ -164,7 +164,7 @@ def foes(port: int, seconds: float) -> dict[str, object]:
 
 if __name__ == "__main__":
     task, port, seconds = sys.argv[1], int(sys.argv[2]), float(sys.argv[3])
-    tasks = {"answer": answer, "steps": steps, "hold": hold, "friends": friends, "foes": foes}
+    tasks = {"answer": answer, "steps": steps, "hold": hold, "friends": run_readers, "foes": run_attackers}
     found = answer(port, seconds, 0.005) if task == "paced" else tasks[task](port, seconds)
     print(json.dumps(found), flush=True)
     os._exit(0)

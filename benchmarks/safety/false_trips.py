@@ -46,7 +46,7 @@ def steal() -> float:
         return int(file.readline().split()[8]) / os.sysconf("SC_CLK_TCK")
 
 
-def share_missed(trip: TripRecord, servo: Servo) -> float:
+def find_missed_share(trip: TripRecord, servo: Servo) -> float:
     """Share of the deadlines of the last 0.2 s before `trip` that were missed."""
     wall = trip.rows[:, servo.layout["wall"]][:, 0]
     window = wall[wall >= wall[-1] - 0.2]
@@ -63,7 +63,7 @@ class Judge:
 
     def judge(self, servo: Servo, tripped: TripRecord, pauses: list[float], at: float) -> None:
         """Print one trip and its verdict."""
-        share, pause = share_missed(tripped, servo), max(pauses)
+        share, pause = find_missed_share(tripped, servo), max(pauses)
         so = {Trip.OVERRUN: share > 0.2, Trip.POSE_EXPIRED: pause > 0.05, Trip.HOST_SILENT: pause > 0.1}
         really = so.get(tripped.trip, False)
         self.trips += 1

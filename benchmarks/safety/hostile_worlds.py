@@ -159,7 +159,7 @@ class Run:
         servo, recorder, *files = self._output.readline().split()
         self.servo, self.recorder, self.files = int(servo), int(recorder), [Path(file) for file in files]
 
-    def misbehave(self) -> float:
+    def trigger(self) -> float:
         """The world may; returns when."""
         self._flag.touch()
         return time.monotonic()
@@ -219,7 +219,7 @@ def hostile(folder: Path, world: str, event: str, tally: Tally) -> None:
     """One world, one end of the host; prints a line."""
     with running(folder, world) as run:
         tally.start_run()
-        start = run.misbehave()
+        start = run.trigger()
         delay, report = 0.0, ""
         if event == "nothing":
             report = run.read_report()

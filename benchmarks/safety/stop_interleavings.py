@@ -54,12 +54,12 @@ ENGAGED = (GuardState.RAMPING, GuardState.RUNNING, GuardState.DERATED)
 
 
 class Failing(Driver):
-    """The simulated device; `deaf` ticks it does not answer, `blind` ticks its tracker sees nothing."""
+    """The simulated device; `silent_ticks` it does not answer, `lost_ticks` its tracker sees nothing."""
 
     name, simulated = "sim", True
 
     def __init__(self, inner: Driver) -> None:
-        self.inner, self.deaf, self.blind = inner, 0, 0
+        self.inner, self.silent_ticks, self.lost_ticks = inner, 0, 0
 
     def open(self) -> None:
         self.inner.open()
@@ -68,22 +68,22 @@ class Failing(Driver):
         self.inner.close()
 
     def read(self, now: float) -> Any:
-        if self.deaf:
-            self.deaf -= 1
+        if self.silent_ticks:
+            self.silent_ticks -= 1
             raise DriverError("the device does not answer")
         sample = self.inner.read(now)
-        if self.blind:
-            self.blind -= 1
+        if self.lost_ticks:
+            self.lost_ticks -= 1
             return replace(sample, pose=replace(sample.pose, valid=False))
         return sample
 
     def write(self, duties: Any) -> Any:
-        if self.deaf:
+        if self.silent_ticks:
             raise DriverError("the device does not answer")
         return self.inner.write(duties)
 
     def engage(self) -> None:
-        if self.deaf:
+        if self.silent_ticks:
             raise DriverError("the device does not answer")
 
     def truth(self) -> Any:
@@ -99,13 +99,16 @@ class Host(Commands):
     driver, tracker, alive = "sim", "pointer", True
 
     def __init__(self, shared: SharedMemory) -> None:
-        self.device, self.modes, self.layout = load("omni"), (), shared.layout
+        self.device, self.modes, self.layout, self._model = load("omni"), (), shared.layout, "exact"
         super().__init__(find_world("dome")())
         self._shared, self.now, self._changes = shared, 0.0, 0
 
     @property
     def _memory_or_none(self) -> SharedMemory:
         return self._shared
+
+    def _compile_world(self, name: str) -> None:
+        return
 
     def check(self) -> None:
         return
@@ -143,6 +146,9 @@ class Sitting:
         self.prompt = Prompt(condition=study.conditions[0].name, set_point=1)
 
     def note(self, kind: str, text: str = "", **more: Any) -> None:
+        return
+
+    def keep_late(self) -> None:
         return
 
     def answer(self, answer: Any, **more: Any) -> None:
@@ -231,6 +237,7 @@ class Trial:
         self.number = 1
         self.stops: list[tuple[int, int]] = []  # stop counts that were read for an engage to come
         self.off, self.gain = True, 0.0
+        self.fault = ""  # of this program's stand-ins: with it nothing is proved
         self.trail: list[str] = []
         self.plan: list[tuple[int, Callable[[], None]]] = []
         self.gap = 0
@@ -239,7 +246,7 @@ class Trial:
             (4, self.console_stop), (6, self.console_engage), (1, self.console_leave), (2, self.participant_stop),
             (2, self.experimenter_pause), (5, self.experimenter_resume), (3, self.experimenter_engage),
             (1, self.experimenter_repeat), (1, self.participant_leave), (6, self.study_step), (2, self.trip),
-            (1, self.deafen), (1, self.blind), (1, self.hold), (1, self.release), (2, self.agree),
+            (1, self.silence_device), (1, self.lose_tool), (1, self.hold), (1, self.release), (2, self.agree),
         ]  # fmt: skip
 
     # --- deeds -------------------------------------------------------------------------------------------------------
@@ -271,9 +278,14 @@ class Trial:
     def page(self) -> Socket:
         while len(self.pages) < 2:
             self.pages.append(socket := Socket())
-            self.aio.create_task(self.console.join(socket))  # type: ignore[arg-type]
+            task = self.aio.create_task(self.console.join(socket))  # type: ignore[arg-type]
+            task.add_done_callback(self.check_page)
             self.aio.spin()
         return self.random.choice(self.pages)
+
+    def check_page(self, task: asyncio.Task[None]) -> None:
+        if not task.cancelled() and task.exception() is not None:
+            self.fault = f"a page of the console failed: {task.exception()!r}"
 
     def console_stop(self) -> None:
         page = self.page()
@@ -326,11 +338,11 @@ class Trial:
     def trip(self) -> None:
         self.chain.protection.trip(self.random.choice((Trip.WORLD_FAILED, Trip.OVERCURRENT)))
 
-    def deafen(self) -> None:
-        self.device.deaf = self.random.choice((1, 2, 6))
+    def silence_device(self) -> None:
+        self.device.silent_ticks = self.random.choice((1, 2, 6))
 
-    def blind(self) -> None:
-        self.device.blind = self.random.choice((1, 3))
+    def lose_tool(self) -> None:
+        self.device.lost_ticks = self.random.choice((1, 3))
 
     def hold(self) -> None:
         self.host.point((0.0, 0.0, 0.05))
@@ -370,6 +382,8 @@ class Trial:
 
     def look(self) -> None:
         """Were the promises kept in the last tick?"""
+        if self.fault:
+            raise BrokenPromise(self.fault)
         row = self.shared.ring.latest()
         if row is None:
             return
@@ -395,6 +409,8 @@ class Trial:
             self.device.open()
             self.manager.ask({"do": "begin", "code": "P1"}, lambda text: None)
             self.manager.step()
+            if self.manager.now == "failed":
+                return f"no session: {self.manager.trouble}"
             loop = Loop(self.chain, find_world("dome")(), self.shared, RATE, os.getppid())
             well = loop.run(self)  # type: ignore[arg-type]
             return "" if well else f"the loop ended: {loop.reason}"

@@ -70,7 +70,7 @@ class World:
         self.experimenter = self._page(False)
 
     def _start(self, recording: Path | None) -> Any:
-        self.meanwhile()
+        self.interrupt()
         self.servo = Servo(self)
         return self.servo
 
@@ -79,17 +79,17 @@ class World:
         self.hub.enter(page)
         return page
 
-    def meanwhile(self) -> None:
+    def interrupt(self) -> None:
         """Something else, while the session's thread waits."""
         while self.depth < 3 and self.draw.random() < 0.35:
             self.depth += 1
-            self.happen(inside=True)
+            self.do_anything(inside=True)
             self.depth -= 1
 
-    def happen(self, inside: bool = False) -> None:
+    def do_anything(self, inside: bool = False) -> None:
         """One thing, whatever; inside the session's thread itself that thread does nothing else."""
         draw = self.draw
-        things = [self.tick, self.tick, self.stop, self.ask, self.ask, self.ask, self.trip, self.depart]
+        things = [self.tick, self.tick, self.stop, self.ask, self.ask, self.ask, self.trip, self.close_page]
         if not inside:
             things += [self.step] * 4
         what = draw.choice(things)
@@ -141,7 +141,7 @@ class World:
                 self.servo.alive = False
                 self.servo.switch_off()
 
-    def depart(self) -> None:
+    def close_page(self) -> None:
         """A participant's page is closed and another one opened, or the experimenter ends the session."""
         if self.draw.random() < 0.2:
             self.stopped_last = True
@@ -179,13 +179,13 @@ class Servo:
 
     def open(self) -> None:
         """Other things happen while it starts."""
-        self._world.meanwhile()
+        self._world.interrupt()
         self.open_ = True
         self.tick()
 
     def close(self) -> None:
         """Coils off for good."""
-        self._world.meanwhile()
+        self._world.interrupt()
         self.open_ = False
         self.switch_off()
 
@@ -200,10 +200,10 @@ class Servo:
 
     def engage(self, stops: int | None = None) -> None:
         """As the servo's own; a Stop may come while it is on its way."""
-        self._world.meanwhile()
+        self._world.interrupt()
         self._world.resumed += 1
         wanted = self.stops if stops is None else stops
-        self._world.meanwhile()
+        self._world.interrupt()
         self._engage = wanted
 
     def trip(self, reason: Trip) -> None:
@@ -235,7 +235,7 @@ class Servo:
 
     def set_world(self, name: str, values: Any = None) -> None:
         """It takes a tick or two, in which anything may happen."""
-        self._world.meanwhile()
+        self._world.interrupt()
         self.tick()
         self.check()
 
@@ -262,7 +262,7 @@ class Paper:
     id, code, simulated, resumed, over = 1, "P01", False, False, False
 
     def __init__(self, world: World) -> None:
-        world.meanwhile()
+        world.interrupt()
         self._world, self.study = world, world.study
         self.procedure = world.procedure
         self.number = 0
@@ -279,7 +279,7 @@ class Paper:
         return self.study.questions[0] if self._asked else None
 
     def check_kept(self) -> None:
-        self._world.meanwhile()
+        self._world.interrupt()
         if self._world.draw.random() < 0.05:
             raise RecordingError("the database is locked")
 
@@ -298,13 +298,13 @@ class Paper:
     def note(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
         """Keep that something happened."""
         if later:
-            self._world.meanwhile()
+            self._world.interrupt()
         else:
             self.check_kept()
 
     def keep_late(self) -> None:
         """What could not be kept is kept."""
-        self._world.meanwhile()
+        self._world.interrupt()
 
     def abort(self, reason: str = "") -> None:
         """End for good."""
@@ -312,7 +312,7 @@ class Paper:
 
     def close(self) -> None:
         """Somebody else's."""
-        self._world.meanwhile()
+        self._world.interrupt()
 
 
 def study_interleavings(interleavings: int, seed: int = 1) -> SimpleNamespace:
@@ -334,7 +334,7 @@ def study_interleavings(interleavings: int, seed: int = 1) -> SimpleNamespace:
                 world.step()
                 world.check("the beginning")
         for _ in range(STEPS):
-            world.happen()
+            world.do_anything()
             steps += 1
         switched_on += world.switched_on
         resumed += world.resumed

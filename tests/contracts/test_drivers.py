@@ -87,7 +87,7 @@ def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]
     def open_then_slow() -> None:
         emulator.tell("pace 1")
         original()
-        emulator.slow()
+        emulator.set_pace()
 
     driver.open = open_then_slow  # type: ignore[method-assign]
     yield Subject(

@@ -34,6 +34,16 @@ def test_a_recording_opens_and_its_fields_are_found_by_the_names_of_today(tmp_pa
     recording.to_csv(tmp_path / "rows.csv")
 
 
+def test_a_recording_of_rows_with_two_contacts_and_a_coil_state_is_read_by_name() -> None:
+    recording = Recording(OLDER / "omni_contacts.mcap")
+    assert recording["contacts"].shape == (20, 16)
+    assert recording["currents"].shape == (20, 3)
+    assert recording["coil_state"].shape == (20,)
+    assert recording.memory == {}
+    with pytest.raises(RecordingError, match="read its fields by name"):
+        _ = recording.layout
+
+
 def test_a_calibration_is_believed_of_its_device() -> None:
     calibration = read_calibration(OLDER / "omni.calibration.json")
     assert calibration.apply(load(OLDER / "omni.toml")).channels == 3

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
-from haptorb.apps.check.late_tracker import LateTracker
+from haptorb.apps.check.pose_delay import PoseDelay
 from haptorb.control.stability.hand_grip import GRIPS
 from haptorb.devices.electromagnet.electromagnet import Hand
 from haptorb.devices.loader import load
+from haptorb.runtime.drivers.imperfect_tracker import ImperfectTracker
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.tick.assembly import allocator_of, assemble, estimator_of
@@ -74,7 +75,7 @@ def push_across(world, tracker_rate, latency, seconds=2.5):
         leaning = 0.45 <= now < 0.5
         return Goal(middle + np.array([1e-3 * leaning, 0, 0]), upright, now, False)
 
-    driver = LateTracker(SimDriver.of(device, 1e-3, goal), tracker_rate, latency)
+    driver = ImperfectTracker(SimDriver.of(device, 1e-3, goal), PoseDelay(tracker_rate, latency))
     tick = Tick(device, world, driver, estimator_of(device, "tracker", "exact"), allocator_of(device), 1e-3)
     p, injected = rows_of(tick, seconds, "p", "injected")[[0, 3]]
     return p, injected

@@ -46,7 +46,7 @@ def emulator(running: Emulator) -> Iterator[Emulator]:
 def driver(emulator: Any) -> Iterator[SerialDriver]:
     one = SerialDriver(load("omni"), emulator.port, patience=1.0, warm_up=90.0)
     one.open()
-    emulator.slow()
+    emulator.set_pace()
     yield one
     one.close()
 
@@ -97,7 +97,7 @@ def test_identity_limits_and_calibration_can_be_read(started: Callable[..., Any]
 def test_a_session_may_ask_for_less_than_the_limits(emulator: Any) -> None:
     device = Board(emulator.port, 30.0, answer=5.0)
     emulator.wait(1.5)  # until it knows how warm the coils are
-    emulator.slow()
+    emulator.set_pace()
     assert device.engage(0.25, 30.0).refusal is Refusal.ACCEPTED
     reading = device.set([4095, -4095, 5])
     assert reading.applied == pytest.approx([0.25, -0.25, 5 / 4096])
@@ -208,7 +208,7 @@ def test_a_port_that_comes_back_is_found_within_two_seconds_and_stays_off(emulat
     assert time.monotonic() - began < 2.0
     assert driver.write(SMALL).tolist() == [0, 0, 0]  # back, and still off
     assert emulator.status()["on"] == "0"
-    emulator.slow()
+    emulator.set_pace()
     driver.engage()
     ticks(driver, SMALL, 5)
     assert emulator.status()["on"] == "1"
@@ -243,7 +243,7 @@ def test_a_missing_sensor_is_named_with_its_address(emulator: Any, chip: str, pa
 
 def test_a_frame_and_its_answer_take_less_than_a_millisecond(emulator: Any, driver: SerialDriver) -> None:
     """On the wire and in the processor; what this computer adds comes on top."""
-    emulator.slow(0.06)
+    emulator.set_pace(0.06)
     ticks(driver, SMALL, 10)
     emulator.status()
     before = emulator.status()

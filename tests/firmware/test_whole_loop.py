@@ -72,7 +72,7 @@ def test_a_dome_is_felt_through_the_real_firmware(
     rows, away = [], []
     with driver:
         assert driver.field_axes is None
-        emulator.slow(PACE)
+        emulator.set_pace(PACE)
         deadline = time.monotonic()
         for k in range(370):
             deadline += 1e-3 / PACE

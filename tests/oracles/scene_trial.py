@@ -13,8 +13,8 @@ from typing import final
 
 import numpy as np
 
-from haptorb.apps.check.late_tracker import LateTracker
-from haptorb.apps.guidance.noisy_tracker import NoisyTracker
+from haptorb.apps.check.pose_delay import PoseDelay
+from haptorb.apps.guidance.pose_noise import PoseNoise
 from haptorb.control.clutch.modes import MODES
 from haptorb.control.stability.coupling_choice import ASSUMED, CouplingSetting
 from haptorb.devices.coil_array.coil_array import CoilArray
@@ -23,6 +23,7 @@ from haptorb.devices.electromagnet.electromagnet import Hand, SphericalElectroma
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.drivers.imperfect_tracker import ImperfectTracker
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.tick.assembly import allocator_of, check_estimator, estimator_of, linkage_of
 from haptorb.runtime.tick.tick import Tick
@@ -127,7 +128,7 @@ def try_scene(
     driver: Driver = SimDriver(simulation, dt, goal, seed=seed)
     if setting.fed:
         late = ASSUMED if setting.latency is None else setting.latency
-        driver = LateTracker(NoisyTracker(driver, NOISE, seed), TRACKER_RATE, late)
+        driver = ImperfectTracker(driver, PoseNoise(NOISE, seed), PoseDelay(TRACKER_RATE, late))
     estimator = check_estimator(device, setting.estimator if moved else None)
     estimator_used = estimator_of(device, estimator, None)
     tick = Tick(device, scene, driver, estimator_used, allocator_of(device), dt, linkage_of(device))

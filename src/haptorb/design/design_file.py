@@ -14,7 +14,7 @@ from haptorb.design.device_keys import check_key, split_key
 from haptorb.design.evaluate import compute_quantity, find_base
 from haptorb.design.evaluation import Value
 from haptorb.design.file_schema import BoundSection, DeviceDesignFile, GoalSection
-from haptorb.design.file_values import make_parameter, needs_base, read_bound
+from haptorb.design.file_values import is_base_share, make_parameter, read_bound
 from haptorb.design.own_function import load_function
 from haptorb.design.parameter import DesignParameter
 from haptorb.design.quantity import DesignQuantity
@@ -132,7 +132,7 @@ def _find_quantity(
 
 def _make_bound(design: Design, name: str, section: BoundSection, quantity: DesignQuantity) -> Bound:
     where, base = f"constraints.{name}", None
-    if needs_base(section.at_least) or needs_base(section.at_most):
+    if is_base_share(section.at_least) or is_base_share(section.at_most):
         device = find_base(design)
         base, reason = compute_quantity(quantity, DesignCandidate(device, device, design.options))
         if reason:

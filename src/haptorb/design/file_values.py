@@ -12,7 +12,7 @@ from haptorb.design.parameter import WHOLE, DesignParameter, ParameterPlace
 from haptorb.devices.schema.units import convert
 from haptorb.errors import InputError, quote
 
-__all__ = ["make_parameter", "needs_base", "read_bound", "read_number"]
+__all__ = ["is_base_share", "make_parameter", "read_bound", "read_number"]
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d{1,40}\.?\d{0,40}|\.\d{1,40})(?:[eE][+-]?\d{1,3})?)\s*(.*?)\s*")
 _PLACE = re.compile(r"\s*(-)?\s*(?:(\d+\.?\d*|\.\d+)\s*\*)?\s*([A-Za-z_][\w.-]*)\s*")
@@ -86,7 +86,7 @@ def read_bound(value: str | float, unit: str, where: str, base: float | None) ->
     return found
 
 
-def needs_base(value: str | float | None) -> bool:
+def is_base_share(value: str | float | None) -> bool:
     """Whether the bound `value` is a share of the base device's number."""
     return isinstance(value, str) and _BASE.fullmatch(value) is not None
 

@@ -135,7 +135,7 @@ class TwoNode:
             raise InputError(f"drive must be one of {', '.join(_DRIVES)}; got {drive!r}")
         begin = check_finite(start, "start")
         if begin.shape != (2,):
-            raise InputError(f"start must be the rises of winding and body, shape (2,); got {begin.shape}")
+            raise InputError(f"start must be the rises of winding and body [K], shape (2,); got {begin.shape}")
         if not (power >= 0.0 and np.isfinite(power) and np.isfinite(rise) and coefficient >= 0.0):
             raise InputError(
                 f"power must be 0 or more and all numbers finite; got {power} W, {rise} K, {coefficient}/K"

@@ -75,9 +75,9 @@ class ThermalNetwork:
                 f"{self.capacity.shape}, {self.exchange.shape}, {self.to_air.shape}, {self.windings}"
             )
         if not (self.capacity > 0.0).all():
-            raise InputError(f"capacities of a thermal network must be positive; got {self.capacity.tolist()}")
+            raise InputError(f"capacities of a thermal network must be positive; got {self.capacity.tolist()} J/K")
         if (self.exchange < 0.0).any() or (self.to_air < 0.0).any() or (self.exchange != self.exchange.T).any():
-            raise InputError("conductances of a thermal network must be symmetric, and none negative")
+            raise InputError("conductances of a thermal network [W/K] must be symmetric, and none negative")
         if not self._reaches_air():
             raise InputError(
                 "every node of a thermal network must conduct heat to the air, or its temperature would have no limit"
@@ -201,13 +201,13 @@ class ThermalNetwork:
     def _source(self, power: ArrayLike) -> Array:
         watts = check_finite(power, "power")
         if watts.shape != (self.windings,):
-            raise InputError(f"power must have one value per winding, shape ({self.windings},); got {watts.shape}")
+            raise InputError(f"power [W] must have one value per winding, shape ({self.windings},); got {watts.shape}")
         return np.concatenate([watts, np.zeros(self.nodes - self.windings)])
 
     def _begin(self, start: ArrayLike | None) -> Array:
         begin = np.zeros(self.nodes) if start is None else check_finite(start, "start")
         if begin.shape != (self.nodes,):
-            raise InputError(f"start must be the rises of all nodes, shape ({self.nodes},); got {begin.shape}")
+            raise InputError(f"start must be the rises of all nodes [K], shape ({self.nodes},); got {begin.shape}")
         return begin
 
     def _modes(self, heating: Array) -> tuple[Array, Array, Array]:

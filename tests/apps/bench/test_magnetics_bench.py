@@ -53,10 +53,11 @@ def test_everybody_agrees_with_the_reference_as_well_as_the_winding_allows(conte
     assert 0.01 < torque["haptorb", "published multipoles"].error < 0.1
 
 
-def test_the_table_is_faster_than_every_peer(contest):
-    """By orders of magnitude, as `haptorb bench` says; how many is no question for a machine that does other things."""
+def test_the_table_wins_by_orders_of_magnitude(contest):
+    """Factors of 5000 and 20 are promised; a machine with other work at the same time may get a third."""
     torque, field = contest.ratios().values()
-    assert min(*torque.values(), *field.values()) > 1
+    assert torque["magpylib: getFT, one batch"] > 5000 / 3
+    assert min(*torque.values(), *field.values()) > 20 / 3
 
 
 def test_numbers_text_and_plot(contest, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 from haptorb import worlds
 from haptorb.apps.check import Setting, boundary, draw_world, judge_world
-from haptorb.apps.check.stability_trial import grows
+from haptorb.apps.check.stability_trial import is_growing
 from haptorb.apps.cli import main
 from haptorb.control.stability.hand_grip import GRIPS, HandGrip
 from haptorb.devices.loader import load
@@ -39,8 +39,8 @@ def test_the_hall_trackers_filter_is_part_of_the_loop():
     hand = GRIPS["light"].with_mass(OMNI.tool.mass)
     expected = filtered.loop(OMNI).largest(hand)
     assert expected < 0.6 * plain.loop(OMNI).largest(hand)
-    assert grows(OMNI, GRIPS["light"], 1.15 * expected, 1000.0, None, 0.0, hall=True)
-    assert not grows(OMNI, GRIPS["light"], 0.85 * expected, 1000.0, None, 0.0, hall=True)
+    assert is_growing(OMNI, GRIPS["light"], 1.15 * expected, 1000.0, None, 0.0, hall=True)
+    assert not is_growing(OMNI, GRIPS["light"], 0.85 * expected, 1000.0, None, 0.0, hall=True)
 
 
 def test_a_world_outside_does_oscillate_and_its_advice_cures_it():
@@ -48,8 +48,8 @@ def test_a_world_outside_does_oscillate_and_its_advice_cures_it():
     verdict = judge_world(OMNI, worlds.Wall(stiffness=400.0, damping=0.0, greatest=20.0), LATE)
     assert (verdict.verdict, verdict.fit) == ("outside", False)
     assert verdict.margin == pytest.approx(verdict.largest / 400.0, rel=1e-3)
-    assert grows(OMNI, GRIPS["light"], 400.0, 1000.0, 240.0, 5e-3)
-    assert not grows(OMNI, GRIPS["light"], 0.66 * verdict.largest, 1000.0, 240.0, 5e-3)
+    assert is_growing(OMNI, GRIPS["light"], 400.0, 1000.0, 240.0, 5e-3)
+    assert not is_growing(OMNI, GRIPS["light"], 0.66 * verdict.largest, 1000.0, 240.0, 5e-3)
     weaker, firmer = (float(re.search(r"[\d.]+", advice)[0]) for advice in verdict.advice)
     assert judge_world(OMNI, worlds.Wall(stiffness=400.0 / weaker, damping=0.0, greatest=20.0), LATE).margin > 1.49
     held = replace(LATE, hand=HandGrip(0.1, firmer, 100.0))

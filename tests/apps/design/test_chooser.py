@@ -163,6 +163,6 @@ def test_while_one_starts_no_other_can_be_chosen():
         selection.choose(1)
     assert selection.wait(0.0) == 2
     assert not selection.pending
-    selection.tell_refused("why")
+    selection.set_refused("why")
     selection.choose(1)
     assert selection.wait(0.0) == 1

@@ -12,7 +12,7 @@ import pytest
 from haptorb.apps.serve.access import TOKEN, Access, choose_serve_token
 from haptorb.apps.serve.haply.haply_server import prepare
 from haptorb.apps.serve.ports import open_port
-from haptorb.apps.serve.server_choice import add_client_force, check_servers, feels_alone
+from haptorb.apps.serve.server_choice import add_client_force, check_servers, is_client_force_alone
 from haptorb.apps.serve.server_kinds import KINDS, ServerKind, load_kind
 from haptorb.errors import DriverError, InputError, UnknownName
 from haptorb.worlds import Dome, Remote, Terrain
@@ -29,8 +29,8 @@ def test_a_kind_that_there_is_not_and_two_of_one_kind_are_refused():
 
 def test_the_clients_force_is_felt_alone_or_added_to_what_was_chosen(tmp_path):
     haply = check_servers(["haply"])
-    assert feels_alone(haply)
-    assert not feels_alone(())
+    assert is_client_force_alone(haply)
+    assert not is_client_force_alone(())
     assert add_client_force(Remote(limit=2.0), haply) == Remote(limit=2.0)
     assert isinstance(add_client_force(Terrain(), haply).parts[1], Remote)
     assert add_client_force(Dome(), ()) == Dome()

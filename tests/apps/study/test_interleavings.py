@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -23,3 +25,11 @@ def test_no_order_of_events_switches_on_after_a_stop() -> None:
     assert found.broken == []
     assert found.switched_on > 1000
     assert found.resumed > 100
+
+
+def test_no_order_of_stops_and_engages_of_python_console_and_study_leaves_it_on() -> None:
+    """In a process of its own: it winds the clock of the console's event loop."""
+    program = ROOT / "benchmarks" / "safety" / "stop_interleavings.py"
+    command = [sys.executable, str(program), "--interleavings", "300", "--seed", "2"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr

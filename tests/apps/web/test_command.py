@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptorb.apps.web.command import asks_to_stop, command
+from haptorb.apps.web.command import command, is_stop_request
 from haptorb.errors import InputError
 
 JSON = st.recursive(
@@ -80,9 +80,9 @@ def test_any_json_is_a_command_or_refused(value):
     ],
 )
 def test_a_stop_is_a_stop_whatever_else_is_wrong(text):
-    assert asks_to_stop(text)
+    assert is_stop_request(text)
 
 
 @pytest.mark.parametrize("text", ["", "stop", '{"do": "engage"}', json.dumps({"do": "reply", "reply": '"do": "stop"'})])
 def test_other_words_are_none(text):
-    assert not asks_to_stop(text)
+    assert not is_stop_request(text)

@@ -24,7 +24,7 @@ import pytest
 from websockets.sync.client import connect
 
 from haptorb.apps.console import Console
-from haptorb.apps.web.command import asks_to_stop, command
+from haptorb.apps.web.command import command, is_stop_request
 from haptorb.errors import InputError
 
 APPS = Path(__file__).parents[1]
@@ -118,7 +118,7 @@ def test_every_message_is_read_or_refused_at_once(n):
     for text in messages(1, n):
         begun = time.process_time()  # a busy computer is not the reader's fault
         try:
-            asks_to_stop(text)
+            is_stop_request(text)
             found = command(text)
             json.dumps(found, allow_nan=False, ensure_ascii=False).encode()
             read += 1

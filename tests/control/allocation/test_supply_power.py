@@ -100,5 +100,5 @@ def test_a_limit_that_cannot_be_is_refused():
         LeastSquaresAllocator((1.0, 1.0, 1.0), power=10.0)
     with pytest.raises(InputError, match="above 0 W"):
         MinimumPowerAllocator((1.0, 1.0, 1.0), resistance=(1.0, 1.0, 1.0), power=0.0)
-    with pytest.raises(InputError, match="one entry > 0 per channel"):
+    with pytest.raises(InputError, match="one entry above 0 Ω per channel"):
         LeastSquaresAllocator((1.0, 1.0, 1.0), resistance=(1.0, 1.0), power=10.0)

@@ -68,7 +68,11 @@ def test_no_orientation_of_a_dense_grid_takes_more_heat():
 
 
 def test_the_core_pulls_half_and_no_continuous_force_is_less():
-    """Forces of windings and core at their true size: the base's are those that its file assumes."""
+    """Forces of windings and core at their true size: the base's are those that its file assumes.
+
+    The shell's capability of the card is not compared: it takes dipoles, whose forces differ by up to a quarter from
+    those of these wide windings.
+    """
     omni, found = load("omni"), load("omni-small-core")
     wound = replace(omni, moment_per_current=omni.predict_moments(), moments_from="windings")
     before, after = (DesignCandidate(one, omni, {}) for one in (wound, found))

@@ -8,19 +8,19 @@ from typing import Any
 import pytest
 
 from haptorb.runtime.realtime import memory_growth
-from haptorb.runtime.realtime.memory_growth import MemoryGrowth, resident
+from haptorb.runtime.realtime.memory_growth import MemoryGrowth, resident_memory
 
 
 def test_memory_of_a_process_and_of_one_that_has_ended() -> None:
-    mine = resident(os.getpid())
+    mine = resident_memory(os.getpid())
     assert mine is not None
     assert 5e6 < mine < 1e11
-    assert resident(2**22 + 1) is None
+    assert resident_memory(2**22 + 1) is None
 
 
 def test_growth_is_told_from_a_hundred_megabytes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     sizes = iter([300e6, 350e6, None, 401e6])
-    monkeypatch.setattr(memory_growth, "resident", lambda pid: next(sizes))
+    monkeypatch.setattr(memory_growth, "resident_memory", lambda pid: next(sizes))
     growth = MemoryGrowth(1)
     assert growth.facts() == {}
     growth.look(10.0)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from haptorb.simulation.parts.hand import rotation_left
+from haptorb.simulation.parts.hand import fill_remaining_rotation
 from haptorb.simulation.parts.tool import GRAVITY, TOOL, contact, matrix, move
 
 MASS, TIP, TAIL = 0.026, 0.02, 0.012
@@ -47,7 +47,7 @@ def turn_with(tool):
 def step(tool, dt=DT):
     R, wrench, turn = turn_with(tool), np.zeros(6), np.zeros(3)
     depth = contact(tool, R, dt, wrench)
-    rotation_left(tool["q"], tool["goal_q"], turn)
+    fill_remaining_rotation(tool["q"], tool["goal_q"], turn)
     move(tool, R, turn, wrench, dt)
     return depth
 
@@ -72,7 +72,7 @@ def test_matrix_is_scipys(turn):
 @given(st.tuples(*[st.floats(-2, 2)] * 3), st.tuples(*[st.floats(-2, 2)] * 3), st.sampled_from([-1.0, 1.0]))
 def test_rotation_left_is_the_shortest_way(start, goal, sign):
     a, b, out = Rotation.from_rotvec(start), Rotation.from_rotvec(goal), np.empty(3)
-    rotation_left(a.as_quat(), sign * b.as_quat(), out)
+    fill_remaining_rotation(a.as_quat(), sign * b.as_quat(), out)
     assert (Rotation.from_rotvec(out) * a * b.inv()).magnitude() < 1e-7
     assert np.linalg.norm(out) <= np.pi + 1e-9
 

@@ -117,7 +117,9 @@ def _check_series(path: Path, t: Array, values: Array) -> None:
     if not (np.abs(t) < _LONGEST).all() or not (np.diff(t) >= 0).all():
         raise CalibrationError(f"{path}: time must be in seconds and increase, for {_LONGEST:.3g} s at most")
     if not (np.abs(values) < _LARGEST).all():
-        raise CalibrationError(f"{path}: powers, currents, resistances and temperatures must be below {_LARGEST:g}")
+        raise CalibrationError(
+            f"{path}: powers [W], currents [A], resistances [Ω] and temperatures [°C] must be below {_LARGEST:g}"
+        )
 
 
 def _from_recording(path: Path, device: Device) -> HeatRecord:

@@ -27,7 +27,7 @@ def measure_fitness(
     Shows a progress bar on the terminal by default. Raises InputError for a duration that is no time.
     """
     if not (math.isfinite(duration) and duration >= 0.5):
-        raise InputError(f"duration must be at least 0.5 s; got {duration!r}")
+        raise InputError(f"duration must be at least 0.5 s; got {duration!r} s")
     with (
         make_progress(show=progress) as bar,
         Servo(device, rate=rate, record=False) as servo,

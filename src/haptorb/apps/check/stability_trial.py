@@ -12,11 +12,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from haptorb.apps.check.late_tracker import LateTracker
+from haptorb.apps.check.pose_delay import PoseDelay
 from haptorb.control.stability.hand_grip import HandGrip
 from haptorb.devices.electromagnet.electromagnet import Hand, SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.imperfect_tracker import ImperfectTracker
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.tick.assembly import allocator_of, estimator_of
 from haptorb.runtime.tick.tick import Tick
@@ -25,7 +26,7 @@ from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
 from haptorb.worlds.world import World
 
-__all__ = ["boundary", "grows"]
+__all__ = ["boundary", "is_growing"]
 
 _ABOVE = 0.010  #: the spring's middle is so far above contact, where no dome is touched [m]
 _SETTLED = 0.45  #: by then the guard has ramped up [s]
@@ -49,7 +50,7 @@ class _Spring(World):
         return wrench
 
 
-def grows(
+def is_growing(
     device: SphericalElectromagnet, grip: HandGrip, stiffness: float, rate: float, tracker_rate: float | None,
     latency: float, *, hall: bool = False,
 ) -> bool:  # fmt: skip
@@ -80,7 +81,7 @@ def grows(
 
     dt = 1 / rate
     inner = SimDriver(SimulatedElectromagnet(held, step=_STEP), dt, goal)
-    driver = inner if hall else LateTracker(inner, tracker_rate, latency)
+    driver = inner if hall else ImperfectTracker(inner, PoseDelay(tracker_rate, latency))
     estimator = estimator_of(held, "hall" if hall else "tracker", None)
     tick = Tick(held, _Spring(stiffness), driver, estimator, allocator_of(held), dt)
     row = tick.layout.empty()
@@ -103,17 +104,18 @@ def boundary(
 ) -> float:  # fmt: skip
     """The largest stiffness [N/m] whose oscillation dies away, by bisection from about `expected`."""
     low, high = 0.7 * expected, 1.4 * expected
-    while grows(device, grip, low, rate, tracker_rate, latency, hall=hall):
+    while is_growing(device, grip, low, rate, tracker_rate, latency, hall=hall):
         low, high = 0.5 * low, low
         if low < 1e-3 * expected:
             return 0.0
-    while not grows(device, grip, high, rate, tracker_rate, latency, hall=hall):
+    while not is_growing(device, grip, high, rate, tracker_rate, latency, hall=hall):
         low, high = high, 2 * high
         if high > 1e3 * expected:
             return float("inf")
     while high - low > precision * high:
         middle = 0.5 * (low + high)
-        low, high = (
-            (low, middle) if grows(device, grip, middle, rate, tracker_rate, latency, hall=hall) else (middle, high)
-        )
+        if is_growing(device, grip, middle, rate, tracker_rate, latency, hall=hall):
+            high = middle
+        else:
+            low = middle
     return 0.5 * (low + high)

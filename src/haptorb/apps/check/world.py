@@ -134,7 +134,7 @@ class WorldVerdict(NotebookReport):
             found.append(f"Run the servo at --rate {math.ceil(quicker * setting.rate):d}.")
         if self.margins and self.margins[0][1].damping * abs(self.loop.period) > self.hand.mass:
             found.append("The delayed damping of the world is the cause, not its stiffness: reduce the damping.")
-        damper = _least(lambda x: self._stiffness_held_by(replace(self.hand, damping=x * self.hand.damping)), 100.0)
+        damper = _least(lambda x: self._compute_hand_factor(replace(self.hand, damping=x * self.hand.damping)), 100.0)
         if damper is not None and self.hand.damping > 0.0:
             found.append(
                 f"Hold the tool more firmly: {damper * self.setting.hand.damping:.1f} N·s/m instead of "
@@ -142,7 +142,7 @@ class WorldVerdict(NotebookReport):
             )
         return tuple(found)
 
-    def _stiffness_held_by(self, hand: HandGrip) -> float:
+    def _compute_hand_factor(self, hand: HandGrip) -> float:
         return min((_factor(self.loop, hand, one) for _, one in self.margins), default=math.inf)
 
     def _compute_factor(self, **changes: float) -> float:

@@ -120,9 +120,9 @@ def _setting(
     from haptorb.runtime.realtime.schedule import check_rate
 
     if not (isfinite(latency) and latency >= 0):
-        raise InputError(f"--latency must be at least 0 ms; got {latency:g}")
+        raise InputError(f"--latency must be at least 0 ms; got {latency:g} ms")
     if tracker_rate is not None and not (isfinite(tracker_rate) and tracker_rate > 0):
-        raise InputError(f"--tracker-rate must be above 0 Hz; got {tracker_rate:g}")
+        raise InputError(f"--tracker-rate must be above 0 Hz; got {tracker_rate:g} Hz")
     bandwidth = _bandwidth(device, tracker, tracker_rate)
     return Setting(check_rate(rate), tracker_rate, 1e-3 * latency, grip, check_grip(grip), bandwidth)
 

@@ -66,7 +66,7 @@ def feel(
     if choose is not None:
         candidates[choose]  # refuses a name that there is not before anything is felt
     if not 0 < seconds < float("inf"):
-        raise InputError(f"--seconds must be greater than 0; got {seconds:g}")
+        raise InputError(f"--seconds must be greater than 0 s; got {seconds:g} s")
     if plot is not None:
         check_figure_file(plot, "--plot")
     person = check_person(person)

@@ -67,7 +67,7 @@ def frame(
         if rehearsal is None:
             return typer.confirm("    ready", default=True, err=True)
         doing.close()  # the stroke before
-        doing.enter_context(rehearsal.doing(stroke))
+        doing.enter_context(rehearsal.send_stroke(stroke))
         return True
 
     with opened, doing:

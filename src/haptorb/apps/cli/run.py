@@ -118,7 +118,7 @@ def run(
 ) -> None:
     """Run a device with a world and the console. Default: simulated Omni with a dome."""
     if duration is not None and not 0 < duration < float("inf"):
-        raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
+        raise InputError(f"--duration must be greater than 0 s; got {duration:g} s")
     from haptorb.runtime.processes.prestart import PrestartedProcess
     from haptorb.runtime.realtime.linux import require_linux
 
@@ -126,7 +126,7 @@ def run(
     with PrestartedProcess() as standby:  # it loads while this process does, and reads the device file
         from haptorb.apps.cli.world_option import choose_scene_option, choose_world_option
         from haptorb.apps.progress import build_tables
-        from haptorb.apps.serve.server_choice import add_client_force, check_servers, feels_alone
+        from haptorb.apps.serve.server_choice import add_client_force, check_servers, is_client_force_alone
         from haptorb.apps.serve.serving import Serving
         from haptorb.devices.loader import load
         from haptorb.runtime.exchange.black_box import state_folder
@@ -137,7 +137,7 @@ def run(
         found = load(device)
         chosen: World | WorldFile | SceneFile
         if scene is None and body is None:
-            first = "remote" if feels_alone(choices) else default_world(found)
+            first = "remote" if is_client_force_alone(choices) else default_world(found)
             chosen = choose_world_option(world or first, settings or [], found)
         else:
             chosen = choose_scene_option(scene, body, world, settings or [], found)
@@ -175,7 +175,9 @@ def _run_without_console(
     with _open_servo(servo, standby, serving):
         serving.hold_tool()
         if not json:
-            say(f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_nature(servo)}. Ctrl-C ends.")
+            say(
+                f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_driver_text(servo)}. Ctrl-C ends."
+            )
         try:
             with tell_missing_pose(servo), tell_part(servo):
                 servo.run(duration if duration is not None else 1e9)
@@ -210,7 +212,7 @@ def _run_with_console(
             nonlocal last, invited
             if console.answers and not invited:
                 invited = True
-                say(f"Open {console.url} in a browser: {servo.device.name}, {_nature(servo)}. Ctrl-C ends.")
+                say(f"Open {console.url} in a browser: {servo.device.name}, {_driver_text(servo)}. Ctrl-C ends.")
             now = servo.world_trouble
             if now and not last:
                 say(now)
@@ -256,7 +258,7 @@ def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> I
             say("COIL STATE UNKNOWN: the device did not confirm that its coils are off. Switch off its supply.")
 
 
-def _nature(servo: Servo) -> str:
+def _driver_text(servo: Servo) -> str:
     return "SIMULATED" if servo.driver == "sim" else f"driver {servo.driver}"
 
 

@@ -39,7 +39,7 @@ def view(
 ) -> None:
     """Play a recording, or two side by side, in the console's page. No servo runs."""
     if duration is not None and not 0 < duration < float("inf"):
-        raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
+        raise InputError(f"--duration must be greater than 0 s; got {duration:g} s")
     from haptorb.apps.cli.recording import parse_time
     from haptorb.apps.view.recording_part import parse_part
     from haptorb.apps.view.viewer import Viewer

@@ -21,8 +21,8 @@ from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.session import describe_world, press_buttons, read_world, worlds
 from haptorb.apps.console.target import prepare
 from haptorb.apps.console.wire import Columns, encode_force_frame, mesh_frame, pointer, rows_frame
-from haptorb.apps.web.command import asks_to_stop
 from haptorb.apps.web.command import command as read_command
+from haptorb.apps.web.command import is_stop_request
 from haptorb.apps.web.token import PROTOCOL
 from haptorb.errors import HaptorbError, InputError
 from haptorb.runtime.trackers.pose_filter import REASONS
@@ -82,7 +82,7 @@ class ConsoleSocketHub:
                 if self._pages:
                     self._send_to_all("health", **self._health.look(), **describe_troubles(self._servo))
                 self._notice_world()
-                self._notice_refused()
+                self._report_refused_poses()
             if self._designs is not None:
                 self._designs.notice()
             await asyncio.sleep(REFRESH)
@@ -127,7 +127,7 @@ class ConsoleSocketHub:
         """One message of a page: its pointer, or a command; a stop before all else, from any page and in any form."""
         try:
             if (text := message.get("text")) is not None:
-                if asks_to_stop(text):  # safety: console-stop-first
+                if is_stop_request(text):  # safety: console-stop-first
                     self._stop()
                 else:
                     self._execute(page, read_command(text))
@@ -145,7 +145,7 @@ class ConsoleSocketHub:
     def _execute(self, page: ConsolePage, command: dict[str, Any]) -> None:
         """One command; only the page that has the control may do more than stop."""
         match command["do"]:
-            case "stop":  # in letters that `asks_to_stop` does not read
+            case "stop":  # in letters that `is_stop_request` does not read
                 self._stop()
             case _ if page is not self._pages[0]:
                 raise InputError("another page is in control; this one only watches, and can still stop")
@@ -223,7 +223,7 @@ class ConsoleSocketHub:
         if self._painter is not None:
             self._painter.want(name, dict(values), now[2], self._version, self._send_map, self._report_map_failure)
 
-    def _notice_refused(self) -> None:
+    def _report_refused_poses(self) -> None:
         """Inform every page when another sender feeds the tracker, or it jumps: nothing else would show it."""
         counted = self._servo.tracker_refusals
         refused = {why: counted.get(why, 0) for why in _TELLING}

@@ -114,7 +114,7 @@ def pointer(message: bytes) -> Pointer:
     stamp, x, y, z, *turned, held = _POINTER.unpack(message)
     p, q = np.array((x, y, z)), np.array(turned)
     if not math.hypot(x, y, z) <= REACH:
-        raise InputError(f"a pointer's position must be finite and within {REACH:g} m; got {p.tolist()}")
+        raise InputError(f"a pointer's position must be finite and within {REACH:g} m; got {p.tolist()} m")
     if math.isinf(stamp):
         raise InputError("a pointer's time stamp must be finite, or NaN for none")
     if np.isnan(q).all():

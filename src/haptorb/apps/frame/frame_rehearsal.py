@@ -43,7 +43,7 @@ class Rehearsal:
         self._own_port = 0  # of the first stroke's socket, and of all later ones: a tracker accepts one sender
 
     @contextmanager
-    def doing(self, stroke: Stroke) -> Iterator[None]:
+    def send_stroke(self, stroke: Stroke) -> Iterator[None]:
         """The stroke, sent by a thread of its own, in its time."""
         over = threading.Event()
         n = max(int(_RATE * stroke.seconds), 40)

@@ -63,7 +63,7 @@ class Person:
         noise = np.random.default_rng(seed)
         self._heading = habits.heading_error * _wander(noise, count, habits.heading_time, dt)
         self._pace = 1.0 + habits.pace_error * _wander(noise, count, habits.heading_time, dt)
-        self._tremor = habits.tremor * np.column_stack([_tremble(noise, count, dt) for _ in range(2)])
+        self._tremor = habits.tremor * np.column_stack([_make_tremor(noise, count, dt) for _ in range(2)])
         self._own = habits.insistence * _wander(noise, count, 2.0, dt)
         self._slow = _slowness(path)
         self._frame = np.empty((4, 3))
@@ -138,7 +138,7 @@ def _wander(noise: np.random.Generator, count: int, time: float, dt: float) -> A
     return np.asarray(lfilter([1.0], [1.0, -keep], kicks))
 
 
-def _tremble(noise: np.random.Generator, count: int, dt: float) -> Array:
+def _make_tremor(noise: np.random.Generator, count: int, dt: float) -> Array:
     """(count,) noise between 8 and 12 Hz, rms 1."""
     spectrum = np.fft.rfft(noise.standard_normal(count))
     frequency = np.fft.rfftfreq(count, dt)

@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptorb.apps.check.late_tracker import LateTracker
-from haptorb.apps.guidance.noisy_tracker import NoisyTracker
+from haptorb.apps.check.pose_delay import PoseDelay
 from haptorb.apps.guidance.person import Habits, Person, place_across
+from haptorb.apps.guidance.pose_noise import PoseNoise
 from haptorb.control.stability.hand_grip import HandGrip
 from haptorb.devices.electromagnet.electromagnet import Hand, SphericalElectromagnet
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.drivers.imperfect_tracker import ImperfectTracker
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.tick.assembly import allocator_of, estimator_of
 from haptorb.runtime.tick.tick import Tick
@@ -68,7 +69,7 @@ def run_trial(
     simulation = SimulatedElectromagnet(held, seed=seed)
     driver: Driver = SimDriver(simulation, dt, person.goal, seed=seed)
     if sensing == "tracker":
-        driver = LateTracker(NoisyTracker(driver, NOISE, seed), TRACKER_RATE, LATENCY)
+        driver = ImperfectTracker(driver, PoseNoise(NOISE, seed), PoseDelay(TRACKER_RATE, LATENCY))
     tick = Tick(held, world, driver, estimator_of(held, sensing, None), allocator_of(held), dt)
     row, layout = tick.layout.empty(), tick.layout
     count, first = round(duration * rate), round(_BEGIN * rate)

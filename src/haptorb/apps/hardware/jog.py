@@ -61,9 +61,9 @@ def jog(
     if not 0.0 < abs(duty) <= GENTLE_DUTY:
         raise InputError(f"duty must be nonzero and at most {GENTLE_DUTY} in size for jogging; got {duty}")
     if not 0.2 <= seconds <= 10.0:
-        raise InputError(f"seconds must be from 0.2 to 10; got {seconds}")
+        raise InputError(f"seconds must be from 0.2 to 10 s; got {seconds} s")
     if not 0.0 < current_limit <= GENTLE_CURRENT:
-        raise InputError(f"current_limit must be above 0 and at most {GENTLE_CURRENT} A; got {current_limit}")
+        raise InputError(f"current_limit must be above 0 and at most {GENTLE_CURRENT} A; got {current_limit} A")
     which = names.index(coil)
     duties = np.zeros(device.channels)
     tops: list[tuple[float, np.ndarray]] = []

@@ -38,7 +38,7 @@ def monitor(
     A driver that reads its field sensors in turns is read as often as they need; each sample has the last of every one.
     """
     if not 0.0 < rate <= 200.0:
-        raise InputError(f"rate must be above 0 and at most 200 Hz; got {rate}")
+        raise InputError(f"rate must be above 0 and at most 200 Hz; got {rate} Hz")
     with driver:
         start = clock()
         count = 0

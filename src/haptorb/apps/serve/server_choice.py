@@ -13,7 +13,7 @@ from haptorb.worlds.own.world_file import WorldFile
 from haptorb.worlds.scene.scene_file import SceneFile
 from haptorb.worlds.world import World
 
-__all__ = ["ServerChoice", "add_client_force", "check_servers", "feels_alone"]
+__all__ = ["ServerChoice", "add_client_force", "check_servers", "is_client_force_alone"]
 
 
 @record
@@ -45,7 +45,7 @@ def check_servers(texts: Sequence[str]) -> tuple[ServerChoice, ...]:
     return tuple(found.values())
 
 
-def feels_alone(choices: Sequence[ServerChoice]) -> bool:
+def is_client_force_alone(choices: Sequence[ServerChoice]) -> bool:
     """Whether, without --world, the clients' force is all that is felt."""
     return any(KINDS[choice.kind].world == "alone" for choice in choices)
 

@@ -12,7 +12,7 @@ from typing import Any, Never
 
 from haptorb.errors import InputError
 
-__all__ = ["asks_to_stop", "command"]
+__all__ = ["command", "is_stop_request"]
 
 _LONGEST = 65536  #: of a message [characters]; the server's own limit is the same in bytes
 _DIGITS = 18  #: of a whole number: what fits into 64 bits
@@ -22,13 +22,13 @@ _NAME = 64  #: of a command [characters]
 _STOP = re.compile(r'"do"\s*:\s*"stop"')
 
 
-def asks_to_stop(text: str) -> bool:
+def is_stop_request(text: str) -> bool:
     """Whether a text message is a Stop, however malformed the rest.
 
     To be asked before `command`: a Stop is obeyed even when the message cannot be read as JSON.
 
-    >>> asks_to_stop('{"do": "stop"}'), asks_to_stop('{"do":"stop", "why": 1e999'), asks_to_stop('{"do": "engage"}')
-    (True, True, False)
+    >>> [is_stop_request(text) for text in ('{"do": "stop"}', '{"do":"stop", "why": 1e999', '{"do": "engage"}')]
+    [True, True, False]
     """
     return _STOP.search(text) is not None
 
@@ -84,14 +84,14 @@ def _check(found: dict[str, Any]) -> None:
                 below.extend(one.values())
             elif isinstance(one, list):
                 below.extend(one)
-            elif isinstance(one, str) and not _storable(one):
+            elif isinstance(one, str) and not _is_storable(one):
                 raise InputError("a text in a command must be Unicode; one has half of a surrogate pair")
         level = below
     if level:
         raise InputError(f"a command must not be nested deeper than {_DEPTH} levels")
 
 
-def _storable(text: str) -> bool:
+def _is_storable(text: str) -> bool:
     try:
         text.encode()
     except UnicodeEncodeError:

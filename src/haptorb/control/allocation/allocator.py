@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from enum import IntEnum
 
 import numpy as np
@@ -11,10 +12,19 @@ from numpy.typing import ArrayLike
 
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, check_finite
+from haptorb.numerics.arrays import Array, Records, check_finite
 from haptorb.numerics.record import record
 
-__all__ = ["SATURATIONS", "Allocation", "Allocator", "Saturation", "check_limit", "check_power", "check_problem"]
+__all__ = [
+    "SATURATIONS",
+    "Allocation",
+    "Allocator",
+    "Saturation",
+    "check_limit",
+    "check_power",
+    "check_problem",
+    "solve_problem",
+]
 
 
 class Saturation(IntEnum):
@@ -95,7 +105,7 @@ def check_limit(value: ArrayLike) -> Array:
     if limit.ndim != 1 or limit.size == 0:
         raise InputError(f"current_limit must have one entry per channel, shape (m,); got shape {limit.shape}")
     if (limit < 0).any():
-        raise InputError(f"current_limit must not be negative: it bounds a magnitude; got {value!r}")
+        raise InputError(f"current_limit must not be negative: it bounds a magnitude [A]; got {value!r}")
     return np.ascontiguousarray(limit)
 
 
@@ -105,14 +115,16 @@ def check_power(resistance: ArrayLike | None, power: float, channels: int) -> Ar
     Raises InputError for another shape, for what is not positive, and for a power without resistances.
     """
     if not power > 0.0:
-        raise InputError(f"power must be the supply's limit, above 0 W, or inf for none; got {power!r}")
+        raise InputError(f"power must be the supply's limit, above 0 W, or inf for none; got {power!r} W")
     if resistance is None:
         if np.isfinite(power):
             raise InputError("a power limit needs the resistance of every channel")
         return np.ones(channels)
     ohms = np.ascontiguousarray(check_finite(resistance, "resistance"))
     if ohms.shape != (channels,) or not (ohms > 0).all():
-        raise InputError(f"resistance must have one entry > 0 per channel, shape ({channels},); got {resistance!r}")
+        raise InputError(
+            f"resistance must have one entry above 0 Ω per channel, shape ({channels},); got {resistance!r}"
+        )
     return ohms
 
 
@@ -140,3 +152,26 @@ def check_problem(wrench_map: WrenchMap, wrench: ArrayLike, channels: int) -> tu
     if passive.shape != (6,):
         raise InputError(f"the passive wrench must have shape (6,); got {passive.shape}")
     return matrix, passive, asked
+
+
+def solve_problem(
+    solve: Callable[..., tuple[float, int]],
+    settings: Records,
+    limit: Array,
+    resistance: Array,
+    wrench_map: WrenchMap,
+    wrench: ArrayLike,
+) -> Allocation:
+    """The allocation that the kernel `solve` finds with `settings`, current limits (m,) [A] and resistances (m,) [Ω].
+
+    `solve` fills currents (m,) [A] and residual (6,) [N, N·m]; it returns the scale, NaN for what is not finite, and
+    the number of the saturation.
+
+    Raises InputError for a wrench (6,) [N, N·m] or a map of another shape, or where either is not finite.
+    """
+    matrix, passive, asked = check_problem(wrench_map, wrench, limit.shape[0])
+    currents, residual = np.empty(limit.shape[0]), np.empty(6)
+    scale, reason = solve(settings, matrix, passive, asked, limit, resistance, currents, residual)
+    if scale != scale:
+        raise InputError(f"wrench and wrench map must be finite; got wrench {wrench!r}, map {wrench_map!r}")
+    return Allocation(currents, residual, SATURATIONS[reason], scale)

@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.control.allocation.allocator import (
-    SATURATIONS,
     Allocation,
     Allocator,
     Saturation,
     check_limit,
     check_power,
-    check_problem,
+    solve_problem,
 )
 from haptorb.control.allocation.supply_power import hold_power
 from haptorb.devices.wrench_map import WrenchMap
@@ -261,11 +260,4 @@ class LeastSquaresAllocator(Allocator):
 
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
         """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""
-        limit = self.current_limit
-        matrix, passive, asked = check_problem(wrench_map, wrench, limit.shape[0])
-        currents = np.empty(limit.shape[0])
-        residual = np.empty(6)
-        scale, reason = _allocate(self._settings, matrix, passive, asked, limit, self.resistance, currents, residual)
-        if scale != scale:
-            raise InputError(f"wrench and wrench map must be finite; got wrench {wrench!r}, map {wrench_map!r}")
-        return Allocation(currents, residual, SATURATIONS[reason], scale)
+        return solve_problem(_allocate, self._settings, self.current_limit, self.resistance, wrench_map, wrench)

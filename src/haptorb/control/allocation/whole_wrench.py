@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.control.allocation.allocator import (
-    SATURATIONS,
     Allocation,
     Allocator,
     Saturation,
     check_limit,
     check_power,
-    check_problem,
+    solve_problem,
 )
 from haptorb.control.allocation.bounded_compromise import solve_compromise
 from haptorb.control.allocation.least_squares import least_squares_currents
@@ -139,10 +138,4 @@ class WholeWrenchAllocator(Allocator):
 
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
         """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""
-        limit = self.current_limit
-        matrix, passive, asked = check_problem(wrench_map, wrench, limit.shape[0])
-        currents, residual = np.empty(limit.shape[0]), np.empty(6)
-        scale, reason = _allocate(self._settings, matrix, passive, asked, limit, self.resistance, currents, residual)
-        if scale != scale:
-            raise InputError(f"wrench and wrench map must be finite; got wrench {wrench!r}, map {wrench_map!r}")
-        return Allocation(currents, residual, SATURATIONS[reason], scale)
+        return solve_problem(_allocate, self._settings, self.current_limit, self.resistance, wrench_map, wrench)

@@ -26,7 +26,7 @@ WRENCH_LIMITS = fields(
 def check_greatest(greatest: tuple[float, float]) -> tuple[float, float]:
     """`greatest` force [N] and torque [N·m], or InputError if one is not above 0."""
     if not (greatest[0] > 0.0 and greatest[1] > 0.0):
-        raise InputError(f"the greatest force and torque must be above 0; got {greatest!r}")
+        raise InputError(f"the greatest force [N] and torque [N·m] must be above 0; got {greatest!r}")
     return greatest
 
 

@@ -33,7 +33,7 @@ class Gains:
     The defaults render the outlet (a pull of 11.5 N; tilted by 2° 64 N sideways and 1 N·m about the plug's end) on a
     motor of about 1 N·m: 0.23, 0.26 and 0.25 N·m, and at most 0.6 wherever the handle may go, unless the plug's bevel
     is forced aside. ±22.5° of handle move the plug by ±8 mm out (its whole way), ±1.6 mm sideways; 8° of spin tilt it
-    by 2°. For the paper's beam, 4.3 times stiffer, use `Gains().scaled(0.25)`.
+    by 2°. For the paper's beam, 4.3 times stiffer, use `Gains().scale(0.25)`.
 
     >>> Gains().verdict, Gains().scale(0.2).verdict, Gains(rotate_torque=(1, 1, 1)).verdict
     ('power-consistent', 'scaled', 'active')

@@ -20,7 +20,7 @@ class HandGrip:
 
     >>> HandGrip(0.1, -1.0, 0.0)
     Traceback (most recent call last):
-    haptorb.errors.InputError: a grip needs a mass above 0 and damping and stiffness of at least 0; got 0.1, -1, 0
+    haptorb.errors.InputError: a grip needs mass > 0 kg, damping ≥ 0 N·s/m and stiffness ≥ 0 N/m; got 0.1, -1, 0
     """
 
     mass: float  #: [kg]
@@ -31,7 +31,7 @@ class HandGrip:
         values = (self.mass, self.damping, self.stiffness)
         if not (all(map(math.isfinite, values)) and self.mass > 0 and min(values) >= 0):
             raise InputError(
-                "a grip needs a mass above 0 and damping and stiffness of at least 0; "
+                "a grip needs mass > 0 kg, damping ≥ 0 N·s/m and stiffness ≥ 0 N/m; "
                 f"got {', '.join(f'{value:g}' for value in values)}"
             )
 

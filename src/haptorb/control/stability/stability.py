@@ -117,22 +117,22 @@ class SampledLoop:
         if scale == 0.0:
             return math.inf
 
-        def unstable(factor: float) -> bool:
+        def is_unstable(factor: float) -> bool:
             return self.growth(grip, factor * stiffness, factor * world_damping) >= 1.0 + 1e-12
 
         low = 0.3 * self.delay_bound(grip.damping) / scale  # a good guess; if not stable there, begin from next to none
-        if low < _SOFT / scale or unstable(low):
+        if low < _SOFT / scale or is_unstable(low):
             low = _SOFT / scale
-            if unstable(low):
+            if is_unstable(low):
                 return 0.0
         high = low
-        while not unstable(high):
+        while not is_unstable(high):
             low, high = high, 1.5 * high
             if high > _HARD / scale:
                 return math.inf
         while high - low > 1e-4 * high:
             middle = 0.5 * (low + high)
-            low, high = (low, middle) if unstable(middle) else (middle, high)
+            low, high = (low, middle) if is_unstable(middle) else (middle, high)
         return low
 
     def _map(self, grip: HandGrip, K: complex, B: float) -> NDArray[Any]:

@@ -47,7 +47,7 @@ def shell_places(device: SphericalElectromagnet) -> Array:
 def _position(candidate: DesignCandidate) -> float:
     device = electromagnet_of(candidate)
     if device.sensors < 2:
-        raise InputError("locating a tool needs at least two field sensors")
+        raise InputError("locating a tool needs at least two field sensors: add them to [hall]")
     deviations = position_accuracy(device, shell_places(device))[:, :3]
     return float(np.sqrt((deviations**2).sum(axis=1).mean()))
 

@@ -99,7 +99,7 @@ def find_winding_force(device: SphericalElectromagnet, states: Sequence[State]) 
     """
     windings, tool = device.windings, device.tool
     if windings is None:
-        raise InputError(f"device '{device.name}' has no [windings]")
+        raise InputError(f"device '{device.name}' has no [windings]: their sizes are needed for this quantity")
     nearest = min(state.distance for state in states) - tool.length / 2
     charges = _list_charges(device)
     at = np.stack([(state.R_SR @ charges[:3]).T + state.p for state in states])

@@ -138,7 +138,7 @@ def read_results(where: str | Path) -> Results:
         with engine.connect() as connection:
             row = connection.execute(select(designs)).first()
             if row is None:
-                raise RecordingError(f"{place} has no results yet")
+                raise RecordingError(f"{place} has no results yet: run `haptorb design sweep` or `optimise` first")
             design = read_record(row.name, row.text, row.digest, row.record)
             found = connection.execute(select(runs).order_by(runs.c.id)).all()
         return Results(design, tuple(_make_run(one, tuple(_read_evaluations(engine, one.id))) for one in found))

@@ -14,7 +14,7 @@ from haptorb.numerics.compiled import kernel, tick_kernel
 from haptorb.physics.sources.charged_ring import dipole_on_charges
 from haptorb.physics.sources.dipole import MU0
 
-__all__ = ["axis_frame", "dipole_per_ampere", "per_ampere", "ring_per_ampere"]
+__all__ = ["axis_frame", "dipole_per_ampere", "fill_per_ampere", "ring_per_ampere"]
 
 _K = MU0 / (4 * np.pi)
 
@@ -67,7 +67,7 @@ def _ring_map(rows: Array, p: Array, axis: Array, out: Array) -> None:
 
 
 @kernel
-def per_ampere(per_moment: Array, moment_per_current: Array, out: Array) -> None:
+def fill_per_ampere(per_moment: Array, moment_per_current: Array, out: Array) -> None:
     """out (6, m) = per_moment (6, 3) times moment_per_current (3, m)."""
     for i in range(6):
         for k in range(out.shape[1]):
@@ -93,7 +93,7 @@ def dipole_per_ampere(moment: float, moment_per_current: Array, p: Array, R: Arr
     for i in range(3):
         axis[i] = R[i, 2]
     _dipole_map(p, axis, moment, per_moment)
-    per_ampere(per_moment, moment_per_current, out)
+    fill_per_ampere(per_moment, moment_per_current, out)
 
 
 @kernel
@@ -105,7 +105,7 @@ def _fill_ring(
         axis[i] = R[i, 2]
         passive[i], passive[3 + i] = 0.0, 0.0
     _ring_map(rows, p, axis, per_moment)
-    per_ampere(per_moment, moment_per_current, out)
+    fill_per_ampere(per_moment, moment_per_current, out)
     pull(table, nearest, p, axis, passive)
 
 

@@ -55,11 +55,11 @@ def _is_echo(error: Any) -> bool:
 def _explain(error: Any, model: type[BaseModel]) -> str:
     path = [part for part in error["loc"] if part != "[key]"]
     where = ".".join(quote(part)[1:-1] if isinstance(part, str) else str(part + 1) for part in path)
-    what = _what(error, model, path)
+    what = _explain_value(error, model, path)
     return f"{where} {what}" if where else what
 
 
-def _what(error: Any, model: type[BaseModel], path: list[Any]) -> str:
+def _explain_value(error: Any, model: type[BaseModel], path: list[Any]) -> str:
     kind, got, context = error["type"], error.get("input"), error.get("ctx", {})
     found = find_key(model, path)
     marks = [] if found is None else found[1]

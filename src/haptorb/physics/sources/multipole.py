@@ -138,5 +138,7 @@ def loop_poles(radius: float, loops: int, per_loop: int) -> Array:
 
 def _check_poles(out: Array) -> Array:
     if not np.isfinite(out).all():
-        raise GeometryError("the field of a multipole model is infinite at its poles, and one of the points is a pole")
+        raise GeometryError(
+            "the field of a multipole model is infinite at its poles, and one of the points is a pole; move the point"
+        )
     return out

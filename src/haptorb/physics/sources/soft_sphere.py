@@ -190,7 +190,7 @@ class SoftSphere:
             return np.zeros(where.shape)
         order = self.order(nearest, float(np.sqrt((flat**2).sum(axis=1).min())), precision)
         if float((flat**2).sum(axis=1).min()) < self.radius**2:
-            raise GeometryError("the series holds outside the sphere; a point of `at` lies inside it")
+            raise GeometryError("the series holds outside the sphere, but a point of `at` lies inside it; move it out")
         out = np.zeros_like(flat)
         _fields(rows, self.radius, self.response(order), flat, out)
         return out.reshape(where.shape)

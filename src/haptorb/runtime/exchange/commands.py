@@ -215,5 +215,5 @@ class Commands(HandCommands):
                 self._compile_world(name)
             self.check()
             if monotonic() > patience:
-                raise ServoError(f"the servo did not respond within {longest:g} s")
+                raise ServoError(f"the servo did not respond within {longest:g} s; close other programs, and try again")
             sleep(0.0005)

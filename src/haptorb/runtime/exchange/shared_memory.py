@@ -156,7 +156,7 @@ class SharedMemory:
         with path.open("r+b") as file:
             size = os.fstat(file.fileno()).st_size
             if size < _ROWS:
-                raise ServoError(f"{path} is not a servo's shared memory: too small")
+                raise ServoError(f"{path} is not a servo's shared memory: too small; end the program that created it")
             self._map = mmap.mmap(file.fileno(), size, flags=flags)
         self._claim: FileLock | None = None  # of the process that made it
         memory = memoryview(self._map)

@@ -8,7 +8,7 @@ from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.runtime.exchange.shared_memory import SharedMemory, Word
 from haptorb.runtime.row import STAGES
 
-__all__ = ["is_tripped", "slow_world", "world_failure"]
+__all__ = ["describe_slow_world", "is_tripped", "world_failure"]
 
 _ROWS = 64  #: the last ones, of which the median counts
 _SHARE = 0.5  #: of a period that a world may take; the rest of the tick needs about 0.2 ms
@@ -33,7 +33,7 @@ def world_failure(shared: SharedMemory) -> str:
     return f"world '{shared.world_now()}' failed: {error}"
 
 
-def slow_world(shared: SharedMemory, rate: float) -> str:
+def describe_slow_world(shared: SharedMemory, rate: float) -> str:
     """That the world takes more than half of a tick at `rate` [Hz], with both times; else empty."""
     _, rows = shared.ring.read_since(max(shared.words[Word.ROWS] - _ROWS, 0))
     times = rows[:, shared.layout["stages"].start + _STAGE]

@@ -206,7 +206,7 @@ class Loop:
                 self._take_request(text)
         if self._loader is not None and (loaded := self._loader.ready) is not None:
             self._loader.ready = None
-            self._shared.answer.write(self._take_loaded(loaded))
+            self._shared.answer.write(self._apply_loaded_world(loaded))
 
     def _take_request(self, text: str) -> None:
         """Change the world now; have its code, or another version of an own world, loaded beside the loop."""
@@ -217,14 +217,14 @@ class Loop:
         elif file:
             self._loader.load(number, name, Path(file))
             return
-        elif name not in self._own and self._loader.lacks_code(name):
+        elif name not in self._own and self._loader.is_code_missing(name):
             self._loader.prepare(number, name, make)
             reply = postponement(number)
         else:
             reply = self._change(number, name, make, self._chain.change_world)
         self._shared.answer.write(reply)
 
-    def _take_loaded(self, loaded: LoadedWorld) -> str:
+    def _apply_loaded_world(self, loaded: LoadedWorld) -> str:
         """Render a world of the catalogue whose code is there now, or know another version of an own one; the answer
         as JSON."""
         world = loaded.world

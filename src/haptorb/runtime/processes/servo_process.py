@@ -188,17 +188,19 @@ def _rehearse(plan: plans.Plan, shared: SharedMemory) -> frozenset[str]:
         for own in (plan.world, *plan.own_worlds.values()):
             for one in (*list_companions(plan.device, own), own):
                 practise(chain, one, row, now)
-        return frozenset(name for name, kind in worlds.CATALOGUE.items() if _lacks_code(plan, chain, kind(), row, now))
+        return frozenset(
+            name for name, kind in worlds.CATALOGUE.items() if not _load_code(plan, chain, kind(), row, now)
+        )
 
 
-def _lacks_code(plan: plans.Plan, chain: Chain, world: World, row: Array, now: float) -> bool:
-    """Load the code of `world`, as far as it is compiled; whether some is not."""
+def _load_code(plan: plans.Plan, chain: Chain, world: World, row: Array, now: float) -> bool:
+    """Load the code of `world`, as far as it is compiled; whether all of it is."""
     if world.remembers:  # without a valid pose the chain does not advance it
         with forbid_compiling() as missing, suppress(HaptorbError, UncompiledKernelError):
             try_world(world, plan.device)
         if missing:
-            return True
-    return bool(find_uncompiled(chain, world, row, now))
+            return False
+    return not find_uncompiled(chain, world, row, now)
 
 
 def _tracker(plan: plans.Plan, shared: SharedMemory) -> Tracker:

@@ -64,7 +64,7 @@ class WorldLoader:
         sys.setswitchinterval(_SWITCH)
         Thread(target=self._serve, name="haptorb-worlds", daemon=True).start()
 
-    def lacks_code(self, name: str) -> bool:
+    def is_code_missing(self, name: str) -> bool:
         """Whether the code of the catalogue's world `name` was not there at the start, and was not loaded since."""
         return name in self._uncompiled
 

@@ -6,13 +6,13 @@ import os
 from pathlib import Path
 from typing import final
 
-__all__ = ["MemoryGrowth", "resident"]
+__all__ = ["MemoryGrowth", "resident_memory"]
 
 _MUCH = 100e6  #: from so much on the user is warned [bytes]
 _EVERY = 1.0  #: between two looks [s]
 
 
-def resident(pid: int) -> int | None:
+def resident_memory(pid: int) -> int | None:
     """Memory in which the process `pid` has something [bytes]; None if it has ended."""
     try:
         return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
@@ -32,7 +32,7 @@ class MemoryGrowth:
 
     def look(self, now: float) -> None:
         """Look, if a second has passed since the last time; `now` [s]."""
-        if now >= self._next and (found := resident(self._pid)) is not None:
+        if now >= self._next and (found := resident_memory(self._pid)) is not None:
             self._next, self.now = now + _EVERY, found
             if self.start is None:
                 self.start = found

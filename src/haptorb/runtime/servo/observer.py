@@ -19,7 +19,7 @@ from haptorb.runtime.exchange.report import loop_report, tracker_facts
 from haptorb.runtime.exchange.run_report import RunReport
 from haptorb.runtime.exchange.scene_detail import describe_detail, read_detail
 from haptorb.runtime.exchange.shared_memory import SharedMemory
-from haptorb.runtime.exchange.world_trouble import is_tripped, slow_world, world_failure
+from haptorb.runtime.exchange.world_trouble import describe_slow_world, is_tripped, world_failure
 from haptorb.runtime.recording.run_recording import RunRecording
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.servo.latest_row import LatestRow
@@ -132,7 +132,7 @@ class ServoObserver(Commands):
         and why. Empty if there is no problem."""
         if self._shared is None:
             return ""
-        failed = world_failure(self._shared) or slow_world(self._shared, self.rate)
+        failed = world_failure(self._shared) or describe_slow_world(self._shared, self.rate)
         failed = failed or describe_detail(read_detail(self._shared), now=True)
         return failed or ("" if self._watcher is None else self._watcher.trouble)
 
@@ -141,7 +141,7 @@ class ServoObserver(Commands):
         shared = self._memory
         if failed := world_failure(shared):
             raise WorldError(f"{failed}\nThe coils are off.")
-        if is_tripped(shared, Trip.OVERRUN) and (slow := slow_world(shared, self.rate)):
+        if is_tripped(shared, Trip.OVERRUN) and (slow := describe_slow_world(shared, self.rate)):
             raise WorldError(f"{slow} The coils are off.")
 
     def check(self) -> None:

@@ -130,7 +130,7 @@ class ProcessGroup:
             if (first := words[Word.FIRST_CALL]) and monotonic_ns() - first > 1e9 * _FIRST_CALL:
                 raise ServoError(_ENDLESS.format(self._shared.world_now(), _FIRST_CALL))
             if monotonic() > start + _START:
-                raise ServoError(f"the servo did not start within {_START:g} s")
+                raise ServoError(f"the servo did not start within {_START:g} s; close other programs, and try again")
             self.compiler.help_start()
             sleep(0.005)
 

@@ -61,7 +61,9 @@ def natnet_socket(host: str, port: int = PORT, answer: float = _ANSWER) -> tuple
         )
     except OSError as cause:
         opened.close()
-        raise DriverError(f"tracker natnet: cannot reach '{host}': {cause.strerror}") from cause
+        raise DriverError(
+            f"tracker natnet: cannot reach '{host}': {cause.strerror}; check the address and the network"
+        ) from cause
     except BaseException:
         opened.close()
         raise

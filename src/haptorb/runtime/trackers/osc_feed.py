@@ -51,7 +51,9 @@ def osc_socket(host: str, port: int) -> socket.socket:
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     except OSError as cause:
-        raise DriverError(f"tracker osc: there is no host '{host}' ({cause.strerror})") from cause
+        raise DriverError(
+            f"tracker osc: there is no host '{host}' ({cause.strerror}); check its name or address"
+        ) from cause
     opened = socket.socket(family, kind, protocol)
     try:
         opened.bind(address)

@@ -129,7 +129,9 @@ class Calibration:
         moments = numbers(raw, "moment_per_current_m2", name, (3, None))
         channels = moments.shape[1]
         if np.linalg.matrix_rank(moments) < min(3, channels):
-            raise CalibrationError(f"{name}: moment_per_current_m2 is singular: its rows are linearly dependent")
+            raise CalibrationError(
+                f"{name}: moment_per_current_m2 is singular: its rows are linearly dependent; calibrate again"
+            )
         if not isinstance(raw["simulated"], bool):
             raise CalibrationError(f"{name}: simulated must be true or false; got {quote(raw['simulated'])}")
         resistance = numbers(raw, "resistance_ohm", name, (channels,))

@@ -189,7 +189,9 @@ def check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Ar
     """
     full = np.abs(wanted).max(axis=0)
     if not full.all():
-        raise InputError(f"coil '{device.coils.names[int(np.argmin(full))]}' was never excited")
+        raise InputError(
+            f"coil '{device.coils.names[int(np.argmin(full))]}' was never excited; use the schedule of `excitation`"
+        )
     for want, flowing in zip(wanted, measured, strict=True):
         check_switching(device, want, flowing, full)
 

@@ -53,7 +53,9 @@ def position_accuracy(
     hall, supply = device.hall, device.supply
     sigma = hall.noise if noise is None else float(check_finite(noise, "noise"))
     if sigma < 0 or calibration < 0 or sigma + hall.step == 0:
-        raise InputError(f"noise and calibration must be 0 or more, and not all of them 0; got {sigma}, {calibration}")
+        raise InputError(
+            f"noise and calibration must be 0 T or more, and not all of them 0 T; got {sigma} T, {calibration} T"
+        )
     per_ampere = coil_field(device).reshape(-1, device.channels)
     ampere2 = supply.current_noise**2 + supply.current_step**2 / 12
     spread = (sigma**2 + hall.step**2 / 12) * np.eye(len(per_ampere)) + ampere2 * per_ampere @ per_ampere.T

@@ -14,7 +14,7 @@ from haptorb.devices.coil_array.array_wrench import ArrayMap, array_wrench
 from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.simulation.parts.coils import coil_step
-from haptorb.simulation.parts.hand import rotation_left
+from haptorb.simulation.parts.hand import fill_remaining_rotation
 from haptorb.simulation.parts.tool import TOOL, contact, matrix, move, plate_contact, set_goal
 
 __all__ = ["COIL_ARRAY", "advance_array"]
@@ -124,5 +124,5 @@ def advance_array(
             truth[i] += given[i] / e.steps
             total[i] = given[i]
         e.depth = plate_contact(tool, R, dt, total) if e.plate else contact(tool, R, dt, total)
-        rotation_left(tool.q, tool.goal_q, turn)
+        fill_remaining_rotation(tool.q, tool.goal_q, turn)
         move(tool, R, turn, total, dt)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from haptorb.devices.electromagnet.passive_pull import pull
-from haptorb.devices.electromagnet.ring_tool import per_ampere
+from haptorb.devices.electromagnet.ring_tool import fill_per_ampere
 from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.charged_ring import dipole_on_charges
@@ -13,7 +13,7 @@ from haptorb.simulation.electromagnet.core import CORE, core_step
 from haptorb.simulation.electromagnet.sensors import SENSES
 from haptorb.simulation.electromagnet.true_heat import COILS, NODES
 from haptorb.simulation.parts.coils import network_coil_step
-from haptorb.simulation.parts.hand import rotation_left
+from haptorb.simulation.parts.hand import fill_remaining_rotation
 from haptorb.simulation.parts.tool import TOOL, contact, matrix, move, set_goal
 
 __all__ = ["ELECTROMAGNET", "advance"]
@@ -56,7 +56,7 @@ def advance(
     for _ in range(e.steps):
         matrix(tool.q[:], R)
         dipole_on_charges(rows, R, tool.p[:], per_moment)
-        per_ampere(per_moment, moment_per_current, per_current)
+        fill_per_ampere(per_moment, moment_per_current, per_current)
         for i in range(3):
             axis[i] = R[i, 2]
         passive[:] = 0.0
@@ -79,5 +79,5 @@ def advance(
             truth[i] += given[i] / e.steps
             total[i] = given[i]
         e.depth = contact(tool, R, dt, total)
-        rotation_left(tool.q, tool.goal_q, turn)
+        fill_remaining_rotation(tool.q, tool.goal_q, turn)
         move(tool, R, turn, total, dt)

@@ -13,10 +13,10 @@ from haptorb.numerics.arrays import Array, Records
 from haptorb.simulation.motor.rotor import ROTOR
 from haptorb.simulation.parts.tool import matrix
 
-__all__ = ["hang", "limit_tilt", "potential_energy"]
+__all__ = ["limit_tilt", "make_rotor_record", "potential_energy"]
 
 
-def hang(device: SphericalMotor, grasp: Grasp) -> Records:
+def make_rotor_record(device: SphericalMotor, grasp: Grasp) -> Records:
     """(1,) ROTOR of `device` with the hand `grasp` on its handle: upright and at rest."""
     rotor, made = device.rotor, np.zeros(1, dtype=ROTOR)
     arm = rotor.handle_length

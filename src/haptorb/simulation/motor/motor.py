@@ -23,12 +23,12 @@ from haptorb.errors import DriverError, InputError
 from haptorb.numerics.arrays import Array, check_finite
 from haptorb.sensing.sample import Pose, Sample
 from haptorb.simulation.coil_simulation import CoilSimulation
-from haptorb.simulation.motor.hanging import hang, limit_tilt, potential_energy
+from haptorb.simulation.motor.hanging import limit_tilt, make_rotor_record, potential_energy
 from haptorb.simulation.motor.motor_kernels import MOTOR, Magnetics, advance, pack_magnetics, sense
 from haptorb.simulation.motor.rotor import angular_velocity
 from haptorb.simulation.parts.coils import cold_coils
 from haptorb.simulation.parts.hall import let_fail, make_halls
-from haptorb.simulation.parts.hand import rotation_left
+from haptorb.simulation.parts.hand import fill_remaining_rotation
 from haptorb.simulation.parts.noise import seed_noise
 from haptorb.simulation.parts.tool import matrix
 
@@ -78,7 +78,7 @@ class SimulatedMotor(CoilSimulation):
         self._state["current_noise"], self._state["current_step"] = supply.current_noise, supply.current_step
         self._state["warming"] = device.hall.warming
         self._state["heat_noise"], self._state["heat_step"] = device.thermometer_noise, device.thermometer_step
-        self._state["rotor"] = hang(device, self.grasp)
+        self._state["rotor"] = make_rotor_record(device, self.grasp)
         self._rotor, self._torque = self._state["rotor"], self._state["torque"][0]
         self._parts = Magnetics(
             tables.torque_pair.cells,
@@ -198,7 +198,7 @@ class SimulatedMotor(CoilSimulation):
         rotor = self._rotor[0]
         kinetic = 0.5 * float((rotor["momentum"] ** 2 / rotor["inertia"]).sum())
         left = np.empty(3)
-        rotation_left(rotor["q"], rotor["goal"], left)
+        fill_remaining_rotation(rotor["q"], rotor["goal"], left)
         cosine = float(self.state().R_SR[2, 2])
         over = max(np.arccos(min(cosine, 1.0)) - np.arccos(rotor["edge"]), 0.0)
         return float(

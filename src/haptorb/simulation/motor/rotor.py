@@ -13,7 +13,7 @@ import numpy as np
 from haptorb.devices.motor.regulator import torque_over_sine
 from haptorb.numerics.arrays import Array, Record, fields
 from haptorb.numerics.compiled import kernel
-from haptorb.simulation.parts.hand import rotation_left
+from haptorb.simulation.parts.hand import fill_remaining_rotation
 
 __all__ = ["ROTOR", "angular_velocity", "kick", "turn"]
 
@@ -80,7 +80,7 @@ def kick(rotor: Record, coefficients: Array, R: Array, passive: Array, coils: Ar
     back = torque_over_sine(nz, coefficients, rotor.least)
     passive[0], passive[1], passive[2] = back * ny, -back * nx, 0.0  # back · ẑ_R × Ẑ
     left = np.empty(3)
-    rotation_left(rotor.q, rotor.goal, left)
+    fill_remaining_rotation(rotor.q, rotor.goal, left)
     total = np.empty(3)
     for i in range(3):
         total[i] = passive[i] + coils[i] + rotor.grip * left[i]

@@ -12,7 +12,7 @@ import numpy as np
 from haptorb.numerics.arrays import Array, fields
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["GRIP", "rotation_left"]
+__all__ = ["GRIP", "fill_remaining_rotation"]
 
 #: How firmly the tool is held; zeros: no hand at all.
 GRIP = fields(
@@ -24,7 +24,7 @@ GRIP = fields(
 
 
 @kernel
-def rotation_left(q: Array, goal: Array, out: Array) -> None:
+def fill_remaining_rotation(q: Array, goal: Array, out: Array) -> None:
     """out (3,) [rad], stator frame: the shortest turn from the unit quaternion q to `goal` (both (x, y, z, w))."""
     x = -goal[3] * q[0] + goal[0] * q[3] - goal[1] * q[2] + goal[2] * q[1]
     y = -goal[3] * q[1] + goal[1] * q[3] - goal[2] * q[0] + goal[0] * q[2]

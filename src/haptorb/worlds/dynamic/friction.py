@@ -121,7 +121,7 @@ class Friction(DynamicWorld):
         if self.breakaway < self.sliding:
             raise InputError(
                 f"Friction.breakaway (F_s) must not be smaller than sliding (F_c = {self.sliding:g} N); got "
-                f"{self.breakaway:g}"
+                f"{self.breakaway:g} N"
             )
         least = self.damping * (self.breakaway - self.sliding) / self.sliding
         object.__setattr__(self, "passive", self.viscous >= least)

@@ -102,7 +102,7 @@ class Dome(World):
         if self.cut_off_deg < self.half_width_deg:
             raise InputError(
                 f"Dome.cut_off_deg (θ2) must not be smaller than half_width_deg (θ1 = {self.half_width_deg:g} deg); "
-                f"got {self.cut_off_deg:g}"
+                f"got {self.cut_off_deg:g} deg"
             )
 
     def for_device(self, device: Device) -> Dome:

@@ -33,7 +33,7 @@ def test_messages_of_a_subscription_come_in_order_with_its_number() -> None:
     found = [(struct.unpack("<BIQ", data[:13]), data[13:]) for data in take_all(viewer, 2)]
     assert found == [((1, 17, 5), b"one"), ((1, 17, 7), b"two")]
     viewer.take_message(json.dumps({"op": "unsubscribe", "subscriptionIds": [17]}))
-    assert not viewer.listens(2)
+    assert not viewer.is_subscribed(2)
 
 
 def test_a_slow_viewer_loses_the_oldest_and_it_is_counted() -> None:
@@ -57,7 +57,7 @@ def test_a_slow_viewer_loses_the_oldest_and_it_is_counted() -> None:
 def test_nonsense_does_nothing(text: str | bytes) -> None:
     viewer = ViewerConnection("test", 1, topics=1)
     assert viewer.take_message(text) == []
-    assert not viewer.listens(1)
+    assert not viewer.is_subscribed(1)
 
 
 def test_a_viewer_subscribes_to_so_much_only() -> None:

@@ -26,8 +26,10 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     found = json.loads(done.stdout)["rows"]
     rows = [row for row in found if row["quantity"] in STATED]
     assert len(rows) == 9 * len(STATED)
-    # Of the corners: few trials, shares near 100 %, and people whose shares have another distribution.
+    # Of the corners: few trials, shares near 100 %, and people whose shares have another distribution. Their least
+    # coverage is 92.0 %, of people with normal logits at 0.95, and their greatest is 97.3 %: docs, Psychometrics.
     rows += [row for row in found if row["row"] == "corners"]
+    limits = {"group": (0.923, 0.977), "corners": (0.91, 0.98)}
     off = {(row["quantity"], row["people"], row["between_people_sd"]): row["coverage"] for row in rows
-           if not (0.923 if row["row"] == "group" else 0.91) <= row["coverage"] <= 0.98}  # fmt: skip
+           if not limits[row["row"]][0] <= row["coverage"] <= limits[row["row"]][1]}  # fmt: skip
     assert off == {}

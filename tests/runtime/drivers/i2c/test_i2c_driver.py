@@ -138,7 +138,7 @@ class WarningLog:
         self.gone = self.ended = False
         self.beats: list[bool] = []
 
-    def ready(self, patience: float) -> bool:
+    def wait_until_ready(self, patience: float) -> bool:
         return not self.ended
 
     def beat(self, engaged: bool) -> None:
@@ -235,7 +235,7 @@ def test_thermometers_of_the_kernel(tmp_path: Path) -> None:
         (tmp_path / number).mkdir()
         (tmp_path / number / "temperature").write_text(text)
     sensors = W1Thermometers(3, tmp_path)
-    assert sensors.ready(10.0)
+    assert sensors.wait_until_ready(10.0)
     read = sensors.read()
     assert read[0] == pytest.approx(294.15)
     assert np.isnan(read[1])

@@ -211,7 +211,7 @@ def test_a_heartbeat_is_answered() -> None:
 def test_a_guardian_that_does_not_answer_is_noticed_by_the_clock() -> None:
     now = [0.0]
     guardian = Guardian(["sh", "-c", "printf +; exec sleep 60"], clock=lambda: now[0])
-    assert guardian.ready(10.0)
+    assert guardian.wait_until_ready(10.0)
     guardian.beat(False)
     now[0] = 5.0
     guardian.beat(True)  # nobody spoke for a long time, and nobody had to

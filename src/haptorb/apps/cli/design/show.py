@@ -20,7 +20,7 @@ def show(
 ) -> None:
     """Choose a design in the browser, see its device in three dimensions, and feel it, SIMULATED."""
     if duration is not None and not 0 < duration < float("inf"):
-        raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
+        raise InputError(f"--duration must be greater than 0 s; got {duration:g} s")
     from haptorb.runtime.realtime.linux import require_linux
 
     require_linux("`haptorb design show`")

@@ -40,7 +40,7 @@ def guidance(
 ) -> None:
     """Compare planned guidance with a valley, a moving spring and no guidance: error, force, heat, drag at rest."""
     if not 2.0 <= seconds <= 120.0 or seed < 0:
-        raise InputError(f"--seconds must be 2 to 120 and --seed 0 or more; got {seconds:g} and {seed}")
+        raise InputError(f"--seconds must be 2 to 120 s and --seed 0 or more; got {seconds:g} s and {seed}")
     if plot is not None:
         check_figure_file(plot, "--plot")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -40,7 +40,7 @@ def check(
 ) -> None:
     """Check a study file: mistakes, order of the trials, duration, coil temperature, overlap of the maps, plan."""
     from haptorb.apps.study.model.order_summary import summarize_order
-    from haptorb.apps.study.model.prompts import asks_places
+    from haptorb.apps.study.model.prompts import has_set_points
     from haptorb.apps.study.model.study_reader import read_study
 
     known = read_study(file)
@@ -61,7 +61,7 @@ def check(
             raise typer.Exit(1)
         return
     first = known.points[0]
-    where = f"{len(known.points)} set-points" if asks_places(known) else f"everything at θ = {first.theta_deg:g} deg"
+    where = f"{len(known.points)} set-points" if has_set_points(known) else f"everything at θ = {first.theta_deg:g} deg"
     tell(f"{known.name}: {known.procedure} on '{known.device}', {where}")
     print_order(order)
     if known.plan is not None:

@@ -93,16 +93,16 @@ class Chooser:
             servo = Servo(self._build(row), record=False)
             with Console(servo, 0, framed_by=self.origin) as console, freeze_garbage(), servo:
                 servo.stop()
-                self.selection.tell_running(servo, console.url)
+                self.selection.set_running(servo, console.url)
                 say(f"{name} runs, SIMULATED, with its coils off until they are engaged.")
                 try:
                     number = console.serve(until=lambda: self.selection.pending or over())
                     servo.check()
                 finally:
-                    self.selection.tell_ended()
+                    self.selection.set_ended()
                 return number
         except HaptorbError as mistake:
-            self.selection.tell_refused(f"{name} does not run: {mistake}")
+            self.selection.set_refused(f"{name} does not run: {mistake}")
             say(f"{name} does not run: {mistake}")
             return None
 

@@ -76,17 +76,17 @@ class Selection:
         with self._lock:
             self._text = text
 
-    def tell_running(self, servo: StoppableServo, url: str) -> None:
+    def set_running(self, servo: StoppableServo, url: str) -> None:
         """The wanted device runs, and `url` is its console."""
         with self._lock:
             self._servo, self._state, self._url, self._text = servo, "running", url, ""
 
-    def tell_refused(self, text: str) -> None:
+    def set_refused(self, text: str) -> None:
         """The wanted device cannot run, or runs no more, because of `text`."""
         with self._lock:
             self._servo, self._state, self._url, self._text = None, "refused", "", text
 
-    def tell_ended(self) -> None:
+    def set_ended(self) -> None:
         """The device ends: there is nothing left to stop."""
         with self._lock:
             self._servo = None

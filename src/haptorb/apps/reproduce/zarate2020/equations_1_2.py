@@ -49,7 +49,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         )  # fmt: skip
     report(0.3)
     pull = {d: _axial(device, 1e-3 * d) for d in (50, 60, 70)}
-    even = _evenness(device)
+    even = _moment_ratio(device)
     found += [
         _AT.item("dmin", "d_min: 30 mm of case and 20 mm to the magnet", 50.0,
                  read_entry(device, "contact_distance", 1e3), "mm"),
@@ -116,7 +116,7 @@ def _find_excess(device: SphericalElectromagnet, d: float) -> float:
     return float(whole / dipole.force((0, 0, 1.0), ring.moment, (0, 0, d))[2])
 
 
-def _evenness(device: SphericalElectromagnet) -> float:
+def _moment_ratio(device: SphericalElectromagnet) -> float:
     """|m_e| that a radial newton takes, greatest over least, on a ring at every 15° of the workspace."""
     need = []
     for theta in np.radians(np.arange(0, 61, 15)):

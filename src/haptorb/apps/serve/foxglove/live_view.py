@@ -60,7 +60,7 @@ class LiveView:
                     continue
                 gap = 1.0 / one.rate
                 self._due[i] = (self._due[i] if moment - self._due[i] < gap else moment) + gap
-                listening = [viewer for viewer in self.viewers if viewer.listens(i + 1)]
+                listening = [viewer for viewer in self.viewers if viewer.is_subscribed(i + 1)]
                 if listening:
                     data = one.encode(row, stamp)
                     for viewer in listening:

@@ -28,7 +28,7 @@ class ViewerConnection:
         self.sent = 0  #: messages that were given to its connection
         self.dropped = 0  #: messages that it was too slow for
 
-    def listens(self, topic: int) -> bool:
+    def is_subscribed(self, topic: int) -> bool:
         """Whether it subscribed to the topic with this number."""
         return topic in self._subscriptions.values()
 

@@ -29,12 +29,12 @@ _CALM = 1.0  #: what lasted, and was over for so long, is new when it comes agai
 
 @final
 class _Spell:
-    """Something that comes and goes in the rows: `begins` is true once for each time that it comes."""
+    """Something that comes and goes in the rows: `has_begun` is true once for each time that it comes."""
 
     def __init__(self) -> None:
         self._last = float("-inf")
 
-    def begins(self, there: bool, t: float) -> bool:
+    def has_begun(self, there: bool, t: float) -> bool:
         """Whether it has begun, given that it is `there` at the time `t` [s]."""
         first = there and not self._last <= t < self._last + _CALM
         self._last = t if there else self._last
@@ -61,9 +61,9 @@ class DeviceWatcher:
             found.append(self._warn("ebrake_released", "notice", "a person has switched the coils on"))
             self._tripped = False
         self._tripped = self._tripped or cursor.tripped
-        if self._warm.begins(cursor.derated, cursor.t):
+        if self._warm.has_begun(cursor.derated, cursor.t):
             found.append(self._warn("thermal_derating", "warning", "the coils are warm: less force is rendered"))
-        if self._damped.begins(cursor.damped, cursor.t):
+        if self._damped.has_begun(cursor.damped, cursor.t):
             found.append(self._warn("stability_ceiling", "warning", "damping is added: the force gave energy away"))
         return found
 

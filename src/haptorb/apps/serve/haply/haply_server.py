@@ -151,7 +151,7 @@ class _ClientEndpoint(Endpoint):
     def open(self, connection: Connection) -> None:
         session = self._service.open(connection.peer)
         self._sessions[connection] = session
-        connection.send(self._service.greet(session))
+        connection.send(self._service.inventory(session))
 
     def answer(self, connection: Connection, message: bytes) -> str | None:
         session = self._sessions[connection]

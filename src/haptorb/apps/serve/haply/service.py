@@ -47,7 +47,7 @@ class Service:
             self.served.lose(session.number)
             self.tell("session-disconnected", "session", "info", {"session_id": session.number})
 
-    def greet(self, session: Session) -> str:
+    def inventory(self, session: Session) -> str:
         """The inventory: what a client that has just connected is sent, unasked."""
         return self._write(session, config=True, inventory=True)
 

@@ -150,7 +150,7 @@ class OscSession:
         for row in rows if self.lively else ():
             data = b""
             for one in self._subscribers.current:
-                if one.wants(float(row[self._t])):
+                if one.is_due(float(row[self._t])):
                     data = data or self._bundle.pack(row, buttons)
                     if self._send(data, one.to):
                         one.sent += 1

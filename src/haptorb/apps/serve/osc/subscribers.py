@@ -26,7 +26,7 @@ class Subscriber:
     sent: int = 0
     dropped: int = 0  #: that the system could not take: the way there is full
 
-    def wants(self, t: float) -> bool:
+    def is_due(self, t: float) -> bool:
         """Whether the row of time `t` [s] goes to it: so that there are `rate` a second, at even distances."""
         if t < self.due - 1e-6:
             return False

@@ -11,7 +11,7 @@ from haptorb.apps.asking.procedure import InterleavedProcedures
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.model.balance import square_size
 from haptorb.apps.study.model.order import list_units, plan, procedure_of
-from haptorb.apps.study.model.prompts import asks_places
+from haptorb.apps.study.model.prompts import has_set_points
 from haptorb.apps.study.model.study_file import Study
 from haptorb.errors import InputError
 
@@ -105,7 +105,7 @@ def _ask(study: Study, prompt: Prompt) -> str:
     """What a listed trial asks, short."""
     if study.procedure in ("constant", "magnitude"):
         return f"{prompt.level:g}"
-    return str(prompt.set_point if asks_places(study) else prompt.interval or "–")
+    return str(prompt.set_point if has_set_points(study) else prompt.interval or "–")
 
 
 def _begin(texts: Sequence[str], count: int) -> str:

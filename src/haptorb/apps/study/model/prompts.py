@@ -8,7 +8,7 @@ from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.asking.rating import rating
 from haptorb.apps.study.model.study_file import Study
 
-__all__ = ["GREATEST", "ask_number", "asks_places", "is_comparison", "list_pairs", "list_prompts"]
+__all__ = ["GREATEST", "ask_number", "has_set_points", "is_comparison", "list_pairs", "list_prompts"]
 
 GREATEST = 1_000_000  #: number that answers a magnitude estimation; any above zero does
 
@@ -18,7 +18,7 @@ def is_comparison(study: Study) -> bool:
     return study.procedure in ("constant", "staircase", "bayesian", "forced-choice")
 
 
-def asks_places(study: Study) -> bool:
+def has_set_points(study: Study) -> bool:
     """Whether its trials ask about set-points; the others present everything at the first one."""
     return study.procedure in ("identification", "localisation")
 

@@ -19,8 +19,8 @@ from haptorb.apps.study.model.prompts import GREATEST
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.pages.trial_viewers import TrialViewers
 from haptorb.apps.study.pages.views import for_experimenter, for_participant, pen
-from haptorb.apps.web.command import asks_to_stop
 from haptorb.apps.web.command import command as read_command
+from haptorb.apps.web.command import is_stop_request
 from haptorb.errors import HaptorbError, InputError
 
 __all__ = ["StudySocketHub"]
@@ -117,7 +117,7 @@ class StudySocketHub:
         """One message of `page`: Stop before anything else. A wrong message raises nothing, `page` is informed."""
         try:
             if page.participant:
-                if asks_to_stop(text):  # safety: study-stop-first
+                if is_stop_request(text):  # safety: study-stop-first
                     self._manager.halt.stop("by the participant")
             elif found := _STOPS.search(text):  # safety: study-end-first
                 ends = found[1] in ("leave", "abort")

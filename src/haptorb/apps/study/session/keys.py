@@ -119,12 +119,12 @@ class Keyboard(Keys):
             if self._descriptor in ready:
                 data = os.read(self._descriptor, 64)
                 for key in name_keys(decoder.decode(data)) if data else [END]:
-                    if self._stops(key):
+                    if self._is_stop(key):
                         self._halt.stop("at the terminal")  # safety: terminal-stop
                     self._keys.put((key, self._halt.ask()))
                 if not data:
                     sources.remove(self._descriptor)
 
-    def _stops(self, key: str) -> bool:
+    def _is_stop(self, key: str) -> bool:
         """Whether `key` switches the coils off. The end of a pipe does not: what came through it is still obeyed."""
         return key == "escape" or (key in ("space", "q") and not self.writing()) or (key == END and self._terminal)

@@ -14,7 +14,7 @@ import numpy as np
 from haptorb.apps.asking.procedure import FixedOrder, InterleavedProcedures
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.model.order import plan, procedure_of
-from haptorb.apps.study.model.prompts import asks_places
+from haptorb.apps.study.model.prompts import has_set_points
 from haptorb.control.allocation.for_device import tool_choice
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State, rotation_to_axis
@@ -98,7 +98,7 @@ class Overlap:
 
 def overlap(study: Study) -> Overlap | None:
     """The overlap of the domes of all set-points in the widest condition; None where there is none."""
-    if not asks_places(study):
+    if not has_set_points(study):
         return None
     device, found = study.load_device(), []
     for condition in study.conditions:

@@ -61,7 +61,7 @@ def write_csv(
     path = Path(path)
     files: Files = {
         path: lambda part: write_table(columns, part, ",", ""),
-        **_companions(study, path),
+        **_companion_files(study, path),
         **_questions(study, replies, path),
     }
     return _write_all(files, overwrite)
@@ -88,7 +88,7 @@ def write_parquet(
     table = pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields))
     files: Files = {
         path: lambda part: parquet.write_table(table, part),
-        **_companions(study, path),
+        **_companion_files(study, path),
         **_questions(study, replies, path),
     }
     return _write_all(files, overwrite)
@@ -158,7 +158,7 @@ def _questions(study: Study, replies: Replies | None, path: Path) -> Files:
     }
 
 
-def _companions(study: Study, path: Path) -> Files:
+def _companion_files(study: Study, path: Path) -> Files:
     """What stands beside a table: the data dictionary, and scripts that read both."""
     form = "" if path.suffix == ".csv" else path.suffix.removeprefix(".")  # a folder may hold the data in both forms
     script = f"read_{path.stem}{form and '_'}{form}"

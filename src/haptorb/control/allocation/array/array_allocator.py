@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.control.allocation.allocator import (
-    SATURATIONS,
     Allocation,
     Allocator,
     Saturation,
     check_limit,
     check_power,
-    check_problem,
+    solve_problem,
 )
 from haptorb.control.allocation.array.least_heat import solve_least_heat
 from haptorb.control.allocation.bounded_power import NOT_FINITE, solve_bounded_power
@@ -27,7 +26,6 @@ from haptorb.control.allocation.wrench_limits import (
     subtract_passive,
 )
 from haptorb.devices.wrench_map import WrenchMap
-from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.worlds.wrench_part import WrenchPart
@@ -114,10 +112,4 @@ class ArrayAllocator(Allocator):
 
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
         """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""
-        limit = self.current_limit
-        matrix, passive, asked = check_problem(wrench_map, wrench, limit.shape[0])
-        currents, residual = np.empty(limit.shape[0]), np.empty(6)
-        scale, reason = _allocate(self._settings, matrix, passive, asked, limit, self.resistance, currents, residual)
-        if scale != scale:
-            raise InputError(f"wrench and wrench map must be finite; got wrench {wrench!r}, map {wrench_map!r}")
-        return Allocation(currents, residual, SATURATIONS[reason], scale)
+        return solve_problem(_allocate, self._settings, self.current_limit, self.resistance, wrench_map, wrench)

@@ -46,9 +46,12 @@ class CoilSwitch:
                 self._watcher, self._leaving = self._port.watcher(), False
             except OSError as cause:
                 raise DriverError(f"the guardian process of the I²C bus did not start: {cause}") from cause
-        if self._watcher is not None and not self._watcher.ready(_STARTING):
+        if self._watcher is not None and not self._watcher.wait_until_ready(_STARTING):
             self._release_watcher()
-            raise DriverError("the guardian process of the I²C bus did not start")
+            raise DriverError(
+                f"the guardian process of the I²C bus did not start within {_STARTING:g} s; close other programs, and "
+                "try again"
+            )
 
     def beat(self, engaged: bool) -> None:
         """Tell the guardian. DriverError if it is gone or does not answer."""

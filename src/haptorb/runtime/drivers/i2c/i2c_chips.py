@@ -22,7 +22,7 @@ class Watchdog(Protocol):
     def ended(self) -> bool:
         """No longer there."""
 
-    def ready(self, patience: float) -> bool:
+    def wait_until_ready(self, patience: float) -> bool:
         """Whether it watches; waits for at most `patience` [s]."""
 
     def beat(self, engaged: bool) -> None:

@@ -142,7 +142,7 @@ class I2cDriver(Driver):
             for _ in range(axes * len(max11616.BLOCKS)):
                 self._read_hall()
             self._thermometers = self._make_thermometers()
-            if not self._thermometers.ready(_WARM_UP):
+            if not self._thermometers.wait_until_ready(_WARM_UP):
                 raise DriverError("the DS18B20 thermometers did not respond in time; check the 1-wire bus")
             self._switch.start()
         except DriverError as cause:
@@ -153,7 +153,7 @@ class I2cDriver(Driver):
             raise
         except OSError as cause:
             self.close()
-            raise DriverError(f"the I²C bus fails: {cause}") from cause
+            raise DriverError(f"the I²C bus fails: {cause}; check its wiring and pull-ups") from cause
         except BaseException:
             self.close()
             raise
@@ -287,7 +287,7 @@ class I2cDriver(Driver):
         """Nothing was wanted for a while: off, confirmed. The next duties engage again, for nothing failed."""
         self._idle = None
         if not switch.switch_off():
-            raise DriverError("the PWM chip does not confirm that the coils are off")
+            raise DriverError("the PWM chip does not confirm that the coils are off; switch off their supply")
         switch.beat(False)
         self._engaged, self._armed = False, True
         self._applied = np.zeros(CHANNELS)

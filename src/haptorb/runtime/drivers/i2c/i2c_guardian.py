@@ -67,7 +67,7 @@ def switch_off(pwm: Pca9685, wait: Callable[[float], None] = sleep) -> None:
 class Guardian:
     """The other process, seen from the one with the loop; `command` starts it, with the descriptors `inherited`.
 
-    It is there once `ready` says so.
+    It is there once `wait_until_ready` says so.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class Guardian:
         """Of the process."""
         return self._process.pid
 
-    def ready(self, patience: float) -> bool:
+    def wait_until_ready(self, patience: float) -> bool:
         """Whether it watches; waits for its first word for at most `patience` [s]."""
         if not self._ready and self._answers >= 0:
             readable, _, _ = select.select((self._answers,), (), (), patience)
@@ -114,7 +114,7 @@ class Guardian:
             ) from cause
         with suppress(BlockingIOError):
             if not os.read(self._answers, 4096):
-                raise DriverError("the guardian of the I²C bus has ended")
+                raise DriverError("the guardian of the I²C bus has ended; start this program again")
             self._last_answer = now
         if engaged and not self._engaged:  # at rest there are no heartbeats, so none was received
             self._last_answer = now

@@ -52,7 +52,7 @@ class BusLock:
             except BlockingIOError as cause:
                 holder = _holder(descriptor)
                 os.close(descriptor)
-                raise DriverError(f"{self._name} is in use by {holder}") from cause
+                raise DriverError(f"{self._name} is in use by {holder}; end it first") from cause
             os.close(descriptor)  # the file was removed meanwhile
         raise DriverError(f"{self._name} cannot be locked: another program keeps removing {self._path}")
 

@@ -45,7 +45,7 @@ class Ina219:
         except OSError as cause:
             raise DriverError(f"no INA219 (current sensor) at {at:#04x}; check wiring and address") from cause
         if int.from_bytes(setting, "big") != _SETTING:
-            raise DriverError(f"the chip at {at:#04x} is not an INA219")
+            raise DriverError(f"the chip at {at:#04x} is not an INA219 (current sensor); check wiring and address")
 
     def current(self) -> float:
         """Mean current over the last conversion [A]."""

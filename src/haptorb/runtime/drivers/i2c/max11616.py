@@ -34,7 +34,7 @@ class HallAdc:
         except OSError as cause:
             raise DriverError(f"no MAX11616 (Hall sensors) at {self._address:#04x}; check wiring") from cause
         if any(byte >> 4 != 0xF for byte in raw[::2]):
-            raise DriverError(f"the chip at {self._address:#04x} is not a MAX11616")
+            raise DriverError(f"the chip at {self._address:#04x} is not a MAX11616 (Hall sensors); check wiring")
 
     def read(self, block: int) -> tuple[float, ...]:
         """(5,) or (4,) the inputs of `block`, in shares of the supply, 0…1 [1]."""

@@ -52,7 +52,7 @@ class Pca9685:
         except OSError as cause:
             raise DriverError(f"no PCA9685 (PWM) at {self._address:#04x}; check wiring and address") from cause
         if not confirmed:
-            raise DriverError(f"the chip at {self._address:#04x} is not a PCA9685")
+            raise DriverError(f"the chip at {self._address:#04x} is not a PCA9685 (PWM); check wiring and address")
 
     def _start(self) -> None:
         self._write(ALL_OFF)  # before it sleeps: asleep, its outputs do not change

@@ -19,7 +19,7 @@ _FOLDER = Path("/sys/bus/w1/devices")
 class Thermometers(Protocol):
     """A source of the temperatures at the coils' boundaries."""
 
-    def ready(self, patience: float) -> bool:
+    def wait_until_ready(self, patience: float) -> bool:
         """Wait for the first reading [s]."""
 
     def read(self) -> Array:
@@ -60,7 +60,7 @@ class W1Thermometers:
             self._first.set()
             self._end.wait(0.05)
 
-    def ready(self, patience: float) -> bool:
+    def wait_until_ready(self, patience: float) -> bool:
         """Wait until each has been read once, at most `patience` [s]."""
         return self._first.wait(patience)
 

@@ -89,7 +89,8 @@ class Board:
                 identity = Identity.parse(frame.payload)
                 if identity.name != "haptorb":
                     raise DriverError(
-                        f"the device at {self.path} identifies itself as '{identity.name}', not 'haptorb'"
+                        f"the device at {self.path} identifies itself as '{identity.name}', not 'haptorb'; choose "
+                        "another port"
                     )
                 return identity
             if monotonic() > end:

@@ -122,8 +122,8 @@ class EmulatedDevice:
 class Emulator:
     """A running emulator: its serial line is at `port`; `say` and `tell` give it the commands of its own `main.c`.
 
-    Firmware time runs at real time; `slow` lets it run slower, for computers that are too busy to keep a watchdog of
-    15 ms content. Times that it reports are firmware times.
+    Firmware time runs at real time; `set_pace` lets it run slower, for computers that are too busy to keep a watchdog
+    of 15 ms content. Times that it reports are firmware times.
 
     Raises DriverError if `board` is not known, if emulator or firmware has not been built, or if it does not become
     ready within 20 s.
@@ -196,7 +196,7 @@ class Emulator:
         for one in lines:
             self._lines.put(one)
 
-    def slow(self, pace: float = 0.02) -> None:
+    def set_pace(self, pace: float = 0.02) -> None:
         """Let firmware time run at `pace` of ours."""
         self.tell(f"pace {pace}")
 

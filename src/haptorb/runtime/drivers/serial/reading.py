@@ -177,5 +177,8 @@ class Reading(NamedTuple):
             )
         made = make_reading()
         if not _fill_reading(np.frombuffer(payload, np.uint8), 0, made):
-            raise DriverError(f"the firmware's reading names Hall group {payload[16]} and thermometer {payload[27]}")
+            raise DriverError(
+                f"the firmware's reading names Hall group {payload[16]} and thermometer {payload[27]}; one of them "
+                "does not exist: flash the firmware that came with this version"
+            )
         return cls.of(made)
