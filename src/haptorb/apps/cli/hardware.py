@@ -85,7 +85,9 @@ def jog(
     driver: DriverOption,
     device: DeviceArgument = "omni",
     duty: Annotated[float, typer.Option(help="Peak duty, −0.2 to 0.2.")] = 0.05,
-    seconds: Annotated[float, typer.Option(help="Duration of the ramp up and down [s], 0.2 to 10.")] = 1.0,
+    duration: Annotated[
+        float, typer.Option("--duration", "--seconds", help="Duration of the ramp up and down [s], 0.2 to 10.")
+    ] = 1.0,
     current: Annotated[float, typer.Option(help="Switch off above this current [A].")] = 3.0,
     no_watchdog: Annotated[
         bool,
@@ -107,7 +109,7 @@ def jog(
     )
     prepare_thread()  # the firmware switches off after 15 ms of silence, however busy this computer is
     try:
-        reading = moved(it, through, coil, duty, seconds, current)
+        reading = moved(it, through, coil, duty, duration, current)
     finally:
         (say if json else tell)(f"coils: {state_words(through.coil_state)}")
     if json:

@@ -109,7 +109,8 @@ def run(
     serve: Annotated[
         list[str] | None,
         typer.Option(
-            help="Serve other programs: haply[:PORT[:EVENTS]], osc[:[HOST:]PORT], lsl, foxglove[:PORT]; repeatable."
+            help="Serve other programs: haply[:HOST][:PORT[:EVENTS]], osc[:[HOST:]PORT], lsl, foxglove[:PORT]; "
+            "repeatable."
         ),
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,

@@ -16,7 +16,7 @@ __all__ = ["check", "new", "power", "simulate"]
 
 
 def new(
-    name: Annotated[str, typer.Argument(help="Name of the study; the file is NAME.toml.")],
+    name: Annotated[str, typer.Argument(help="Name of the study, or of its file, NAME.toml.")],
     like: Annotated[
         str, typer.Option(help="Template: zarate2020, identification, staircase, magnitude or comparison.")
     ] = "identification",
