@@ -110,6 +110,9 @@ def test_the_card_as_a_picture(capsys, tmp_path):
         (["run", "pmsm", "--set", "moment=1"], "parameter of Outlet"),
         (["run", "--headless", "--duration", "1", "--record", "/no/such/folder/a.mcap"], "folder"),
         (["run", "--port", "70000"], "port"),
+        (["run", "omni", "--grip", "firm"], "--scene"),
+        (["run", "omni", "--world", "wall", "--latency", "5"], "--scene"),
+        (["train", "omni"], "`haptorb train` works for spherical motors"),
     ],
 )
 def test_a_mistake_is_one_message(capsys, words, said):

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
+_GRIP = "light"  #: unless something else is asked for
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to `app`."""
@@ -54,7 +56,7 @@ def run(
     ] = None,
     grip: Annotated[
         str, typer.Option(help="With --scene: grip of the hand: loose, light, firm or MASS,DAMPING,STIFFNESS.")
-    ] = "light",
+    ] = _GRIP,
     latency: Annotated[
         float | None,
         typer.Option(help="With --scene: latency of the tracker [ms] (default: 0; 5 for an external tracker)."),
@@ -133,11 +135,14 @@ def run(
         from haptorb.runtime.exchange.black_box import state_folder
         from haptorb.runtime.servo.servo import Servo
         from haptorb.runtime.tick.assembly import default_world
+        from haptorb.worlds.own.world_file import is_world_file
 
         choices = check_servers(serve or [])
         found = load(device)
         chosen: World | WorldFile | SceneFile
         if scene is None and body is None:
+            if (grip != _GRIP or latency is not None) and not is_world_file(world or ""):
+                raise InputError("--grip and --latency are for a scene: give --scene as well, such as --scene boxes")
             first = "remote" if feels_alone(choices) else default_world(found)
             chosen = choose_world_option(world or first, settings or [], found)
         else:

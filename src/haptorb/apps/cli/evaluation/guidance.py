@@ -58,7 +58,7 @@ def guidance(
         for name in names or ():
             if name not in known:
                 raise UnknownName(what, name, known)
-    found = electromagnet(load(device), "guidance")
+    found = electromagnet(load(device), "`haptorb guidance`")
     with make_progress() as bar:
         task = bar.add_task("guiding", total=1.0)
         result = compare_guidance(

@@ -34,7 +34,9 @@ def check(
     people: Annotated[int, typer.Option(help="Number of participants whose order to show.")] = 6,
     register: Annotated[
         Path | None,
-        typer.Option(metavar="NEW.toml", help="Write study and plan, with digests and time, before data exist."),
+        typer.Option(
+            metavar="NEW.toml", help="Write a registration before data exist: study and plan, with digests and time."
+        ),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
