@@ -162,6 +162,20 @@ def test_a_wrong_command_line(capsys, words):
     assert err
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["run", "omni", "--rate", "fast"], "'--rate': must be a number; got 'fast'"),
+        (["run", "--port=x"], "'--port': must be a whole number; got 'x'"),
+        (["run", "--set", "a=1", "--seed", "1.5"], "'--seed': must be a whole number; got '1.5'"),
+    ],
+)
+def test_a_wrong_number_says_what_was_expected_and_given(capsys, words, said):
+    code, _, err = run_command(capsys, *words)
+    assert code == 2
+    assert said in " ".join(err.split())
+
+
 def test_a_recording_is_not_overwritten(capsys, tmp_path):
     path = tmp_path / "a.mcap"
     path.write_text("precious")
