@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
-_GRIP = "light"  #: unless something else is asked for
-
 
 def register(app: typer.Typer) -> None:
     """Add the command to `app`."""
@@ -56,7 +54,7 @@ def run(
     ] = None,
     grip: Annotated[
         str, typer.Option(help="With --scene: grip of the hand: loose, light, firm or MASS,DAMPING,STIFFNESS.")
-    ] = _GRIP,
+    ] = "light",
     latency: Annotated[
         float | None,
         typer.Option(help="With --scene: latency of the tracker [ms] (default: 0; 5 for an external tracker)."),
@@ -111,8 +109,7 @@ def run(
     serve: Annotated[
         list[str] | None,
         typer.Option(
-            help="Serve other programs: haply[:HOST][:PORT[:EVENTS]], osc[:[HOST:]PORT], lsl, foxglove[:PORT]; "
-            "repeatable."
+            help="Serve programs: haply[:HOST][:PORT[:EVENTS]], osc[:[HOST:]PORT], lsl, foxglove[:PORT]; repeatable."
         ),
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
@@ -127,7 +124,7 @@ def run(
 
     require_linux("`haptorb run`")
     with PrestartedProcess() as standby:  # it loads while this process does, and reads the device file
-        from haptorb.apps.cli.world_option import choose_scene_option, choose_world_option
+        from haptorb.apps.cli.world_option import choose_scene_option, choose_world_option, refuse_scene_options
         from haptorb.apps.progress import build_tables
         from haptorb.apps.serve.server_choice import add_client_force, check_servers, feels_alone
         from haptorb.apps.serve.serving import Serving
@@ -135,14 +132,12 @@ def run(
         from haptorb.runtime.exchange.black_box import state_folder
         from haptorb.runtime.servo.servo import Servo
         from haptorb.runtime.tick.assembly import default_world
-        from haptorb.worlds.own.world_file import is_world_file
 
         choices = check_servers(serve or [])
         found = load(device)
         chosen: World | WorldFile | SceneFile
         if scene is None and body is None:
-            if (grip != _GRIP or latency is not None) and not is_world_file(world or ""):
-                raise InputError("--grip and --latency are for a scene: give --scene as well, such as --scene boxes")
+            refuse_scene_options(world, grip, latency)
             first = "remote" if feels_alone(choices) else default_world(found)
             chosen = choose_world_option(world or first, settings or [], found)
         else:
