@@ -110,6 +110,9 @@ def test_the_card_as_a_picture(capsys, tmp_path):
         (["run", "pmsm", "--set", "moment=1"], "parameter of Outlet"),
         (["run", "--headless", "--duration", "1", "--record", "/no/such/folder/a.mcap"], "folder"),
         (["run", "--port", "70000"], "port"),
+        (["run", "omni", "--grip", "firm"], "--scene"),
+        (["run", "omni", "--world", "wall", "--latency", "5"], "--scene"),
+        (["train", "omni"], "`haptorb train` works for spherical motors"),
     ],
 )
 def test_a_mistake_is_one_message(capsys, words, said):
@@ -157,6 +160,20 @@ def test_a_wrong_command_line(capsys, words):
     code, _, err = run_command(capsys, *words)
     assert code == 2
     assert err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["run", "omni", "--rate", "fast"], "'--rate': must be a number; got 'fast'"),
+        (["run", "--port=x"], "'--port': must be a whole number; got 'x'"),
+        (["run", "--set", "a=1", "--seed", "1.5"], "'--seed': must be a whole number; got '1.5'"),
+    ],
+)
+def test_a_wrong_number_says_what_was_expected_and_given(capsys, words, said):
+    code, _, err = run_command(capsys, *words)
+    assert code == 2
+    assert said in " ".join(err.split())
 
 
 def test_a_recording_is_not_overwritten(capsys, tmp_path):

@@ -52,7 +52,7 @@ class DeviceKind:
     errors         (device, wrench asked, estimator, calibration) → ErrorModel of `haptorb inspect --errors`
     hold           (device, hand) → HeldMover, for a kind that a scene can be coupled to
     workspace      (device) → Workspace of `haptorb check --world`
-    boundary       largest stable stiffness of the simulated loop, for `haptorb check --world --plot`
+    boundary       largest stable stiffness of the simulated loop, for `haptorb check --world NAME --plot FILE`
     """
 
     name: str

@@ -18,14 +18,16 @@ _SMALLER = {"kg": ("g", -3), "m³": ("cm³", -6)}
 def format_number(value: float, digits: int = 3) -> str:
     """`value` with that many digits, without an exponent where it can be read without one.
 
-    >>> format_number(0.05), format_number(1234.56), format_number(-1e-17), format_number(float("nan"))
-    ('0.05', '1235', '-1e-17', 'unknown')
+    >>> format_number(0.05), format_number(999.7), format_number(1234.56)
+    ('0.05', '1000', '1235')
+    >>> format_number(-1e-17), format_number(float("nan"))
+    ('-1e-17', 'unknown')
     """
     if math.isnan(value):
         return "unknown"
     if value == 0.0 or math.isinf(value):
         return "0" if value == 0.0 else "inf" if value > 0 else "-inf"
-    if 10**digits <= abs(value) < 1e6:
+    if 10**digits - 0.5 <= abs(value) < 1e6:
         return f"{value:.0f}"
     return f"{value:.{digits}g}"
 

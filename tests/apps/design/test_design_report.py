@@ -11,7 +11,10 @@ from haptorb.apps.design.report import writing
 from haptorb.apps.design.report.best_design import BestDesign, make_best
 from haptorb.apps.design.report.page import make_page
 from haptorb.apps.design.results_table import ResultsTable
+from haptorb.design.base_values import describe_base_forces
+from haptorb.design.design_file import load_design
 from haptorb.design.device_changes import build_device
+from haptorb.design.sampling import sample
 from haptorb.design.store import Results, Run, open_results, read_results
 from haptorb.devices.loader import load, parse
 from haptorb.errors import InputError
@@ -89,6 +92,23 @@ def test_no_valid_design_one_objective_and_several_runs_have_their_pages():
     names = [several.name(row) for row in range(len(several.found))]
     assert len(set(names)) == len(names)
     assert names[0].startswith("omni-core-1-")
+
+
+def test_a_base_device_whose_forces_are_computed_otherwise_is_marked(root):
+    design = load_design(root / "examples" / "design" / "omni-core.toml")
+    values = sample(design, "sobol", 1, 1)[0]
+    remark = describe_base_forces(design, values)
+    assert "omni" in remark
+    motor = load_design(root / "examples" / "design" / "motor-latitudes.toml")
+    assert describe_base_forces(motor, {"coil_latitude": 25.5, "magnet_latitude": 20.0}) == ""
+    table = _table()
+    assert table.remark == _read(make_page(table, []))["remark"] == ""
+    marked = replace(table, remark=remark)
+    page = make_page(marked, [_make_plain(marked, marked.picks[0].row, "best")])
+    assert _read(page)["remark"] == remark
+    assert "omni *" in page
+    assert "hollow" in page
+    assert "hollow" not in make_page(table, [])
 
 
 def test_a_best_design_is_a_device_file_that_loads_with_its_card_and_a_drawing(tmp_path):

@@ -41,7 +41,15 @@ def test_a_hand_at_rest_is_dragged_by_the_clock_only(found):
 
 @pytest.mark.parametrize(
     "words",
-    [("pmsm",), ("--path", "triangle"), ("--grip", "iron"), ("--seconds", "1"), ("--seed", "-1"), ("--plot", "a.txt")],
+    [
+        ("pmsm",),
+        ("--path", "triangle"),
+        ("--grip", "iron"),
+        ("--duration", "1"),
+        ("--seconds", "1"),
+        ("--seed", "-1"),
+        ("--plot", "a.txt"),
+    ],
 )
 def test_mistakes_are_told(words, capsys):
     assert main(["guidance", *words]) == 2

@@ -8,7 +8,9 @@ import subprocess
 import sys
 
 import pytest
+import typer
 
+from haptorb.apps.cli.program import app
 from haptorb.apps.serve.access import TOKEN, Access, choose_serve_token
 from haptorb.apps.serve.haply.haply_server import prepare
 from haptorb.apps.serve.ports import open_port
@@ -20,11 +22,16 @@ from haptorb.worlds.own.world_file import parse_world_file
 
 
 def test_a_kind_that_there_is_not_and_two_of_one_kind_are_refused():
-    with pytest.raises(UnknownName, match=re.escape("haply[:PORT[:EVENTS]]")):
+    with pytest.raises(UnknownName, match=re.escape("haply[:HOST][:PORT[:EVENTS]]")):
         check_servers(["haplly"])
     with pytest.raises(InputError, match="twice"):
         check_servers(["haply", "haply:12001"])
     assert check_servers([]) == ()
+
+
+def test_help_names_every_form():
+    (option,) = [one for one in typer.main.get_command(app).commands["run"].params if one.name == "serve"]
+    assert all(kind.form in option.help for kind in KINDS.values())
 
 
 def test_the_clients_force_is_felt_alone_or_added_to_what_was_chosen(tmp_path):

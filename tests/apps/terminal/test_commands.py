@@ -2,6 +2,7 @@
 
 import ast
 import json
+from importlib.resources import files
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -44,6 +45,14 @@ def test_every_parameter_of_every_world(capsys, monkeypatch, width):
             assert item.name in text
             assert f"{item.low:g} … {item.high:g}" in text
             assert item.unit in text
+
+
+def test_a_device_file_is_printed_as_it_is(capsys, monkeypatch):
+    """Its lines are longer than the terminal; wrapped, it is no TOML."""
+    monkeypatch.setenv("COLUMNS", "80")
+    COMMAND.main(["devices", "omni"], prog_name="haptorb", standalone_mode=False)
+    file = files("haptorb.devices") / "catalogue" / "omni.toml"
+    assert capsys.readouterr().out == file.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("width", [80, 120])

@@ -68,7 +68,7 @@ def test_units_and_literals_that_were_lost_once(capsys, monkeypatch):
     for words, literals in {
         ("run",): ("is predicted [ms], 0 to 20", "serial:PORT or i2c:BUS"),
         ("check",): ("[ms]", "[Hz]"),
-        ("hardware", "emulate"): ("centre [mm];",),
+        ("hardware", "emulate"): ("centre [mm] (default",),
         ("calibrate",): ("(default: DEVICE.calibration.json)",),
     }.items():
         told = flatten(see(capsys, monkeypatch, 80, *words))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from haptorb.apps.design.report.best_design import BestDesign
@@ -13,6 +15,19 @@ from haptorb.apps.design.report.page import make_page
 from haptorb.apps.design.results_table import ResultsTable
 from haptorb.design.store import Results, Run
 from oracles.designs.made_designs import make_design, make_evaluations
+
+#: keeps where every text was drawn, in pixels of the page: window.texts, text → [left, top, right, bottom]
+TEXTS = """
+window.texts = {};
+const draw = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, x, y, ...rest) {
+  const { width } = this.measureText(text), to = this.getTransform(), scale = devicePixelRatio;
+  const left = x - { left: 0, center: width / 2, right: width }[this.textAlign];
+  const [across, up] = [(to.e + to.a * left) / scale, (to.f + to.d * y) / scale];
+  window.texts[text] = [across, up - 12, across + width, up];
+  draw.call(this, text, x, y, ...rest);
+};
+"""
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime(retry=False)]
 
@@ -38,6 +53,26 @@ def page(browser: Any, tmp_path: Path, table: ResultsTable) -> Iterator[Any]:
     yield page
     page.close()
     assert not troubles
+
+
+@pytest.mark.parametrize("end", [np.min, np.max])
+def test_the_name_of_the_base_device_lies_inside_the_plot(
+    browser: Any, tmp_path: Path, table: ResultsTable, end: Callable[..., float]
+) -> None:
+    name = "omni-of-the-other-laboratory"
+    columns = tuple(replace(one, base=float(end(one.values))) for one in table.columns)
+    changed = replace(table, columns=columns, design=replace(table.design, base=name), remark="it is old")
+    path = tmp_path / "report.html"
+    path.write_text(make_page(changed, []), encoding="utf-8")
+    page = browser.new_page(viewport={"width": 1440, "height": 900})
+    page.add_init_script(TEXTS)
+    page.goto(path.as_uri())
+    _wait(page, "report.ready")
+    left, top, right, bottom = page.evaluate(f"texts['{name} *']")
+    box = page.locator(".points").bounding_box()
+    page.close()
+    assert 74 <= left < right <= box["width"] - 18
+    assert 12 <= top < bottom <= box["height"] - 46
 
 
 def _wait(page: Any, expression: str) -> None:

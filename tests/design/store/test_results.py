@@ -115,7 +115,7 @@ def test_another_design_version_or_wish(design: Design, tmp_path: Path, monkeypa
     with pytest.raises(RecordingError, match="before a change"), open_results(where, changed, "sobol", 1):
         pass
     other = replace(changed, name="other", digest="1" * 64)
-    with pytest.raises(RecordingError, match="are of design 'small'"), open_results(where, other, "sobol", 1):
+    with pytest.raises(RecordingError, match="belong to design 'small'"), open_results(where, other, "sobol", 1):
         pass
     with (
         pytest.raises(RecordingError, match="already contain sobol with seed 1"),

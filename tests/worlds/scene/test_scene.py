@@ -222,7 +222,7 @@ def test_a_scene_that_explodes_raises_and_does_not_begin_anew_by_itself(tmp_path
 
 
 BAD = {
-    "no body of that name": (FREE.replace('"peg"', '"pen"'), UnknownName, "pen"),
+    "no body is named": (FREE.replace('"peg"', '"pen"'), InputError, r"name one \(pen\) with --body"),
     "nothing moves": ("<mujoco><worldbody><body name='peg'/></worldbody></mujoco>", InputError, "freejoint"),
     "body is fixed": (
         FREE.replace('"peg"', '"pen"').replace("{more}", "<body name='peg'><geom size='0.01'/></body>"),

@@ -18,6 +18,8 @@ export interface Designs {
   title: string;
   /** what the designs are compared with */
   base: string;
+  /** how the forces of the base device are computed, if not as those of the designs; else empty */
+  remark: string;
   /** what each design is called */
   names: string[];
   columns: Column[];
@@ -26,6 +28,9 @@ export interface Designs {
   /** designs that were chosen to be looked at */
   picks: { row: number; reason: string }[];
 }
+
+/** The base device's name, with the mark of its remark. */
+export const nameBase = ({ base, remark }: Designs): string => (remark ? `${base} *` : base);
 
 /** The value of a column in one row, as a number; NaN where there is none. */
 export const valueAt = (column: Column, row: number): number => column.values[row] ?? NaN;

@@ -1,7 +1,7 @@
 // The numbers of the design that is pointed at, beside those of the base device.
 
 import { make } from "../panels/dom";
-import { titleOf, valueAt, formatValue, type Column, type Designs } from "./designs";
+import { nameBase, titleOf, valueAt, formatValue, type Column, type Designs } from "./designs";
 
 export class Numbers {
   readonly root = make("div", { className: "numbers" });
@@ -22,8 +22,9 @@ export class Numbers {
         body.append(make("tr", {}, make("th", { scope: "row" }, titleOf(column)), cell, make("td", { className: "soft" }, base)));
       }
     }
-    const heads = make("thead", {}, make("tr", {}, make("th"), make("th", { scope: "col" }, "design"), make("th", { scope: "col" }, designs.base)));
+    const heads = make("thead", {}, make("tr", {}, make("th"), make("th", { scope: "col" }, "design"), make("th", { scope: "col" }, nameBase(designs))));
     this.root.append(this.head, this.why, make("table", {}, heads, body));
+    if (designs.remark) this.root.append(make("p", { className: "soft" }, `* ${designs.remark}.`));
   }
 
   show(row: number): void {

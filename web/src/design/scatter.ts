@@ -2,12 +2,13 @@
 
 import { make } from "../panels/dom";
 import { css } from "../theme";
-import { describe, marks, range, titleOf, valueAt, type Column, type Designs } from "./designs";
+import { describe, marks, nameBase, range, titleOf, valueAt, type Column, type Designs } from "./designs";
 import { Layers } from "./layers";
 
 const MARGIN = { left: 74, right: 18, top: 12, bottom: 46 };
 const NEAR = 40; // px from the pointer within which a design is marked
 const PREFER = 0.6; // a point of the front counts as so much nearer
+const LETTER = 12; // height of a letter, in px
 const BESIDE: [number, number][] = [[6, -6], [6, 16], [-14, -6], [-14, 16], [20, 5]]; // possible positions of a pick's number, in px
 
 export class Scatter {
@@ -180,10 +181,13 @@ export class Scatter {
     if (a !== null && b !== null && inside(a, b)) {
       context.save();
       context.fillStyle = css("--warn");
+      context.strokeStyle = css("--warn");
       context.translate(across(a), up(b));
-      context.fillText(this.designs.base, 10, -6);
+      this.label(context, across(a), up(b));
       context.rotate(Math.PI / 4);
-      context.fillRect(-5, -5, 10, 10);
+      context.lineWidth = 2;
+      if (this.designs.remark) context.strokeRect(-5, -5, 10, 10);
+      else context.fillRect(-5, -5, 10, 10);
       context.restore();
     }
     context.font = `bold ${context.font}`;
@@ -200,6 +204,15 @@ export class Scatter {
       context.strokeText(String(k + 1), px, py);
       context.fillText(String(k + 1), px, py);
     });
+  }
+
+  /** The base device's name beside its diamond, which is at (x, y) and the origin: on the side where it lies inside the plot. */
+  private label(context: CanvasRenderingContext2D, x: number, y: number): void {
+    const name = nameBase(this.designs);
+    const left = x + 10 + context.measureText(name).width > this.layers.width - MARGIN.right;
+    context.textAlign = left ? "right" : "left";
+    context.fillText(name, left ? -10 : 10, y - 6 - LETTER < MARGIN.top ? 6 + LETTER : -6);
+    context.textAlign = "left";
   }
 
   private axes(

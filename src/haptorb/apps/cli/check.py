@@ -28,7 +28,7 @@ def check(
         str,
         typer.Argument(help="Device name, or path of a device file; the computer is measured with a simulated device."),
     ] = "omni",
-    duration: Annotated[float, typer.Option(help="Duration of the measurement [s].")] = 30.0,
+    duration: Annotated[float, typer.Option(help="Duration of the measurement of the computer [s].")] = 30.0,
     rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
     alone: Annotated[
         bool, typer.Option("--alone", help="Measure without a client that drags the tool and reads at 60 Hz.")
@@ -66,7 +66,10 @@ def check(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Check this computer or, with --world, whether the loop renders that world stably. Exit code 1: it does not."""
+    """Check whether this computer is fast enough for the loop or, with --world or --scene, whether the loop is stable.
+
+    Exit code 1: it is not.
+    """
     if scene is not None or body is not None:
         from haptorb.apps.cli.check_scene import judge_scene
         from haptorb.devices.loader import load
@@ -94,7 +97,8 @@ def check(
         return
     if plot is not None or settings or tracker is not None or tracker_rate is not None or latency or render:
         raise InputError(
-            "--plot, --set, --render, --tracker, --tracker-rate and --latency need --world: haptorb check --world dome"
+            "--plot, --set, --render, --tracker, --tracker-rate and --latency are for a world or scene: give "
+            "--world or --scene as well, such as --world dome"
         )
     from haptorb.runtime.realtime.linux import require_linux
 

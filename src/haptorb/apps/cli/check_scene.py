@@ -24,6 +24,7 @@ def judge_scene(
     from haptorb.apps.check.world import ENOUGH
     from haptorb.apps.cli.world_option import choose_scene_option
     from haptorb.control.stability.coupling_choice import couple_world, measure_margin
+    from haptorb.display.quantity_text import format_number
     from haptorb.worlds.scene.scene import Scene
 
     found = choose_scene_option(scene, body, world, settings, device).load()
@@ -46,7 +47,7 @@ def judge_scene(
     facts = [
         ("coupling", f"{coupled.stiffness:.4g} N/m, {coupled.damping:.3g} N·s/m"),
         ("chosen", "for this loop and hand" if not found.stiffness else "given"),
-        ("against a wall", f"{verdict}: stable up to {margin:.3g} times that"),
+        ("against a wall", f"{verdict}: stable up to {format_number(margin)} times that"),
         ("loop", f"{setting.rate:g} Hz, forces {1e3 * loop.lateness:.2f} ms late, grip {setting.grip}"),
     ]
     if coupled.turn_stiffness:

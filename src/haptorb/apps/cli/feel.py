@@ -44,7 +44,9 @@ def feel(
     headless: Annotated[
         bool, typer.Option("--headless", help="Run without the console; a simulated hand moves the handle.")
     ] = False,
-    seconds: Annotated[float, typer.Option(help="Duration per design without the console [s].")] = 15.0,
+    duration: Annotated[
+        float, typer.Option("--duration", "--seconds", help="Duration per design without the console [s].")
+    ] = 15.0,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
     browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
@@ -65,8 +67,8 @@ def feel(
     scores = _scores(rate or [], candidates)
     if choose is not None:
         candidates[choose]  # refuses a name that there is not before anything is felt
-    if not 0 < seconds < float("inf"):
-        raise InputError(f"--seconds must be greater than 0 s; got {seconds:g} s")
+    if not 0 < duration < float("inf"):
+        raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
     if plot is not None:
         check_figure_file(plot, "--plot")
     person = check_person(person)
@@ -79,7 +81,7 @@ def feel(
     number = 0
     if headless:
         for design in wanted:
-            feel_without_console(store, design, device, seconds, person, scores.pop(design.name, None))
+            feel_without_console(store, design, device, duration, person, scores.pop(design.name, None))
     else:
         live = LiveSession(store, wanted, person=person, blind=blind, limits=scale.unknown_limits)
         number = feel_with_console(live, choice, device, scale, port, browser)

@@ -28,7 +28,7 @@ def fit_multipole(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Fit loops of dipoles to a magnet or coil in the region of its counterparts, and print the model's error there."""
+    """Fit a multipole model, loops of dipoles, to a magnet or coil, and print its error near its counterparts."""
     if dipoles is not None and not 1 <= dipoles <= 2000:
         raise InputError(f"--dipoles must be between 1 and 2000; got {dipoles}")
     if plot is not None:
@@ -36,7 +36,7 @@ def fit_multipole(
     from haptorb.apps.fit import compare
     from haptorb.devices.motor.api import motor
 
-    known = motor(device)
+    known = motor(device, "`haptorb fit-multipole`")
     with make_progress() as bar:
         task = bar.add_task("fitting", total=None)
         made = compare(known, part, dipoles, lambda done, total: bar.update(task, completed=done, total=total))

@@ -62,7 +62,9 @@ def monitor(
     driver: DriverOption,
     device: DeviceArgument = "omni",
     rate: Annotated[float, typer.Option(help="Lines per second [Hz].")] = 5.0,
-    duration: Annotated[float, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = float("inf"),
+    duration: Annotated[float, typer.Option(help="Duration [s] (default: until Ctrl-C).", show_default=False)] = float(
+        "inf"
+    ),
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object per line.")] = False,
 ) -> None:
     """Show currents, temperatures and fields live, with the coils off."""
@@ -85,7 +87,9 @@ def jog(
     driver: DriverOption,
     device: DeviceArgument = "omni",
     duty: Annotated[float, typer.Option(help="Peak duty, −0.2 to 0.2.")] = 0.05,
-    seconds: Annotated[float, typer.Option(help="Duration of the ramp up and down [s], 0.2 to 10.")] = 1.0,
+    duration: Annotated[
+        float, typer.Option("--duration", "--seconds", help="Duration of the ramp up and down [s], 0.2 to 10.")
+    ] = 1.0,
     current: Annotated[float, typer.Option(help="Switch off above this current [A].")] = 3.0,
     no_watchdog: Annotated[
         bool,
@@ -107,7 +111,7 @@ def jog(
     )
     prepare_thread()  # the firmware switches off after 15 ms of silence, however busy this computer is
     try:
-        reading = moved(it, through, coil, duty, seconds, current)
+        reading = moved(it, through, coil, duty, duration, current)
     finally:
         (say if json else tell)(f"coils: {state_words(through.coil_state)}")
     if json:
@@ -135,13 +139,18 @@ def emulate(
     build: Annotated[Path, typer.Option(help="Build folder of `make firmware`.")] = Path("firmware/build"),
     height: Annotated[
         float | None,
-        typer.Option(help="Height of the tool's magnet above the centre [mm]; 500 is far enough for calibration."),
+        typer.Option(
+            help="Height of the tool's magnet above the centre [mm] (default: just above the dome); "
+            "500 is far enough for the first steps of a calibration."
+        ),
     ] = None,
     led: Annotated[
         bool, typer.Option("--led", help="Move the tool over the dome, for the calibration step 'sensors'.")
     ] = False,
     dead: Annotated[int | None, typer.Option(help="Number of a failed field sensor, from 1.")] = None,
-    duration: Annotated[float, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = float("inf"),
+    duration: Annotated[float, typer.Option(help="Duration [s] (default: until Ctrl-C).", show_default=False)] = float(
+        "inf"
+    ),
 ) -> None:
     """Run the real firmware on an emulated board with a simulated device, for trying the other commands."""
     from haptorb.runtime.realtime.linux import require_linux

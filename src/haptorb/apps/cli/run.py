@@ -109,7 +109,7 @@ def run(
     serve: Annotated[
         list[str] | None,
         typer.Option(
-            help="Serve other programs: haply[:PORT[:EVENTS]], osc[:[HOST:]PORT], lsl, foxglove[:PORT]; repeatable."
+            help="Serve programs: haply[:HOST][:PORT[:EVENTS]], osc[:[HOST:]PORT], lsl, foxglove[:PORT]; repeatable."
         ),
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
@@ -124,7 +124,7 @@ def run(
 
     require_linux("`haptorb run`")
     with PrestartedProcess() as standby:  # it loads while this process does, and reads the device file
-        from haptorb.apps.cli.world_option import choose_scene_option, choose_world_option
+        from haptorb.apps.cli.world_option import choose_scene_option, choose_world_option, refuse_scene_options
         from haptorb.apps.progress import build_tables
         from haptorb.apps.serve.server_choice import add_client_force, check_servers, is_client_force_alone
         from haptorb.apps.serve.serving import Serving
@@ -137,6 +137,7 @@ def run(
         found = load(device)
         chosen: World | WorldFile | SceneFile
         if scene is None and body is None:
+            refuse_scene_options(world, grip, latency)
             first = "remote" if is_client_force_alone(choices) else default_world(found)
             chosen = choose_world_option(world or first, settings or [], found)
         else:

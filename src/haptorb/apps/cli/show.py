@@ -13,6 +13,7 @@ from haptorb.apps.terminal import (
     make_console,
     make_progress,
     print_facts,
+    print_file,
     print_json,
     print_table,
     print_text,
@@ -55,7 +56,7 @@ def devices(
     if json:
         print_json({"name": name, "file": text})
     else:
-        print_text(make_console(), text.rstrip("\n"))
+        print_file(text)
 
 
 def worlds(

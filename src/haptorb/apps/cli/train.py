@@ -28,7 +28,7 @@ def train(
     force: Annotated[bool, typer.Option("--force", help="Let --out replace an existing file.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Train the networks of a motor's `network` estimator on its magnetics, and print their errors."""
+    """Train the networks of a motor's `network` estimator on its computed field and torque, and print their errors."""
     # Matrices this small gain nothing from a second thread, which on a busy machine spends its time waiting in a loop;
     # the library looks when it is loaded, which is below.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -36,7 +36,7 @@ def train(
     from haptorb.apps.train import train_networks
     from haptorb.devices.motor.api import motor
 
-    build_tables(motor(device))
+    build_tables(motor(device, "`haptorb train`"))
     with make_progress() as bar:
         task = bar.add_task("training", total=1.0)
         result = train_networks(

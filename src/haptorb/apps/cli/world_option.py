@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from haptorb.worlds.parameter import Parameter
     from haptorb.worlds.scene.scene_file import SceneFile
 
-__all__ = ["choose_scene_option", "choose_world_option", "parse_settings"]
+__all__ = ["choose_scene_option", "choose_world_option", "parse_settings", "refuse_scene_options"]
 
 
 def choose_world_option(name: str, settings: list[str], device: Device) -> World | WorldFile:
@@ -64,6 +64,14 @@ def choose_scene_option(
     values = parse_settings(settings, parameters(type(loaded)))
     try_world(loaded.replace(**values), device)
     return replace(file, values=values)
+
+
+def refuse_scene_options(world: str | None, grip: str, latency: float | None) -> None:
+    """Raise InputError for a --grip or --latency without a scene, which a `world` from a file can be."""
+    from haptorb.worlds.own.world_file import is_world_file
+
+    if (grip != "light" or latency is not None) and not is_world_file(world or ""):
+        raise InputError("--grip and --latency are for a scene: give --scene as well, such as --scene boxes")
 
 
 def parse_settings(settings: list[str], known: dict[str, Parameter]) -> dict[str, float | tuple[float, ...]]:

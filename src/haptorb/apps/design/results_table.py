@@ -13,6 +13,7 @@ import numpy as np
 from haptorb.apps.design.base_values import compute_base, find_base_value
 from haptorb.design.analysis.best import Pick, choose_best
 from haptorb.design.analysis.front import find_front
+from haptorb.design.base_values import describe_base_forces
 from haptorb.design.design import Design
 from haptorb.design.evaluation import Evaluation
 from haptorb.design.parameter import DesignParameter
@@ -60,7 +61,7 @@ class ResultsColumn:
 
 @dataclass(frozen=True)
 class Refusals:
-    """How many designs one constraint refused, and the reason that one of them was given."""
+    """How many designs one constraint rejected, and the reason that one of them was given."""
 
     by: str
     count: int
@@ -72,11 +73,12 @@ class ResultsTable:
     """The valid designs, row by row, and what is said of the others.
 
     found      (run, evaluation) of each row
-    total      designs that were computed, refused ones included
+    total      designs that were computed, rejected ones included
     columns    parameters, objectives, constraints
     front      rows of the Pareto front
     picks      rows that were chosen to be looked at, the first one first
-    refusals   by whom designs were refused, the most frequent first
+    refusals   by whom designs were rejected, the most frequent first
+    remark     how the base device's forces are computed, if not as those of the designs; else empty
     """
 
     design: Design
@@ -87,6 +89,7 @@ class ResultsTable:
     front: tuple[int, ...]
     picks: tuple[Pick, ...]
     refusals: tuple[Refusals, ...]
+    remark: str
 
     @classmethod
     def of(cls, results: Results, count: int = 5) -> ResultsTable:
@@ -110,6 +113,7 @@ class ResultsTable:
         return cls(
             design, results.runs, found, len(evaluations), columns, tuple(find_front(costs).tolist()),
             choose_best(costs, places, titles, count), _count_refusals(evaluations),
+            describe_base_forces(design, valid[0].values) if valid else "",
         )  # fmt: skip
 
     def name(self, row: int) -> str:
@@ -126,6 +130,7 @@ class ResultsTable:
         return {
             "title": self.design.title,
             "base": self.design.base.rpartition("/")[2],
+            "remark": self.remark,
             "names": [self.name(row) for row in range(len(self.found))],
             "columns": [one.describe() for one in self.columns],
             "front": list(self.front),

@@ -61,7 +61,9 @@ def jog(
     if not 0.0 < abs(duty) <= GENTLE_DUTY:
         raise InputError(f"duty must be nonzero and at most {GENTLE_DUTY} in size for jogging; got {duty}")
     if not 0.2 <= seconds <= 10.0:
-        raise InputError(f"seconds must be from 0.2 to 10 s; got {seconds} s")
+        raise InputError(
+            f"seconds must be 0.2 to 10; got {seconds:g}", command=f"--duration must be 0.2 to 10 s; got {seconds:g}"
+        )
     if not 0.0 < current_limit <= GENTLE_CURRENT:
         raise InputError(f"current_limit must be above 0 and at most {GENTLE_CURRENT} A; got {current_limit} A")
     which = names.index(coil)

@@ -28,7 +28,7 @@ _UNREAD = 262144  #: bytes that the system keeps for a client that is slow
 def check_port(text: str, form: str) -> int:
     """The port that `text` says, 0 to 65535 (0: any free one). InputError names the `form` of the option.
 
-    >>> check_port("10001", "haply[:PORT]")
+    >>> check_port("10001", "foxglove[:PORT]")
     10001
     """
     if not (text.isascii() and text.isdecimal() and int(text) <= 65535):

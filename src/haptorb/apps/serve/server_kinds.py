@@ -44,7 +44,7 @@ class KindModule(Protocol):
 
 #: name before the colon of --serve → kind
 KINDS: dict[str, ServerKind] = {
-    "haply": ServerKind("haply[:PORT[:EVENTS]]", "haptorb.apps.serve.haply.haply_server", "", "alone"),
+    "haply": ServerKind("haply[:HOST][:PORT[:EVENTS]]", "haptorb.apps.serve.haply.haply_server", "", "alone"),
     "osc": ServerKind("osc[:[HOST:]PORT]", "haptorb.apps.serve.osc.osc_server", "pythonosc", "added"),
     "lsl": ServerKind("lsl", "haptorb.apps.serve.lsl.lsl_server", "pylsl", "unchanged"),
     "foxglove": ServerKind("foxglove[:PORT]", "haptorb.apps.serve.foxglove.foxglove_server", "foxglove", "unchanged"),

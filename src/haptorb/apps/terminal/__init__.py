@@ -6,7 +6,7 @@ cannot carry more. Colour is for terminals only, and not where NO_COLOR is set.
 
 from __future__ import annotations
 
-from haptorb.apps.terminal.console import make_console, print_json, print_text, say, tell
+from haptorb.apps.terminal.console import make_console, print_file, print_json, print_text, say, tell
 from haptorb.apps.terminal.facts import print_facts
 from haptorb.apps.terminal.progress_bar import make_progress, show_status
 from haptorb.apps.terminal.text_table import Column, TextTable, print_table
@@ -19,6 +19,7 @@ __all__ = [
     "make_console",
     "make_progress",
     "print_facts",
+    "print_file",
     "print_json",
     "print_table",
     "print_text",

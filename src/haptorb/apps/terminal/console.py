@@ -16,7 +16,7 @@ from haptorb.apps.terminal.spelling import fit_encoding
 if TYPE_CHECKING:  # which costs a program that prints two lines 50 ms
     from rich.console import Console
 
-__all__ = ["find_width", "make_console", "print_json", "print_text", "say", "tell", "wrap"]
+__all__ = ["find_width", "make_console", "print_file", "print_json", "print_text", "say", "tell", "wrap"]
 
 _HARD = "\N{NO-BREAK SPACE}"
 _TOGETHER = re.compile(
@@ -84,6 +84,11 @@ def print_json(numbers: Any, *, line: bool = False) -> None:
     """Print plain JSON types to standard output, escaped where it could not carry them; `line`: on one line."""
     plain = not (sys.stdout.encoding or "utf-8").lower().startswith("utf")
     print(json.dumps(numbers, indent=None if line else 2, ensure_ascii=plain), flush=True)
+
+
+def print_file(text: str) -> None:
+    """Print the text of a file to standard output, line by line as it is: a line that is wrapped is another file."""
+    print(fit_encoding(text, sys.stdout.encoding or "utf-8"), end="", flush=True)
 
 
 def say(text: str, indent: str = "") -> None:

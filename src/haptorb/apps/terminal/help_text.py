@@ -13,6 +13,7 @@ from typer.core import TyperCommand, TyperGroup
 from haptorb.apps.terminal.console import find_width, wrap
 from haptorb.apps.terminal.facts import format_facts
 from haptorb.apps.terminal.spelling import fit_encoding
+from haptorb.errors import quote
 
 __all__ = ["CommandLine"]
 
@@ -43,7 +44,12 @@ class HelpCommand(TyperCommand):
         if any(parameter.name in _DEVICES for parameter in self.params):
             args = _move_device(args)
         _check_repeated(self, ctx, args)
-        return super().parse_args(ctx, args)
+        words = list(args)
+        try:
+            return super().parse_args(ctx, args)
+        except typer.BadParameter as mistake:
+            mistake.message = _explain_number(mistake, words)
+            raise
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write usage, text, arguments and options."""
@@ -83,6 +89,20 @@ def _check_repeated(command: Any, ctx: Any, args: list[str]) -> None:
     for option, count in Counter(command.make_parser(ctx).parse_args(list(args))[2]).items():
         if count > 1 and option.param_type_name == "option" and not (option.multiple or option.is_flag):
             ctx.fail(f"{option.opts[0]} takes one value; it is given {count} times")
+
+
+def _explain_number(mistake: Any, words: list[str]) -> str:
+    """The message of `mistake`; where it is about a number, what was expected and what of `words` stood there."""
+    if not mistake.message.startswith("Input should be a valid"):
+        return str(mistake.message)
+    expected = "a whole number" if "integer" in mistake.message else "a number"
+    values = [
+        word.removeprefix(f"{option}=") if word.startswith(f"{option}=") else following
+        for option in mistake.param.opts
+        for word, following in zip(words, [*words[1:], ""], strict=True)
+        if word == option or word.startswith(f"{option}=")
+    ]
+    return f"must be {expected}" + (f"; got {quote(values[-1])}" if values else "")
 
 
 def _compose_help(command: Any, ctx: Any, commands: list[tuple[str, str]] | None = None) -> str:

@@ -20,6 +20,7 @@ from haptorb.control.stability.held_mover import hold_mover
 from haptorb.control.stability.stability import SampledLoop
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.api import electromagnet
+from haptorb.display.quantity_text import format_number
 from haptorb.errors import InputError
 from haptorb.sensing.tool.place_filter import memory
 from haptorb.sensing.tool.tool_position import HallTracker
@@ -123,8 +124,9 @@ def describe_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: Han
     margin = measure_margin(fitted, device, loop, hand)
     late = 1e3 * loop.lateness
     return (
-        f"{text}; against a wall stable up to {margin:.2g} times that (poses every {1e3 * loop.period:.3g} ms, "
-        f"forces {late:.2g} ms late, hand of {hand.mass:g} kg, {hand.damping:g} N·s/m, {hand.stiffness:g} N/m)"
+        f"{text}; stable against a wall up to {format_number(margin)} times that "
+        f"(poses every {1e3 * loop.period:.3g} ms, forces {late:.3g} ms late, "
+        f"hand of {hand.mass:g} kg, {hand.damping:g} N·s/m, {hand.stiffness:g} N/m)"
     )
 
 

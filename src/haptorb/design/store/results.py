@@ -164,8 +164,8 @@ def _find_run(engine: Engine, place: str, design: Design, key: tuple[str, int, s
             )
         elif row.digest != design.digest:
             same = row.name == design.name
-            why = "before a change of its file or base device" if same else ""
-            raise RecordingError(f"results {place} are of design '{row.name}'{why}: choose another file")
+            why = ", as it was before a change of its file or base device" if same else ""
+            raise RecordingError(f"results {place} belong to design '{row.name}'{why}: choose another file")
         wanted = (runs.c.method == method) & (runs.c.seed == seed) & (runs.c.settings == settings)
         known = connection.execute(select(runs).where(wanted)).first()
         if known is None:

@@ -38,7 +38,7 @@ def _moments(names: tuple[str, ...], predicted: Array, moments: Array, moments_f
         f"coil {name}: {used:.4f} m², windings and core give {computed:.4f} m² ({100 * (computed / used - 1):+.0f} %)"
         for name, used, computed in pairs
     )
-    origin, remedy = "moment_per_current", "correct one of them, or leave out moment_per_current to use [windings]"
+    origin, remedy = "moment_per_current", "correct one of them, or state windings.fill to use [windings]"
     if moments_from == "calibration":
         origin, remedy = "the calibration", "correct [windings]"
     return [f"moments differ: {differences}. Forces follow {origin}, so [windings] have no effect on them; {remedy}"]

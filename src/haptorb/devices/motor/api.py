@@ -15,10 +15,10 @@ from haptorb.numerics.compiled import kernel
 __all__ = ["field", "motor", "sensor_field", "torque_characteristic"]
 
 
-def motor(device: Device | str) -> SphericalMotor:
-    """`device`, loaded if it is a name. Raises InputError if it is not a spherical motor."""
+def motor(device: Device | str, what: str = "this function") -> SphericalMotor:
+    """`device`, loaded if it is a name. Raises InputError that names `what` if it is not a spherical motor."""
     known = load(device) if isinstance(device, str) else device
-    return require(known, SphericalMotor, "this function")
+    return require(known, SphericalMotor, what)
 
 
 def torque_characteristic(

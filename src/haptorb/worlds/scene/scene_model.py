@@ -73,22 +73,32 @@ class SceneModel:
 
     @property
     def held(self) -> str:
-        """The default held body: the one that the file names, else "peg"."""
+        """The default held body: the one that the file names, else "peg". Raises InputError if there is neither."""
         model = self.model
         for n in range(model.ntext):
             named, first = int(model.name_textadr[n]), int(model.text_adr[n])
             if model.names[named:].split(b"\0", 1)[0] == b"held":
                 text = model.text_data[first : first + int(model.text_size[n])]
                 return str(bytes(text).split(b"\0", 1)[0].decode())
+        if "peg" not in self.bodies:
+            known = f" ({', '.join(self.bodies)})" if self.bodies else ""
+            raise InputError(
+                f"scene '{self.title}' does not state which body the device holds: name one{known} with --body, or in "
+                'the file with <custom><text name="held" data="BODY"/></custom>'
+            )
         return "peg"
+
+    @property
+    def bodies(self) -> list[str]:
+        """Names of the bodies that have one, the world excepted."""
+        return [name for i in range(1, self.model.nbody) if (name := self.model.body(i).name)]
 
     def find_body(self, name: str) -> int:
         """Index [1] of the body `name`. Raises UnknownName with the most similar one of the scene, and InputError
         for one that cannot move."""
         model = self.model
-        names = [model.body(i).name for i in range(1, model.nbody)]
-        if name not in names:
-            raise UnknownName(f"body of scene '{self.title}'", name, [one for one in names if one])
+        if name not in self.bodies:
+            raise UnknownName(f"body of scene '{self.title}'", name, self.bodies)
         index = int(model.body(name).id)
         if not self.count_freedoms(index):
             raise InputError(

@@ -73,7 +73,16 @@ def test_new_says_what_is_next_and_overwrites_nothing(
     assert Path("mine.toml").read_text() == before
     assert run_new("mine", "--force") == 0
     assert read_study("mine.toml").procedure == "identification"
-    for words in (("../mine",), ("a b",), ('x"\n[rating]\nlow = 1\n#',), ("mine2", "--like", "stairs"), ("",)):
+    assert run_new("mine.toml", "--force") == 0
+    assert read_study("mine.toml").name == "mine"
+    for words in (
+        ("../mine",),
+        (".toml",),
+        ("a b",),
+        ('x"\n[rating]\nlow = 1\n#',),
+        ("mine2", "--like", "stairs"),
+        ("",),
+    ):
         assert run_new(*words) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
     with pytest.raises(RecordingError, match="overwrite=True"):

@@ -15,7 +15,7 @@ __all__ = ["register"]
 
 def register(app: typer.Typer) -> None:
     """Add the commands to `app`."""
-    design = CommandLine(help="Design: search for devices by a sweep or an optimiser, report and show the results.")
+    design = CommandLine(help="Search for devices by a sweep or an optimiser; report and show the results.")
     for command in (sweep, optimise, report, show):
         design.command()(command)
     app.add_typer(design, name="design")

@@ -34,7 +34,7 @@ def bench(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Measure haptorb against other libraries and against limits: same problems, same run."""
+    """Compare haptorb with other libraries on the same problems, and with fixed limits, in one run."""
     import os
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -50,7 +50,7 @@ def estimators(
     from haptorb.devices.motor.api import motor
     from haptorb.sensing.torque_maps.network_file import check_networks, read_networks
 
-    known = motor(device)
+    known = motor(device, "`haptorb estimators`")
     build_tables(known)
     if sensors:
         if plot is not None or networks is not None:

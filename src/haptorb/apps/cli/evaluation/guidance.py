@@ -30,7 +30,9 @@ def guidance(
         list[str] | None,
         typer.Option("--grip", help="Grip of the hand: loose, light or firm; repeatable (default: all)."),
     ] = None,
-    seconds: Annotated[float, typer.Option(help="Duration of each trial [s], 2 to 120.")] = 8.0,
+    duration: Annotated[
+        float, typer.Option("--duration", "--seconds", help="Duration of each trial [s], 2 to 120.")
+    ] = 8.0,
     hall: Annotated[
         bool, typer.Option("--hall", help="Locate the tool by calibrated field sensors instead of a tracker at 240 Hz.")
     ] = False,
@@ -39,8 +41,10 @@ def guidance(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare planned guidance with a valley, a moving spring and no guidance: error, force, heat, drag at rest."""
-    if not 2.0 <= seconds <= 120.0 or seed < 0:
-        raise InputError(f"--seconds must be 2 to 120 s and --seed 0 or more; got {seconds:g} s and {seed}")
+    if not 2.0 <= duration <= 120.0:
+        raise InputError(f"--duration must be 2 to 120 s; got {duration:g}")
+    if seed < 0:
+        raise InputError(f"--seed must be 0 or more; got {seed}")
     if plot is not None:
         check_figure_file(plot, "--plot")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -54,14 +58,14 @@ def guidance(
         for name in names or ():
             if name not in known:
                 raise UnknownName(what, name, known)
-    found = electromagnet(load(device), "guidance")
+    found = electromagnet(load(device), "`haptorb guidance`")
     with make_progress() as bar:
         task = bar.add_task("guiding", total=1.0)
         result = compare_guidance(
             found,
             paths=tuple(dict.fromkeys(path or SHAPES)),
             grips=tuple(dict.fromkeys(grip or GRIPS)),
-            seconds=seconds,
+            seconds=duration,
             seed=seed,
             sensing="hall" if hall else "tracker",
             report=lambda share: bar.update(task, completed=share),

@@ -23,7 +23,7 @@ def register(app: typer.Typer) -> None:
 
 
 def reproduce(
-    paper: Annotated[str | None, typer.Argument(help="bai2012 or zarate2020 (default: both).")] = None,
+    paper: Annotated[str | None, typer.Argument(help="Paper: bai2012 or zarate2020 (default: both).")] = None,
     figure: Annotated[int | None, typer.Option(help="Only this figure.")] = None,
     table: Annotated[str | None, typer.Option(help="Only this table: 1, 2, 3 or A.1.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for page and JSON (default: current folder).")] = None,

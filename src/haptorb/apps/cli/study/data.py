@@ -114,8 +114,8 @@ def _serve_report(html: str, parts: list[str], port: int) -> None:
 def figures(
     db: DatabaseArgument,
     name: NameOption = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder (default: STUDY-figures).")] = None,
-    kind: Annotated[str, typer.Option("--format", help="pdf, svg or png (600 dpi).")] = "pdf",
+    out: Annotated[Path | None, typer.Option("--out", help="Folder to write (default: STUDY-figures).")] = None,
+    kind: Annotated[str, typer.Option("--format", help="Format: pdf, svg or png (600 dpi).")] = "pdf",
     single: Annotated[float, typer.Option(help="Width of a figure in one column [mm].")] = 85.0,
     double: Annotated[float, typer.Option(help="Width of a figure over both columns [mm].")] = 174.0,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,

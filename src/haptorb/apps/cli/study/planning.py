@@ -16,7 +16,7 @@ __all__ = ["check", "new", "power", "simulate"]
 
 
 def new(
-    name: Annotated[str, typer.Argument(help="Name of the study; the file is NAME.toml.")],
+    name: Annotated[str, typer.Argument(help="Name of the study, or of its file, NAME.toml.")],
     like: Annotated[
         str, typer.Option(help="Template: zarate2020, identification, staircase, magnitude or comparison.")
     ] = "identification",
@@ -34,7 +34,9 @@ def check(
     people: Annotated[int, typer.Option(help="Number of participants whose order to show.")] = 6,
     register: Annotated[
         Path | None,
-        typer.Option(metavar="NEW.toml", help="Write study and plan, with digests and time, before data exist."),
+        typer.Option(
+            metavar="NEW.toml", help="Write a registration before data exist: study and plan, with digests and time."
+        ),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:

@@ -32,7 +32,10 @@ def run(
     db: DatabaseOption = "study.db",
     driver: Annotated[str, typer.Option(help="Driver: sim, serial:PORT or i2c:BUS.")] = "sim",
     tracker: Annotated[
-        str, typer.Option(help="Source of the tool pose; pointer: the page, or the arrow keys.")
+        str,
+        typer.Option(
+            help="Source of the tool pose, as for `haptorb run`; pointer: page, or arrow keys with --terminal."
+        ),
     ] = "pointer",
     frame: Annotated[
         Path | None, typer.Option(help="Frame file, from `haptorb frame`, for a tracker with its own frame.")
@@ -40,7 +43,7 @@ def run(
     record: Annotated[bool, typer.Option(help="Record the session beside the database.")] = True,
     terminal: Annotated[bool, typer.Option("--terminal", help="Run in the terminal instead of the browser.")] = False,
     lsl: Annotated[
-        str | None, typer.Option(help="Send LSL streams for other equipment, visible on this: computer or network.")
+        str | None, typer.Option(help="Send LSL streams to other equipment on: computer (this one) or network.")
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the pages; 0 takes any free port.")] = 8766,
 ) -> None:

@@ -56,11 +56,12 @@ def _make_numbers(table: ResultsTable, row: int) -> str:
         for kind in ("objective", "parameter", "constraint")
         for one in table.select(kind)
     )
-    base = escape(table.design.base.rpartition("/")[2])
+    base = escape(table.design.base.rpartition("/")[2]) + (" *" if table.remark else "")
+    note = f"<p class='soft'>* {escape(table.remark)}.</p>" if table.remark else ""
     return (
         "<div class='wide' tabindex='0'><table class='table'><thead><tr><th></th>"
         f"<th scope='col' class='n'>this design</th><th scope='col' class='n'>{base}</th>"
-        f"<th scope='col' class='n'>ratio</th></tr></thead><tbody>{lines}</tbody></table></div>"
+        f"<th scope='col' class='n'>ratio</th></tr></thead><tbody>{lines}</tbody></table>{note}</div>"
     )
 
 

@@ -32,7 +32,7 @@ def make_page(table: ResultsTable, best: Sequence[BestDesign]) -> str:
         ("lines", "Parallel coordinates", _LINES if table.found else _NONE),
         ("sensitivity", "Sensitivity", make_sensitivity_section(table) if table.found else _NONE),
         ("best", f"The {len(best)} best" if len(best) > 1 else "The best", make_best_section(table, best)),
-        ("refused", "Refused designs", _make_refusals(table)),
+        ("rejected", "Rejected designs", _make_refusals(table)),
         ("origin", "Design file and runs", _make_origin(table)),
     ]
     contents = "".join(f"<li><a href='#{name}'>{escape(head)}</a></li>" for name, head, _ in sections)
@@ -67,8 +67,9 @@ def _make_front(table: ResultsTable, several: bool) -> str:
         if several
         else "Every point is a valid design; the larger point is the best."
     )
+    mark = f"It is hollow, and marked *, because {escape(table.remark)}. " if table.remark else ""
     return (
-        f"<p class='soft'>{caption} The diamond is the base device; the numbers are the best designs below. "
+        f"<p class='soft'>{caption} The diamond is the base device. {mark}The numbers are the best designs below. "
         "Point at a design, or use the arrow keys; a click, or Enter, goes to the device of a numbered design.</p>"
         "<noscript><p>The picture needs a script; tables and devices are below without it.</p></noscript>"
         "<div id='scatter'></div>"
@@ -77,7 +78,7 @@ def _make_front(table: ResultsTable, several: bool) -> str:
 
 def _make_summary(table: ResultsTable) -> str:
     counts = {
-        "designs computed": table.total, "valid": len(table.found), "refused": table.total - len(table.found),
+        "designs computed": table.total, "valid": len(table.found), "rejected": table.total - len(table.found),
         "on the front": len(table.front),
     }  # fmt: skip
     cells = "".join(f"<li><b>{count:,}</b>{escape(name)}</li>" for name, count in counts.items())

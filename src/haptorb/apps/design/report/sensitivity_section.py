@@ -20,7 +20,7 @@ _LEAD = (
     "shares together lack of 100 % comes from parameters that act together. Direction: rank correlation, +1 if the "
     "objective grows with the parameter, −1 if it falls; near 0 beside a large share, the best value is within the "
     "range. Lines and brackets are 95 % intervals. Both hold for the valid designs within the ranges that were tried: "
-    "where constraints refuse designs, parameters become dependent, and one can carry another’s share."
+    "where constraints reject designs, parameters become dependent, and one can carry another’s share."
 )
 
 

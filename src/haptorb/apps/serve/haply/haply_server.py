@@ -1,4 +1,4 @@
-"""The server of `--serve haply[:PORT[:EVENTS]]`: its two ports, and the loop that serves them."""
+"""The server of `--serve haply[:HOST][:PORT[:EVENTS]]`: its two ports, and the loop that serves them."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ from haptorb.apps.serve.haply.session import Session
 from haptorb.apps.serve.ports import LOOPBACK, OTHER_LOOPBACK, check_port, has_other_loopback, open_port
 from haptorb.apps.serve.preparation import ServerPreparation
 from haptorb.apps.serve.served_device import ServedDevice
+from haptorb.apps.serve.server_kinds import KINDS
 from haptorb.apps.serve.server_priority import ServerPriority
 from haptorb.errors import InputError
 
 __all__ = ["prepare", "serve"]
 
 PORT, EVENTS = 10001, 10020  #: where that service is found
-_FORM = "haply[:HOST][:PORT[:EVENTS]]"
+_FORM = KINDS["haply"].form
 _CLIENTS = 128  #: connections at once, on each port
 _LOOK = 0.02  #: between two looks for what happened [s]
 _REPORT = 0.5  #: between two reports of who is connected [s]

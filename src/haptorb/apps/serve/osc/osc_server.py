@@ -13,11 +13,12 @@ from haptorb.apps.serve.osc.osc_session import OscSession
 from haptorb.apps.serve.ports import LOOPBACK, check_port, open_port
 from haptorb.apps.serve.preparation import ServerPreparation
 from haptorb.apps.serve.served_device import ServedDevice
+from haptorb.apps.serve.server_kinds import KINDS
 from haptorb.errors import InputError
 
 __all__ = ["FORM", "PORT", "prepare", "serve"]
 
-FORM = "osc[:[HOST:]PORT]"
+FORM = KINDS["osc"].form
 PORT = 9000  #: unless another is given
 
 _LIVELY = 0.002  #: between two looks for rows while a client receives them [s]

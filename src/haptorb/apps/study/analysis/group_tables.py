@@ -95,7 +95,7 @@ def _localisation(found: Localisation) -> Iterator[TextTable]:
         yield _table(
             "Information transferred",
             (Column("condition", kind="key"), Column("T", "bit"), Column("95 %", "bit"),
-             Column("of", "bit"), Column("plug-in", "bit"), Column("Miller–Madow", "bit"), Column("chance", "bit"),
+             Column("maximum", "bit"), Column("plug-in", "bit"), Column("Miller–Madow", "bit"), Column("chance", "bit"),
              Column("p")),
             ((name, format_value(x.bits, ".2f"), format_range((x.low, x.high), ".2f"),
               format_value(x.most, ".2f"), format_value(x.plug_in, ".2f"), format_value(x.miller_madow, ".2f"),

@@ -55,7 +55,11 @@ def make_study_text(name: str, like: str = "identification") -> str:
 
 
 def write_study(name: str, like: str = "identification", *, overwrite: bool = False) -> Path:
-    """Write NAME.toml into the present folder; RecordingError, and nothing written, if there is one already."""
+    """Write NAME.toml into the present folder; `name` may end in .toml.
+
+    RecordingError, and nothing written, if there is one already.
+    """
+    name = name.removesuffix(".toml")
     path = Path(f"{name}.toml")
     text = make_study_text(name, like)
     if path.exists() and not overwrite:
