@@ -117,12 +117,8 @@ class World(Presentable, ABC):
         Raises InputError for a device without a target, if this world needs one.
         """
         if self.needs_target and not device.kind.modes:
-            from haptorb.worlds import CATALOGUE
-
-            kind = type(self)
-            name = next((key for key, one in CATALOGUE.items() if one is kind), kind.__name__)
             raise InputError(
-                f"world '{name}' acts on a target that a device moves in two modes; device '{device.name}' "
+                f"world {type(self).__name__} acts on a target that a device moves in two modes; device '{device.name}' "
                 f"({device.kind.title}) has none: choose another world, or a device with modes, such as pmsm"
             )
         return self
