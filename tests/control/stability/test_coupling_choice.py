@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from haptorb.control.stability.coupling_choice import ENOUGH, CouplingSetting, measure_margin
@@ -18,7 +20,11 @@ def couple(name: str, device: str, rate: float = 1000.0, **setting: float) -> tu
     scene = chosen.couple(Scene(name))
     assert isinstance(scene, Scene)
     assert name in chosen.describe(scene) or scene.body in chosen.describe(scene)
-    return scene, measure_margin(scene, found, chosen.loop, hand)
+    margin = measure_margin(scene, found, chosen.loop, hand)
+    shown = re.search(r"up to (\d+\.?\d*) times", chosen.describe(scene))  # digits that can be read, no exponent
+    assert shown is not None
+    assert float(shown[1]) == pytest.approx(margin, rel=0.005)  # three digits
+    return scene, margin
 
 
 @pytest.mark.parametrize("name", SHIPPED)
