@@ -119,7 +119,8 @@ class World(Presentable, ABC):
         if self.needs_target and not device.kind.modes:
             raise InputError(
                 f"world {type(self).__name__} acts on a target that a device moves in two modes; device "
-                f"'{device.name}' ({device.kind.title}) has none: choose another world, or a device with modes, such as pmsm"
+                f"'{device.name}' ({device.kind.title}) has none: choose another world, or a "
+                "device with modes, such as pmsm"
             )
         return self
 
