@@ -128,7 +128,7 @@ class Host(Commands):
     def report(self) -> dict[str, Any]:
         return {"trips": []}
 
-    def point(self, p: Any, q: Any = None) -> None:
+    def point(self, p: Any, q: Any = None, *, patience: float = 0.0) -> None:
         self._shared.pointer.write(True, np.asarray(p, float), np.array([0.0, 0, 0, 1]), self.now)
 
     def set_world(self, name: str, values: Any = None) -> None:  # nobody waits for the answer: the loop is this thread

@@ -239,7 +239,7 @@ class Servo:
         self.tick()
         self.check()
 
-    def point(self, p: Any) -> None:
+    def point(self, p: Any, *, patience: float = 0.0) -> None:
         """The hand."""
 
     def rows(self, cursor: int = 0) -> tuple[int, np.ndarray]:

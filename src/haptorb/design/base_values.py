@@ -9,7 +9,6 @@ from haptorb.design.design import Design
 from haptorb.design.device_changes import build_device
 from haptorb.design.evaluate import compute_quantity, find_base
 from haptorb.design.evaluation import Value
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 
 __all__ = ["compute_base_values", "describe_base_forces"]
 
@@ -28,9 +27,7 @@ def compute_base_values(design: Design) -> dict[str, float]:
 def describe_base_forces(design: Design, values: Mapping[str, Value]) -> str:
     """How the base device's forces are computed, if not as those of the candidate with `values`; empty if alike."""
     base, device = find_base(design), build_device(design, values)
-    if not isinstance(base, SphericalElectromagnet) or not isinstance(device, SphericalElectromagnet):
-        return ""
-    if base.moments_from == device.moments_from:
+    if getattr(base, "moments_from", "") == getattr(device, "moments_from", ""):  # only electromagnets have it
         return ""
     return (
         f"forces of {base.name} are those of point dipoles with the moments of its file; forces of the designs are "

@@ -222,7 +222,7 @@ def test_what_cannot_track_is_refused():
 def test_accuracy_refuses_what_is_no_study():
     with pytest.raises(InputError, match="one axis per place"):
         position_accuracy(OMNI, np.ones((2, 3)), np.ones((1, 3)))
-    with pytest.raises(InputError, match="0 or more"):
+    with pytest.raises(InputError, match="0 T or more"):
         position_accuracy(OMNI, [(0, 0, 0.05)], noise=-1.0)
     with pytest.raises(InputError, match="outside the core"):
         with_sensors(OMNI, np.zeros((3, 3)))

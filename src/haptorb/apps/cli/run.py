@@ -176,9 +176,8 @@ def _run_without_console(
     with _open_servo(servo, standby, serving):
         serving.hold_tool()
         if not json:
-            say(
-                f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_driver_text(servo)}. Ctrl-C ends."
-            )
+            world, driver = servo.world[0], _driver_text(servo)
+            say(f"{servo.device.name}, world '{world}', {servo.rate:g} Hz, {driver}. Ctrl-C ends.")
         try:
             with tell_missing_pose(servo), tell_part(servo):
                 servo.run(duration if duration is not None else 1e9)

@@ -22,7 +22,7 @@ INTERRUPTED = CODE.replace(
 
 
 def sweep(folder: Path, *more: str) -> int:
-    common = ["--into", str(folder / "r.sqlite"), "--processes", "1"]
+    common = ["--into", str(folder / "r.sqlite"), *([] if "--processes" in more else ["--processes", "1"])]
     try:
         return main(["design", "sweep", str(folder / "small.toml"), *common, *more])
     except SystemExit as end:
