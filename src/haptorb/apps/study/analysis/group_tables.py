@@ -58,11 +58,11 @@ def list_notes(analysis: Analysis) -> Iterator[str]:
     if analysis.comparisons:
         row = analysis.comparisons[0]
         correction = _CORRECTIONS[(analysis.plan and analysis.plan.correction) or "holm"]
-        alike = ", or sign-flip if all have the same value" if row.test == "t" else ""
+        alike = "; if all values are equal, a sign-flip test" if row.test == "t" else ""
         yield (
-            f"p: two-sided, {_TESTS[row.test]}{alike}, one value each; corrected: {correction}, within planned "
-            "tests, within tests over all conditions and within pairs of conditions. Intervals: Student's over "
-            "people; effect sizes d_z and Hedges' g_av: noncentral t."
+            f"p: two-sided {_TESTS[row.test]}, one value per person{alike}. Corrected: {correction}, separately for "
+            "planned tests, tests over all conditions, and pairs of conditions. Intervals: Student's t over people; of "
+            "the effect sizes d_z and Hedges' g_av, noncentral t."
         )
 
 

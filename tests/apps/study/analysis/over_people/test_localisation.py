@@ -140,6 +140,18 @@ def test_people_without_any_error_are_no_error_of_the_program() -> None:
     assert "∞" in show(found)
 
 
+def test_rounding_errors_are_no_result() -> None:
+    """Whoever names the top for other set-points makes no error about the vertical, whatever directions compute to."""
+    columns = plant(NAME, 6, up=0.0)
+    wrong = np.random.default_rng(1).random(len(columns["set_point"])) < 0.3
+    columns["answer"] = np.where(wrong, 1, columns["set_point"])
+    found = analyse(NAME, columns).localisation
+    assert found is not None
+    around = {axis.axis: axis for axis in found.axes}["around"]
+    assert (around.constant.mean, around.constant.p, around.variable) == (0.0, 1.0, 0.0)
+    assert found.axes[0].constant.p < 0.01
+
+
 def test_one_person_is_described_without_an_interval() -> None:
     found = analyse(REACH, plant(REACH, 1, up=2.0))
     assert found.localisation is not None

@@ -28,6 +28,9 @@ from haptorb.numerics.arrays import Array
 __all__ = ["ErrorAxis", "Localisation", "PersonMean", "PlaceError", "localise"]
 
 
+_ROUNDING = 1e-9  #: below it an error is that of computing directions, which no test may find significant [deg]
+
+
 @dataclass(frozen=True)
 class PersonMean:
     """A number per person, averaged: Student's over people."""
@@ -132,7 +135,7 @@ def average_people(values: Array) -> PersonMean:
 
 def _axis(name: str, set_points: Any, values: Array, index: Any, people: int) -> ErrorAxis:
     met = np.isfinite(values)
-    values, index = values[met], index[met]
+    values, index = np.where(np.abs(values) < _ROUNDING, 0.0, values)[met], index[met]
     counts = np.bincount(index, minlength=people)
     own = (np.bincount(index, values, people) / np.maximum(counts, 1))[counts > 0]
     _, place = np.unique(np.stack([index, set_points[met].astype(int)]), axis=1, return_inverse=True)
