@@ -98,7 +98,7 @@ def parse_networks(content: bytes, where: str) -> TrainedNetworks:
     except InputError:
         raise
     except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError) as cause:
-        raise InputError(f"{where} is none; run `haptorb train`") from cause
+        raise InputError(f"{where} is not a network file of haptorb; run `haptorb train`") from cause
 
 
 def _check_sizes(network: Perceptron) -> None:
