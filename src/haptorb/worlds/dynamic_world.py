@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,9 +16,21 @@ from haptorb.worlds.memory import MemoryField, make_memory
 from haptorb.worlds.shape import Shape
 from haptorb.worlds.world import Sum, World
 
-__all__ = ["DynamicSum", "DynamicWorld"]
+__all__ = ["DynamicSum", "DynamicWorld", "WorldWork"]
 
 _FIRST = 1e-3  #: time step of a wrench that is asked for outside a loop [s]
+
+
+class WorldWork(ABC):
+    """Work of a world that may take longer than a tick: it is computed beside the loop, from copies of a memory."""
+
+    @abstractmethod
+    def compute(self) -> Any:
+        """The result, for `DynamicWorld.take_over`. The same copies give the same result, bit for bit."""
+
+    @abstractmethod
+    def fits(self, memory: Records) -> bool:
+        """Whether `memory` (1,) still waits for this work: it has not been restarted, or replaced."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +98,17 @@ class DynamicWorld(World):
     def restore(self, memory: Records) -> None:
         """There is time again: undo one step of `lighten` in `memory` (1,), in the unit of a field."""
 
+    def find_work(self, memory: Records) -> WorldWork | None:
+        """The work that `memory` (1,) waits for, each field in its unit; by default none."""
+        return None
+
+    def is_work_due(self, memory: Records) -> bool:
+        """Whether that work's result may be taken over before the next `advance` of `memory` (1,), in its units."""
+        return False
+
+    def take_over(self, memory: Records, result: Any) -> None:
+        """Take the `result` of the work into `memory` (1,), each field in its unit."""
+
     @property
     def stores_energy(self) -> bool:
         """Whether its memory has a field `energy` [J]."""
@@ -111,6 +134,21 @@ class DynamicWorld(World):
 
 def _parts_of(world: World) -> tuple[World, ...]:
     return world.parts if isinstance(world, Sum) else (world,)
+
+
+class _PartsWork(WorldWork):
+    """The `works` of the parts of a sum that have any, by their names."""
+
+    def __init__(self, works: dict[str, WorldWork]) -> None:
+        self._works = works
+
+    def compute(self) -> dict[str, Any]:
+        """The result of each part."""
+        return {name: work.compute() for name, work in self._works.items()}
+
+    def fits(self, memory: Records) -> bool:
+        """By each part's own memory, in `memory` (1,) [1]."""
+        return all(work.fits(memory[name]) for name, work in self._works.items())
 
 
 @dataclass(frozen=True)
@@ -195,6 +233,23 @@ class DynamicSum(Sum, DynamicWorld):
         """Every part, in its own part of `memory` (1,), in the units of its fields."""
         for name, part in self._remembering:
             part.lighten(memory[name])
+
+    def find_work(self, memory: Records) -> WorldWork | None:
+        """That of every part that has any, in its own part of `memory` (1,), in the units of its fields."""
+        found = {name: part.find_work(memory[name]) for name, part in self._remembering}
+        works = {name: work for name, work in found.items() if work is not None}
+        return _PartsWork(works) if works else None
+
+    def is_work_due(self, memory: Records) -> bool:
+        """Of all parts that have work, in their own parts of `memory` (1,), in the units of their fields."""
+        due = [part.is_work_due(memory[name]) for name, part in self._remembering if part.find_work(memory[name])]
+        return bool(due) and all(due)
+
+    def take_over(self, memory: Records, result: Any) -> None:
+        """Each part its own, in its part of `memory` (1,), in the units of its fields."""
+        for name, part in self._remembering:
+            if name in result:
+                part.take_over(memory[name], result[name])
 
     def restore(self, memory: Records) -> None:
         """Every part, in its own part of `memory` (1,), in the units of its fields."""

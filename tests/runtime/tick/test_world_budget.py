@@ -27,7 +27,7 @@ def test_long_steps_shed_detail_level_by_level_and_it_comes_back_when_there_is_t
     assert judge(budget, bound, 0.5e-3, 20) == TickFailure.LESS_DETAIL
     assert bound.memory["detail"][0] == 1
     judge(budget, bound, 0.9e-3, 60)
-    assert bound.memory["detail"][0] == 4
+    assert bound.memory["detail"][0] == 5
     assert judge(budget, bound, 0.05e-3, 400_000) == TickFailure.MORE_DETAIL
     assert bound.memory["detail"][0] == 0
 
@@ -57,7 +57,7 @@ def test_waiting_for_a_processor_is_not_the_worlds_time(bound: BoundWorld) -> No
 
     budget = WorldBudget(1e-3)
     for _ in range(20):
-        budget.begin()
+        budget.begin(bound)
         time.sleep(2e-3)
         budget.end(bound)
     assert bound.memory["detail"][0] == 0

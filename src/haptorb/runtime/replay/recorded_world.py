@@ -71,6 +71,11 @@ class RecordedTick:
         """The change of the recorded world's detail: LESS_DETAIL, MORE_DETAIL or 0."""
         return TickFailure(self._failures[self._at]) & _DETAIL
 
+    @property
+    def took_over(self) -> bool:
+        """Whether the recorded world took over work that was computed beside the loop."""
+        return bool(self._failures[self._at] & TickFailure.WORK)
+
     def render(self) -> Array:
         """(6,) the recorded wrench on the mover [N, N·m]. Raises WorldFailed where the recorded world failed."""
         if self._failures[self._at] & _FAILED:
@@ -120,8 +125,10 @@ class PlayedBudget:
     def __init__(self, tick: RecordedTick) -> None:
         self._tick = tick
 
-    def begin(self) -> None:
-        """The time of the step now does not matter."""
+    def begin(self, bound: BoundWorld) -> None:
+        """Take over what was computed beside the loop where the recorded run did; it is computed here."""
+        if self._tick.took_over and (work := bound.world.find_work(bound.memory)) is not None:
+            bound.world.take_over(bound.memory, work.compute())
 
     def end(self, bound: BoundWorld) -> TickFailure:
         """Change the detail as the recorded run did after its step."""
@@ -130,7 +137,7 @@ class PlayedBudget:
             bound.world.lighten(bound.memory)
         elif change & TickFailure.MORE_DETAIL:
             bound.world.restore(bound.memory)
-        return change
+        return change | (TickFailure.WORK if self._tick.took_over else TickFailure(0))
 
 
 def make_recorded_world(description: str, tick: RecordedTick) -> World:

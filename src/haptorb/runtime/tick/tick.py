@@ -250,7 +250,7 @@ class Tick:
                 rendered = self.linkage.render(self.world, estimate.state)
             else:
                 bound.paused = not estimate.valid  # safety: memory-stands-still
-                self.budget.begin()
+                self.budget.begin(bound)
                 rendered = self.linkage.render(bound, estimate.state)
                 self._log.fail(self.budget.end(bound))
             check_wrench(rendered.wrench)

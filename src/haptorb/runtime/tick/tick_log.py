@@ -31,7 +31,7 @@ class TickCommand(IntFlag):
 
 
 class TickFailure(IntFlag):
-    """What failed in a tick, and whether its world reduced or restored detail."""
+    """What failed in a tick; whether its world reduced or restored detail, or took over work from beside the loop."""
 
     READ = 1
     WRITE = 2
@@ -41,6 +41,7 @@ class TickFailure(IntFlag):
     ALLOCATION = 32
     LESS_DETAIL = 64
     MORE_DETAIL = 128
+    WORK = 256
 
 
 _MODES: dict[Mode, TickCommand] = dict(zip(MODES, (TickCommand.TRANSLATE, TickCommand.ROTATE), strict=True))

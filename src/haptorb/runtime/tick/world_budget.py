@@ -6,7 +6,9 @@ from time import thread_time
 from typing import Protocol, final
 
 from haptorb.runtime.tick.tick_log import TickFailure
+from haptorb.runtime.tick.work_thread import WorkThread
 from haptorb.worlds.bound_world import BoundWorld
+from haptorb.worlds.dynamic_world import WorldWork
 
 __all__ = ["StepWatch", "WorldBudget"]
 
@@ -16,17 +18,19 @@ _MEAN = 8.0  #: steps in the average
 _MOST_OF_ONE = 2.0  #: ticks that a single step counts at most: the computer may have interrupted it
 _CALM = 1.0  #: with such an average, before one level of detail returns [s]
 _MOST = 64.0  #: by so much that time grows with every return that did not last
+_LONG = 3  #: steps longer than a tick, with reduced detail, until it is reduced further
 _NOTHING = TickFailure(0)
 
 
 class StepWatch(Protocol):
     """What receives the begin and end of each step of a world, and changes its detail."""
 
-    def begin(self) -> None:
-        """A step begins."""
+    def begin(self, bound: BoundWorld) -> None:
+        """A step of `bound` begins."""
 
     def end(self, bound: BoundWorld) -> TickFailure:
-        """A step of `bound` is over. LESS_DETAIL or MORE_DETAIL if its detail was changed, else 0."""
+        """A step of `bound` is over. LESS_DETAIL or MORE_DETAIL if its detail was changed, and WORK if it began with
+        the result of work beside the loop; else 0."""
 
 
 @final
@@ -42,25 +46,47 @@ class WorldBudget:
         self._budget, self._easy, self._most = _SHARE * dt, _EASY * dt, _MOST_OF_ONE * dt
         self._wait = round(_CALM / dt)
         self._mean, self._calm, self._patience = 0.0, 0, 1.0
-        self._start = 0.0
+        self._start = self._beside = 0.0  # processor time of the last work beside the loop, while there is any
+        self._whole, self._long, self._lighter = dt, 0, 0
+        self._thread, self._found = WorkThread(), _NOTHING
+        self._work: WorldWork | None = None
 
-    def begin(self) -> None:
-        """A step begins."""
+    def begin(self, bound: BoundWorld) -> None:
+        """A step of `bound` begins, with the result of work beside the loop if that is due and done."""
+        self._found = _NOTHING
+        if self._work is not None and self._thread.done and not (bound.paused or bound.failed):
+            if not self._work.fits(bound.memory):  # restarted, or another world
+                self._work = None
+            elif bound.world.is_work_due(bound.memory):
+                self._work, self._beside = None, self._thread.took
+                bound.world.take_over(bound.memory, self._thread.take())
+                self._found = TickFailure.WORK
         self._start = thread_time()
 
     def end(self, bound: BoundWorld) -> TickFailure:
         """A step of `bound`, begun on this thread, is over."""
-        return self.judge(bound, thread_time() - self._start)
+        took = thread_time() - self._start
+        if self._work is None:
+            self._work = bound.world.find_work(bound.memory)
+            if self._work is None:
+                self._beside = 0.0
+            else:
+                self._thread.give(self._work)
+        return self.judge(bound, max(took, self._beside)) | self._found
 
     def judge(self, bound: BoundWorld, took: float) -> TickFailure:
         """Change the detail of `bound` after a step that took so much processor time [s], if it must."""
         self._mean += (min(took, self._most) - self._mean) / _MEAN
-        if self._mean > self._budget:
-            self._mean, self._calm = 0.0, 0
+        self._long += self._lighter > 0 and took > self._whole and not self._beside
+        if self._mean > self._budget or self._long >= _LONG:
+            self._mean, self._calm, self._long = 0.0, 0, 0
             self._patience = min(2.0 * self._patience, _MOST)
             before = bound.numbers.copy()
             bound.world.lighten(bound.memory)  # safety: overrun-sheds-detail
-            return TickFailure.LESS_DETAIL if (bound.numbers != before).any() else _NOTHING
+            if (bound.numbers == before).all():
+                return _NOTHING
+            self._lighter += 1
+            return TickFailure.LESS_DETAIL
         if self._mean > self._easy:
             self._calm = 0
             return _NOTHING
@@ -70,4 +96,7 @@ class WorldBudget:
         self._calm = 0
         before = bound.numbers.copy()
         bound.world.restore(bound.memory)
-        return TickFailure.MORE_DETAIL if (bound.numbers != before).any() else _NOTHING
+        if (bound.numbers == before).all():
+            return _NOTHING
+        self._lighter -= 1
+        return TickFailure.MORE_DETAIL

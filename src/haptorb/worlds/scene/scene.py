@@ -11,13 +11,14 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array, Records
-from haptorb.worlds.dynamic_world import DynamicWorld
+from haptorb.worlds.dynamic_world import DynamicWorld, WorldWork
 from haptorb.worlds.memory import MemoryField, make_memory
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.scene.coupling import COUPLING
-from haptorb.worlds.scene.pace import LEVELS, PACE_FIELDS, advance_pace
+from haptorb.worlds.scene.pace import LEVELS, PACE_FIELDS, advance_pace, take_over_step
 from haptorb.worlds.scene.scene_model import SceneModel, make_scene_model
 from haptorb.worlds.scene.scene_shapes import describe_scene
+from haptorb.worlds.scene.scene_work import SceneWork
 from haptorb.worlds.scene.stepping import SceneStepper, state_size
 from haptorb.worlds.shape import Shape
 from haptorb.worlds.world import World
@@ -202,8 +203,22 @@ class Scene(DynamicWorld):
         self.model.check_period(dt)
 
     def lighten(self, memory: Records) -> None:
-        """A step took too long: reduce the solver's iterations, then slow down time [1]."""
+        """A step took too long: reduce the solver's iterations, then slow down time, then compute steps beside the loop
+        [1]."""
         memory["detail"] = min(float(memory["detail"][0]) + 1.0, len(LEVELS) - 1.0)
+
+    def find_work(self, memory: Records) -> WorldWork | None:
+        """The step that is computed beside the loop, of a scene whose single steps are longer than a tick [1]."""
+        one = memory[0]
+        return SceneWork(self._pad, one["state"], one["share"]) if one["pending"] else None
+
+    def is_work_due(self, memory: Records) -> bool:
+        """Whether the scene's time [1] has come to the end of that step."""
+        return bool(memory["pending"][0]) and float(memory["due"][0]) >= 1.0
+
+    def take_over(self, memory: Records, result: Any) -> None:
+        """The step led to the state `result` (n,) [m, m/s]."""
+        take_over_step(memory[0], result)
 
     def restore(self, memory: Records) -> None:
         """There is time again: restore one level of detail [1]."""

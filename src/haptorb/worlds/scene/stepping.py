@@ -16,8 +16,9 @@ from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
 from haptorb.worlds.bound_world import MemoryNotFinite
 from haptorb.worlds.scene.coupling import fill_coupling
-from haptorb.worlds.scene.pace import LEVELS, ScenePace, fill_tank
+from haptorb.worlds.scene.pace import BESIDE, LEVELS, ScenePace, fill_tank, take_over_step
 from haptorb.worlds.scene.scene_model import SceneModel, load_engine
+from haptorb.worlds.scene.step_beside import StepBeside, list_kinds, push
 
 Integers = NDArray[np.int64]
 
@@ -33,13 +34,7 @@ class SceneExplosion(MemoryNotFinite):
 def state_size(scene: SceneModel) -> int:
     """Number of elements [1] of the state of `scene`."""
     engine = load_engine()
-    return int(engine.mj_stateSize(scene.model, _list_kinds(engine)))
-
-
-def _list_kinds(engine: Any) -> int:
-    """What of MuJoCo's data lasts from step to step."""
-    kinds = engine.mjtState
-    return int(kinds.mjSTATE_FULLPHYSICS) | int(kinds.mjSTATE_WARMSTART) | int(kinds.mjSTATE_EQ_ACTIVE)
+    return int(engine.mj_stateSize(scene.model, list_kinds(engine)))
 
 
 @kernel
@@ -66,7 +61,7 @@ class SceneStepper:
     def __init__(self, scene: SceneModel, body: int, drawn: Integers) -> None:
         self._engine, self._scene, self._model = load_engine(), scene, copy(scene.model)
         self._data = self._engine.MjData(self._model)
-        self._kinds, self._body, self._drawn = _list_kinds(self._engine), body, drawn
+        self._kinds, self._body, self._drawn = list_kinds(self._engine), body, drawn
         option = self._model.opt
         # A divergence must end with the coils off, not in a scene that restarts by itself in the hand.
         option.disableflags |= int(self._engine.mjtDisableBit.mjDSBL_AUTORESET)
@@ -80,6 +75,7 @@ class SceneStepper:
         self._bodies, self._own = self._model.geom_bodyid.astype(np.int64), self._model.geom_quat
         self._state = np.zeros(state_size(scene))
         self._level = -1
+        self._beside = StepBeside(scene, body)
 
     def begin(self) -> tuple[Array, Array, Array, Array, Array]:
         """The initial state (n,), positions (g, 3) [m] and orientations (g, 4) of the drawn shapes, and position
@@ -124,8 +120,12 @@ class SceneStepper:
         lasting = one["state"]
         if time.level != self._level:
             self._choose_detail(time.level)
+        if one["pending"] and time.level != BESIDE:
+            take_over_step(one, self.compute_step(lasting, one["share"]))
         engine.mj_setState(model, data, lasting, self._kinds)
-        if time.pace == 1.0:
+        if time.level == BESIDE:
+            energy = self._wait(one, wish, couplings, time, dt)
+        elif time.pace == 1.0:
             energy = self._step(wish, couplings, time.steps)
         else:
             energy = self._step_slowly(one, wish, couplings, time, dt)
@@ -162,20 +162,10 @@ class SceneStepper:
         self._pushed[:] = 0.0
         if time.steps:
             engine.mj_step1(model, data)
-        else:  # positions and velocities; contacts are not needed
-            engine.mj_kinematics(model, data)
-            engine.mj_comPos(model, data)
-            engine.mj_tendon(model, data)
-            engine.mj_comVel(model, data)
-            engine.mj_energyPos(model, data)
-            engine.mj_energyVel(model, data)
-        stretched, power = self._couple(wish, couplings, time.pace, time.ahead * length)
-        fill_tank(one, stretched, power * dt)
+        else:
+            self._find_motion()
+        energy = self._collect_impulse(one, wish, couplings, time, dt)
         waiting: Array = one["waiting"]
-        energy = stretched + float(data.energy[0]) + float(data.energy[1])
-        self._total[:] = self._wrench
-        np.multiply(self._wrench, time.pace * dt, out=self._share)
-        waiting += self._share
         if time.steps:
             np.divide(waiting, time.steps * length, out=self._share)
             waiting[:] = 0.0
@@ -186,6 +176,44 @@ class SceneStepper:
                 self._push(self._share)
                 engine.mj_step2(model, data)
         return energy
+
+    def _wait(
+        self, one: Any, wish: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
+    ) -> float:
+        """A tick of slow time whose step is computed beside the loop; the next one begins as soon as none is."""
+        self._find_motion()
+        energy = self._collect_impulse(one, wish, couplings, time, dt)
+        if not one["pending"]:
+            np.divide(one["waiting"], float(self._model.opt.timestep), out=self._share)
+            one["share"], one["waiting"], one["pending"] = self._share, 0.0, 1.0
+        return energy
+
+    def compute_step(self, state: Array, share: Array) -> Array:
+        """(n,) the state one step after `state` (n,), with the wrench `share` (6,) on the body [N, N·m]. At the detail
+        of steps beside the loop, in data of its own: it may run while another thread advances the scene."""
+        return self._beside.compute(state, share)
+
+    def _find_motion(self) -> None:
+        """Positions and velocities; contacts are not needed."""
+        engine, model, data = self._engine, self._model, self._data
+        engine.mj_kinematics(model, data)
+        engine.mj_comPos(model, data)
+        engine.mj_tendon(model, data)
+        engine.mj_comVel(model, data)
+        engine.mj_energyPos(model, data)
+        engine.mj_energyVel(model, data)
+
+    def _collect_impulse(
+        self, one: Any, wish: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
+    ) -> float:
+        """The coupling's wrench now, and its impulse for the next step; energy of scene and coupling [J]."""
+        length, data, waiting = float(self._model.opt.timestep), self._data, one["waiting"]
+        stretched, power = self._couple(wish, couplings, time.pace, time.ahead * length)
+        fill_tank(one, stretched, power * dt)
+        self._total[:] = self._wrench
+        np.multiply(self._wrench, time.passed * length, out=self._share)
+        waiting += self._share
+        return stretched + float(data.energy[0]) + float(data.energy[1])
 
     def _couple(
         self, wish: tuple[Array, Array, Array], couplings: Records, pace: float, ahead: float
@@ -201,11 +229,7 @@ class SceneStepper:
 
     def _push(self, wrench: Array) -> None:
         """Apply `wrench` (6,) to the body, at its origin [N, N·m]."""
-        pushed, arm = self._pushed, self._place - self._centre
-        pushed[:] = wrench
-        pushed[3] += arm[1] * wrench[2] - arm[2] * wrench[1]
-        pushed[4] += arm[2] * wrench[0] - arm[0] * wrench[2]
-        pushed[5] += arm[0] * wrench[1] - arm[1] * wrench[0]
+        push(self._pushed, self._place - self._centre, wrench)
 
     def _choose_detail(self, level: int) -> None:
         share, option = LEVELS[level][0], self._model.opt
