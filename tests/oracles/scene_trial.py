@@ -82,8 +82,12 @@ class _RandomDetail:
         self._mean, self._rng = mean, np.random.default_rng(seed)
         self.energy, self.detail = 0.0, 0
 
-    def begin(self) -> None:
-        """The time of a step does not matter."""
+    def begin(self, bound: BoundWorld) -> None:
+        """A step that is computed beside the loop arrives in time, or up to some ticks late."""
+        if bound.world.is_work_due(bound.memory) and self._rng.random() < 0.5:
+            work = bound.world.find_work(bound.memory)
+            assert work is not None
+            bound.world.take_over(bound.memory, work.compute())
 
     def end(self, bound: BoundWorld) -> TickFailure:
         """Less detail, or more."""

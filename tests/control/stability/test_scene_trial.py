@@ -35,7 +35,7 @@ def test_nor_with_late_poses_or_field_sensors_while_detail_comes_and_goes(choice
     scene = setting.couple(Scene("boxes"))
     assert isinstance(scene, Scene)
     trial = try_scene(scene, setting, 2.0, change_every=0.05)
-    assert trial.detail == 4
+    assert trial.detail == 5
     assert trial.passivity > -1e-3
     assert not trial.tripped
 

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import time
+
+import numpy as np
 import pytest
 
+from haptorb.devices.state import State
+from haptorb.numerics.arrays import Records
 from haptorb.runtime.tick.tick_log import TickFailure
+from haptorb.runtime.tick.work_thread import WorkThread
 from haptorb.runtime.tick.world_budget import WorldBudget
 from haptorb.worlds import RollingBall, Scene
 from haptorb.worlds.bound_world import BoundWorld
+from haptorb.worlds.dynamic_world import WorldWork
 
 
 @pytest.fixture
@@ -40,6 +47,60 @@ def test_single_long_steps_shed_nothing(bound: BoundWorld, one: float, rest: flo
     assert bound.memory["detail"][0] == 0
 
 
+def test_steps_longer_than_a_tick_go_beside_the_loop_although_they_are_rare(bound: BoundWorld) -> None:
+    budget = WorldBudget(1e-3)
+    judge(budget, bound, 0.9e-3, 6)
+    assert bound.memory["detail"][0] == 1
+    for n in range(60):
+        budget.judge(bound, 0.05e-3 if n % 8 else 2.5e-3)
+    assert bound.memory["detail"][0] == 5
+
+
+def run_until(budget: WorldBudget, bound: BoundWorld, found: TickFailure) -> None:
+    """Ticks of a scene at rest, until one says `found`."""
+    end, still = time.monotonic() + 20.0, State.at((0.0, 0.0, 0.0), R_SR=np.eye(3))
+    while time.monotonic() < end:
+        budget.begin(bound)
+        bound.wrench(still)
+        if budget.end(bound) & found:
+            return
+        time.sleep(1e-3)
+    raise AssertionError(f"no tick said {found!r}")
+
+
+def test_what_a_thread_computed_is_what_the_scene_computes(bound: BoundWorld) -> None:
+    budget, other = WorldBudget(1e-3), BoundWorld(bound.world, 1e-3)
+    bound.memory["detail"] = 5
+    run_until(budget, bound, TickFailure.WORK)
+    assert bound.memory["state"][0][0] > 0.0  # the scene's time
+    # Another world, or the same restarted, does not get the step that is on its way.
+    budget.begin(other)
+    assert budget.end(other) == TickFailure(0)
+    bound.restart()
+    budget.begin(bound)
+    assert bound.memory["state"][0][0] == 0.0
+    bound.memory["detail"] = 5
+    budget.end(bound)
+    run_until(budget, bound, TickFailure.WORK)
+
+
+def test_a_fault_beside_the_loop_is_raised_in_the_tick_that_takes_its_result() -> None:
+    class Faulty(WorldWork):
+        def compute(self) -> None:
+            raise ValueError("out of range")
+
+        def fits(self, memory: Records) -> bool:
+            return True
+
+    thread = WorkThread()
+    thread.give(Faulty())
+    end = time.monotonic() + 20.0
+    while not thread.done and time.monotonic() < end:
+        time.sleep(1e-3)
+    with pytest.raises(ValueError, match="out of range"):
+        thread.take()
+
+
 def test_steps_in_between_neither_shed_nor_restore(bound: BoundWorld) -> None:
     bound.world.lighten(bound.memory)
     assert judge(WorldBudget(1e-3), bound, 0.3e-3, 5000) == TickFailure(0)
@@ -53,8 +114,6 @@ def test_a_world_with_nothing_to_shed_is_not_said_to_have_shed_it() -> None:
 
 
 def test_waiting_for_a_processor_is_not_the_worlds_time(bound: BoundWorld) -> None:
-    import time
-
     budget = WorldBudget(1e-3)
     for _ in range(20):
         budget.begin(bound)

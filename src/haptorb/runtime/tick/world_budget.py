@@ -18,7 +18,8 @@ _MEAN = 8.0  #: steps in the average
 _MOST_OF_ONE = 2.0  #: ticks that a single step counts at most: the computer may have interrupted it
 _CALM = 1.0  #: with such an average, before one level of detail returns [s]
 _MOST = 64.0  #: by so much that time grows with every return that did not last
-_LONG = 3  #: steps longer than a tick, with reduced detail, until it is reduced further
+_LONG = 1.9  #: steps longer than a tick, with reduced detail and of late, until it is reduced further: two
+_FADE = 0.998  #: by so much of each tick an earlier one counts less
 _NOTHING = TickFailure(0)
 
 
@@ -38,8 +39,9 @@ class WorldBudget:
     """Watches the time of a world's steps in ticks of `dt` [s] and makes it reduce its detail, or restore it.
 
     A step cannot be interrupted: the budget leaves more than half of a tick, so that a scene which takes longer reduces
-    detail before ticks are late. Processor time counts, on average: a step that waits because the computer is busy with
-    other work is no faster with less detail, and the hand would feel the scene change without need.
+    detail before ticks are late. If single steps are longer than a tick even so, a thread beside the loop computes
+    them. Processor time counts, on average: a step that waits because the computer is busy with other work is no
+    faster with less detail, and the hand would feel the scene change without need.
     """
 
     def __init__(self, dt: float) -> None:
@@ -47,15 +49,16 @@ class WorldBudget:
         self._wait = round(_CALM / dt)
         self._mean, self._calm, self._patience = 0.0, 0, 1.0
         self._start = self._beside = 0.0  # processor time of the last work beside the loop, while there is any
-        self._whole, self._long, self._lighter = dt, 0, 0
+        self._whole, self._long, self._lighter = dt, 0.0, 0
         self._thread, self._found = WorkThread(), _NOTHING
         self._work: WorldWork | None = None
+        self._owner: BoundWorld | None = None
 
     def begin(self, bound: BoundWorld) -> None:
         """A step of `bound` begins, with the result of work beside the loop if that is due and done."""
         self._found = _NOTHING
         if self._work is not None and self._thread.done and not (bound.paused or bound.failed):
-            if not self._work.fits(bound.memory):  # restarted, or another world
+            if self._owner is not bound or not self._work.fits(bound.memory):  # another world, or restarted
                 self._work = None
             elif bound.world.is_work_due(bound.memory):
                 self._work, self._beside = None, self._thread.took
@@ -71,21 +74,22 @@ class WorldBudget:
             if self._work is None:
                 self._beside = 0.0
             else:
+                self._owner = bound
                 self._thread.give(self._work)
         return self.judge(bound, max(took, self._beside)) | self._found
 
     def judge(self, bound: BoundWorld, took: float) -> TickFailure:
         """Change the detail of `bound` after a step that took so much processor time [s], if it must."""
         self._mean += (min(took, self._most) - self._mean) / _MEAN
-        self._long += self._lighter > 0 and took > self._whole and not self._beside
+        self._long = _FADE * self._long + (self._lighter > 0 and took > self._whole and not self._beside)
         if self._mean > self._budget or self._long >= _LONG:
-            self._mean, self._calm, self._long = 0.0, 0, 0
-            self._patience = min(2.0 * self._patience, _MOST)
+            self._mean, self._calm, self._long = 0.0, 0, 0.0
             before = bound.numbers.copy()
             bound.world.lighten(bound.memory)  # safety: overrun-sheds-detail
             if (bound.numbers == before).all():
                 return _NOTHING
             self._lighter += 1
+            self._patience = min(2.0 * self._patience, _MOST)
             return TickFailure.LESS_DETAIL
         if self._mean > self._easy:
             self._calm = 0

@@ -131,8 +131,8 @@ class SceneStepper:
             energy = self._step_slowly(one, wish, couplings, time, dt)
         if time.steps:
             engine.mj_getState(model, data, lasting, self._kinds)
-            if not (np.abs(lasting).max() < _HUGE):
-                raise SceneExplosion(self._explain())
+        if (time.steps or time.level == BESIDE) and not (np.abs(lasting).max() < _HUGE):
+            raise SceneExplosion(self._explain())
         return self._total, energy
 
     def _step(self, wish: tuple[Array, Array, Array], couplings: Records, steps: int) -> float:
