@@ -82,20 +82,21 @@ def _turn_between(R: Array, x: Array, turn: Array) -> None:
 @kernel
 def fill_coupling(
     couplings: Records, pose: Array, R: Array, motion: Array, place: Array, attitude: Array, moving: Array,
-    pace: float, ahead: float, wrench: Array,
+    pace: float, flow: float, ahead: float, wrench: Array,
 ) -> tuple[float, float]:  # fmt: skip
     """Fill wrench (6,) with the force [N] and torque about the body's origin [N·m] on the body; return the energy of
     the springs [J] and the power that the dampers take [W].
 
     couplings (1,) COUPLING. Target of the body: pose (3,) [m], R (3, 3), motion (6,) linear and angular. Last
     pose: place (3,), attitude (9,) by rows, moving (6,) angular and linear as MuJoCo has it. The scene's time passes
-    `pace` times as fast, and `ahead` [s] of it have passed since that pose.
+    `pace` times as fast, in this tick `flow` times (0: it waits for a step), and `ahead` [s] of it have passed since
+    that pose.
     """
     c = couplings[0]
     stretch, speed = np.empty(3), np.empty(3)
     for i in range(3):
         stretch[i] = pose[i] - place[i] - ahead * moving[3 + i]
-        speed[i] = motion[i] - pace * moving[3 + i]
+        speed[i] = motion[i] - flow * moving[3 + i]
     stiffness, damping = fit_to_pace(c.stiffness, c.damping, c.slow_damping, pace)
     energy, power = _limit(wrench[:3], stretch, speed, stiffness, damping, c.greatest)
     if c.turn_stiffness == 0.0:
@@ -104,7 +105,7 @@ def fill_coupling(
     _turn_between(R, attitude, stretch)
     for i in range(3):
         stretch[i] -= ahead * moving[i]
-        speed[i] = motion[3 + i] - pace * moving[i]
+        speed[i] = motion[3 + i] - flow * moving[i]
     stiffness, damping = fit_to_pace(c.turn_stiffness, c.turn_damping, c.slow_turn_damping, pace)
     more = _limit(wrench[3:], stretch, speed, stiffness, damping, c.turn_greatest)
     return energy + more[0], power + more[1]

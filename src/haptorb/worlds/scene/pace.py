@@ -25,7 +25,7 @@ _TANK = 2e-4  #: capacity of the tank [J]
 
 #: Fields of the memory of a scene.
 PACE_FIELDS = (
-    MemoryField("detail", "1", "0: full detail; above: fewer iterations, then slower time"),
+    MemoryField("detail", "1", "0: full detail; above: fewer iterations, slower time, then steps beside the loop"),
     MemoryField("pace", "1", "speed of the scene's time"),
     MemoryField("lighter", "1", "ticks with less than full detail"),
     MemoryField("behind", "s", "delay of the scene's time"),

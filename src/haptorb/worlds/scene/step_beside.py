@@ -1,4 +1,4 @@
-"""One step of a scene in data of its own, so that another thread may compute it while the loop goes on."""
+"""One step of a scene in data of its own, so that another thread may compute it beside the loop."""
 
 from __future__ import annotations
 

@@ -143,7 +143,7 @@ class SceneStepper:
         for step in range(steps):
             self._pushed[:] = 0.0
             engine.mj_step1(model, data)
-            stretched, _ = self._couple(wish, couplings, 1.0, 0.0)
+            stretched, _ = self._couple(wish, couplings, 1.0, 1.0, 0.0)
             if step == 0:
                 energy = stretched + float(data.energy[0]) + float(data.energy[1])
             self._push(self._wrench)
@@ -208,7 +208,7 @@ class SceneStepper:
     ) -> float:
         """The coupling's wrench now, and its impulse for the next step; energy of scene and coupling [J]."""
         length, data, waiting = float(self._model.opt.timestep), self._data, one["waiting"]
-        stretched, power = self._couple(wish, couplings, time.pace, time.ahead * length)
+        stretched, power = self._couple(wish, couplings, time.pace, time.passed * length / dt, time.ahead * length)
         fill_tank(one, stretched, power * dt)
         self._total[:] = self._wrench
         np.multiply(self._wrench, time.passed * length, out=self._share)
@@ -216,14 +216,14 @@ class SceneStepper:
         return stretched + float(data.energy[0]) + float(data.energy[1])
 
     def _couple(
-        self, wish: tuple[Array, Array, Array], couplings: Records, pace: float, ahead: float
+        self, wish: tuple[Array, Array, Array], couplings: Records, pace: float, flow: float, ahead: float
     ) -> tuple[float, float]:
         """Compute the coupling's wrench on the body; return energy of the springs [J] and power of the dampers [W]."""
         engine, moving = self._engine, self._moving
         engine.mj_objectVelocity(self._model, self._data, engine.mjtObj.mjOBJ_XBODY, self._body, moving, 0)
         place, R, motion = wish
         energy, power = fill_coupling(
-            couplings, place, R, motion, self._place, self._attitude, moving, pace, ahead, self._wrench
+            couplings, place, R, motion, self._place, self._attitude, moving, pace, flow, ahead, self._wrench
         )
         return float(energy), float(power)
 
