@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -99,6 +100,15 @@ def test_a_fault_beside_the_loop_is_raised_in_the_tick_that_takes_its_result() -
         time.sleep(1e-3)
     with pytest.raises(ValueError, match="out of range"):
         thread.take()
+
+
+def test_where_no_thread_can_begin_the_work_is_done_at_once(bound: BoundWorld, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(Thread, "start", refuse)
+    bound.memory["detail"] = 5
+    run_until(WorldBudget(1e-3), bound, TickFailure.WORK)
 
 
 def test_steps_in_between_neither_shed_nor_restore(bound: BoundWorld) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["COUPLING", "fill_coupling", "fit_to_pace"]
+__all__ = ["COUPLING", "SCENE_TIME", "fill_coupling", "fit_to_pace"]
 
 #: What the kernel goes by.
 COUPLING = fields(
@@ -24,6 +24,13 @@ COUPLING = fields(
     ("turn_stiffness", "f8"), ("turn_damping", "f8"), ("turn_greatest", "f8"),  # [N·m/rad], [N·m·s/rad], [N·m]
     ("slow_damping", "f8"), ("slow_turn_damping", "f8"),  # at a slower pace [N·s/m], [N·m·s/rad]
 )  # fmt: skip
+
+#: Time of a scene in a tick.
+SCENE_TIME = fields(
+    ("pace", "f8"),  # how fast it passes, 0 to 1
+    ("flow", "f8"),  # the same in this tick alone: 0 while it waits for a step
+    ("ahead", "f8"),  # time that has passed since the body's last pose [s]
+)
 
 
 @kernel
@@ -82,30 +89,29 @@ def _turn_between(R: Array, x: Array, turn: Array) -> None:
 @kernel
 def fill_coupling(
     couplings: Records, pose: Array, R: Array, motion: Array, place: Array, attitude: Array, moving: Array,
-    pace: float, flow: float, ahead: float, wrench: Array,
+    time: Records, wrench: Array,
 ) -> tuple[float, float]:  # fmt: skip
     """Fill wrench (6,) with the force [N] and torque about the body's origin [N·m] on the body; return the energy of
     the springs [J] and the power that the dampers take [W].
 
     couplings (1,) COUPLING. Target of the body: pose (3,) [m], R (3, 3), motion (6,) linear and angular. Last
-    pose: place (3,), attitude (9,) by rows, moving (6,) angular and linear as MuJoCo has it. The scene's time passes
-    `pace` times as fast, in this tick `flow` times (0: it waits for a step), and `ahead` [s] of it have passed since
-    that pose.
+    pose: place (3,), attitude (9,) by rows, moving (6,) angular and linear as MuJoCo has it. `time` (1,) is a
+    SCENE_TIME.
     """
-    c = couplings[0]
+    c, t = couplings[0], time[0]
     stretch, speed = np.empty(3), np.empty(3)
     for i in range(3):
-        stretch[i] = pose[i] - place[i] - ahead * moving[3 + i]
-        speed[i] = motion[i] - flow * moving[3 + i]
-    stiffness, damping = fit_to_pace(c.stiffness, c.damping, c.slow_damping, pace)
+        stretch[i] = pose[i] - place[i] - t.ahead * moving[3 + i]
+        speed[i] = motion[i] - t.flow * moving[3 + i]
+    stiffness, damping = fit_to_pace(c.stiffness, c.damping, c.slow_damping, t.pace)
     energy, power = _limit(wrench[:3], stretch, speed, stiffness, damping, c.greatest)
     if c.turn_stiffness == 0.0:
         wrench[3:] = 0.0
         return energy, power
     _turn_between(R, attitude, stretch)
     for i in range(3):
-        stretch[i] -= ahead * moving[i]
-        speed[i] = motion[3 + i] - flow * moving[i]
-    stiffness, damping = fit_to_pace(c.turn_stiffness, c.turn_damping, c.slow_turn_damping, pace)
+        stretch[i] -= t.ahead * moving[i]
+        speed[i] = motion[3 + i] - t.flow * moving[i]
+    stiffness, damping = fit_to_pace(c.turn_stiffness, c.turn_damping, c.slow_turn_damping, t.pace)
     more = _limit(wrench[3:], stretch, speed, stiffness, damping, c.turn_greatest)
     return energy + more[0], power + more[1]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
 from haptorb.worlds.bound_world import MemoryNotFinite
-from haptorb.worlds.scene.coupling import fill_coupling
+from haptorb.worlds.scene.coupling import SCENE_TIME, fill_coupling
 from haptorb.worlds.scene.pace import BESIDE, LEVELS, ScenePace, fill_tank, take_over_step
 from haptorb.worlds.scene.scene_model import SceneModel, load_engine
 from haptorb.worlds.scene.step_beside import StepBeside, list_kinds, push
@@ -70,6 +70,7 @@ class SceneStepper:
         data = self._data
         self._place, self._attitude = data.xpos[body], data.xmat[body]
         self._centre, self._pushed = data.xipos[body], data.xfrc_applied[body]
+        self._time: Records = np.zeros(1, SCENE_TIME)
         self._moving, self._wrench, self._total, self._share = (np.zeros(6) for _ in range(4))
         self._points, self._turns = data.geom_xpos, data.xquat
         self._bodies, self._own = self._model.geom_bodyid.astype(np.int64), self._model.geom_quat
@@ -219,11 +220,12 @@ class SceneStepper:
         self, wish: tuple[Array, Array, Array], couplings: Records, pace: float, flow: float, ahead: float
     ) -> tuple[float, float]:
         """Compute the coupling's wrench on the body; return energy of the springs [J] and power of the dampers [W]."""
-        engine, moving = self._engine, self._moving
+        engine, moving, now = self._engine, self._moving, self._time
+        now["pace"], now["flow"], now["ahead"] = pace, flow, ahead
         engine.mj_objectVelocity(self._model, self._data, engine.mjtObj.mjOBJ_XBODY, self._body, moving, 0)
         place, R, motion = wish
         energy, power = fill_coupling(
-            couplings, place, R, motion, self._place, self._attitude, moving, pace, flow, ahead, self._wrench
+            couplings, place, R, motion, self._place, self._attitude, moving, now, self._wrench
         )
         return float(energy), float(power)
 
