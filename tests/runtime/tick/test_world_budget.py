@@ -69,18 +69,30 @@ def run_until(budget: WorldBudget, bound: BoundWorld, found: TickFailure) -> Non
     raise AssertionError(f"no tick said {found!r}")
 
 
+def wait(budget: WorldBudget) -> None:
+    """Until the thread has computed its work."""
+    end = time.monotonic() + 20.0
+    while budget.computing and time.monotonic() < end:
+        time.sleep(1e-3)
+
+
 def test_what_a_thread_computed_is_what_the_scene_computes(bound: BoundWorld) -> None:
-    budget, other = WorldBudget(1e-3), BoundWorld(bound.world, 1e-3)
+    budget, other = WorldBudget(1e-3), BoundWorld(RollingBall(), 1e-3)
     bound.memory["detail"] = 5
     run_until(budget, bound, TickFailure.WORK)
     assert bound.memory["state"][0][0] > 0.0  # the scene's time
     # Another world, or the same restarted, does not get the step that is on its way.
+    wait(budget)
     budget.begin(other)
     assert budget.end(other) == TickFailure(0)
+    run_until(budget, bound, TickFailure.WORK)
+    wait(budget)
     bound.restart()
+    bound.memory["detail"] = 5
+    bound.wrench(State.at((0.0, 0.0, 0.0), R_SR=np.eye(3)))  # waits for a step of its own
+    bound.memory["due"] = 1.0
     budget.begin(bound)
     assert bound.memory["state"][0][0] == 0.0
-    bound.memory["detail"] = 5
     budget.end(bound)
     run_until(budget, bound, TickFailure.WORK)
 

@@ -105,7 +105,30 @@ def test_momentum_goes_over_to_the_body_at_every_pace(level: int, late: int, tmp
     one = bound.memory[0]
     velocity, on_its_way = one["state"][8:11], one["waiting"][:3] + 1e-3 * one["pending"] * one["share"][:3]
     assert given == pytest.approx(0.1 * velocity + on_its_way, rel=1e-6)
+    assert 0.4 - one["behind"] == pytest.approx(one["state"][0] + 1e-3 * one["due"])
     assert np.linalg.norm(velocity) > 1e-3
+
+
+def test_a_body_that_waits_for_its_step_is_at_rest(tmp_path: Path) -> None:
+    """At the end of the step that is being computed: the damper is not that of a moving body."""
+    bound = bind(Scene(write(tmp_path), stiffness=100.0, damping=5.0), "omni")
+    bound.memory["detail"], bound.memory["pace"] = 5, 0.125
+    bound.memory["state"][0][8] = 0.2  # m/s along x
+    for _ in range(12):
+        bound.wrench(State.at((1e-3 * 0.2, 0.0, 0.0), R_SR=np.eye(3)))
+    assert bound.memory["due"][0] == 1.0
+    assert bound.wrench(State.at((1e-3 * 0.2, 0.0, 0.0), R_SR=np.eye(3)))[:3] == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+def test_a_step_beside_the_loop_that_diverged_is_no_state(tmp_path: Path) -> None:
+    bound = bind(Scene(write(tmp_path), stiffness=100.0, damping=5.0), "omni")
+    bound.memory["detail"] = 5
+    feel(bound, 20)
+    wrong = bound.memory["state"][0].copy()
+    wrong[1] = 1e9
+    bound.world.take_over(bound.memory, wrong)
+    with pytest.raises(MemoryNotFinite, match="diverged"):
+        feel(bound, 1)
 
 
 def test_the_scene_goes_on_when_the_coupling_is_changed_and_begins_anew_when_it_is_another() -> None:

@@ -54,6 +54,11 @@ class WorldBudget:
         self._work: WorldWork | None = None
         self._owner: BoundWorld | None = None
 
+    @property
+    def computing(self) -> bool:
+        """Whether the thread beside the loop is at work."""
+        return self._work is not None and not self._thread.done
+
     def begin(self, bound: BoundWorld) -> None:
         """A step of `bound` begins, with the result of work beside the loop if that is due and done."""
         self._found = _NOTHING
