@@ -3,6 +3,10 @@ import { build } from "esbuild";
 import { cp, mkdir, readFile, rm, writeFile } from "node:fs/promises";
 import { fileURLToPath } from "node:url";
 
+if (process.argv.length > 3 || process.argv[2]?.startsWith("-")) {
+  console.error("usage: node build.mjs [FOLDER]; without FOLDER the pages go into src/haptorb/apps");
+  process.exit(2);
+}
 const apps = process.argv[2] ?? fileURLToPath(new URL("../src/haptorb/apps/", import.meta.url));
 
 // The renderer carries the shaders of all its materials as text. The page has no physical or toon material, no shadows and
