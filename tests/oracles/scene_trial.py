@@ -83,7 +83,7 @@ class _RandomDetail:
         self.energy, self.detail = 0.0, 0
 
     def begin(self, bound: BoundWorld) -> None:
-        """A step that is computed beside the loop arrives in time, or up to some ticks late."""
+        """A step that is computed in the background arrives in time, or up to some ticks late."""
         if bound.world.is_work_due(bound.memory) and self._rng.random() < 0.5:
             work = bound.world.find_work(bound.memory)
             assert work is not None

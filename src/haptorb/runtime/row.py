@@ -145,7 +145,7 @@ class RowLayout:
                 "1",
                 "failures in the tick, a sum: 1 reading, 2 writing, 4 engaging the driver, 8 the world, 16 its "
                 "memory, 32 the allocation; 64 its world reduces detail from the next tick on, 128 restores some; 256 "
-                "a step of its world that was computed beside the loop was taken over",
+                "a step of its world that was computed in the background was taken over",
             ),
             # the last: a shorter row is filled as far as it reaches
             Field("memory", self.memory, "SI", "memory of the world; the metadata of the world have names and units"),

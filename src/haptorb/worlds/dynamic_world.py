@@ -22,7 +22,7 @@ _FIRST = 1e-3  #: time step of a wrench that is asked for outside a loop [s]
 
 
 class WorldWork(ABC):
-    """Work of a world that may take longer than a tick: it is computed beside the loop, from copies of a memory."""
+    """Work of a world that may take longer than a tick: it is computed in the background, from copies of a memory."""
 
     @abstractmethod
     def compute(self) -> Any:

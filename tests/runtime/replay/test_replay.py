@@ -313,7 +313,7 @@ class SlowSteps:
         self.budget.begin(bound)
 
     def end(self, bound: BoundWorld) -> TickFailure:
-        found = self.budget.end(bound)  # with the work beside the loop; its steps are fast
+        found = self.budget.end(bound)  # with the background work; its steps are fast
         return found | self.budget.judge(bound, self._took)
 
 

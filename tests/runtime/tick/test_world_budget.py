@@ -48,7 +48,7 @@ def test_single_long_steps_shed_nothing(bound: BoundWorld, one: float, rest: flo
     assert bound.memory["detail"][0] == 0
 
 
-def test_steps_longer_than_a_tick_go_beside_the_loop_although_they_are_rare(bound: BoundWorld) -> None:
+def test_steps_longer_than_a_tick_go_to_the_background_although_they_are_rare(bound: BoundWorld) -> None:
     budget = WorldBudget(1e-3)
     judge(budget, bound, 0.9e-3, 6)
     assert bound.memory["detail"][0] == 1
@@ -72,7 +72,7 @@ def run_until(budget: WorldBudget, bound: BoundWorld, found: TickFailure) -> Non
 def wait(budget: WorldBudget) -> None:
     """Until the thread has computed its work."""
     end = time.monotonic() + 20.0
-    while budget.computing and time.monotonic() < end:
+    while budget.is_computing and time.monotonic() < end:
         time.sleep(1e-3)
 
 
@@ -97,7 +97,7 @@ def test_what_a_thread_computed_is_what_the_scene_computes(bound: BoundWorld) ->
     run_until(budget, bound, TickFailure.WORK)
 
 
-def test_a_fault_beside_the_loop_is_raised_in_the_tick_that_takes_its_result() -> None:
+def test_a_fault_in_the_background_is_raised_in_the_tick_that_takes_its_result() -> None:
     class Faulty(WorldWork):
         def compute(self) -> None:
             raise ValueError("out of range")

@@ -35,7 +35,7 @@ def bind(scene: Scene, device: str) -> BoundWorld:
 
 
 def step(bound: BoundWorld, state: State, late: bool = False) -> Array:
-    """The wrench of the next tick; a step that is computed beside the loop is there in time, or late."""
+    """The wrench of the next tick; a step that is computed in the background is there in time, or late."""
     if bound.world.is_work_due(bound.memory) and not late and (work := bound.world.find_work(bound.memory)):
         bound.world.take_over(bound.memory, work.compute())
     return bound.wrench(state)
@@ -94,7 +94,7 @@ def test_the_same_memory_state_and_dt_give_the_same_bits() -> None:
 @pytest.mark.parametrize(("level", "late"), [*((level, 1) for level in range(6)), (5, 3), (5, 17)])
 def test_momentum_goes_over_to_the_body_at_every_pace(level: int, late: int, tmp_path: Path) -> None:
     """In the scene's own time: none of the push is lost or counted twice, however few steps there are, and however
-    late those that are computed beside the loop."""
+    late those that are computed in the background."""
     bound = bind(Scene(write(tmp_path), stiffness=100.0, damping=1.0), "omni")
     bound.memory["detail"] = level
     given = np.zeros(3)
@@ -120,7 +120,7 @@ def test_a_body_that_waits_for_its_step_is_at_rest(tmp_path: Path) -> None:
     assert bound.wrench(State.at((1e-3 * 0.2, 0.0, 0.0), R_SR=np.eye(3)))[:3] == pytest.approx(np.zeros(3), abs=1e-9)
 
 
-def test_a_step_beside_the_loop_that_diverged_is_no_state(tmp_path: Path) -> None:
+def test_a_background_step_that_diverged_is_no_state(tmp_path: Path) -> None:
     bound = bind(Scene(write(tmp_path), stiffness=100.0, damping=5.0), "omni")
     bound.memory["detail"] = 5
     feel(bound, 20)
@@ -198,7 +198,7 @@ def test_a_heavy_scene_sheds_detail_and_then_time() -> None:
         assert bound.memory["detail"][0] == min(level, 5)
         bound.wrench(still)
     assert 0.9 < bound.memory["pace"][0] < 1.0  # it goes over, and does not jump
-    bound.world.restore(bound.memory)  # the last level needs a thread beside the loop
+    bound.world.restore(bound.memory)  # the last level needs a background thread
     assert bound.memory["detail"][0] == 4
     feel(bound, 300, 0.0)
     time = bound.memory["state"][0][0]

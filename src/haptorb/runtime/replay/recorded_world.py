@@ -73,7 +73,7 @@ class RecordedTick:
 
     @property
     def took_over(self) -> bool:
-        """Whether the recorded world took over work that was computed beside the loop."""
+        """Whether the recorded world took over work that was computed in the background."""
         return bool(self._failures[self._at] & TickFailure.WORK)
 
     def render(self) -> Array:
@@ -126,7 +126,7 @@ class PlayedBudget:
         self._tick = tick
 
     def begin(self, bound: BoundWorld) -> None:
-        """Take over what was computed beside the loop where the recorded run did; it is computed here."""
+        """Take over what was computed in the background where the recorded run did; it is computed here."""
         if self._tick.took_over and (work := bound.world.find_work(bound.memory)) is not None:
             bound.world.take_over(bound.memory, work.compute())
 

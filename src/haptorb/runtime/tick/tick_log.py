@@ -31,7 +31,7 @@ class TickCommand(IntFlag):
 
 
 class TickFailure(IntFlag):
-    """What failed in a tick; whether its world reduced or restored detail, or took over work from beside the loop."""
+    """What failed in a tick; whether its world reduced or restored detail, or took over background work."""
 
     READ = 1
     WRITE = 2

@@ -1,4 +1,4 @@
-"""A thread beside the loop that computes the work of a world while ticks go on."""
+"""A background thread that computes the work of a world while ticks continue."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class StepWatch(Protocol):
 
     def end(self, bound: BoundWorld) -> TickFailure:
         """A step of `bound` is over. LESS_DETAIL or MORE_DETAIL if its detail was changed, and WORK if it began with
-        the result of work beside the loop; else 0."""
+        the result of background work; else 0."""
 
 
 @final
@@ -39,7 +39,7 @@ class WorldBudget:
     """Watches the time of a world's steps in ticks of `dt` [s] and makes it reduce its detail, or restore it.
 
     A step cannot be interrupted: the budget leaves more than half of a tick, so that a scene which takes longer reduces
-    detail before ticks are late. If single steps are longer than a tick even so, a thread beside the loop computes
+    detail before ticks are late. If single steps are longer than a tick even so, a background thread computes
     them. Processor time counts, on average: a step that waits because the computer is busy with other work is no
     faster with less detail, and the hand would feel the scene change without need.
     """
@@ -48,25 +48,25 @@ class WorldBudget:
         self._budget, self._easy, self._most = _SHARE * dt, _EASY * dt, _MOST_OF_ONE * dt
         self._wait = round(_CALM / dt)
         self._mean, self._calm, self._patience = 0.0, 0, 1.0
-        self._start = self._beside = 0.0  # processor time of the last work beside the loop, while there is any
+        self._start = self._background = 0.0  # processor time of the last background work, while there is any
         self._whole, self._long, self._lighter = dt, 0.0, 0
         self._thread, self._found = WorkThread(), _NOTHING
         self._work: WorldWork | None = None
         self._owner: BoundWorld | None = None
 
     @property
-    def computing(self) -> bool:
-        """Whether the thread beside the loop is at work."""
+    def is_computing(self) -> bool:
+        """Whether the background thread is at work."""
         return self._work is not None and not self._thread.done
 
     def begin(self, bound: BoundWorld) -> None:
-        """A step of `bound` begins, with the result of work beside the loop if that is due and done."""
+        """A step of `bound` begins, with the result of background work if that is due and done."""
         self._found = _NOTHING
         if self._work is not None and self._thread.done and not (bound.paused or bound.failed):
             if self._owner is not bound or not self._work.fits(bound.memory):  # another world, or restarted
                 self._work = None
             elif bound.world.is_work_due(bound.memory):
-                self._work, self._beside = None, self._thread.took
+                self._work, self._background = None, self._thread.took
                 bound.world.take_over(bound.memory, self._thread.take())
                 self._found = TickFailure.WORK
         self._start = thread_time()
@@ -77,16 +77,16 @@ class WorldBudget:
         if self._work is None:
             self._work = bound.world.find_work(bound.memory)
             if self._work is None:
-                self._beside = 0.0
+                self._background = 0.0
             else:
                 self._owner = bound
                 self._thread.give(self._work)
-        return self.judge(bound, max(took, self._beside)) | self._found
+        return self.judge(bound, max(took, self._background)) | self._found
 
     def judge(self, bound: BoundWorld, took: float) -> TickFailure:
         """Change the detail of `bound` after a step that took so much processor time [s], if it must."""
         self._mean += (min(took, self._most) - self._mean) / _MEAN
-        self._long = _FADE * self._long + (self._lighter > 0 and took > self._whole and not self._beside)
+        self._long = _FADE * self._long + (self._lighter > 0 and took > self._whole and not self._background)
         if self._mean > self._budget or self._long >= _LONG:
             self._mean, self._calm, self._long = 0.0, 0, 0.0
             before = bound.numbers.copy()

@@ -13,26 +13,26 @@ from typing import Any, NamedTuple
 
 from haptorb.worlds.memory import MemoryField
 
-__all__ = ["BESIDE", "LEVELS", "PACE_FIELDS", "ScenePace", "advance_pace", "fill_tank", "take_over_step"]
+__all__ = ["BACKGROUND", "LEVELS", "PACE_FIELDS", "ScenePace", "advance_pace", "fill_tank", "take_over_step"]
 
 #: detail → (share of the solver's iterations, pace that the scene approaches). The solver ends when it has
 #: converged: a lower limit shortens the longest steps only, and far below a half tight contacts throw a body back and
 #: forth
 LEVELS = ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5), (0.5, 0.25), (0.5, 0.125), (0.5, 0.125))
-BESIDE = len(LEVELS) - 1  #: the level at which steps are computed beside the loop: a single one is longer than a tick
+BACKGROUND = len(LEVELS) - 1  #: the level of background steps: a single step is longer than a tick
 _GLIDE = 0.1  #: in which the pace changes by a factor of e [s]
 _TANK = 2e-4  #: capacity of the tank [J]
 
 #: Fields of the memory of a scene.
 PACE_FIELDS = (
-    MemoryField("detail", "1", "0: full detail; above: fewer iterations, slower time, then steps beside the loop"),
+    MemoryField("detail", "1", "0: full detail; above: fewer iterations, slower time, then background steps"),
     MemoryField("pace", "1", "speed of the scene's time"),
     MemoryField("lighter", "1", "ticks with less than full detail"),
     MemoryField("behind", "s", "delay of the scene's time"),
     MemoryField("due", "1", "fraction of a step due in slow time"),
     MemoryField("stretched", "J", "energy stored in the coupling"),
     MemoryField("tank", "J", "energy that the coupling's damper took in slow time and its spring may use"),
-    MemoryField("pending", "1", "1 while a step is computed beside the loop"),
+    MemoryField("pending", "1", "1 while a step is computed in the background"),
     MemoryField("share", "N", "wrench on the body during that step: force, and torque [N·m]", (6,)),
     MemoryField("waiting", "N·s", "impulse of the coupling for the next step, linear and angular [N·m·s]", (6,)),
 )
@@ -69,17 +69,17 @@ def advance_pace(one: Any, steps: int, dt: float) -> ScenePace:
     ahead = float(one["due"])
     due = ahead + pace * steps
     count = int(due)
-    if level == BESIDE:  # its time stands still at the end of a step until that has been computed
+    if level == BACKGROUND:  # its time stops at the end of a step until that has been computed
         due, count = min(due, 1.0), 0
     passed = due - ahead
-    one["pace"], one["due"] = pace, due - count if pace < 1.0 or level == BESIDE else 0.0
+    one["pace"], one["due"] = pace, due - count if pace < 1.0 or level == BACKGROUND else 0.0
     one["lighter"] += 1.0
     one["behind"] += (1.0 - passed / steps) * dt
     return ScenePace(level, count, pace, ahead, passed)
 
 
 def take_over_step(one: Any, state: Any) -> None:
-    """The step that was computed beside the loop for a memory with PACE_FIELDS has led to `state` (n,), in SI units."""
+    """The background step of a memory with PACE_FIELDS has led to `state` (n,), in SI units."""
     one["state"][:] = state
     one["pending"], one["due"] = 0.0, max(float(one["due"]) - 1.0, 0.0)
 

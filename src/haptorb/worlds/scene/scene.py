@@ -203,12 +203,12 @@ class Scene(DynamicWorld):
         self.model.check_period(dt)
 
     def lighten(self, memory: Records) -> None:
-        """A step took too long: reduce the solver's iterations, then slow down time, then compute steps beside the loop
+        """A step took too long: reduce the solver's iterations, then slow down time, then compute background steps
         [1]."""
         memory["detail"] = min(float(memory["detail"][0]) + 1.0, len(LEVELS) - 1.0)
 
     def find_work(self, memory: Records) -> WorldWork | None:
-        """The step that is computed beside the loop, of a scene whose single steps are longer than a tick [1]."""
+        """The step that is computed in the background, of a scene whose single steps are longer than a tick [1]."""
         one = memory[0]
         return SceneWork(self._pad, one["state"], one["share"]) if one["pending"] else None
 

@@ -1,4 +1,4 @@
-"""A step of a scene as work that a loop has computed beside it."""
+"""A step of a scene as background work."""
 
 from __future__ import annotations
 

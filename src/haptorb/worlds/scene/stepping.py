@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
 from haptorb.worlds.bound_world import MemoryNotFinite
+from haptorb.worlds.scene.background_step import BackgroundStep, list_kinds, push
 from haptorb.worlds.scene.coupling import SCENE_TIME, fill_coupling
-from haptorb.worlds.scene.pace import BESIDE, LEVELS, ScenePace, fill_tank, take_over_step
+from haptorb.worlds.scene.pace import BACKGROUND, LEVELS, ScenePace, fill_tank, take_over_step
 from haptorb.worlds.scene.scene_model import SceneModel, load_engine
-from haptorb.worlds.scene.step_beside import StepBeside, list_kinds, push
 
 Integers = NDArray[np.int64]
 
@@ -76,7 +76,7 @@ class SceneStepper:
         self._bodies, self._own = self._model.geom_bodyid.astype(np.int64), self._model.geom_quat
         self._state = np.zeros(state_size(scene))
         self._level = -1
-        self._beside = StepBeside(scene, body)
+        self._background = BackgroundStep(scene, body)
 
     def begin(self) -> tuple[Array, Array, Array, Array, Array]:
         """The initial state (n,), positions (g, 3) [m] and orientations (g, 4) of the drawn shapes, and position
@@ -121,10 +121,10 @@ class SceneStepper:
         lasting = one["state"]
         if time.level != self._level:
             self._choose_detail(time.level)
-        if one["pending"] and time.level != BESIDE:
+        if one["pending"] and time.level != BACKGROUND:
             take_over_step(one, self.compute_step(lasting, one["share"]))
         engine.mj_setState(model, data, lasting, self._kinds)
-        if time.level == BESIDE:
+        if time.level == BACKGROUND:
             energy = self._wait(one, wish, couplings, time, dt)
         elif time.pace == 1.0:
             energy = self._step(wish, couplings, time.steps)
@@ -132,7 +132,7 @@ class SceneStepper:
             energy = self._step_slowly(one, wish, couplings, time, dt)
         if time.steps:
             engine.mj_getState(model, data, lasting, self._kinds)
-        if (time.steps or time.level == BESIDE) and not (np.abs(lasting).max() < _HUGE):
+        if (time.steps or time.level == BACKGROUND) and not (np.abs(lasting).max() < _HUGE):
             raise SceneExplosion(self._explain())
         return self._total, energy
 
@@ -181,7 +181,7 @@ class SceneStepper:
     def _wait(
         self, one: Any, wish: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
     ) -> float:
-        """A tick of slow time whose step is computed beside the loop; the next one begins as soon as none is."""
+        """A tick of slow time whose step is computed in the background; the next one begins as soon as none is."""
         self._find_motion()
         energy = self._collect_impulse(one, wish, couplings, time, dt)
         if not one["pending"]:
@@ -191,8 +191,8 @@ class SceneStepper:
 
     def compute_step(self, state: Array, share: Array) -> Array:
         """(n,) the state one step after `state` (n,), with the wrench `share` (6,) on the body [N, N·m]. At the detail
-        of steps beside the loop, in data of its own: it may run while another thread advances the scene."""
-        return self._beside.compute(state, share)
+        of background steps, in data of its own: it may run while another thread advances the scene."""
+        return self._background.compute(state, share)
 
     def _find_motion(self) -> None:
         """Positions and velocities; contacts are not needed."""

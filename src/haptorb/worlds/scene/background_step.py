@@ -1,4 +1,4 @@
-"""One step of a scene in data of its own, so that another thread may compute it beside the loop."""
+"""One step of a scene in data of its own, so that a background thread may compute it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from copy import copy
 from typing import Any, final
 
 from haptorb.numerics.arrays import Array
-from haptorb.worlds.scene.pace import BESIDE, LEVELS
+from haptorb.worlds.scene.pace import BACKGROUND, LEVELS
 from haptorb.worlds.scene.scene_model import SceneModel, load_engine
 
-__all__ = ["StepBeside", "list_kinds", "push"]
+__all__ = ["BackgroundStep", "list_kinds", "push"]
 
 
 def list_kinds(engine: Any) -> int:
@@ -27,7 +27,7 @@ def push(applied: Array, arm: Array, wrench: Array) -> None:
 
 
 @final
-class StepBeside:
+class BackgroundStep:
     """Steps `scene` with a wrench on the body of index `body`. Not for two threads at once."""
 
     def __init__(self, scene: SceneModel, body: int) -> None:
@@ -35,7 +35,7 @@ class StepBeside:
         option = self._model.opt
         option.disableflags |= int(self._engine.mjtDisableBit.mjDSBL_AUTORESET)
         option.enableflags |= int(self._engine.mjtEnableBit.mjENBL_ENERGY)
-        option.iterations = max(2, round(LEVELS[BESIDE][0] * int(option.iterations)))
+        option.iterations = max(2, round(LEVELS[BACKGROUND][0] * int(option.iterations)))
         self._data = self._engine.MjData(self._model)
         self._kinds = list_kinds(self._engine)
 
