@@ -68,7 +68,7 @@ def feel(
     if choose is not None:
         candidates[choose]  # refuses a name that there is not before anything is felt
     if not 0 < duration < float("inf"):
-        raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
+        raise InputError(f"--duration must be greater than 0 s; got {duration:g} s")
     if plot is not None:
         check_figure_file(plot, "--plot")
     person = check_person(person)

@@ -42,7 +42,7 @@ def guidance(
 ) -> None:
     """Compare planned guidance with a valley, a moving spring and no guidance: error, force, heat, drag at rest."""
     if not 2.0 <= duration <= 120.0:
-        raise InputError(f"--duration must be 2 to 120 s; got {duration:g}")
+        raise InputError(f"--duration must be 2 to 120 s; got {duration:g} s")
     if seed < 0:
         raise InputError(f"--seed must be 0 or more; got {seed}")
     if plot is not None:
