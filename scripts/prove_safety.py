@@ -289,6 +289,15 @@ RULES = [
     ("engaging-blind-is-refused", "engaging blind is refused", "without 1", GUARD_TESTS),
     ("warm-coils-are-derated", "warm coils are derated", "replace value.args[3] by 1.0", GUARD_TESTS),
     ("supply-power-is-kept", "the supply gives no more than its power", "never", GUARD_TESTS),
+    *(
+        (
+            f"supply-power-of-{what}",
+            f"allocated {what} take no more than the supply's power",
+            "replace value by 1.0",
+            "tests/control/allocation/test_supply_power.py",
+        )
+        for what in ("forces", "motors", "wrenches")
+    ),
     (
         "heat-is-an-upper-bound",
         "no winding is hotter than it is taken for, however the values are off",

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from haptorb.control.allocation.allocator import Saturation
-from haptorb.control.allocation.for_device import force_allocator, torque_allocator
+from haptorb.control.allocation.array.for_array import array_choice
+from haptorb.control.allocation.for_device import force_allocator, tool_choice, torque_allocator
 from haptorb.control.allocation.least_squares import LeastSquaresAllocator
 from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
 from haptorb.control.allocation.supply_power import hold_power
@@ -38,7 +39,7 @@ def random_maps(draw, device, count):
 
 @pytest.mark.parametrize(("device", "make", "part"), [(OMNI, force_allocator, 0), (WEAK, torque_allocator, 3)])
 def test_never_above_the_limit_and_along_the_wrench(device, make, part):
-    """10⁴ random wrenches for the tool, 10³ for the rotor, many beyond limits (`benchmarks/supply_power.py`: 10⁶)."""
+    """10⁴ random wrenches for the tool, 10³ for the rotor; 10⁶ in `benchmarks/safety/supply_power.py`."""
     draw, allocator, resistance = np.random.default_rng(1), make(device), hot_resistance(device)
     reasons = dict.fromkeys(Saturation, 0)
     for known in random_maps(draw, device, 50 if device is OMNI else 10):
@@ -102,3 +103,21 @@ def test_a_limit_that_cannot_be_is_refused():
         MinimumPowerAllocator((1.0, 1.0, 1.0), resistance=(1.0, 1.0, 1.0), power=0.0)
     with pytest.raises(InputError, match="one entry above 0 Ω per channel"):
         LeastSquaresAllocator((1.0, 1.0, 1.0), resistance=(1.0, 1.0), power=10.0)
+
+
+@pytest.mark.parametrize("part", ["torque", "both"])
+@pytest.mark.parametrize("name", ["omni", "planar"])
+def test_torques_and_whole_wrenches_take_no_more_than_the_supply_gives(name, part):
+    """With a supply that the coils exceed: random wrenches meet the limit and never pass it."""
+    device = load(name)
+    device = replace(device, supply=replace(device.supply, power=200.0))
+    choice = tool_choice(device) if name == "omni" else array_choice(device)
+    height = device.contact_distance if name == "omni" else device.contact_height
+    known = device.wrench_map(State.at((0.004, -0.003, height + 0.002)), "exact")
+    draw, most = np.random.default_rng(3), 0.0
+    strength = np.array([*[20.0] * 3, *[1.0] * 3])
+    for _ in range(100):
+        wrench = strength * draw.normal(size=6) * (1.0 if part == "both" else np.array([0, 0, 0, 1, 1, 1]))
+        currents = choice.allocators[part].allocate(known, wrench).currents
+        most = max(most, float(hot_resistance(device) @ currents**2))
+    assert 0.99 * 200.0 < most <= 200.0

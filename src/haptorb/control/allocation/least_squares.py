@@ -176,7 +176,7 @@ def _allocate(
             target[i] = np.nan
     scale = least_squares_currents(matrix, target, s.weights, limit, s.truncation, s.damping, currents)
     reason = _CURRENT if scale < 1.0 else 0
-    share = hold_power(currents, resistance, s.power)
+    share = hold_power(currents, resistance, s.power)  # safety: supply-power-of-forces
     if share < 1.0:
         scale *= share
         reason = _POWER

@@ -73,7 +73,7 @@ def _allocate(
     for j in range(currents.shape[0]):
         if limit[j] > 0.0 and abs(currents[j]) >= limit[j]:
             reason = _CURRENT
-    share = hold_power(currents, resistance, power)
+    share = hold_power(currents, resistance, power)  # safety: supply-power-of-motors
     if share < 1.0:
         scale *= share
         reason = _POWER

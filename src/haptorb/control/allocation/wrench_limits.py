@@ -68,7 +68,7 @@ def hold_limits(
     Returns `scale` and `reason`, of what was decided before, after that.
     """
     m = matrix.shape[1]
-    share = hold_power(currents, resistance, limits.power)
+    share = hold_power(currents, resistance, limits.power)  # safety: supply-power-of-wrenches
     if share < 1.0 - 1e-6:
         scale *= share
         reason = _POWER
