@@ -24,6 +24,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "haptorb"
 
 GUIDED_TESTS = "tests/apps/calibrate/test_dialog.py"
+CACHE_TESTS = "tests/numerics/test_cache_folder.py"
 CONSOLE_TESTS, PAGES_TESTS = "tests/apps/console/test_socket_hub.py", "tests/apps/study/test_pages.py"
 STOP_TESTS, EXPORT_TESTS = "tests/apps/study/test_stop.py", "tests/apps/study/store/test_export.py"
 TERMINAL_TESTS = "tests/apps/study/session/test_terminal_session.py"
@@ -51,6 +52,8 @@ MAP_TESTS = "tests/sensing/torque_maps/test_torque_maps.py"
 
 #: (marker in the code, rule, mutation, tests that must go red)
 RULES = [
+    ("cache-own", "a kernel is kept where only its owner writes", "never", CACHE_TESTS),
+    ("cache-private", "a cache that others can write is not used", "always", CACHE_TESTS),
     (
         "unit-read",
         "units are read and not evaluated",

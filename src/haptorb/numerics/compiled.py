@@ -25,23 +25,18 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast, final
 
+from haptorb.numerics.cache_folder import explain_shared, private_folder
 from haptorb.numerics.call_types import remember_call_types
 from haptorb.numerics.compile_permission import watch_compiling
 from haptorb.numerics.own_copies import call_own_copies
 
-__all__ = ["PostponedKernel", "cache_folder", "kernel", "load_compiler", "tick_kernel", "vector_kernel"]
+__all__ = ["PostponedKernel", "kernel", "load_compiler", "tick_kernel", "vector_kernel"]
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _MOST = 4  #: compiled versions of a file kept beside each other, for people who switch branches
 _IMPORT = re.compile(r"^\s*from haptorb((?:\.\w+)*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-def cache_folder() -> Path:
-    """Folder for everything that can be computed again: $XDG_CACHE_HOME/haptorb, else ~/.cache/haptorb."""
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    return Path(home) / "haptorb"
 
 
 def _trace_imports(source: str) -> Iterator[Path]:
@@ -86,21 +81,47 @@ def _digest_sources(path: Path) -> bytes:
 
 @cache
 def _folder(path: Path) -> str:
-    """Where the kernels of the file `path` are kept; "" if that is numba's own choice."""
-    if os.environ.get("NUMBA_CACHE_DIR") or not path.is_relative_to(_PACKAGE):
-        return ""
+    """Where the kernels of the file `path` are kept, for this account only; "" if there is no such place.
+
+    numba's own choice would be the folder of the file: who may write there may have his code executed.
+    """
     try:
-        root = cache_folder() / "kernels" / ".".join(path.relative_to(_PACKAGE).with_suffix("").parts)
-        state = hashlib.sha256(_numba().__version__.encode() + _digest_sources(path))
-        folder = root / state.hexdigest()[:16]
-        folder.mkdir(parents=True, exist_ok=True)
+        chosen = _chosen_folder()
+        if chosen:
+            return chosen
+        if path.is_relative_to(_PACKAGE):
+            parts = (".".join(path.relative_to(_PACKAGE).with_suffix("").parts), _name_state(path))
+        else:
+            parts = ("other", hashlib.sha256(str(path).encode()).hexdigest()[:16])
+        folder = private_folder("kernels", *parts)
         folder.touch()
-        old = sorted(root.iterdir(), key=lambda entry: entry.stat().st_mtime)[:-_MOST]
+        old = sorted(folder.parent.iterdir(), key=lambda entry: entry.stat().st_mtime)[:-_MOST]
     except OSError:
-        return ""  # a read-only home: numba falls back to its own choice
-    for entry in old:
-        shutil.rmtree(entry, ignore_errors=True)
+        return ""
+    if path.is_relative_to(_PACKAGE):
+        for entry in old:
+            shutil.rmtree(entry, ignore_errors=True)
     return str(folder)
+
+
+def _name_state(path: Path) -> str:
+    return hashlib.sha256(_numba().__version__.encode() + _digest_sources(path)).hexdigest()[:16]
+
+
+@cache
+def _chosen_folder() -> str:
+    """The user's own choice, in NUMBA_CACHE_DIR; "" if there is none, or if others can write there."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR", "")
+    if not chosen:
+        return ""
+    with suppress(OSError):
+        Path(chosen).mkdir(mode=0o700, parents=True, exist_ok=True)
+    shared = explain_shared(Path(chosen))
+    if shared:
+        os.environ.pop("NUMBA_CACHE_DIR")  # numba would execute it for other programs' kernels, in children too
+        print(f"haptorb: NUMBA_CACHE_DIR {chosen} is not used: it {shared}", file=sys.stderr)
+        return ""
+    return chosen
 
 
 @cache
@@ -195,11 +216,11 @@ def _dispatcher(function: Callable[..., Any], vectors: bool, brief: bool) -> Any
     a kernel must say it, or it has what the first kernel that calls it has.
     """
     numba = _numba()
-    usual = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = _folder(_find_source(function)) or usual
+    folder, usual = _folder(_find_source(function)), numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = folder
     try:
         compiled = numba.njit(
-            cache=True, nogil=not brief, _nrt=not brief, fastmath={"reassoc", "contract"}, error_model="numpy",
+            cache=bool(folder), nogil=not brief, _nrt=not brief, fastmath={"reassoc", "contract"}, error_model="numpy",
             no_cfunc_wrapper=True,
         )(function)  # fmt: skip
     finally:

@@ -9,7 +9,7 @@ from time import monotonic, sleep
 import pytest
 
 from haptorb.errors import InputError
-from haptorb.numerics.compiled import cache_folder
+from haptorb.numerics.cache_folder import cache_folder
 from haptorb.runtime.servo.servo import Servo
 
 pytestmark = [pytest.mark.realtime]

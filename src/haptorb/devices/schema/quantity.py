@@ -14,6 +14,7 @@ from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator
@@ -22,7 +23,7 @@ from haptorb.devices.schema.field_units import AMBIGUOUS
 from haptorb.devices.schema.unit_help import explain_unit, usual_units
 from haptorb.devices.schema.units import convert, split_unit
 from haptorb.errors import quote
-from haptorb.numerics.compiled import cache_folder
+from haptorb.numerics.cache_folder import private_folder
 
 __all__ = [
     "Angle",
@@ -74,11 +75,13 @@ def _registry() -> Any:
     import pint
 
     parser, python = version("flexparser"), sys.implementation.cache_tag
-    folder = cache_folder() / "units" / f"pint {pint.__version__}, flexparser {parser}, {python}"
+    folder: Path | None = None
     try:
+        folder = private_folder("units", f"pint {pint.__version__}, flexparser {parser}, {python}")
         return pint.UnitRegistry(cache_folder=folder)
-    except Exception:  # a partial file, or a full disk
-        shutil.rmtree(folder, ignore_errors=True)
+    except Exception:  # a partial file, a full disk, or a folder that others can write
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
         return pint.UnitRegistry(cache_folder=None)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from haptorb.devices.tables import pair_table
 from haptorb.devices.tables.pair_table import PairTable, Progress
 from haptorb.files.replace_file import replace_file
-from haptorb.numerics.compiled import cache_folder
+from haptorb.numerics.cache_folder import cache_folder
 from haptorb.physics import interaction
 from haptorb.physics.sources import (
     bessel,

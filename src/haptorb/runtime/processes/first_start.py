@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from haptorb.numerics.compiled import cache_folder
+from haptorb.numerics.cache_folder import cache_folder
 from haptorb.runtime.exchange import plan as plans
 from haptorb.runtime.processes.prestart import PLAN, WANTED, code_note
 from haptorb.runtime.realtime.parent_death import die_with_parent, is_parent_gone

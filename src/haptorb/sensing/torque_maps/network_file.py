@@ -17,7 +17,7 @@ from haptorb.errors import InputError
 from haptorb.files.replace_file import replace_file
 from haptorb.files.text_file import parse_json, read_bytes
 from haptorb.numerics.arrays import Array
-from haptorb.numerics.compiled import cache_folder
+from haptorb.numerics.cache_folder import cache_folder
 from haptorb.sensing.torque_maps.network import TrainedNetworks
 from haptorb.sensing.torque_maps.perceptron import Perceptron, Scaling
 

@@ -1,0 +1,138 @@
+"""The folder of what can be computed again: this account's alone, as compiled kernels in it are executed.
+
+numba and pint keep pickles there. Whoever can write such a file has his code run by the next program that loads it; so
+a folder that belongs to another account, or that others may write, also by way of a folder above it, is refused with
+one line, and a private one is used instead.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import stat
+import sys
+import tempfile
+from functools import cache
+from pathlib import Path
+
+__all__ = ["cache_folder", "explain_shared", "private_folder"]
+
+_CHOSEN = "HAPTORB_CACHE_FOLDER"  #: for the processes that this one starts: they need not choose, nor say it, again
+
+
+def cache_folder() -> Path:
+    """Folder for everything that can be computed again: $XDG_CACHE_HOME/haptorb, else ~/.cache/haptorb.
+
+    Another private folder where that one is shared with other accounts, which is said once on standard error, or
+    cannot be made.
+    """
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return _choose(os.path.abspath(home))
+
+
+def private_folder(*parts: str) -> Path:
+    """The folder `parts` below `cache_folder`, made if it is missing.
+
+    Raises OSError if it cannot be made, or if others can write there.
+    """
+    folder = cache_folder()
+    for part in parts:
+        folder = folder / part
+        _make(folder)
+    shared = explain_shared(folder)
+    if shared:  # safety: cache-own
+        raise PermissionError(f"{folder} {shared}")
+    return folder
+
+
+def explain_shared(folder: Path) -> str:
+    """Why others could put files into `folder`; "" if only this account can.
+
+    Each folder above it counts up to the root: who may rename one may put another in its place. In a sticky folder,
+    such as /tmp, that is for the owner alone.
+    """
+    if not hasattr(os, "getuid"):
+        return ""  # Windows: the profile's folders are the user's own
+    places = [folder.absolute(), folder.resolve()]  # the links on the way, and what they lead to
+    for place in dict.fromkeys(one for path in places for one in (path, *path.parents)):
+        try:
+            why = _explain_one(place, last=place in places)
+        except OSError as cause:
+            return f"cannot be looked at ({cause.strerror})"
+        if why:
+            return why if place in places else f"lies in {place}, which {why}"
+    return ""
+
+
+def _explain_one(place: Path, *, last: bool) -> str:
+    if not hasattr(os, "getuid"):
+        return ""
+    found = place.lstat()
+    own = found.st_uid == os.getuid()
+    if not own and (found.st_uid != 0 or (last and not stat.S_ISLNK(found.st_mode))):
+        return f"belongs to another account (user id {found.st_uid})"
+    if stat.S_ISLNK(found.st_mode):  # its mode means nothing
+        return ""
+    sticky = bool(found.st_mode & stat.S_ISVTX) and not last
+    if found.st_mode & stat.S_IWOTH and not sticky:
+        return "can be written by every account"
+    if found.st_mode & stat.S_IWGRP and not sticky and not _is_own_group(found.st_gid):
+        return f"can be written by group {found.st_gid}"
+    return ""
+
+
+def _explain_content(folder: Path) -> str:
+    for entry in folder.iterdir():
+        why = _explain_one(entry, last=True) if entry.is_dir() else ""
+        if why:
+            return f"has a folder '{entry.name}' that {why}"
+    return ""
+
+
+@cache
+def _is_own_group(group: int) -> bool:
+    """Whether nobody but this account is in `group`: where each has its own, folders are often open to it."""
+    import grp
+    import pwd
+
+    try:
+        found, user = grp.getgrgid(group), pwd.getpwuid(os.getuid())
+    except KeyError:
+        return False
+    return group == user.pw_gid and found.gr_name == user.pw_name and set(found.gr_mem) <= {user.pw_name}
+
+
+@cache
+def _choose(home: str) -> Path:
+    number = os.getuid() if hasattr(os, "getuid") else 0
+    wanted = Path(home, "haptorb")
+    told, chosen = os.environ.get(_CHOSEN, "").partition(os.pathsep)[::2]
+    others = [Path(chosen)] if told == home and chosen else []
+    if not others:
+        others = [Path(home, f"haptorb-{number}"), Path(tempfile.gettempdir(), f"haptorb-{number}")]
+    refused = ""
+    for folder in (wanted, *others):
+        try:
+            _make(folder)
+            shared = explain_shared(folder) or _explain_content(folder)
+        except OSError:  # a read-only home, say
+            continue
+        if not shared:  # safety: cache-private
+            break
+        refused = refused or f"cache folder {folder} is not used: it {shared}"
+    else:
+        folder = Path(tempfile.mkdtemp(prefix="haptorb-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    if folder != wanted and not (told == home and chosen):
+        os.environ[_CHOSEN] = f"{home}{os.pathsep}{folder}"
+        if refused:
+            print(f"haptorb: {refused}; {folder} is used instead", file=sys.stderr)
+    return folder
+
+
+def _make(folder: Path) -> None:
+    """For this account only. Those above it are made as other programs make them."""
+    if not folder.is_dir():
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
