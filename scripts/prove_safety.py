@@ -107,6 +107,13 @@ RULES = [
     ("world-forked", "a forked world is no second loop", "drop", HOSTILE_TESTS),
     ("world-children", "what a world started ends with it", "drop", HOSTILE_TESTS),
     ("recorder-stalled", "a stalled recorder is told", "never", STALLED_TESTS),
+    ("leftovers-swept", "what dead programs left is removed", "drop", LEFTOVER_TESTS),
+    (
+        "few-connections",
+        "connections that ask for something are few",
+        "never",
+        "tests/apps/console/test_hostile.py",
+    ),
     ("living-files", "the living keep their files", "drop", LEFTOVER_TESTS),
     (
         "engage-void",

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "scripts"))
-script, markers = import_module("prove_safety"), import_module("safety_markers")
+script, markers, promised = map(import_module, ("prove_safety", "safety_markers", "prove_promises"))
 sys.path.remove(str(ROOT / "scripts"))
 
 
@@ -115,3 +115,25 @@ def test_each_marker_has_one_rule_and_each_rule_a_marker(tmp_path, names, mistak
     marked = mark(tmp_path, "a  # safety: x\nb  # safety: y")
     with pytest.raises(markers.MarkerError, match=mistake):
         script.collect_proofs([(name, "a rule", "drop", "a test") for name in names], marked)
+
+
+def test_every_promise_is_broken_once_with_each_of_its_commands():
+    promises = promised.read_promises(promised.TABLE.read_text(encoding="utf-8"))
+    assert len(promises) > 30
+    assert promised.find_gaps(promises, promised.BREAKS) == []
+
+
+@pytest.mark.parametrize("one", promised.BREAKS, ids=lambda one: f"{one.row}, {one.command}")
+def test_what_breaks_a_promise_fits_the_code(one):
+    path, broken = promised.break_code_of(ROOT, one.change)
+    assert broken != path.read_text(encoding="utf-8")
+
+
+def test_a_promise_that_nothing_breaks_is_found():
+    rows = {"A is kept": ["pytest a", "pytest b"], "B is kept": ["pytest c"]}
+    gaps = promised.find_gaps(rows, (promised.Break("A is", "pytest a", "x"), promised.Break("C", "pytest c", "x")))
+    assert [("pytest b" in gap, "pytest c" in gap, "'C'" in gap) for gap in gaps] == [
+        (True, False, False),
+        (False, True, False),
+        (False, False, True),
+    ]

@@ -37,7 +37,7 @@ class Request(H11Protocol):
         super().connection_made(transport)
         _read_in_pieces(transport)
         self._waiting[:] = [one for one in self._waiting if isinstance(one.get_protocol(), Request)]
-        while len(self._waiting) >= MOST:
+        while len(self._waiting) >= MOST:  # safety: few-connections
             self._waiting.pop(0).abort()
         self._waiting.append(transport)
         self.loop.call_later(LIFE, self._end_request, transport)

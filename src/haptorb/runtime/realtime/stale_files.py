@@ -68,7 +68,7 @@ def sweep() -> int:
         with suppress(OSError), os.scandir(folder) as entries:
             for entry in entries:
                 if _OURS.fullmatch(entry.name):
-                    removed += _remove_if_stale(entry)
+                    removed += _remove_if_stale(entry)  # safety: leftovers-swept
     return removed
 
 

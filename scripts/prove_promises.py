@@ -1,0 +1,286 @@
+"""Break the code once per promise of the safety concept and see its command fail.
+
+    python scripts/prove_promises.py [WORD…] [--list]
+
+With words: only the rows in whose text one of them stands. `--list` prints the rows and how each is broken.
+
+Every row of the table in docs/explanation/safety.md names a command that demonstrates a promise. A command that stays
+green while the rule behind it is broken demonstrates nothing. Each line of BREAKS names a row, one of its commands
+(with arguments that shorten it, if any), and the statement that is broken: a marker `# safety: NAME`, broken as
+`prove_safety.py` does, or a replacement of text in a file that is no Python. The change is made in a copy of the tree.
+The command must succeed in the unchanged copy and fail in the changed one.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from prove_safety import RULES
+from safety_markers import MarkerError, break_code, find_marked
+
+ROOT = Path(__file__).resolve().parent.parent
+TABLE = ROOT / "docs" / "explanation" / "safety.md"
+TIMEOUT = 1800.0  #: of one command [s]
+NEEDS_HARDWARE = ("haptorb hardware probe",)  #: commands that only a real device answers
+
+
+@dataclass(frozen=True)
+class Text:
+    """A change of a file that is no Python: one occurrence of `old` becomes `new`."""
+
+    file: str
+    old: str
+    new: str
+
+
+@dataclass(frozen=True)
+class Break:
+    """One way to break one promise, and the command that must notice it.
+
+    row       the beginning of the promise in the table
+    command   one of the row's commands
+    change    a marker in the Python sources, or a Text
+    quick     arguments that are added to shorten the command
+    """
+
+    row: str
+    command: str
+    change: str | Text
+    quick: str = ""
+
+
+INTERLEAVINGS = "python benchmarks/safety/stop_interleavings.py"
+TICK = "pytest tests/runtime/tick/test_tick.py"
+HOSTILE_WORLDS = "python benchmarks/safety/hostile_worlds.py"
+I2C_FAULTS = "python benchmarks/safety/i2c_faults.py"
+HOSTILE_WEB = "python benchmarks/safety/hostile_web.py"
+TICK_PERIODS = "python benchmarks/safety/tick_periods.py"
+STUDY_STOP = "python benchmarks/safety/study_stop.py"
+
+BREAKS = (
+    Break("After a Stop the coils stay off", INTERLEAVINGS, "engage-void", "--interleavings 2000"),
+    Break("Every transition from off to on", INTERLEAVINGS, "engaging-ramps-from-zero", "--interleavings 500"),
+    Break("The tracker cannot clear a Stop", TICK, "a-stop-before-the-first-pose-stands"),
+    Break("A Stop before or during the start", "pytest tests/runtime/servo/test_servo.py -k stop", "start-stop"),
+    Break(
+        "Console: a Stop from any page", "pytest tests/apps/console/test_socket_hub.py -k stop", "console-stop-first"
+    ),
+    Break(
+        "Console: a page that hangs",
+        "pytest tests/apps/console/test_pointer_relay.py tests/browser/test_console_drag.py",
+        "pointer-bridged",
+    ),
+    Break("Study: a Stop from any page", STUDY_STOP, "study-stop-first", "--states running --repetitions 1 --lock 3"),
+    Break("Study: after a malformed message", "pytest tests/apps/study/test_stop.py", "study-fault"),
+    Break(
+        "No winding is hotter",
+        "python benchmarks/safety/coupled_heat.py",
+        "coils-warm-each-other",
+        "--devices 2 --minutes 4",
+    ),
+    *(
+        Break("The coils never take more", "python benchmarks/safety/supply_power.py", change, "--wrenches 20000")
+        for change in (
+            "supply-power-is-kept",
+            "supply-power-of-forces",
+            "supply-power-of-motors",
+            "supply-power-of-wrenches",
+        )
+    ),
+    Break(
+        "Torque is limited",
+        "pytest tests/runtime/tick/test_rendered_part.py tests/control/allocation/test_whole_wrench.py",
+        "damping-brakes-turns",
+    ),
+    Break(
+        "Torque is limited",
+        "pytest tests/runtime/tick/test_rendered_part.py tests/control/allocation/test_whole_wrench.py",
+        "what-comes-along-is-limited",
+    ),
+    Break("Heat, slew, ramps and expiry", TICK_PERIODS, "windings-heat-by-the-clock", "--seconds 20"),
+    Break("A loop that misses more", TICK_PERIODS, "missed-deadlines-trip", "--seconds 5"),
+    Break(
+        "The coils of a silent loop go off",
+        "pytest -m slow tests/firmware/test_coils_off.py",
+        Text("firmware/core/guard.c", "if (++guard->silence >= SILENCE_MS) {", "if (guard->silence > SILENCE_MS) {"),
+    ),
+    Break("The coils of a silent loop go off", TICK, "simulated-watchdog"),
+    Break(
+        "A current sensor that reads 0",
+        "python benchmarks/safety/current_faults.py",
+        "current-mismatch-trips",
+        "--hours 0.01 --faults 20",
+    ),
+    Break("No false trip", "python benchmarks/safety/false_trips.py", "host-computing", "--minutes 0.5"),
+    Break("A world that does not return", HOSTILE_WORLDS, "world-hung", "--worlds hangs --crashes 0 --stops 0"),
+    Break("A servo does not outlive its host", HOSTILE_WORLDS, "servo-hung", "--worlds hangs --crashes 0 --stops 0"),
+    Break("The coils of a stopped host", "python benchmarks/safety/hostile_worlds.py --stops 20", "host-stopped"),
+    Break(
+        "Nothing that dead programs left", "python benchmarks/safety/hostile_worlds.py --crashes 100", "leftovers-swept"
+    ),
+    Break(
+        "A recorder that does not respond",
+        "pytest tests/runtime/processes/test_stalled_recorder.py",
+        "recorder-stalled",
+    ),
+    Break(
+        "The coil state is what the device confirmed", "pytest tests/contracts/test_drivers.py", "off-means-zero-duties"
+    ),
+    Break("I²C: after a bus fault", I2C_FAULTS, "i2c-off-unsaid", "--faults 30 --guardians 0"),
+    Break("I²C: a stopped or dead guardian", I2C_FAULTS, "guardian-silent", "--faults 1 --guardians 3"),
+    Break(
+        "I²C: coils off when host and guardian both stop",
+        "pytest tests/runtime/drivers/i2c/test_i2c_faults.py",
+        "i2c-monostable",
+    ),
+    Break("I²C: one program per PWM chip", "pytest tests/runtime/drivers/i2c/test_i2c_lock.py", "i2c-lock"),
+    Break(
+        "Firmware: no engaging while a coil is hot",
+        "make -C firmware test",
+        Text("firmware/core/bridge.c", "return REFUSED_HOT;", "continue;"),
+    ),
+    Break(
+        "Firmware: a calibration reported as stored",
+        "python benchmarks/safety/store_resets.py",
+        Text("firmware/core/calibration.c", "eeprom->write(start, NO_MARK);", "eeprom->write(start, MARK);"),
+    ),
+    Break("Another account of the computer", HOSTILE_WEB, "console-token", "--connections 20 --seconds 2"),
+    Break("Hostile connections take neither", HOSTILE_WEB, "few-connections", "--connections 400 --seconds 6"),
+    Break("No web message ends a task", "pytest -m slow tests/apps/web/test_hostile_messages.py", "study-message"),
+    Break("One sender per OSC tracker", "python scripts/prove_safety.py jump sender", "one-sender"),
+    Break("A file is read, or rejected", "python benchmarks/safety/hostile_files.py", "chunk-size", "--mutants 300"),
+)
+
+
+def read_promises(page: str) -> dict[str, list[str]]:
+    """Promise → the commands of its row, of every row that names one."""
+    found = {}
+    for line in page.split("\n## What is promised")[1].split("\n## ")[0].splitlines():
+        cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+        if len(cells) == 4 and (commands := re.findall(r"`([^`]+)`", cells[2])):
+            found[cells[0]] = commands
+    return found
+
+
+def find_gaps(promises: dict[str, list[str]], breaks: tuple[Break, ...]) -> list[str]:
+    """What is missing: rows without a break, commands that no break runs, breaks without a row."""
+    gaps = []
+    for promise, commands in promises.items():
+        own = {one.command for one in breaks if promise.startswith(one.row)}
+        gaps += [
+            f"no break makes `{command}` fail: {promise}"
+            for command in commands
+            if command not in own and command not in NEEDS_HARDWARE
+        ]
+    for one in breaks:
+        rows = [commands for promise, commands in promises.items() if promise.startswith(one.row)]
+        if len(rows) != 1:
+            gaps.append(f"{len(rows)} rows begin with '{one.row}'")
+        elif one.command not in rows[0]:
+            gaps.append(f"the row '{one.row}' does not name `{one.command}`")
+    return gaps
+
+
+def break_code_of(tree: Path, change: str | Text) -> tuple[Path, str]:
+    """The file of the copy `tree` that `change` is made in, and its text after that. MarkerError if it fits nothing."""
+    if isinstance(change, Text):
+        path = tree / change.file
+        text = path.read_text(encoding="utf-8")
+        if text.count(change.old) != 1:
+            raise MarkerError(f"'{change.old}' must stand once in {change.file}, not {text.count(change.old)} times")
+        return path, text.replace(change.old, change.new)
+    mutations = {marker: mutation for marker, _, mutation, _ in RULES}
+    marked = find_marked(tree / "src" / "haptorb")
+    if change not in marked or change not in mutations:
+        raise MarkerError(f"'{change}' is no marker in the sources, or has no rule in scripts/prove_safety.py")
+    return marked[change].path, break_code(marked[change], mutations[change])
+
+
+def copy_tree(folder: Path) -> Path:
+    """The files of the project in `folder`, built pages and firmware included."""
+    left_out = shutil.ignore_patterns(
+        ".git", ".venv", "node_modules", "__pycache__", "*_cache", ".hypothesis", "_build"
+    )
+    return Path(shutil.copytree(ROOT, folder / "tree", ignore=left_out))
+
+
+def run_command(command: str, tree: Path) -> tuple[bool, str]:
+    """Whether `command` succeeds in `tree`, and the end of what it printed."""
+    words = shlex.split(command)
+    if words[0] == "pytest":
+        words = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-o", "timeout=1500", *words[1:]]
+    elif words[0] in ("python", "haptorb"):
+        words = [sys.executable, *(["-m", "haptorb"] if words[0] == "haptorb" else []), *words[1:]]
+    environment = {**os.environ, "PYTHONPATH": str(tree / "src"), "XDG_CACHE_HOME": str(tree.parent / "cache")}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    try:
+        run = subprocess.run(
+            words, cwd=tree, env=environment, capture_output=True, text=True, timeout=TIMEOUT, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return False, f"did not end within {TIMEOUT:g} s"
+    return run.returncode == 0, (run.stdout + run.stderr)[-1500:]
+
+
+def prove(one: Break, tree: Path, intact: dict[str, tuple[bool, str]]) -> str:
+    """An empty text if the command succeeds as the code is and fails when it is broken; else what it did."""
+    command = f"{one.command} {one.quick}".strip()
+    if command not in intact:
+        intact[command] = run_command(command, tree)
+    if not intact[command][0]:
+        return f"FAILS ANYWAY\n{intact[command][1]}"
+    path, broken = break_code_of(tree, one.change)
+    whole = path.read_text(encoding="utf-8")
+    path.write_text(broken, encoding="utf-8")
+    try:
+        succeeds, _ = run_command(command, tree)
+    finally:
+        path.write_text(whole, encoding="utf-8")
+    return "STAYS GREEN" if succeeds else ""
+
+
+def main() -> int:
+    """Prove every chosen row; the exit code is 1 unless every command fails where its promise is broken."""
+    words = [word for word in sys.argv[1:] if word != "--list"]
+    promises = read_promises(TABLE.read_text(encoding="utf-8"))
+    gaps = find_gaps(promises, BREAKS)
+    chosen = [
+        one
+        for one in BREAKS
+        if not words or any(word.lower() in f"{one.row} {one.command} {one.change}".lower() for word in words)
+    ]
+    if "--list" in sys.argv:
+        for one in chosen:
+            print(f"{one.row}: {one.command} {one.quick}; broken: {one.change}")
+        return 0
+    failed = 0
+    with tempfile.TemporaryDirectory() as folder:
+        tree, intact = copy_tree(Path(folder)), dict[str, tuple[bool, str]]()
+        for one in chosen:
+            fault = prove(one, tree, intact)
+            failed += bool(fault)
+            print(
+                f"{fault.splitlines()[0] if fault else 'red when broken':>16}  {one.row} ({one.change}): {one.command}",
+                flush=True,
+            )
+            print(
+                "\n".join(f"    {line}" for line in fault.splitlines()[1:]),
+                end="\n" if "\n" in fault else "",
+                flush=True,
+            )
+    print("\n".join([*gaps, f"{len(chosen) - failed} of {len(chosen)} commands fail when their promise is broken"]))
+    return 1 if failed or gaps else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
