@@ -122,11 +122,26 @@ BREAKS = (
         "--hours 0.01 --faults 20",
     ),
     Break("No false trip", "python benchmarks/safety/false_trips.py", "host-computing", "--minutes 0.5"),
-    Break("A world that does not return", HOSTILE_WORLDS, "world-hung", "--worlds hangs --crashes 0 --stops 0"),
-    Break("A servo does not outlive its host", HOSTILE_WORLDS, "servo-hung", "--worlds hangs --crashes 0 --stops 0"),
-    Break("The coils of a stopped host", "python benchmarks/safety/hostile_worlds.py --stops 20", "host-stopped"),
     Break(
-        "Nothing that dead programs left", "python benchmarks/safety/hostile_worlds.py --crashes 100", "leftovers-swept"
+        "A world that does not return", HOSTILE_WORLDS, "world-hung", "--worlds loops --crashes 0 --stops 0 --busy 0"
+    ),
+    Break(
+        "A servo does not outlive its host",
+        HOSTILE_WORLDS,
+        "servo-hung",
+        "--worlds loops --crashes 0 --stops 0 --busy 0",
+    ),
+    Break(
+        "The coils of a stopped host",
+        f"{HOSTILE_WORLDS} --stops 20",
+        "host-stopped",
+        "--worlds --crashes 0 --stops 3 --busy 0",
+    ),
+    Break(
+        "Nothing that dead programs left",
+        f"{HOSTILE_WORLDS} --crashes 100",
+        "leftovers-swept",
+        "--worlds --crashes 4 --stops 0 --busy 0",
     ),
     Break(
         "A recorder that does not respond",
