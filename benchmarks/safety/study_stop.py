@@ -247,7 +247,7 @@ def measure(state: str, folder: Path, repetitions: int, lock: float) -> dict[str
             scene.block()
             pages = [scene.first, scene.second, scene.experimenter]
             servo = scene.servo
-            cursor = servo.rows(0)[0] if servo is not None and state not in ("starting", "paused") else 0
+            cursor = servo.rows(0)[0] if servo is not None and state != "starting" else 0  # a paused one was on before
             for n in range(3):
                 scene.stops.clear()
                 sent = pages[(repetition + n) % 3].do("stop")
