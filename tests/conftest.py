@@ -190,6 +190,27 @@ def pytest_runtest_teardown() -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
+@pytest.fixture
+def check_limit(request: pytest.FixtureRequest) -> Callable[[str, float, float, str], None]:
+    """Checks a measured value against the limit of a promise; pytest's summary prints both."""
+
+    def check(what: str, value: float, limit: float, unit: str) -> None:
+        text = f"{what}: {value:.4g} {unit} (limit {limit:g} {unit})"
+        request.node.user_properties.append(("measured", text))
+        assert value <= limit, text
+
+    return check
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Print what `check_limit` measured."""
+    reports = [one for kind in ("passed", "failed") for one in terminalreporter.stats.get(kind, [])]
+    texts = [text for one in reports for name, text in getattr(one, "user_properties", []) if name == "measured"]
+    if texts:
+        terminalreporter.section("measured against the limits of promises")
+        terminalreporter.write_line("\n".join(texts))
+
+
 @pytest.fixture(scope="session")
 def root() -> Path:
     """The folder that the project lies in."""

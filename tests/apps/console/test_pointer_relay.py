@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -17,7 +18,9 @@ def pointer(stamp: float, x: float, held: bool) -> Pointer:
 
 
 @pytest.mark.parametrize(("driver", "seconds"), [("serial:/dev/ttyUSB0", 0.15), ("i2c:1", 0.15), ("sim", 1.0)])
-def test_a_held_pointer_is_kept_through_a_stutter_only(servo, driver, seconds, monkeypatch: pytest.MonkeyPatch):
+def test_a_held_pointer_is_kept_through_a_stutter_only(
+    servo, driver, seconds, monkeypatch: pytest.MonkeyPatch, check_limit: Callable[[str, float, float, str], None]
+):
     now = [100.0]
     servo.driver = driver
     monkeypatch.setattr("haptorb.apps.console.pointer_relay.time.monotonic", lambda: now[0])
@@ -26,7 +29,8 @@ def test_a_held_pointer_is_kept_through_a_stutter_only(servo, driver, seconds, m
     for _ in range(300):
         now[0] += 0.01
         hand.keep()
-    assert 100 * seconds - 1 <= servo.count("point") <= 1 + 100 * seconds, "then it expires"
+    assert 100 * seconds - 1 <= servo.count("point"), "a stutter takes no mover"
+    check_limit(f"{driver}: a page that hangs holds the mover for", 0.01 * (servo.count("point") - 1), seconds, "s")
     assert servo.count("release") == (driver == "sim"), "a simulated hand lets go instead"
     hand.point(pointer(2.0, 0.02, held=True))
     assert hand.held, "a page that comes back holds it still"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -24,13 +25,17 @@ def _until(servo: Any, condition: Any, patience: float = 20.0) -> None:
         time.sleep(0.01)
 
 
-def test_it_is_told_until_it_goes_on(fake_servo: Any) -> None:
+def test_it_is_reported_until_it_continues(
+    fake_servo: Any, check_limit: Callable[[str, float, float, str], None]
+) -> None:
     with fake_servo(rate=200.0).servo as servo:
         recorder = servo._children.recorder_pid
         assert servo.recording_trouble == ""
         os.kill(recorder, signal.SIGSTOP)
+        stopped = time.monotonic()
         try:
             _until(servo, lambda: "has not written" in servo.recording_trouble)
+            check_limit("stopped recorder: reported after", time.monotonic() - stopped, 1.2, "s")
             assert "has not written" in servo.report()["recording_trouble"]
             before = servo.report()["ticks"]
             _until(servo, lambda: servo.report()["ticks"] > before)

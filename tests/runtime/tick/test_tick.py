@@ -1,5 +1,6 @@
 """One tick, whole: what is rendered, what is given, and that every failure in the chain ends in coils off."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -447,6 +448,18 @@ def test_after_a_pause_of_the_computer_the_force_comes_back_from_zero():
     assert np.abs(rig["currents"]).max() < 0.05  # the device had switched off by itself
     rig.go(400)
     assert rig["guard"][0] == GuardState.RUNNING
+
+
+def test_the_simulated_device_switches_off_after_a_silence(
+    check_limit: Callable[[str, float, float, str], None],
+) -> None:
+    """The shortest silence after which the ramp starts again from zero."""
+    for periods in range(10, 40):
+        rig = Rig().go(800)
+        rig.go(1, periods=periods).go(1)
+        if rig["guard"][0] == GuardState.RAMPING:
+            break
+    check_limit("simulated device: coils off after a silence of", float(periods), 20.0, "ms")
 
 
 def test_the_ramp_takes_its_time_whatever_the_ticks_take():
