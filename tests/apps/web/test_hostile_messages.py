@@ -1,4 +1,4 @@
-"""Messages that no page of ours sends, by the thousand, to the console and to both doors of a study.
+"""Messages that no program of ours sends, to the console, to both pages of a study and to every server.
 
 Every one ends in a sentence or in nothing; no task or thread dies, nobody loses a place, afterwards all still works.
 """
@@ -9,11 +9,12 @@ import importlib.util
 import json
 import math
 import random
+import socket
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from itertools import islice
 from pathlib import Path
 from types import ModuleType
@@ -21,11 +22,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pythonosc.osc_message_builder import OscMessageBuilder
 from websockets.sync.client import connect
 
+from apps.serve.published_loop import PublishedLoop
 from haptorb.apps.console import Console
+from haptorb.apps.serve.foxglove.viewer_connection import ViewerConnection
+from haptorb.apps.serve.osc.osc_session import OscSession
 from haptorb.apps.web.command import command, is_stop_request
 from haptorb.errors import InputError
+from haptorb.worlds import Remote
 
 APPS = Path(__file__).parents[1]
 #: (messages, marks): every day a few, at night as many as were promised
@@ -69,11 +75,11 @@ VALUES = [
 ]
 
 
-def messages(seed: int, n: int) -> Iterator[str]:
-    """`n` texts: right ones with a value, a letter or a piece replaced, cut or doubled, and plain noise."""
+def messages(seed: int, n: int, valid: Sequence[str] = SAID) -> Iterator[str]:
+    """`n` texts: `valid` ones with a value, a letter or a piece replaced, cut or doubled, and plain noise."""
     draw = random.Random(seed)
     for _ in range(n):
-        text = draw.choice(SAID)
+        text = draw.choice(valid)
         for _ in range(draw.choice((0, 1, 1, 1, 2, 4))):
             what = draw.random()
             at = draw.randrange(len(text)) if text else 0
@@ -272,3 +278,93 @@ def _await_answer(page: Any, word: str) -> None:
     page.until(is_answered)
     page.mistakes.clear()
     page.heard.clear()
+
+
+#: what programs for Haply's Inverse Service send
+HAPLY = [
+    "{}",
+    '{"inverse3": [{"device_id": "ID", "commands": {"set_cursor_force": {"vector": {"x": 0.1, "y": 0, "z": 0.5}}}}]}',
+    '{"inverse3": [{"device_id": "ID", "commands": {"set_cursor_force": {"values": {"x": 0.1, "y": 0, "z": 0.5}}}}]}',
+    '{"inverse3": [{"device_id": "ID", "commands": {"probe_position": {}}}]}',
+    '{"inverse3": [{"device_id": "ID", "configure": {"preset": {"preset": "defaults"}, "mount": {}}}]}',
+    '{"session": {"force_render_full_state": {}, "configure": {"profile": {"name": "test"}}}}',
+]
+FOXGLOVE = [
+    '{"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 1}]}',
+    '{"op": "unsubscribe", "subscriptionIds": [1]}',
+    '{"op": "advertise", "channels": [{"id": 1, "topic": "/x", "encoding": "json", "schemaName": "x"}]}',
+    '{"op": "getParameters", "parameterNames": ["a"], "id": "7"}',
+    '{"op": "setParameters", "parameters": [{"name": "a", "value": 1}], "id": "7"}',
+]
+
+
+def packets(seed: int, n: int) -> Iterator[bytes]:
+    """`n` datagrams: OSC messages with values of any type, bytes changed, cut, or plain noise."""
+    draw = random.Random(seed)
+    words = ("subscribe", "force", "world", "parameter/limit", "parameters", "unsubscribe", "stop")
+    addresses = (*(f"/haptorb/{word}" for word in words), "/", "/x")
+    for _ in range(n):
+        builder = OscMessageBuilder(draw.choice(addresses))
+        for _ in range(draw.randrange(6)):
+            builder.add_arg(draw.choice((0.5, -1.0, math.nan, math.inf, 3e38, 7, "dome", "", True, None, b"bytes")))
+        data = bytearray(builder.build().dgram)
+        for _ in range(draw.choice((0, 0, 1, 3))):
+            data[draw.randrange(len(data))] = draw.randrange(256)
+        yield bytes(data[: draw.randrange(len(data))] if draw.random() < 0.1 else data)
+
+
+@pytest.mark.parametrize("n", AMOUNTS)
+def test_a_haply_server_answers_each_of_them_once(n, capfd, caplog):
+    serve = _module(APPS / "serve" / "conftest.py")
+    bench = serve.Bench()
+    try:
+        preparation = serve.prepare("0:0")
+        port = int(preparation.address.split(",")[0].rpartition(":")[2])
+        serving = threading.Thread(
+            target=serve.serve, args=(preparation.spec, list(preparation.descriptors), bench.served)
+        )
+        serving.start()
+        with no_news(capfd, caplog), connect(f"ws://127.0.0.1:{port}", compression=None, open_timeout=20) as client:
+            first = json.loads(client.recv(timeout=20))
+            named = [text.replace("ID", first["inverse3"][0]["device_id"]) for text in HAPLY]
+            for text in messages(6, n // 5, named):
+                client.send(text.encode("utf-8", "replace").decode()[:20_000])
+                answer = json.loads(client.recv(timeout=20))
+                assert np.isfinite(list(answer["inverse3"][0]["state"]["cursor_position"].values())).all()
+                assert np.isfinite(bench.read_client()["force"]).all()
+            client.send("{}")
+            assert json.loads(client.recv(timeout=20))["inverse3"]
+    finally:
+        bench.served.ending = True
+        serving.join(20)
+        bench.shared.unlink()
+    assert not serving.is_alive()
+
+
+@pytest.mark.parametrize("n", AMOUNTS)
+def test_an_osc_server_survives_them(n):
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    opened.bind(("127.0.0.1", 0))
+    with PublishedLoop(Remote()) as loop, closing(OscSession(opened, loop.served, "")) as session:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            sender.bind(("127.0.0.1", 0))
+            loop.publish()
+            for data in packets(7, n):
+                sender.sendto(data, opened.getsockname())
+                session.read_messages()
+                assert np.isfinite(loop.receive()[0]).all()
+            builder = OscMessageBuilder("/haptorb/force")
+            for value in (0.0, 0.0, 0.25):
+                builder.add_arg(value)
+            sender.sendto(builder.build().dgram, opened.getsockname())
+            session.read_messages()
+            assert loop.receive()[0] == [0.0, 0.0, 0.25]
+
+
+@pytest.mark.parametrize("n", AMOUNTS)
+def test_a_foxglove_server_survives_them(n):
+    viewer = ViewerConnection("test", 1, topics=3)
+    for text in messages(8, n, FOXGLOVE):
+        assert all(0 <= topic < 3 for topic in viewer.take_message(text))
+    viewer.take_message('{"op": "unsubscribe", "subscriptionIds": [17]}')
+    assert viewer.take_message('{"op": "subscribe", "subscriptions": [{"id": 17, "channelId": 2}]}') in ([2], [])
