@@ -19,7 +19,7 @@ BUILT_FROM := pyproject.toml $(wildcard hatch_build.py) $(CONSOLE)
 help:
 	@echo 'make run          set up and start the simulated Omni; options in ARGS, such as ARGS="--world wall"'
 	@echo 'make test         set up and run every check: style, types, imports, tests, documentation'
-	@echo 'make nightly      the same, with the long reproductions'
+	@echo 'make nightly      the same, with the long reproductions, every safety promise and half an hour of soak'
 	@echo 'make bench        all benchmarks, against peers and limits; ARGS="--store docs/benchmarks.json" stores them'
 	@echo 'make docs         the documentation, into docs/_build/html'
 	@echo 'make notebooks    the examples as Jupyter notebooks, into notebooks/'
@@ -39,6 +39,8 @@ test: $(VENV)/.test packages
 
 nightly: $(VENV)/.test packages
 	@HAPTORB_LONG_TESTS=1 $(BIN)/python scripts/run_tests.py $(ARGS)
+	@$(BIN)/python scripts/prove_promises.py --intact
+	@$(BIN)/python benchmarks/safety/soak.py
 
 bench: $(VENV)/.test
 	@$(BIN)/haptorb bench $(ARGS)

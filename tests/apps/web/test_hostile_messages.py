@@ -345,20 +345,23 @@ def test_a_haply_server_answers_each_of_them_once(n, capfd, caplog):
 def test_an_osc_server_survives_them(n):
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     opened.bind(("127.0.0.1", 0))
-    with PublishedLoop(Remote()) as loop, closing(OscSession(opened, loop.served, "")) as session:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            sender.bind(("127.0.0.1", 0))
-            loop.publish()
-            for data in packets(7, n):
-                sender.sendto(data, opened.getsockname())
-                session.read_messages()
-                assert np.isfinite(loop.receive()[0]).all()
-            builder = OscMessageBuilder("/haptorb/force")
-            for value in (0.0, 0.0, 0.25):
-                builder.add_arg(value)
-            sender.sendto(builder.build().dgram, opened.getsockname())
+    with (
+        PublishedLoop(Remote()) as loop,
+        closing(OscSession(opened, loop.served, "")) as session,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        sender.bind(("127.0.0.1", 0))
+        loop.publish()
+        for data in packets(7, n):
+            sender.sendto(data, opened.getsockname())
             session.read_messages()
-            assert loop.receive()[0] == [0.0, 0.0, 0.25]
+            assert np.isfinite(loop.receive()[0]).all()
+        builder = OscMessageBuilder("/haptorb/force")
+        for value in (0.0, 0.0, 0.25):
+            builder.add_arg(value)
+        sender.sendto(builder.build().dgram, opened.getsockname())
+        session.read_messages()
+        assert loop.receive()[0] == [0.0, 0.0, 0.25]
 
 
 @pytest.mark.parametrize("n", AMOUNTS)
