@@ -34,6 +34,7 @@ __all__ = [
     "PlatformError",
     "PrecisionError",
     "RecordingError",
+    "RecordingWarning",
     "ServoError",
     "UnknownName",
     "WorldError",
@@ -129,6 +130,10 @@ class HostSilent(DriverError):
 
 class RecordingError(HaptorbError):
     """A recording that cannot be written or read."""
+
+
+class RecordingWarning(UserWarning):
+    """A recording is damaged: the message states which rows are missing; all others can be read."""
 
 
 class ServoError(HaptorbError):

@@ -11,7 +11,7 @@ import pytest
 
 from haptorb import Recording
 from haptorb.errors import RecordingError
-from haptorb.runtime.recording.mcap_rows import MESSAGE_OVERHEAD
+from haptorb.runtime.recording.mcap_reader import MESSAGE_OVERHEAD
 from haptorb.runtime.recording.mcap_schema import CDR_HEADER
 from haptorb.runtime.recording.recorder import Recorder
 from haptorb.runtime.row import RowLayout

@@ -17,7 +17,8 @@ FIELDS = {field.name: field for field in RowLayout(channels=3, sensors=0).fields
 class Rows:
     """Ticks of which only the saturation is known."""
 
-    path, truncated, long, lost, worlds = Path("run.mcap"), False, False, 0, ()
+    path, truncated, long, checked, lost, worlds = Path("run.mcap"), False, False, True, 0, ()
+    missing, damage = (), ()
     fields: tuple[Field, ...] = (FIELDS["saturated"],)
 
     def __init__(self, saturated: list[float]) -> None:

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import errno
 import sys
-from typing import Annotated
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated, Any
 
 import typer
 
@@ -32,7 +35,7 @@ from haptorb.apps.terminal import say, tell
 from haptorb.apps.terminal.help_text import CommandLine
 from haptorb.apps.terminal.output import drop_output, open_output
 from haptorb.apps.terminal.spelling import use_ascii_fallback
-from haptorb.errors import HaptorbError
+from haptorb.errors import HaptorbError, RecordingWarning
 from haptorb.version import __version__
 
 __all__ = ["app", "main"]
@@ -69,12 +72,30 @@ for module in (
     module.register(app)
 
 
+@contextmanager
+def report_damage() -> Iterator[None]:
+    """Say on standard error, wherever a command opens a damaged recording, what is missing of it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", RecordingWarning)
+        show = warnings.showwarning
+
+        def show_damage(message: Warning | str, category: type[Warning], *others: Any, **more: Any) -> None:
+            if issubclass(category, RecordingWarning):
+                say(str(message))
+            else:
+                show(message, category, *others, **more)
+
+        warnings.showwarning = show_damage
+        yield
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; a user's mistake is one message, never a traceback."""
     open_output()
     use_ascii_fallback()
     try:
-        app(args=arguments)
+        with report_damage():
+            app(args=arguments)
     except HaptorbError as mistake:
         say(f"haptorb: {mistake.command_message}")
         return 2

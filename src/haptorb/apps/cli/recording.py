@@ -16,6 +16,7 @@ from haptorb.apps.terminal import (
     print_json,
     print_table,
     print_text,
+    say,
     tell,
 )
 from haptorb.errors import InputError, RecordingError, UnknownName
@@ -23,7 +24,7 @@ from haptorb.errors import InputError, RecordingError, UnknownName
 if TYPE_CHECKING:
     from haptorb.runtime.recording.recording import Recording
 
-__all__ = ["parse_time", "register"]
+__all__ = ["check_rows", "list_missing", "parse_time", "register", "report_end"]
 
 
 def register(app: typer.Typer) -> None:
@@ -39,13 +40,35 @@ def info(
         typer.Option("--all", help="Compute the largest values over all ticks of a long recording (above 32 MiB) too."),
     ] = False,
     fields: Annotated[bool, typer.Option("--fields", help="List the fields with width, unit and meaning.")] = False,
+    repair: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT", help="Write all rows and notes that can be read to OUT, a whole MCAP file."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Let --repair overwrite an existing file.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Summarise a recording: device, worlds, length, largest force, lost ticks."""
+    """Summarise a recording: device, worlds, length, largest force, lost ticks, damage."""
     from haptorb.runtime.recording.recording import Recording
+    from haptorb.runtime.recording.recording_summary import list_losses
+    from haptorb.runtime.recording.repair import check_place, repair_recording
 
+    if repair is not None:
+        check_place(file, repair, overwrite=force)
     recording = Recording(file)
     whole = whole or not recording.long
+    if repair is not None or whole:
+        check_rows(recording, show=not json)
+    report_end(recording)
+    if repair is not None:
+        with make_progress(show=not json) as bar:
+            task = bar.add_task("writing", total=1.0)
+            repair_recording(recording, repair, lambda share: bar.update(task, completed=share), overwrite=force)
+        if json:
+            print_json({**_numbers(recording, whole), "repaired": str(repair)})
+        else:
+            losses = "; ".join(list_losses(recording)) or "nothing was missing"
+            tell(f"{repair}: {len(recording)} rows; {losses}")
+        return
     if json:
         print_json(_numbers(recording, whole))
         return
@@ -66,6 +89,44 @@ def info(
         print_text(console, f"error at tick {error.get('tick', '?')}: {error.get('text', '')}")
 
 
+def check_rows(recording: Recording, *, show: bool) -> None:
+    """Compare all rows of a long recording with their checksums, and leave out those that are damaged."""
+    if recording.checked:
+        return
+    with make_progress(show=show) as bar:
+        task = bar.add_task("checking", total=1.0)
+        recording.check(report=lambda share: bar.update(task, completed=share))
+
+
+def list_missing(recording: Recording) -> dict[str, Any]:
+    """What is missing because the file is damaged or cut, as JSON has it; `rows_missing` null: unknown."""
+    counts = [one.rows for one in recording.missing]
+    first = float(recording["t"][0]) if len(recording) and "t" in {one.name for one in recording.fields} else 0.0
+    return {
+        "truncated": recording.truncated,
+        "checked": recording.checked,
+        "rows_missing": None if None in counts else sum(n for n in counts if n is not None),
+        "missing": [
+            {
+                "after_row": one.row,
+                "rows": one.rows,
+                "start_s": None if one.start is None else one.start - first,
+                "end_s": None if one.end is None else one.end - first,
+            }
+            for one in recording.missing
+        ],
+        "damage": list(recording.damage),
+    }
+
+
+def report_end(recording: Recording) -> None:
+    """That the end is missing, on standard error; damage is reported wherever a recording is opened."""
+    from haptorb.runtime.recording.recording_summary import list_losses
+
+    if recording.truncated:
+        say(f"{recording.path}: {list_losses(recording)[-1]}")
+
+
 def _numbers(recording: Recording, whole: bool) -> dict[str, Any]:
     from haptorb.runtime.recording.recording_summary import duration_of, measure_run
 
@@ -77,7 +138,8 @@ def _numbers(recording: Recording, whole: bool) -> dict[str, Any]:
     return {
         "file": str(recording.path),
         "bytes": recording.path.stat().st_size,
-        "complete": not recording.truncated,
+        "complete": not (recording.truncated or recording.damage),
+        **list_missing(recording),
         "device": device.get("name", ""),
         "digest": device.get("digest", ""),
         "driver": run.get("driver", ""),
@@ -135,13 +197,18 @@ def export(
     if not path.parent.is_dir():
         raise RecordingError(f"cannot write {path}: there is no folder {path.parent}")
     names = None if fields is None else [name for name in (part.strip() for part in fields.split(",")) if name]
-    chosen = Export.of(Recording(file), to, names, first, last)
+    recording = Recording(file)
+    with make_progress(show=not json) as bar:
+        task = bar.add_task("checking", total=1.0)
+        chosen = Export.of(recording, to, names, first, last, lambda share: bar.update(task, completed=share))
+    report_end(recording)
     with make_progress(show=not json) as bar:
         task = bar.add_task("writing", total=1.0)
         chosen.write(path, lambda share: bar.update(task, completed=share))
     ticks = len(chosen.ticks)
     if json:
-        print_json({"file": str(path), "format": to, "ticks": ticks, "bytes": path.stat().st_size})
+        size = path.stat().st_size
+        print_json({"file": str(path), "format": to, "ticks": ticks, "bytes": size, **list_missing(recording)})
     else:
         tell(f"{path}: {ticks} ticks")
 

@@ -47,6 +47,7 @@ def replay(
 ) -> None:
     """Run a recording again and compare every number of every tick. Can replace world, estimator, model or rate."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the loop: sums in another order are other numbers
+    from haptorb.apps.cli.recording import check_rows, list_missing, report_end
     from haptorb.apps.figure_file import check_figure_file
     from haptorb.runtime.recording.recording import Recording
     from haptorb.runtime.replay.replay import Replay
@@ -55,6 +56,8 @@ def replay(
     if settings and world in (None, "recorded"):
         raise InputError("--set needs --world: it changes the parameters of that world")
     recording = Recording(file)
+    check_rows(recording, show=not json)
+    report_end(recording)
     if out is not None:
         check_replay_file(out, overwrite=force)
     if compare is not None:
@@ -78,7 +81,7 @@ def replay(
     from haptorb.apps.replay.verdict import difference_table, list_numbers, list_replay_facts
 
     if json:
-        print_json(list_numbers(run, seconds, took))
+        print_json({**list_numbers(run, seconds, took), **list_missing(recording)})
     else:
         console = make_console()
         facts = [("recording", str(file)), *list_replay_facts(run)]

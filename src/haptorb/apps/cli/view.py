@@ -56,6 +56,8 @@ def view(
 
 def _tell(viewer: Viewer, json: bool) -> None:
     """Where the page is, and what is to be known of the recordings."""
+    from haptorb.apps.cli.recording import list_missing
+
     if json:
         print_json(
             {
@@ -67,6 +69,7 @@ def _tell(viewer: Viewer, json: bool) -> None:
                         "ticks": len(one),
                         "duration_s": one.seconds,
                         "notices": one.notices,
+                        **list_missing(one.recording),
                     }
                     for one in viewer.recordings
                 ],

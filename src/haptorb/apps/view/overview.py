@@ -53,6 +53,7 @@ class Overview:
             self._done, self._ranges, self._events = self._rows, bins.ranges, bins.events
             return
         arguments = [str(self._recording.path), repr(self._start), repr(self._end)]
+        arguments += ["--damaged"] if self._recording.missing else []
         self._process = subprocess.Popen(
             [sys.executable, "-m", "haptorb.apps.view.overview_process", *arguments],
             stdin=subprocess.PIPE,

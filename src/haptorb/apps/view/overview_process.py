@@ -1,10 +1,11 @@
 """The overview of a long recording, made in a process of its own with low priority: it reads gigabytes.
 
-    python -m haptorb.apps.view.overview_process FILE START END
+    python -m haptorb.apps.view.overview_process FILE START END [--damaged]
 
-Each byte on its standard input pauses it for a moment, because a user scrubs; it ends with its standard input. It
-writes pickled (rows done, rows in all, ranges, events) to its standard output: first a sketch of one piece for each
-interval not yet done, then every second, and at the end.
+`--damaged`: the viewer found damaged rows, which are left out here too. Each byte on its standard input pauses it for a
+moment, because a user scrubs; it ends with its standard input. It writes pickled (rows done, rows in all, ranges,
+events) to its standard output: first a sketch of one piece for each interval not yet done, then every second, and at
+the end.
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ import pickle
 import sys
 import threading
 import time
+import warnings
 
 import numpy as np
 
 from haptorb.apps.view.overview_bins import BINS, OverviewBins
-from haptorb.errors import HaptorbError
+from haptorb.errors import HaptorbError, RecordingWarning
 from haptorb.runtime.recording.recording import Recording
 
 _PIECE = 4000  #: rows that are read at once
@@ -36,7 +38,11 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "wb")
     path, start, end = sys.argv[1], float(sys.argv[2]), float(sys.argv[3])
     try:
-        recording = Recording(path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RecordingWarning)  # the viewer names what is missing
+            recording = Recording(path)
+            if "--damaged" in sys.argv[4:]:
+                recording.check()
         rows = len(recording)
         sketch = OverviewBins(recording, start, end)
         for first in np.linspace(0, max(rows - _SKETCH, 0), BINS, dtype=np.int64).tolist():

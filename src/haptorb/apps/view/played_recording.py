@@ -28,6 +28,7 @@ _NEWEST = 64  #: characters of a version that are shown
 class PlayedRecording:
     """The recording at `path`, of the device that it describes, or of `device` (name or path of a device file).
 
+    recording  what is played; damaged rows are left out
     device   what is drawn
     start    time of the first tick on the loop's clock [s]
     seconds  from the first tick to the last [s]
@@ -37,7 +38,8 @@ class PlayedRecording:
     """
 
     def __init__(self, path: Path, device: str | None = None) -> None:
-        self._recording = recording = Recording(path)
+        self.recording = recording = Recording(path)
+        recording.check()
         if not len(recording):
             cut = "it was cut short before its first ticks" if recording.truncated else "nothing was recorded"
             raise InputError(f"{path} has no ticks to play: {cut}")
@@ -59,11 +61,11 @@ class PlayedRecording:
     @property
     def name(self) -> str:
         """Of its file."""
-        return self._recording.path.name
+        return self.recording.path.name
 
     def __len__(self) -> int:
         """Rows."""
-        return len(self._recording)
+        return len(self.recording)
 
     @property
     def render(self) -> str | None:
@@ -71,17 +73,15 @@ class PlayedRecording:
         return self._servo.render
 
     def _list_notices(self) -> list[str]:
-        notices = []
-        if self._recording.truncated:
+        notices = list(self.recording.damage)
+        if self.recording.truncated:
             notices.append(f"the file is truncated: recorded up to {self.seconds:.2f} s, the rest was cut off")
-        made = self._recording.metadata.get("versions", {}).get("haptorb", "")[:_NEWEST]
+        made = self.recording.metadata.get("versions", {}).get("haptorb", "")[:_NEWEST]
         if _order(made) > _order(__version__):
             notices.append(f"made by haptorb {made}, newer than this one ({__version__}): new fields are not shown")
         if self._columns.missing:
             notices.append(f"not in the recording, so not shown: {', '.join(self._columns.missing)}")
-        notices += [
-            f"at tick {one.get('tick', '?')}: {one.get('text', '')[:300]}" for one in self._recording.errors[:3]
-        ]
+        notices += [f"at tick {one.get('tick', '?')}: {one.get('text', '')[:300]}" for one in self.recording.errors[:3]]
         return notices
 
     def find_row(self, seconds: float) -> int:

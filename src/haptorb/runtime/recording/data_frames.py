@@ -37,6 +37,8 @@ class RecordingNotes(Protocol):
     """What says of a recording how it was made."""
 
     path: Path
+    truncated: bool
+    damage: tuple[str, ...]
 
     @property
     def metadata(self) -> Mapping[str, Mapping[str, str]]:
@@ -150,7 +152,7 @@ def make_dataset(recording: Rows) -> Dataset:
 
 
 def describe_notes(recording: RecordingNotes) -> dict[str, str]:
-    """What ran, for the metadata of a table: file, device, driver, rate [Hz] and model."""
+    """What ran, for the metadata of a table: file, device, driver, rate [Hz] and model, and what is missing of it."""
     device, run = recording.metadata.get("device", {}), recording.metadata.get("run", {})
     known = {
         "recording": recording.path.name,
@@ -158,5 +160,8 @@ def describe_notes(recording: RecordingNotes) -> dict[str, str]:
         "driver": run.get("driver", ""),
         "rate_hz": run.get("rate_hz", ""),
         "model": run.get("model", ""),
+        "damage": "; ".join(recording.damage),
+        "truncated": "true" if recording.truncated else "",
+        "repaired": recording.metadata.get("repair", {}).get("damage", ""),
     }
     return {key: value for key, value in known.items() if value}

@@ -34,6 +34,11 @@ class RecordingReader(Protocol):
     """What is exported."""
 
     path: Path
+    truncated: bool
+    damage: tuple[str, ...]
+
+    def check(self, first: int = 0, last: int | None = None, report: Progress = lambda share: None) -> bool:
+        """Compare rows `first` up to `last` with their checksums, and leave damaged ones out; True if some are."""
 
     @property
     def columns(self) -> tuple[Field, ...]:
@@ -71,14 +76,18 @@ class Export:
         fields: Sequence[str] | None = None,
         start: float | None = None,
         end: float | None = None,
+        report: Progress = lambda share: None,
     ) -> Export:
-        """Those named (all) between `start` and `end` [s after the first tick].
+        """Those named (all) between `start` and `end` [s after the first tick]; damaged rows are left out.
+
+        `report` receives the share of these rows that was compared with its checksums.
 
         Raises UnknownName for a field or format that there is not, InputError for a range without a tick.
         """
         if form not in FORMATS:
             raise UnknownName("format", form, FORMATS)
-        return cls(recording, form, _choose_fields(recording, fields), _find_ticks(recording, start, end))
+        chosen = _choose_fields(recording, fields)
+        return cls(recording, form, chosen, _find_sound_ticks(recording, start, end, report))
 
     def write(self, path: Path, report: Progress = lambda share: None) -> None:
         """Write it to `path`, whole or not at all. Raises RecordingError if it cannot be written."""
@@ -107,6 +116,21 @@ def _choose_fields(recording: RecordingReader, names: Sequence[str] | None) -> t
     if not names:
         raise InputError("no field is named: name at least one, or leave out the option for all")
     return tuple(known[name] for name in dict.fromkeys(names))
+
+
+def _find_sound_ticks(recording: RecordingReader, start: float | None, end: float | None, report: Progress) -> range:
+    """The ticks in that range of time, without damaged ones."""
+    if start is None and end is None:
+        recording.check(report=report)
+    while True:
+        try:
+            ticks = _find_ticks(recording, start, end)
+        except RecordingError:
+            if not recording.check(report=report):  # the search met the damage
+                raise
+            continue
+        if not recording.check(ticks.start, ticks.stop, report):
+            return ticks
 
 
 def _find_ticks(recording: RecordingReader, start: float | None, end: float | None) -> range:

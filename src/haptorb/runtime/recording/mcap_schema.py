@@ -7,13 +7,14 @@ back is bit for bit what the loop published.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 from haptorb.errors import RecordingError, quote
 from haptorb.runtime.row import Field, RowLayout
 
 _WIDEST = 65_536  #: numbers in a row
 
-__all__ = ["CDR_HEADER", "ENCODING", "MESSAGE_ENCODING", "NAME", "TOPIC", "fields_of", "schema"]
+__all__ = ["CDR_HEADER", "ENCODING", "MESSAGE_ENCODING", "NAME", "TOPIC", "describe_fields", "fields_of", "schema"]
 
 NAME = "haptorb/msg/Tick"
 ENCODING = "ros2msg"
@@ -32,8 +33,13 @@ def schema(layout: RowLayout) -> str:
     >>> schema(RowLayout(channels=3, sensors=0)).splitlines()[13]
     'float64 age  # [s] age of the pose'
     """
+    return describe_fields(layout.fields)
+
+
+def describe_fields(fields: Iterable[Field]) -> str:
+    """The message definition of a row of `fields`."""
     lines = []
-    for field in layout.fields:
+    for field in fields:
         if field.width:
             kind = "float64" if field.width == 1 else f"float64[{field.width}]"
             lines.append(f"{kind} {field.name}  # [{field.unit}] {field.about}")

@@ -15,9 +15,9 @@ from haptorb.runtime.recording.mcap_schema import CDR_HEADER, ENCODING, MESSAGE_
 from haptorb.runtime.row import RowLayout
 from haptorb.version import __version__
 
-__all__ = ["Recorder"]
+__all__ = ["CHUNK", "Recorder"]
 
-_CHUNK = 32_000  #: bytes before compression
+CHUNK = 32_000  #: bytes before compression
 _LONGEST = 0.04  #: time in a chunk [s]: at slow rates a full chunk would be too much to lose
 
 
@@ -36,7 +36,7 @@ class Recorder:
         self._wall = layout["wall"].start
         self._offset = unix_minus_monotonic
         size = len(CDR_HEADER) + 8 * layout.width
-        chunk = min(_CHUNK, int(rate * _LONGEST) * size)
+        chunk = min(CHUNK, int(rate * _LONGEST) * size)
         self._writer = Writer(file, chunk_size=max(chunk, 1), compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library=f"haptorb {__version__}")
         schema_id = self._writer.register_schema(NAME, ENCODING, schema(layout).encode())

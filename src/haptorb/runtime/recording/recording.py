@@ -4,28 +4,28 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, final
+from typing import TYPE_CHECKING, Any, BinaryIO, final
 
 import numpy as np
 
 from haptorb.display.html import facts_html
-from haptorb.errors import RecordingError, UnknownName, quote
+from haptorb.errors import RecordingError, RecordingWarning, UnknownName, quote
 from haptorb.files.text_file import open_at_once
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.recording.chunk_index import ChunkIndex
 from haptorb.runtime.recording.column import FieldColumn
-from haptorb.runtime.recording.contents import Contents
 from haptorb.runtime.recording.data_frames import make_data_frame, make_dataset
 from haptorb.runtime.recording.export import Export
-from haptorb.runtime.recording.mcap_rows import MAGIC, records
+from haptorb.runtime.recording.mcap_reader import MAGIC, McapReader, MissingRows, is_mcap
 from haptorb.runtime.recording.mcap_schema import TOPIC
 from haptorb.runtime.recording.recorded_memory import memory_columns, memory_units, split_memory
 from haptorb.runtime.recording.recording_plot import plot
-from haptorb.runtime.recording.recording_summary import draw_force, list_facts, summarize
+from haptorb.runtime.recording.recording_summary import describe_damage, draw_force, list_facts, summarize
 from haptorb.runtime.row import Field, RowLayout
 
 if TYPE_CHECKING:
@@ -46,36 +46,104 @@ class Recording:
     """
 
     def __init__(self, path: str | Path) -> None:
-        """Read the file. Raises RecordingError if it is not there, is no MCAP file, or holds no haptorb rows."""
+        """Read the file. Raises RecordingError if it is not there, is no MCAP file, or holds no haptorb rows.
+
+        Warns, with a RecordingWarning, if rows are missing because the file is damaged. All rows of a file of up to
+        32 MiB are checked now, those of a longer one by `check`.
+        """
         self.path = Path(path)
-        contents = Contents()
-        with _open_file(self.path) as file:
-            try:
-                whole = os.fstat(file.fileno()).st_size <= _WHOLE
-                source = _read_all(file, contents) if whole else ChunkIndex(self.path, contents)
-            except RecordingError as cause:
-                raise RecordingError(f"{self.path}: {cause}") from cause
-            except MemoryError as cause:
-                raise RecordingError(f"{self.path} is too large for the memory of this computer") from cause
-            except OSError as cause:
-                raise RecordingError(f"cannot read {self.path}: {cause.strerror}") from cause
-        self.truncated = contents.truncated  #: the file has no end: the recorder was killed, or still writes
-        self.notes = contents.notes  #: every metadata record: (name, values), in order
-        self.fields = contents.fields  #: as the file's own schema describes them
-        if not self.fields:
-            cut = "it was cut short before its first rows" if self.truncated else f"topic {TOPIC} is missing"
-            raise RecordingError(f"{self.path} is not a haptorb recording: {cut}")
-        self.long = isinstance(source, ChunkIndex)  #: rows are read from the file on request
-        self._source = source
+        with _open_file(self.path) as file, self._explain():
+            size = os.fstat(file.fileno()).st_size
+            self._reader = reader = McapReader(self.path)
+            self.truncated = reader.truncated  #: the file has no end: the recorder was killed, or still writes
+            self.notes = reader.notes  #: every metadata record: (name, values), in order
+            self.fields = reader.fields  #: as the file's own schema describes them
+            if not self.fields:
+                cut = "it was cut short before its first rows" if self.truncated else f"topic {TOPIC} is missing"
+                raise RecordingError(f"not a haptorb recording: {cut}")
+            self.long = size > _WHOLE  #: rows are read from the file on request
+            self._whole: Array | None = None
+            if not self.long:
+                parts: list[Array] = []
+                reader.check(take=parts.append)
+                self._whole = np.concatenate(parts) if parts else np.empty((0, reader.width))
         self._at: dict[str, slice] = {}
         start = 0
         for field in self.fields:
             self._at[field.name] = slice(start, start + field.width)
             start += field.width
+        self._note_damage()
+
+    @property
+    def checked(self) -> bool:
+        """Whether all rows were compared with their checksums: those of a long file are by `check`."""
+        return self._reader.checked
+
+    def check(
+        self, first: int = 0, last: int | None = None, report: Callable[[float], None] = lambda share: None
+    ) -> bool:
+        """Compare rows `first` up to `last` (all) with their checksums; True if some are damaged.
+
+        Damaged rows are then left out: later rows have lower numbers, `missing` and `damage` state where rows are
+        missing, and a RecordingWarning does, too. A file of up to 32 MiB was checked when it was opened. `report`
+        receives the share that is done.
+        """
+        if self.checked:
+            return False
+        with self._explain():
+            found = bool(self._reader.check(first, last, report))
+        if found:
+            self.__dict__.pop("rows", None)
+            self.__dict__.pop("memory", None)
+        self._note_damage()
+        return found
+
+    @property
+    def channel(self) -> int:
+        """Number of the channel of the rows in the file."""
+        return self._reader.channel
+
+    def list_contents(self) -> Iterator[list[Any]]:
+        """Schemas, channels and messages of all topics, chunk by chunk, as far as they are undamaged."""
+        return self._reader.list_contents()
+
+    def _note_damage(self) -> None:
+        """State what is missing, as far as it is known, and warn of what was not known before."""
+        before = getattr(self, "damage", ())
+        with self._explain():
+            missing, harmless = self._reader.list_missing()
+        self.missing: tuple[MissingRows, ...] = tuple(missing)  #: rows that cannot be read, as far as is known
+        inside = [one for one in missing if not (self.truncated and one.row == len(self))]
+        self.damage = describe_damage(  #: what cannot be read though the file goes on after it, a sentence each
+            inside, harmless, self._reader.lost_notes, self._read_time(0)
+        )
+        if self.damage and self.damage != before:
+            warnings.warn(f"{self.path}: {'; '.join(self.damage)}", RecordingWarning, stacklevel=3)
+
+    def _read_time(self, row: int) -> float:
+        """On the loop's clock [s]; 0 where there is none."""
+        try:
+            return float(self["t"][row])
+        except (RecordingError, UnknownName, IndexError):
+            return 0.0
+
+    @contextmanager
+    def _explain(self) -> Iterator[None]:
+        """Name the file in what is wrong with it."""
+        try:
+            yield
+        except RecordingError as cause:
+            if str(self.path) in str(cause):
+                raise
+            raise RecordingError(f"{self.path}: {cause}") from cause
+        except MemoryError as cause:
+            raise RecordingError(f"{self.path} is too large for the memory of this computer") from cause
+        except OSError as cause:
+            raise RecordingError(f"cannot read {self.path}: {cause.strerror}") from cause
 
     def __len__(self) -> int:
         """Rows recorded."""
-        return len(self._source)
+        return len(self._reader) if self._whole is None else len(self._whole)
 
     def __getitem__(self, name: str) -> FieldColumn:
         """A field of all ticks, shape (n, width), or (n,) where the width is 1. UnknownName if there is no such.
@@ -117,16 +185,17 @@ class Recording:
         return others + memory_columns(self.worlds, at.stop - at.start)
 
     def _read(self, first: int, last: int, columns: slice) -> Array:
-        if isinstance(self._source, ChunkIndex):
-            return self._source.read(first, last, columns)
-        return self._source[first:last, columns]
+        if self._whole is None:
+            return self._reader.read(first, last, columns)
+        return self._whole[first:last, columns]
 
     @cached_property
     def rows(self) -> Array:
-        """(n, width) all numbers of all ticks, bit for bit, in the units of their fields.
+        """(n, width) all numbers of all ticks, bit for bit, in the units of their fields; damaged ones are left out.
 
         Raises RecordingError if they need more memory than there is.
         """
+        self.check()
         try:
             return self._read(0, len(self), slice(None))
         except MemoryError as cause:
@@ -153,6 +222,7 @@ class Recording:
         ticks, shape (n, 3), or (n,) for a single number; NaN in ticks of other worlds."""
         if "memory" not in self._at:
             return {}
+        self.check()
         rows = self._read(0, len(self), slice(None))
         return split_memory(rows[:, self._at["memory"]], rows[:, self._at["world"].start], self.worlds)
 
@@ -223,6 +293,7 @@ class Recording:
 
         `attrs["units"]` and `attrs["about"]` describe each column. Raises InputError if pandas is not installed.
         """
+        self.check()
         return make_data_frame(self)
 
     def to_xarray(self) -> Dataset:
@@ -230,6 +301,7 @@ class Recording:
 
         Raises InputError if xarray is not installed.
         """
+        self.check()
         return make_dataset(self)
 
     def __repr__(self) -> str:
@@ -241,13 +313,8 @@ class Recording:
     def plot(self, path: str | Path | None = None) -> Figure:
         """A figure of the run: force asked and given, currents, temperatures, lateness; written to `path` (PNG, SVG,
         PDF) if one is given. Raises RecordingError if there are no rows, or if `path` cannot be written."""
+        self.check()
         return plot(self, path)
-
-
-def _read_all(file: BinaryIO, contents: Contents) -> Array:
-    """(n, width) all rows of `file`, until it or its readable part ends."""
-    parts = [rows for rows in map(contents.add, records(file)) if rows is not None]
-    return np.concatenate(parts) if parts else np.empty((0, contents.width))
 
 
 def _open_file(path: Path) -> BinaryIO:
@@ -261,7 +328,7 @@ def _open_file(path: Path) -> BinaryIO:
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise RecordingError(f"cannot read {path}: not a regular file")
-    if file.read(len(MAGIC)) != MAGIC:
+    if not is_mcap(file.read(len(MAGIC))):
         file.close()
         raise RecordingError(f"{path} is not an MCAP file: record one with `haptorb run --record FILE.mcap`")
     return file

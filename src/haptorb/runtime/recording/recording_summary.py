@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -12,14 +12,17 @@ import numpy as np
 from haptorb.control.allocation.allocator import Saturation
 from haptorb.display.html import curves_svg
 from haptorb.display.quantity_text import format_quantity
-from haptorb.errors import RecordingError
+from haptorb.errors import RecordingError, quote
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.column import FieldColumn
+from haptorb.runtime.recording.mcap_reader import MissingRows
 from haptorb.runtime.row import Field
 
-__all__ = ["draw_force", "duration_of", "list_facts", "measure_run", "summarize"]
+__all__ = ["describe_damage", "draw_force", "duration_of", "list_facts", "list_losses", "measure_run", "summarize"]
 
 _TRIPPED = 4  #: state of the guard
+_PARTS = 5  #: damaged parts that are described one by one
+_CUT = "missing: the file is truncated (the recorder was killed, or still writes)"
 
 
 class Summarized(Protocol):
@@ -29,6 +32,12 @@ class Summarized(Protocol):
     fields: tuple[Field, ...]
     truncated: bool
     long: bool
+    missing: tuple[MissingRows, ...]
+    damage: tuple[str, ...]
+
+    @property
+    def checked(self) -> bool:
+        """Whether all rows were compared with their checksums."""
 
     @property
     def lost(self) -> int:
@@ -53,6 +62,7 @@ def summarize(recording: Summarized) -> str:
     """File, device, length, and what is wrong with it, in one line."""
     device = recording.metadata.get("device", {}).get("name", "unknown device")
     wrong = [f"{_count(lost, 'row')} lost"] if (lost := _count_lost_rows(recording)) else []
+    wrong += [f"damaged: {_count_missing(recording.missing)}"] if recording.damage else []
     wrong += ["cut short"] if recording.truncated else []
     parts = [
         device,
@@ -84,8 +94,60 @@ def list_facts(recording: Summarized, *, whole: bool | None = None) -> list[tupl
         facts += _describe_run(measure_run(recording))
     lost = _count_lost_rows(recording)
     facts.append(("rows lost", "unknown" if lost is None else str(lost)))
-    facts.append(("end", "missing: the file is truncated" if recording.truncated else "complete"))
+    facts.append(("damage", "; ".join(recording.damage)))
+    if not recording.checked:
+        facts.append(("checksums", "not compared: `haptorb info --all` does, or recording.check()"))
+    if repaired := recording.metadata.get("repair"):
+        facts.append(("repaired", f"from {repaired.get('of', 'another file')}: {repaired.get('damage') or 'its end'}"))
+    facts.append(("end", _CUT if recording.truncated else "complete"))
     return [(name, text) for name, text in facts if text]
+
+
+def list_losses(recording: Summarized) -> list[str]:
+    """What is missing of the recording because its file is damaged or cut, a sentence each."""
+    if not recording.truncated:
+        return list(recording.damage)
+    last = recording.missing[-1:]
+    counted = last and last[0].end is None and last[0].rows
+    rows = f", with {_count(counted, 'row')}" if counted else ""
+    end = f" after {duration_of(recording):.4g} s" if len(recording) else ""
+    return [*recording.damage, f"the end{end}{rows} is {_CUT}"]
+
+
+def describe_damage(
+    missing: Sequence[MissingRows], harmless: Sequence[tuple[int, int]], notes: Sequence[str], first: float
+) -> tuple[str, ...]:
+    """What cannot be read, a sentence each: the rows of `missing`, with times after the `first` tick [s], `notes` by
+    their names, and bytes (first, end) of which no row is missing.
+
+    >>> describe_damage([MissingRows(20, 14, 3.02, 3.035)], [], ["run"], 3.0)
+    ('14 rows are missing between 0.02 s and 0.035 s: the file is damaged there', "the note 'run' cannot be read")
+    """
+    found = [f"{_count_missing([one])} {_place(one, first)}: the file is damaged there" for one in missing[:_PARTS]]
+    if others := missing[_PARTS:]:
+        found.append(f"{_count_missing(others)} in {_count(len(others), 'more part')} of the file, which are damaged")
+    found += [f"the note {quote(name)} cannot be read" for name in notes]
+    if harmless:
+        size, at = sum(end - begin for begin, end in harmless), harmless[0][0]
+        found.append(
+            f"{_count(size, 'byte')} from byte {at} on cannot be read: no row is missing there, but a note may be"
+        )
+    return tuple(found)
+
+
+def _place(one: MissingRows, first: float) -> str:
+    if one.start is None:
+        return "before the first tick that can be read" if one.end is not None else "of all"
+    start = f"{one.start - first:.6g} s"
+    return f"between {start} and {one.end - first:.6g} s" if one.end is not None else f"after {start}"
+
+
+def _count_missing(missing: Sequence[MissingRows]) -> str:
+    """How many rows, as far as is known, with the verb."""
+    known = sum(one.rows for one in missing if one.rows is not None)
+    if all(one.rows is not None for one in missing):
+        return f"{_count(known, 'row')} {'is' if known == 1 else 'are'} missing"
+    return f"at least {_count(known, 'row')} are missing" if known else "rows (their number is unknown) are missing"
 
 
 def draw_force(recording: Summarized) -> str:

@@ -47,6 +47,7 @@ class PlayedRows:
             raise RecordingError(
                 f"{recording.path} cannot be replayed: it has no field '{lacking[0]}'; another program wrote it"
             )
+        recording.check()
         if not len(recording):
             raise RecordingError(f"{recording.path} cannot be replayed: it has no rows")
         self._recording = recording

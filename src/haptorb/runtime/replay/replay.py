@@ -177,6 +177,7 @@ class Replay:
         self._near, self._states = bool(self._rows.missing), list_states(self._recording)
         if self._recording.truncated:
             self.remarks.append("the recording was cut short")
+        self.remarks += self._recording.damage
         block = self._rows.read_one(self._first)
         tick = float(block["tick"][0, 0])
         if not tick > 0.0:
