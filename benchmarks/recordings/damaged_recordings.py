@@ -3,10 +3,10 @@
     python benchmarks/recordings/damaged_recordings.py [--files 1000] [--commands 20] [--seed 1] [--folder DIR] [--json]
 
 A recording of three seconds is written with each compression that MCAP has, and damaged: 1 to 20 bytes anywhere get
-other values, and every fourth file is also cut at any place. Which chunks are undamaged says the makers' `mcap` library,
-which lists their places in the file before the damage. Of every file, Python must read the rows of these chunks, and no
-others; where rows are missing, it must name that. `haptorb info`, `export`, `view` and `replay` must do so, too, on
-standard error and in their JSON: tried with the first `--commands` files with a loss. Ends with 1
+other values, and every fourth file is also cut at any place. Which chunks are undamaged is known from the makers'
+`mcap` library, which lists their places in the file before the damage. Of every file, Python must read the rows of
+these chunks, and no others; where rows are missing, it must name that. `haptorb info`, `export`, `view` and `replay`
+must do so, too, on standard error and in their JSON: tried with the first `--commands` files with a loss. Ends with 1
 unless 99 % of the rows of undamaged chunks are read, none is wrong, and every loss is named.
 """
 

@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from haptorb import Recording
-from haptorb.errors import InputError, RecordingError, UnknownName
+from haptorb.errors import RecordingError, UnknownName
 from haptorb.runtime.recording import recording_file
 from haptorb.runtime.recording.mcap_schema import fields_of, schema
 from haptorb.runtime.recording.recorder import Recorder
@@ -129,7 +129,7 @@ def test_cut_at_any_byte(whole: Path, tmp_path: Path, share: float) -> None:
 @given(at=st.integers(8, 100_000), bit=st.integers(0, 7))
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_damaged_anywhere(whole: Path, tmp_path: Path, at: int, bit: int) -> None:
-    """A flipped bit costs the rows of one chunk at most, and is named; rows that are read are those that were written."""
+    """A flipped bit costs the rows of one chunk at most, and is named; the rows that are read are as written."""
     data, rows = bytearray(whole.read_bytes()), _rows(400)
     data[at % len(data)] ^= 1 << bit
     path = tmp_path / "damaged.mcap"

@@ -64,7 +64,7 @@ def info(
             task = bar.add_task("writing", total=1.0)
             repair_recording(recording, repair, lambda share: bar.update(task, completed=share), overwrite=force)
         if json:
-            print_json({**_numbers(recording, whole), "repaired": str(repair)})
+            print_json({**_numbers(recording, whole), "written": str(repair)})
         else:
             losses = "; ".join(list_losses(recording)) or "nothing was missing"
             tell(f"{repair}: {len(recording)} rows; {losses}")
@@ -140,6 +140,7 @@ def _numbers(recording: Recording, whole: bool) -> dict[str, Any]:
         "bytes": recording.path.stat().st_size,
         "complete": not (recording.truncated or recording.damage),
         **list_missing(recording),
+        "repair": recording.metadata.get("repair"),
         "device": device.get("name", ""),
         "digest": device.get("digest", ""),
         "driver": run.get("driver", ""),

@@ -25,6 +25,17 @@ from haptorb.version import __version__
 
 __all__ = ["write_bids"]
 
+#: procedure → what a participant does in a trial
+_TASKS = {
+    "identification": "Feel a force and name the set-point that it leads to",
+    "constant": "Feel two forces, one of several fixed levels beside the reference, and answer which pushed harder",
+    "staircase": "Feel two forces, whose difference follows the answers, and answer which pushed harder",
+    "bayesian": "Feel two forces, whose difference is chosen from all answers so far, and answer which pushed harder",
+    "magnitude": "Feel a force and estimate its magnitude as a number",
+    "forced-choice": "Feel the same place under two conditions and choose the one that is preferred",
+    "rating": "Feel a force under one condition and rate it on a scale",
+}
+
 
 def write_bids(
     study: Study, columns: Columns, folder: str | Path, *, overwrite: bool = False, replies: Replies | None = None
@@ -109,7 +120,12 @@ def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -
         if question.choices:
             described[question.name]["Levels"] = {choice: choice for choice in question.choices}
     write_json(part / "participants.json", described)
-    about = {"TaskName": task, "Instructions": study.instructions, **describe_columns(study)}
+    about = {
+        "TaskName": task,
+        "TaskDescription": f"{_TASKS[study.procedure]} ({study.procedure}), on the haptic device '{study.device}'.",
+        **({"Instructions": study.instructions} if study.instructions else {}),
+        **columns_of_trials,
+    }
     write_json(part / f"task-{task}_beh.json", about)
     pattern = f"sub-*/beh/sub-*_task-{task}_beh.tsv"
     write_text(part / "code" / "read_trials.py", make_python_script(study, pattern))

@@ -37,7 +37,7 @@ def describe_columns(study: Study) -> dict[str, dict[str, Any]]:
         if name in FLAGS:
             entry["Format"] = "boolean"
         elif name == "answered":
-            entry["Format"] = "ISO 8601"
+            entry["Format"] = "datetime"
         found[name] = entry
     if study.levels is not None:
         found["level"]["Description"] += f"; parameter '{study.levels.parameter}' of the world"
@@ -75,7 +75,9 @@ def _list_levels(study: Study, name: str) -> dict[str, str]:
         case "forced-choice":
             return {"1": "the first interval is preferred", "2": "the second interval is preferred"}
         case "rating":
-            return {str(study.rating.low): f"lowest of '{study.rating.question}'", str(study.rating.high): "greatest"}
+            low, high = study.rating.low, study.rating.high
+            between = {str(n): f"{n} on the scale from {low} to {high}" for n in range(low + 1, high)}
+            return {str(low): f"lowest of '{study.rating.question}'", **between, str(high): "greatest"}
     return {}
 
 
