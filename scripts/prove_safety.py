@@ -73,6 +73,12 @@ RULES = [
         f"{HOSTILE}::test_a_chunk_that_says_it_is_a_gigabyte_is_refused_before_it_is_made",
     ),
     (
+        "repair-keeps-input",
+        "a repaired recording is never written over the damaged one",
+        "never",
+        "tests/runtime/recording/test_damaged_recordings.py::test_a_repaired_file_is_whole_for_the_makers_reader",
+    ),
+    (
         "recording-mode",
         "a recording is as open as the umask says",
         "only 1 of value.args[1].orelse",
