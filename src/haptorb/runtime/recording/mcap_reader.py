@@ -378,6 +378,9 @@ class McapReader:
                 break
             try:
                 data = self._read_chunk(file, number)
+                room -= len(data)
+                _check_room(room)
+                records = _parse_records(data, self._most)
             except _Oversized as cause:
                 self._oversized = self._oversized or cause
                 self._damaged[number] = True
@@ -385,15 +388,19 @@ class McapReader:
             except _DAMAGE:
                 self._damaged[number] = True
                 continue
-            room -= len(data)
-            _check_room(room)
-            for record in _parse_records(data, self._most):
+            for record in records:
                 self._take_description(record)
             if self.fields:
                 return
-        for record in (*found.schemas, *found.channels):
-            self._take_description(record)
+        doubt: RecordingError | None = None
+        try:
+            for record in (*found.schemas, *found.channels):
+                self._take_description(record)
+        except RecordingError as cause:  # damaged, or another program's
+            doubt = cause
         self._doubt_fields(file, sizes)
+        if doubt is not None and not self.fields:
+            raise doubt
 
     def _doubt_fields(self, file: int, sizes: NDArray[np.uint64]) -> None:
         """The note of the layout is another copy of the fields: where the sizes of chunks agree with it only, it is
