@@ -16,6 +16,8 @@ from haptorb.errors import RecordingError
 
 __all__ = ["ProgramLock"]
 
+_TRIES = 20  #: to lock a file that others remove meanwhile
+
 
 @final
 class ProgramLock:
@@ -24,14 +26,16 @@ class ProgramLock:
     family, number  what is locked in a PostgreSQL database
     end             what is locked beside a SQLite file: a file whose name is that file's and this end
 
-    A killed process loses it at once, so that its work can be resumed without waiting for anything.
+    A killed process loses it at once, so that its work can be resumed without waiting for anything. The file is
+    removed on release; one that a killed process left is removed by the next holder.
     """
 
     def __init__(self, engine: Engine, family: int, number: int, end: str, conflict: RecordingError) -> None:
         self._file: sqlite3.Connection | None = None
+        self._path = Path(f"{engine.url.database}{end}")
         self._connection: Connection | None = None
         if engine.dialect.name == "sqlite":
-            self._file = _lock_file(Path(f"{engine.url.database}{end}"), conflict)
+            self._file = _lock_file(self._path, conflict)
         else:
             self._connection = engine.connect()
             lock = text("SELECT pg_try_advisory_lock(:family, :number)")
@@ -42,8 +46,12 @@ class ProgramLock:
                 raise conflict
 
     def release(self) -> None:
-        """Give it back; may be called twice. The empty file stays: removing it would race with the next lock."""
+        """Give it back; may be called twice."""
         if self._file is not None:
+            with suppress(
+                OSError
+            ):  # while it is locked: who opened it meanwhile sees that it is another file's name now
+                self._path.unlink()
             self._file.close()
             self._file = None
         if self._connection is not None:
@@ -63,16 +71,33 @@ def _lock_file(path: Path, conflict: RecordingError) -> sqlite3.Connection:
 
     SQLite knows how each operating system locks files.
     """
-    file = None
+    tries = 0
+    while True:
+        tries += 1
+        file = None
+        try:
+            with suppress(FileExistsError):  # no more than this: who closes the file loses what it locked in it
+                os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
+            before = _identify(path)
+            file = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
+            file.execute("BEGIN EXCLUSIVE")
+            if before is not None and before == _identify(path):
+                return file
+            file.close()  # its last holder removed it between the two: what is locked has no name any more
+        except (OSError, sqlite3.Error) as cause:
+            if file is not None:
+                file.close()
+            if isinstance(cause, sqlite3.Error) and cause.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+                raise conflict from cause
+            if isinstance(cause, sqlite3.Error) and tries < _TRIES:
+                continue  # its last holder removed it while SQLite opened it
+            raise RecordingError(f"{path} cannot be locked: {cause}") from cause
+
+
+def _identify(path: Path) -> tuple[int, int, int] | None:
+    """Which file has this name now; None: none has."""
     try:
-        with suppress(FileExistsError):  # no more than this: who closes the file loses what it locked in it
-            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
-        file = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
-        file.execute("BEGIN EXCLUSIVE")
-    except (OSError, sqlite3.Error) as cause:
-        if file is not None:
-            file.close()
-        if isinstance(cause, sqlite3.Error) and cause.sqlite_errorcode == sqlite3.SQLITE_BUSY:
-            raise conflict from cause
-        raise RecordingError(f"{path} cannot be locked: {cause}") from cause
-    return file
+        status = path.stat()
+    except FileNotFoundError:
+        return None
+    return status.st_dev, status.st_ino, status.st_ctime_ns

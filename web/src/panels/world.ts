@@ -1,5 +1,6 @@
 // The world's parameters as sliders with typed entry; a change acts at once.
 
+import { readNumber } from "../entry";
 import { direction, spherical, type Vector } from "../sample";
 import type { Parameter, Session, Values, World } from "../session";
 import { at, make, write, writeRemarks } from "./dom";
@@ -106,20 +107,35 @@ export class WorldPanel {
     const { id, label, unit, low, high, step, about } = entry;
     const limits = { min: String(low), max: String(high) };
     const range = make("input", { type: "range", ...limits, step: String(step) });
-    const number = make("input", { type: "number", ...limits, step: "any", id });
+    // Of type text: a field of type number drops letters while they are typed, so that 1a9 would become 19.
+    const number = make("input", { type: "text", inputMode: "decimal", autocomplete: "off", className: "number", id });
+    number.setAttribute("aria-describedby", `${id}-mistake`);
+    const mistake = make("p", { className: "refused", id: `${id}-mistake`, hidden: true });
+    mistake.setAttribute("role", "alert");
+    const complain = (text: string): void => {
+      write(mistake, text);
+      mistake.hidden = text === "";
+      number.setAttribute("aria-invalid", String(text !== ""));
+    };
     range.setAttribute("aria-label", label);
     range.setAttribute("aria-description", about);
     const changed = (value: number): void => {
-      if (!Number.isFinite(value)) return;
-      entry.put(this.values, Math.min(high, Math.max(low, value)));
+      complain("");
+      entry.put(this.values, value);
       this.refresh(number);
       this.push();
     };
     range.addEventListener("input", () => changed(range.valueAsNumber));
-    number.addEventListener("input", () => (this.typing = number));
+    number.addEventListener("input", () => {
+      this.typing = number;
+      complain("");
+    });
     number.addEventListener("change", () => {
+      const typed = number.value;
+      const value = readNumber(typed);
       this.typing = undefined;
-      changed(number.valueAsNumber);
+      if (value !== null && value >= low && value <= high) changed(value);
+      else complain(`“${typed}” is not used: a number from ${short(low)} to ${short(high)}${unit && ` ${unit}`}. ${label} stays ${short(entry.read(this.values))}.`);
       this.refresh();
     });
     number.addEventListener("blur", () => {
@@ -132,6 +148,7 @@ export class WorldPanel {
       make("label", { htmlFor: id, title: about }, label),
       make("span", { className: "entry" }, number, make("span", { className: "unit" }, unit)),
       range,
+      mistake,
     );
     const tell = (): void => write(at("about"), about);
     row.addEventListener("pointerenter", tell);
@@ -146,7 +163,7 @@ export class WorldPanel {
       range.value = String(value);
       range.setAttribute("aria-valuetext", `${number.value} ${entry.unit}`);
       // What somebody is typing stays: the server's word of an earlier change may come in the middle of it.
-      if (number !== this.typing && (number !== except || document.activeElement !== number)) number.value = String(Number(value.toFixed(entry.unit === "°" ? 1 : 3)));
+      if (number !== this.typing && (number !== except || document.activeElement !== number)) number.value = short(value);
     }
   }
 
@@ -216,6 +233,8 @@ function entries(parameter: Parameter): Entry[] {
   ];
 }
 
+/** With as many digits as tell one setting from another. */
+const short = (value: number): string => String(Number(value.toPrecision(6)));
 /** `half_width_deg` is a half width. */
 const title = (name: string): string => name.replace(/_deg$/, "").replaceAll("_", " ");
 /** The unit in which a parameter is read easily, and how many of them are one of its own. */

@@ -41,6 +41,8 @@ interface Everything extends View {
   log: Row[];
   seconds?: number;
   trips?: Trip[];
+  /** what interrupted the session, oldest first */
+  incidents: { kind: string; trial: number; at: string; text: string }[];
   prompt?: Prompt;
 }
 
@@ -59,6 +61,7 @@ const WORDS: Record<string, [string, string]> = {
   done: ["done", "off"],
   left: ["ended, resumable", "off"],
   aborted: ["aborted", "off"],
+  declined: ["no consent, not begun", "off"],
   failed: ["ended by a failure, resumable", "bad"],
 };
 const SURE = 6000; // ms in which aborting must be confirmed
@@ -66,7 +69,6 @@ const SURE = 6000; // ms in which aborting must be confirmed
 let about: About | null = null;
 let view: Everything | null = null;
 let pen: Pen | null = null;
-let shown = 0; // safety events
 let rows = "";
 let viewers: Record<string, string> = {};
 /** tabs that wait for the address of a viewer, by the part that it plays */
@@ -82,6 +84,7 @@ const line = new Line<Everything>(
       document.title = `${facts.study}: experimenter`;
       say("study", facts.study);
       show("simulated", facts.simulated);
+      show("pilot", facts.pilot === true);
       say("facts-below", `answers: ${facts.database ?? ""} · ${facts.forecast ?? ""}`);
       if (!code.value && facts.code) code.value = facts.code;
     },
@@ -163,12 +166,12 @@ function render(): void {
   facts();
   showAlarm();
   if (!running) {
-    const ends: Record<string, string> = { done: "The last session is complete.", left: "The last session can be resumed with its code.", aborted: "The last session was aborted; its answers are kept." };
+    const ends: Record<string, string> = { done: "The last session is complete.", left: "The last session can be resumed with its code.", aborted: "The last session was aborted; its answers are kept.", declined: "The participant did not agree to take part: no trial was asked." };
     const last = view.trouble || ends[view.state];
     if (last) say("last", last);
     codes();
   }
-  safety();
+  incidents();
   log();
   paint();
 }
@@ -244,18 +247,31 @@ function showAlarm(): void {
   say("alert-text", v.state === "failed" ? v.trouble : (v.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : "") + (last && last.trial === v.trial ? last.reason : "Switch it on again to continue.") + (v.state === "device off" ? " The trial then starts again." : ""));
 }
 
-function safety(): void {
-  const trips = view!.trips ?? [];
-  if (trips.length === shown && element("safety").childElementCount) return;
-  shown = trips.length;
-  element("safety").replaceChildren(
-    ...(trips.length ? trips : [null]).map((trip) => {
+/** Stops, repeats, safety events and early ends of this session, the newest first; with reason and time. */
+function incidents(): void {
+  const { incidents, code } = view!;
+  const counts = new Map<string, number>();
+  for (const one of incidents) counts.set(one.kind, (counts.get(one.kind) ?? 0) + 1);
+  say("safety-title", code || !incidents.length ? "Stops, repeats and safety events" : "Stops, repeats and safety events of the last session");
+  say("safety-count", [...counts].map(([kind, count]) => `${kind}: ${count}`).join(", "));
+  const key = JSON.stringify(incidents);
+  const list = element("safety");
+  if (list.dataset["key"] === key) return;
+  list.dataset["key"] = key;
+  list.replaceChildren(
+    ...(incidents.length ? [...incidents].reverse() : [null]).map((one) => {
       const item = document.createElement("li");
-      item.className = trip ? "" : "nothing";
-      item.textContent = trip ? `trial ${trip.trial + 1}, ${trip.t?.toFixed(1)} s: ${trip.code}. ${trip.reason}` : "none";
+      item.className = one ? "" : "nothing";
+      item.textContent = one ? `${clock(one.at)}, trial ${one.trial}: ${one.kind}${one.text ? `, ${one.text}` : ""}` : "none";
       return item;
     }),
   );
+}
+
+/** Time of day here, of a time in UTC. */
+function clock(at: string): string {
+  const time = new Date(at);
+  return Number.isNaN(time.getTime()) ? at : time.toLocaleTimeString("en-GB");
 }
 
 function log(): void {
@@ -332,7 +348,7 @@ element("abort-sure").addEventListener("click", () => {
 element("begin").addEventListener("submit", (event) => {
   event.preventDefault();
   showMistake("");
-  line.send({ do: "begin", code: code.value.trim() });
+  line.send({ do: "begin", code: code.value }); // as it was typed: the study refuses what is no code
 });
 addEventListener("keydown", (event) => {
   if (event.key === "Escape") stop();

@@ -16,6 +16,7 @@ export interface About {
   limit: number;
   mask: { noise: "pink" | "white"; volume_db: number } | null;
   database?: string;
+  pilot?: boolean;
   forecast?: string;
   code?: string;
 }
@@ -47,6 +48,8 @@ export interface View {
   /** the coils are commanded off, and the device has not confirmed it */
   unconfirmed: boolean;
   resumed?: boolean;
+  /** answers that are stored of a session that has ended */
+  stored?: number;
   watching?: boolean;
   trial?: number;
   done?: number;

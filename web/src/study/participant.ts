@@ -1,5 +1,6 @@
 // The participant's page: what to do, what is felt where nobody can feel it, and one answer that cannot be mistaken.
 
+import { readDecimal, readWhole } from "../entry";
 import { BY_HAND, element, Line, say, show, type About, type Pen, type Question, type Task, type View } from "./line";
 import { Mask } from "./mask";
 import { across, draw, describeForce, under } from "./plan";
@@ -7,6 +8,8 @@ import { across, draw, describeForce, under } from "./plan";
 const STEP = 3; // deg that an arrow key moves the pen
 const SOON = 20; // ms between two places of a dragged pen
 const ARROWS: Record<string, [number, number]> = { ArrowUp: [0, STEP], ArrowDown: [0, -STEP], ArrowLeft: [-STEP, 0], ArrowRight: [STEP, 0] };
+
+const ENDS = ["done", "left", "aborted", "declined", "failed"]; // states of a session that is over
 
 let about: About | null = null;
 const NOBODY: View = { state: "connecting", session: 0, task: null, question: null, stopped: "", unconfirmed: false };
@@ -172,10 +175,18 @@ function isAllowed(number: number): boolean {
   return number >= (task.low ?? 0) && number <= (task.high ?? 0);
 }
 
+/** What may be answered, in words. */
+function describeAllowed(): string {
+  const { decimal, low, high, numbers } = view.task!;
+  if (decimal) return `a number above ${low ?? 0}, up to ${high}, such as 12.5`;
+  const [first, last] = numbers.length ? [numbers[0]!, numbers[numbers.length - 1]!] : [low ?? 0, high ?? 0];
+  if (!numbers.length || last - first === numbers.length - 1) return `a whole number from ${first} to ${last}`;
+  return `one of the numbers ${numbers.join(", ")}`;
+}
+
+/** What is typed stays as it is: it is an answer, or none. */
 typed.addEventListener("input", () => {
-  if (view.task?.decimal) typed.value = typed.value.replace(/,/g, ".").replace(/[^\d.]/g, "");
-  else typed.value = typed.value.replace(/\D/g, "");
-  const number = typed.value === "" ? null : Number(typed.value); // NaN, which nothing allows, for two points
+  const number = view.task?.decimal ? readDecimal(typed.value) : readWhole(typed.value);
   choose(number !== null && isAllowed(number) ? number : null, true);
 });
 
@@ -183,7 +194,7 @@ element("confirm").addEventListener("submit", (event) => {
   event.preventDefault();
   if (!inTrial()) return;
   if (view.task?.kind !== "place" && chosen === null) {
-    showMistake(typed.value ? `${typed.value} is not among the answers` : "Choose the number first.");
+    showMistake(typed.value ? `“${typed.value}” is no answer: ${describeAllowed()}. Nothing was stored.` : "Choose the number first.");
     typed.focus();
     return;
   }
@@ -192,7 +203,7 @@ element("confirm").addEventListener("submit", (event) => {
 
 function renderMessage(): void {
   const question = view.question ? view.question.name : "";
-  const key = `${view.session} ${view.state} ${question} ${view.watching} ${view.stopped} ${view.unconfirmed}`;
+  const key = `${view.session} ${view.state} ${question} ${view.watching} ${view.stopped} ${view.unconfirmed} ${view.stored}`;
   const state = view.stopped && live(view.state) ? "paused" : view.watching ? "watching" : view.state;
   if (state === "break") say("message-text", `${view.left ?? 0} s. Rest your hand.`);
   if (key === worded) return;
@@ -218,7 +229,7 @@ function renderMessage(): void {
     say("message-text", `${view.left ?? 0} s. Rest your hand.`);
     button("Continue now", "sure", () => line.send({ do: "skip" }));
   } else if (state === "question" && view.question) ask(view.question);
-  if (["done", "left", "aborted", "failed"].includes(state)) mask?.stop();
+  if (ENDS.includes(state)) mask?.stop();
   say("polite", `${title} ${state === "consent" ? "" : text}`);
   (buttons.querySelector("button, input, textarea") as HTMLElement | null)?.focus();
 
@@ -234,7 +245,7 @@ function renderMessage(): void {
 
 /** Whether a device runs, or is about to. */
 function live(state: string): boolean {
-  return !["connecting", "waiting", "done", "left", "aborted", "failed"].includes(state);
+  return !ENDS.includes(state) && !["connecting", "waiting"].includes(state);
 }
 
 /** What is said of a Stop: who gave it, whether the coils are off, and what comes next. */
@@ -242,6 +253,12 @@ function describeStop(): string {
   const who = view.stopped === "by the participant" ? "You stopped the device." : `The device was stopped${view.stopped ? ` (${view.stopped})` : ""}.`;
   const coils = view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND}` : view.state === "starting" ? "It stays off after it starts." : "Its coils are off.";
   return `${who} ${coils}\n\nNothing continues by itself. To continue, tell the experimenter: only they can press Resume. You may also end the session.`;
+}
+
+/** What is kept of a session that is over. */
+function describeStored(): string {
+  if (view.stored === 0) return "No answer was given, and none is stored.";
+  return view.stored === 1 ? "Your answer is stored." : "Your answers are stored.";
 }
 
 function describeState(state: string): [string, string] {
@@ -269,11 +286,13 @@ function describeState(state: string): [string, string] {
     case "done":
       return ["Thank you", "All answers are stored."];
     case "left":
-      return ["Until next time", "Your answers are stored."];
+      return ["Until next time", describeStored()];
     case "aborted":
-      return ["The session has ended", "Your answers are stored."];
+      return ["The session has ended", describeStored()];
+    case "declined":
+      return ["Thank you", `You did not agree to take part, so nothing begins. ${view.stored ? `${describeStored()} Tell the experimenter if they are to be removed.` : "No answer of yours is stored."}`];
     case "failed":
-      return ["Something went wrong", "The device was switched off. Your answers are stored. Please call the experimenter."];
+      return ["Something went wrong", `The device was switched off. ${describeStored()} Please call the experimenter.`];
   }
   return ["", ""];
 }
@@ -370,6 +389,7 @@ addEventListener("keydown", (event) => {
   const stops = ["starting", "pause", "break", "device off"].includes(view.state);
   if (event.key === "Escape") stop();
   if (!inTrial()) {
+    if (/^[\d-]$/.test(event.key) && ["pause", "device off"].includes(view.state)) showMistake("No trial runs now: this key was not an answer, and nothing was stored.");
     if (event.key === " " && stops && !writing && !(event.target instanceof HTMLInputElement)) {
       event.preventDefault();
       stop();
@@ -386,11 +406,11 @@ addEventListener("keydown", (event) => {
   } else if (event.key.toLowerCase() === "o" && view.task?.kind === "compare") {
     event.preventDefault();
     line.send({ do: "interval", which: 3 - (view.which ?? 1) });
-  } else if (event.key.toLowerCase() === "f" && view.steered) {
+  } else if (event.key.toLowerCase() === "f" && view.steered && !(event.target === typed && typed.value)) {
     event.preventDefault();
     say("polite", describeForce(pen));
-  } else if (/^\d$/.test(event.key) && event.target !== typed && view.task?.kind !== "place") {
-    typed.focus(); // the digit itself goes there
+  } else if (event.key.length === 1 && event.target !== typed && view.task?.kind !== "place") {
+    typed.focus(); // the character itself goes there, whichever it is
     typed.select();
   }
 });

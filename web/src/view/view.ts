@@ -1,5 +1,6 @@
 // The page with the timeline: it says to each recording's page, in a frame, which moment to show.
 
+import { readNumber } from "../entry";
 import { at, make, write } from "../panels/dom";
 import { cover, UNKNOWN } from "../panels/lock";
 import { type Gives, UnknownToken, token } from "../session";
@@ -11,6 +12,7 @@ import { QUANTITIES, Strip, type Quantity } from "./strip";
 const LATER = 600; // ms before the overview is asked for: the picture comes first
 const OFTEN = 700; // ms between two questions for what is not complete
 const SAY = 150; // ms between two changes of what a screen reader says of the slider
+const FARTHEST = 1e6; // s between the beginnings of two recordings
 const LONG = 2000; // ms after which progress is shown
 
 interface Opening {
@@ -282,9 +284,18 @@ class Timeline {
     const offset = at<HTMLInputElement>("offset");
     at("offset-row").hidden = this.frames.length < 2;
     offset.value = String(this.offset);
-    offset.addEventListener("input", () => {
-      if (!Number.isFinite(offset.valueAsNumber)) return;
-      this.offset = offset.valueAsNumber;
+    offset.addEventListener("input", () => offset.removeAttribute("aria-invalid"));
+    offset.addEventListener("change", () => {
+      const value = readNumber(offset.value);
+      const refused = value === null || Math.abs(value) > FARTHEST;
+      write(at("offset-mistake"), refused ? `“${offset.value}” is not used: a number of seconds up to ${FARTHEST}, such as 0.25` : "");
+      at("offset-mistake").hidden = !refused;
+      offset.setAttribute("aria-invalid", String(refused));
+      if (refused) {
+        offset.value = String(this.offset);
+        return;
+      }
+      this.offset = value;
       this.bounds();
       this.strips.forEach((strip, i) => strip.layOut(this.place(i)));
       this.listMarks();

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -71,9 +72,10 @@ def feel(
         raise InputError(f"--duration must be greater than 0 s; got {duration:g} s")
     if plot is not None:
         check_figure_file(plot, "--plot")
-    person = check_person(person)
+    check_person(person)
     motor, scale = find_scale(device, wanted, candidates)
     store = FeelSession(session or choice.folder, candidates)
+    check_person(person, store.people())
     for design in wanted:
         for remark in design.remarks:
             say(f"{design.name}: {remark}")
@@ -100,7 +102,7 @@ def _scores(given: list[str], candidates: Candidates) -> dict[str, int]:
     scores = {}
     for item in given:
         name, equals, text = item.partition("=")
-        if not equals or not text.strip().isdecimal():
+        if not equals or not re.fullmatch("0|[1-9][0-9]{0,8}", text):
             raise InputError(f"--rate must be NAME=SCORE with a whole number from 1 to 7; got '{item}'")
         scores[candidates[name].name] = int(text)
     from haptorb.apps.feel.session import SCORES

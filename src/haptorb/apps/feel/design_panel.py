@@ -37,7 +37,7 @@ class DesignPanel:
         live = self._live
         match command.get("act"):
             case "rate":
-                live.rate(command.get("score"), str(command.get("feeling", "")))
+                live.rate(command.get("score"), _text(command, "feeling"))
             case "next":
                 live.feel_next()
             case "feel":
@@ -47,7 +47,7 @@ class DesignPanel:
             case "pair":
                 live.set_pair(check_slot(command.get("slot")), live.design_of(command.get("number")))
             case "person":
-                live.set_person(str(command.get("person", "")))
+                live.set_person(_text(command, "person"))
             case "hide":
                 live.set_blind(command.get("hide") is True)
             case "scale":
@@ -57,3 +57,10 @@ class DesignPanel:
             case other:
                 known = "rate, next, feel, slot, pair, person, hide, scale, finish"
                 raise InputError(f"unknown act {quote(other)} of a feel session (known: {known})")
+
+
+def _text(command: Mapping[str, Any], name: str) -> str:
+    value = command.get(name, "")
+    if not isinstance(value, str):
+        raise InputError(f"{name} must be a text; got {quote(value)}")
+    return value

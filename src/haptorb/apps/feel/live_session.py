@@ -58,7 +58,7 @@ class LiveSession:
         self._felt = TraceCollector()
         self._blind = blind
         self._scale = 1.0
-        self.person = check_person(person)
+        self.person = check_person(person, session.people())
         self.finished = False
         self.version = 0  #: another number after every change
         self.notify: Callable[[str], None] = lambda text: None  #: is called with what was rated or chosen, in words
@@ -196,7 +196,7 @@ class LiveSession:
         """Another person feels from now on, with separate ratings and order."""
         with self._lock:
             self._check_running()
-            code = check_person(code)
+            code = check_person(code, self._session.people())
             if code == self.person:
                 return
             self.person = code

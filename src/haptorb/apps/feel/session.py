@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
+from haptorb.apps.asking.codes import find_other_spelling, suggest_code
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.asking.rating import SCALE
 from haptorb.apps.asking.rating import rating as rating_of
@@ -32,12 +34,20 @@ _LONGEST = 40  #: of a person's code [characters]
 SCORES = SCALE  #: the scale that studies have as well
 
 
-def check_person(code: str) -> str:
-    """`code` without spaces around it; InputError if it is too long or cannot be shown in one line."""
-    found = code.strip()
-    if len(found) > _LONGEST or not found.isprintable():
-        raise InputError(f"a person's code must have at most {_LONGEST} printable characters; got {code[:60]!r}")
-    return found
+def check_person(code: str, known: Iterable[str] = ()) -> str:
+    """`code` as it was typed; InputError if it is none, or one of the `known` codes in another spelling."""
+    meant = suggest_code(code)
+    if code and code != meant and meant:
+        raise InputError(
+            f"a person's code is typed without spaces and with plain letters and digits: enter '{meant[:_LONGEST]}', "
+            f"if that is meant; got {quote(code)}"
+        )
+    if len(code) > _LONGEST or not code.isprintable() or code != meant or "\ufffd" in code:
+        raise InputError(f"a person's code must have at most {_LONGEST} printable characters; got {quote(code)}")
+    other = find_other_spelling(code, known) if code else None
+    if other is not None:
+        raise InputError(f"a person's code '{code}' is another spelling of '{other}', who has rated: enter '{other}'")
+    return code
 
 
 class FeelSession:

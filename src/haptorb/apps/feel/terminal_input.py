@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterator
 from select import select
 
 from haptorb.apps.feel.live_session import LiveSession
 from haptorb.apps.feel.session import SCORES
-from haptorb.errors import HaptorbError, InputError
+from haptorb.errors import HaptorbError, InputError, quote
 
 __all__ = ["HELP", "execute_line", "read_lines", "wait_for_lines"]
 
@@ -22,8 +23,12 @@ HELP = (
 
 def execute_line(live: LiveSession, line: str) -> None:
     """Do what `line` says. Raises InputError for what cannot be."""
-    word, _, rest = line.strip().partition(" ")
-    match word.lower():
+    word = next(iter(line.split()), "")
+    rest = line.strip()[len(word) :].strip()
+    command = word.lower()
+    if rest and command != "person":
+        raise InputError(f"{quote(line.strip())} is neither a score nor a command; nothing was stored. {HELP}")
+    match command:
         case "":
             live.feel_next()
         case "a" | "b" as slot:
@@ -34,10 +39,10 @@ def execute_line(live: LiveSession, line: str) -> None:
             live.set_blind(wish == "hide")
         case "end":
             live.finish()
-        case number if number.isascii() and number.lstrip("-").isdecimal():
-            live.rate(int(number[:9]))
+        case number if re.fullmatch("0|-?[1-9][0-9]{0,8}", number):
+            live.rate(int(number))
         case _:
-            raise InputError(f"'{line.strip()[:40]}' is neither a score nor a command. {HELP}")
+            raise InputError(f"{quote(line.strip())} is neither a score nor a command; nothing was stored. {HELP}")
 
 
 def read_lines(live: LiveSession, lines: Iterator[str], tell: Callable[[str], None]) -> None:
@@ -61,6 +66,8 @@ def wait_for_lines(descriptor: int, ended: Callable[[], bool]) -> Iterator[str]:
             continue
         more = os.read(descriptor, 4096)
         if not more:
+            if rest:  # the last line of a pipe need not end
+                yield rest.decode("utf-8", "replace")
             return
         *whole, rest = (rest + more).split(b"\n")
         for line in whole:

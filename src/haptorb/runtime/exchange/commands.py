@@ -136,6 +136,10 @@ class Commands(HandCommands):
             raise InputError(f"torque scale must be above 0 and at most {LARGEST_SCALE:g}; got {quote(scale)}")
         self._memory.words[Word.SCALE] = round(scale * 1e6)
 
+    def pause_recording(self, paused: bool) -> None:
+        """Leave rows out of the recording from now on, or no longer; the gap's rows are counted in the file."""
+        self._memory.words[Word.RECORDING_PAUSED] = int(paused)
+
     @property
     def model(self) -> str:
         """The controller model, or the one to which it is changing."""

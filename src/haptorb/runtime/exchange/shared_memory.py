@@ -73,6 +73,7 @@ class Word(IntEnum):
     POINTER = 24  #: and the ten after it
     SCALE = 35  #: 0: as it is, else the scale of a motor's torques, in millionths
     BUTTONS = 36  #: bits of the buttons a, b, c that a person holds down: for servers, not for the loop
+    RECORDING_PAUSED = 37  #: 1: rows are not recorded until it is 0 again
     # servo → host
     PID = 40
     PHASE = 41

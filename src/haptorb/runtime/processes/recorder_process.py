@@ -63,7 +63,7 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
             recorder.note(name, values)
         file.flush()
         words[Word.RECORDER] = Phase.RUNNING
-        cursor = worlds = lost = errors = states = 0
+        cursor = worlds = lost = errors = states = left_out = 0
         servo, timer = _ProcessExit(spec["servo"]), KillTimer()
         last = False
         while True:
@@ -77,13 +77,25 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
                 errors, text = shared.error.read()
                 if text:
                     recorder.note("error", {"tick": str(words[Word.TICKS]), "text": text})
-            if shared.regular_state.version != states:
+            if shared.regular_state.version != states and not words[Word.RECORDING_PAUSED]:
                 states = shared.regular_state.version
                 tick, _, state = read_state(shared.regular_state)
                 recorder.note("state", {"tick": str(tick), "state": state})
             before = cursor
             cursor, rows = shared.ring.read_since(cursor)
             gap = cursor - before - len(rows)
+            # After the rows were read: what is published once the pause has ended is recorded.
+            if words[Word.RECORDING_PAUSED]:
+                if not left_out:
+                    recorder.note("pause", {"after": str(recorder.written)})
+                left_out += gap + len(rows)
+                words[Word.TAKEN] = cursor
+                if not last:
+                    continue
+                gap, rows = 0, rows[:0]
+            if left_out:
+                recorder.note("resume", {"rows": str(left_out), "after": str(recorder.written)})
+                left_out = 0
             if gap:
                 recorder.note("gap", {"rows": str(gap), "after": str(recorder.written)})
                 lost += gap

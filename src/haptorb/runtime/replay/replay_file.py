@@ -16,7 +16,18 @@ from haptorb.runtime.row import RowLayout
 
 __all__ = ["ReplayFile", "check_replay_file", "write_replay"]
 
-_OWN = frozenset({"haptorb/layout", "haptorb/clock", "haptorb/end", "haptorb/gap", "haptorb/world", "haptorb/run"})
+_OWN = frozenset(
+    {
+        "haptorb/layout",
+        "haptorb/clock",
+        "haptorb/end",
+        "haptorb/gap",
+        "haptorb/pause",
+        "haptorb/resume",
+        "haptorb/world",
+        "haptorb/run",
+    }
+)
 
 
 def check_replay_file(path: Path, *, overwrite: bool) -> Path:

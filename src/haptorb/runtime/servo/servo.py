@@ -10,7 +10,7 @@ import json
 import os
 import shutil
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -93,6 +93,7 @@ class Servo(ServoContext):
                "MASS,DAMPING,STIFFNESS"
     latency    of the tracker, for the same choice [s]; None: 5 ms (assumed) if it has its own process
     black_box  folder for a recording of the last 100 ticks before every trip; None: they are in `trips` only
+    about      what a recording is of: texts by name, kept in its file, such as a study and its session
 
     Raises UnknownName for an unknown name; InputError for an invalid value, or for a world, tracker or gains that do
     not fit the device; DeviceError for an invalid device file; CalibrationError for a calibration or frame that cannot
@@ -122,6 +123,7 @@ class Servo(ServoContext):
         torque_arm: float | None = None,
         grip: str = "light",
         latency: float | None = None,
+        about: Mapping[str, str] | None = None,
     ) -> None:
         require_linux("haptorb.Servo")
         self.device = device if isinstance(device, Device) else load(device)
@@ -173,6 +175,7 @@ class Servo(ServoContext):
             self.own_worlds, reloads=self._world_file is not None,
         )  # fmt: skip
         self._recording = RunRecording(record, overwrite=overwrite)
+        self._about = {name: str(text) for name, text in (about or {}).items()}
         self._trips_folder = None if black_box is None else Path(black_box).expanduser().absolute()
         self._black_box: BlackBox | None = None
         self._shared: SharedMemory | None = None
@@ -280,4 +283,4 @@ class Servo(ServoContext):
             "first_world": description(self._plan.world),
             **describe_choices(self._gains, self._torque_arm, (self._plan.world, *self.own_worlds.values())),
         }
-        return notes(self.device, run)
+        return notes(self.device, run) | ({"about": self._about} if self._about else {})

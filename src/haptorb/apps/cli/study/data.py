@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from haptorb.apps.cli.study.options import DatabaseArgument, NameOption
+from haptorb.apps.cli.study.options import DatabaseArgument, DataOption, NameOption
 from haptorb.apps.terminal import (
     Column,
     TextTable,
@@ -33,15 +33,23 @@ def participants(
     """List the codes in use, the states of their sessions, and a free code."""
     from haptorb.apps.study.model.codes import next_code
     from haptorb.apps.study.store.columns import read_study
+    from haptorb.apps.study.store.contents import describe_kind, read_contents
     from haptorb.apps.study.store.database import database
     from haptorb.apps.study.store.people import list_participants
 
     engine = database(db, make=False)
-    known = read_study(engine, name)
+    known, holds = read_study(engine, name), read_contents(engine)
     people = list_participants(engine, known)
     free = next_code(one.code for one in people)
     if json:
-        print_json({"study": known.name, "participants": [one.numbers() for one in people], "next_free_code": free})
+        print_json(
+            {
+                "study": known.name,
+                "holds": holds,
+                "participants": [one.numbers() for one in people],
+                "next_free_code": free,
+            }
+        )
         return
     table = TextTable((Column("code", kind="key"), Column("session", kind="text"), Column("answered trials"),
                        Column("begun (UTC)", kind="text")))  # fmt: skip
@@ -51,11 +59,13 @@ def participants(
         table.add_row(one.code, state, str(one.answered), one.started[:16].replace("T", " "))
     print_table(make_console(), table)
     tell(f"next free code: {free}")
+    tell(f"{db} holds {describe_kind(holds)}")
 
 
 def analyse(
     db: DatabaseArgument,
     name: NameOption = None,
+    data: DataOption = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for report and figures (default: STUDY-report).")
     ] = None,
@@ -71,9 +81,11 @@ def analyse(
 ) -> None:
     """Analyse the answers: confusion, accuracy, error over θ, psychometric curves; write an HTML report."""
     from haptorb.apps.study.analysis.load_analysis import analysis_of
+    from haptorb.apps.study.store.contents import check_kind
 
     if figures not in ("svg", "png"):
         raise InputError(f"--figures must be svg or png; got '{figures}'")
+    kind = None if data is None else check_kind(data)
     registered = None
     if registration is not None:
         from haptorb.apps.study.store.registration import read_registration
@@ -84,7 +96,7 @@ def analyse(
         done = analysis_of(
             db, name,
             lambda fitted, people: bar.update(task, description="fitting people", completed=fitted, total=people),
-            registration=registered,
+            registration=registered, data=kind,
         )  # fmt: skip
     if json:
         print_json(done.numbers())
@@ -114,6 +126,7 @@ def _serve_report(html: str, parts: list[str], port: int) -> None:
 def figures(
     db: DatabaseArgument,
     name: NameOption = None,
+    data: DataOption = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder to write (default: STUDY-figures).")] = None,
     kind: Annotated[str, typer.Option("--format", help="Format: pdf, svg or png (600 dpi).")] = "pdf",
     single: Annotated[float, typer.Option(help="Width of a figure in one column [mm].")] = 85.0,
@@ -124,11 +137,12 @@ def figures(
     from haptorb.apps.study.analysis.drawings.figure_set import KINDS, write_figures
     from haptorb.apps.study.analysis.drawings.style import PaperSize
     from haptorb.apps.study.analysis.load_analysis import analysis_of
+    from haptorb.apps.study.store.contents import check_kind
 
     if kind not in KINDS:
         raise InputError(f"--format must be {', '.join(KINDS)}; got '{kind}'")
     size = PaperSize(single, double)
-    done = analysis_of(db, name)
+    done = analysis_of(db, name, data=None if data is None else check_kind(data))
     files = write_figures(done, out or Path(f"{done.study.name}-figures"), kind, size=size, overwrite=force)
     tell(f"{done.origin}\n" + "\n".join(map(str, files)))
 
@@ -137,26 +151,22 @@ def export(
     db: DatabaseArgument,
     path: Annotated[Path, typer.Argument(help="Output: NAME.csv, NAME.parquet, or a folder for BIDS.")],
     name: NameOption = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+    data: DataOption = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier export of this study.")] = False,
 ) -> None:
     """Export all trials, one row each: CSV, Parquet, or a BIDS folder, with a data dictionary."""
-    from haptorb.apps.study.store.bids import write_bids
-    from haptorb.apps.study.store.columns import read_replies, read_study, tidy
+    from haptorb.apps.study.store.contents import check_kind
+    from haptorb.apps.study.store.copies import note_copy
     from haptorb.apps.study.store.database import database
-    from haptorb.apps.study.store.export import write_csv, write_parquet
+    from haptorb.apps.study.store.study_export import check_output, export_study
 
-    if path.suffix not in ("", ".csv", ".parquet"):
-        raise InputError(f"the output must be NAME.csv, NAME.parquet or a folder; got '{path}'")
+    check_output(path)
     engine = database(db, make=False)
-    known = read_study(engine, name)
-    columns, replies = tidy(engine, known), read_replies(engine, known)
-    if path.suffix:
-        write = write_csv if path.suffix == ".csv" else write_parquet
-        files = write(known, columns, path, overwrite=force, replies=replies)
-    else:
-        files = (write_bids(known, columns, path, overwrite=force, replies=replies),)
-    practice = int((columns["phase"] == "practice").sum())
-    more = f", {practice} of them practice" if practice else ""
-    tell(f"{len(columns['trial'])} trials{more}: {', '.join(map(str, files))}")
-    if any(simulated is True for simulated in columns["simulated_device"]):
+    done = export_study(engine, path, name, None if data is None else check_kind(data), overwrite=force)
+    note_copy(engine, "export", path, done.study, {"data": data})
+    practice = f", {done.practice} of them practice" if done.practice else ""
+    tell(f"{done.trials} trials{practice}: {', '.join(map(str, done.files))}")
+    if done.left_out:
+        say(f"left out, of another kind: {done.left_out}")
+    if done.on_simulated_device:
         say("SIMULATED DEVICE: trials in which nobody felt a force are marked in the column simulated_device")

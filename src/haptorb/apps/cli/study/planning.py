@@ -82,9 +82,11 @@ def simulate(
     """Rehearse the study with SIMULATED participants. Their answers are not evidence about people."""
     from haptorb.apps.study.model.study_reader import read_study
     from haptorb.apps.study.simulated.rehearsal import rehearse
+    from haptorb.apps.study.store.contents import check_contents
     from haptorb.apps.study.store.database import database
 
     engine = database(db)
+    check_contents(engine, "simulated")
     known = keep_begun_study(engine, read_study(file))
     with make_progress() as bar:
         task = bar.add_task("SIMULATED trials", total=None)

@@ -39,6 +39,7 @@ from haptorb.apps.study.analysis.plan_report import PlanReport, SessionPlan, fin
 from haptorb.apps.study.analysis.thresholds import ConditionTracks, follow_tracks
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
+from haptorb.apps.study.store.incidents import Incident
 from haptorb.apps.study.store.registration import Registration
 from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.errors import InputError
@@ -76,6 +77,8 @@ class Analysis(NotebookReport):
     magnitudes: tuple[MagnitudeScale, ...] = ()
     times: tuple[ResponseTime, ...] = ()
     notes: tuple[str, ...] = ()  #: what the data cannot tell
+    left_out: str = ""  #: data of another kind (real, pilot, simulated) in the same database
+    incidents: tuple[Incident, ...] = ()  #: stops, repeats, safety events, ends before the last trial
     #: (participant, trial, safety, part of a recording) of each recorded trial, practice left out
     recorded: tuple[tuple[str, int, str, str], ...] = ()
 
@@ -154,6 +157,8 @@ class Analysis(NotebookReport):
             found["localisation"] = self.localisation.numbers()
         if self.plan is not None:
             found["plan"] = self.plan.numbers()
+        found["left_out"] = self.left_out
+        found["incidents"] = [one.row() for one in self.incidents]
         if self.notes:
             found["notes"] = list(self.notes)
         return found

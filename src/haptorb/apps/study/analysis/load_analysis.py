@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from sqlalchemy import select
@@ -12,8 +13,10 @@ from sqlalchemy.engine import Engine
 from haptorb.apps.study.analysis.analysis import Analysis, analyse
 from haptorb.apps.study.analysis.plan_report import SessionPlan
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.store.columns import read_study, tidy
+from haptorb.apps.study.store.columns import read_study, select_kind, tidy
+from haptorb.apps.study.store.contents import Kind
 from haptorb.apps.study.store.database import database, participants, sessions
+from haptorb.apps.study.store.incidents import list_incidents
 from haptorb.apps.study.store.registration import Registration
 
 __all__ = ["analysis_of", "read_plans"]
@@ -21,17 +24,21 @@ __all__ = ["analysis_of", "read_plans"]
 
 def analysis_of(
     place: str | Path, name: str | None = None, progress: Callable[[int, int], None] | None = None, *,
-    registration: Registration | None = None,
+    registration: Registration | None = None, data: Kind | None = None,
 ) -> Analysis:  # fmt: skip
     """The analysis of the study called `name` (the only one, if there is one) in the database at `place`.
 
     `progress` receives (people fitted, people in all), where something is fitted. The plan of the study is compared
-    with the one of the `registration`.
+    with the one of the `registration`. `data` says which kind is analysed, see `columns.select_kind`: real data,
+    unless there are none, and never two kinds in one number.
     """
     engine = database(place, make=False)
     study = read_study(engine, name)
     plans = read_plans(engine, study)
-    return analyse(study, tidy(engine, study), progress, plans=plans, registration=registration)
+    columns, left_out = select_kind(tidy(engine, study), data)
+    found = analyse(study, columns, progress, plans=plans, registration=registration)
+    incidents = list_incidents(engine, study, set(columns["participant"].tolist()))
+    return replace(found, left_out=left_out, incidents=incidents)
 
 
 def read_plans(engine: Engine, study: Study) -> tuple[SessionPlan, ...]:

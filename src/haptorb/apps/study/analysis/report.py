@@ -19,6 +19,7 @@ from haptorb.apps.study.analysis.figures import figures
 from haptorb.apps.study.analysis.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.psychometric_tables import list_psychometric_notes, list_psychometric_tables
 from haptorb.apps.study.analysis.wording import format_p, format_percent, format_range, format_value
+from haptorb.apps.study.store.incidents import count_incidents
 from haptorb.apps.terminal import TextTable
 from haptorb.display.html import Link, scroll_table_html
 from haptorb.errors import InputError, RecordingError
@@ -51,6 +52,8 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None, *, served: 
         f"trials excluded; the device tripped in {analysis.trips} trials; {analysis.repeated} trials were restarted "
         "before they were answered.</p>",
     ]
+    if analysis.left_out:
+        body.append(f"<p><b>Left out</b>, of another kind than these: {escape(analysis.left_out)}.</p>")
     if analysis.plan is not None:
         body.append(f"<p>Planned analysis: {escape(analysis.plan.sentence)}.</p>")
         body += [f"<p class='simulated'>{escape(remark)}</p>" for remark in analysis.plan.remarks]
@@ -127,6 +130,7 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None, *, served: 
     for table in list_group_tables(analysis):
         body += [f"<h2>{escape(table.title)}</h2>", _convert_table(table)]
     body += [f"<p class='quiet'>{escape(note)}</p>" for note in list_notes(analysis)]
+    body += _list_incidents(analysis)
     body += _list_recordings(analysis, served=served)
     body += ["<h2>Study file</h2>", f"<pre>{escape(analysis.study.text)}</pre>"]
     title = f"{analysis.study.name}{' (simulated)' if analysis.marked else ''}"
@@ -136,6 +140,23 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None, *, served: 
         + "\n".join(body)
         + "</body></html>"
     )
+
+
+def _list_incidents(analysis: Analysis) -> list[str]:
+    """Stops, repeats, safety events and early ends; that there were none is said too."""
+    body = ["<h2>Stops, repeats and safety events</h2>"]
+    if not analysis.incidents:
+        return [*body, "<p>None.</p>"]
+    counts = ", ".join(f"{name}: {count}" for name, count in count_incidents(analysis.incidents).items() if count)
+    rows = [
+        [one.participant, one.session, one.trial, one.event, one.reason or "–", one.time[:19].replace("T", " ")]
+        for one in analysis.incidents
+    ]
+    return [
+        *body,
+        f"<p>{escape(counts)}.</p>",
+        scroll_table_html(["participant", "session", "trial", "event", "reason", "time (UTC)"], rows),
+    ]
 
 
 def _list_recordings(analysis: Analysis, *, served: bool) -> list[str]:

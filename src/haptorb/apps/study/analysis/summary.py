@@ -14,6 +14,7 @@ from haptorb.apps.study.analysis.by_condition.response_times import make_respons
 from haptorb.apps.study.analysis.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.psychometric_tables import list_psychometric_notes, list_psychometric_tables
 from haptorb.apps.study.analysis.wording import format_p, format_range, format_value
+from haptorb.apps.study.store.incidents import count_incidents
 from haptorb.apps.terminal import Column, TextTable, make_console, print_table, print_text
 
 __all__ = ["print_summary"]
@@ -28,6 +29,11 @@ def print_summary(analysis: Analysis, console: Console | None = None) -> None:
             out, f"{analysis.repeated} trials were restarted: the device was off, or the experimenter repeated them"
         )
     print_text(out, analysis.origin, "bold red" if analysis.marked else "dim")
+    if analysis.left_out:
+        print_text(out, f"left out, of another kind: {analysis.left_out}", "bold red")
+    counts = ", ".join(f"{name}: {count}" for name, count in count_incidents(analysis.incidents).items() if count)
+    if counts:
+        print_text(out, f"stops, repeats and safety events: {counts}; the report lists them with reason and time")
     if analysis.plan is not None:
         print_text(out, analysis.plan.sentence)
         for remark in analysis.plan.remarks:

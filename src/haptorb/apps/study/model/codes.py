@@ -7,16 +7,17 @@ import unicodedata
 from collections.abc import Iterable, Mapping
 from hashlib import sha256
 
+from haptorb.apps.asking.codes import fold_spelling, suggest_code
 from haptorb.errors import InputError, quote
 
-__all__ = ["check_code", "fold_code", "is_reserved", "make_labels", "next_code"]
+__all__ = ["check_code", "is_reserved", "make_labels", "next_code"]
 
 _LONGEST = 16  #: of a code [characters]; columns of databases are made for it
-_RESERVED = re.compile(r"sim[0-9]+")
+_RESERVED = re.compile(r"s[1i]m-?[0-9]+")  #: in folded spelling
 
 
 def check_code(code: str) -> str:
-    """`code` in its composed form; InputError if it is none.
+    """`code` as it was typed; InputError if it is none. Nothing of it is changed: another spelling is refused.
 
     Letters of any script, digits, `-`, `_` and `.`; first a letter or digit; at least one digit, so that no bare name
     slips in.
@@ -24,9 +25,14 @@ def check_code(code: str) -> str:
     >>> check_code("P01"), check_code("vp-7"), check_code("Ω_3b")
     ('P01', 'vp-7', 'Ω_3b')
     """
-    known = unicodedata.normalize("NFKC", code)
-    letters = all(unicodedata.category(letter)[0] in "LNM" or letter in "-_." for letter in known)
-    if not (1 <= len(known) <= _LONGEST and letters and known[0].isalnum() and any(map(str.isdecimal, known))):
+    known = unicodedata.normalize("NFC", code)  # the same letters, also where accents were typed on their own
+    meant = suggest_code(code)
+    if known != meant and _is_code(meant):
+        raise InputError(
+            f"participant code must be typed without spaces and with plain letters and digits: enter '{meant}', if "
+            f"that is meant; got {quote(code)}"
+        )
+    if not _is_code(known) or known != meant:
         raise InputError(
             f"participant code must have 1 to {_LONGEST} letters, digits, '-', '_' or '.', begin with a letter or "
             f"digit and contain a digit, like P01 or vp-7 (never a name); got {quote(code)}"
@@ -34,18 +40,14 @@ def check_code(code: str) -> str:
     return known
 
 
-def fold_code(code: str) -> str:
-    """`code` without the difference of capitals: codes that differ in nothing else are one person's.
-
-    >>> fold_code("P01") == fold_code("p01")
-    True
-    """
-    return unicodedata.normalize("NFKC", code).casefold()
+def _is_code(text: str) -> bool:
+    letters = all(unicodedata.category(letter)[0] in "LNM" or letter in "-_." for letter in text)
+    return 1 <= len(text) <= _LONGEST and letters and text[0].isalnum() and any(map(str.isdecimal, text))
 
 
 def is_reserved(code: str) -> bool:
-    """Whether only simulated participants may have `code`: SIM and a number."""
-    return _RESERVED.fullmatch(fold_code(code)) is not None
+    """Whether only simulated participants may have `code`: SIM and a number, in any spelling."""
+    return _RESERVED.fullmatch(fold_spelling(code)) is not None
 
 
 def next_code(used: Iterable[str]) -> str:
@@ -55,7 +57,7 @@ def next_code(used: Iterable[str]) -> str:
     ('P03', 'vp-10', 'P01', 'P01')
     """
     codes = list(used)
-    taken = {fold_code(code) for code in codes}
+    taken = {fold_spelling(code) for code in codes}
     for last in reversed(codes):
         found = re.fullmatch(r"(.*?)([0-9]{1,9})", last)
         if found is None or is_reserved(last):
@@ -64,12 +66,12 @@ def next_code(used: Iterable[str]) -> str:
         while True:
             number += 1
             free = f"{found[1]}{number:0{len(found[2])}d}"
-            if fold_code(free) not in taken:
+            if fold_spelling(free) not in taken:
                 break
         if len(free) <= _LONGEST:
             return free
     number = 1
-    while fold_code(f"P{number:02d}") in taken:
+    while fold_spelling(f"P{number:02d}") in taken:
         number += 1
     return f"P{number:02d}"
 

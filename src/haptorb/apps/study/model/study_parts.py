@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -280,18 +281,26 @@ class Question(Part):
         return self
 
     def check_reply(self, reply: str) -> str:
-        """`reply` without spaces about it; InputError if it does not answer this question."""
-        text = reply.strip()
-        if not text:
+        """`reply` as it was given; InputError if it does not answer this question. Nothing of it is changed."""
+        if not reply.strip():
             raise InputError("please answer the question first")
-        if len(text) > _LONGEST:
-            raise InputError(f"the answer must have at most {_LONGEST} characters; got {len(text)}")
-        if any("\ud800" <= letter <= "\udfff" or letter == "\0" for letter in text):
+        if len(reply) > _LONGEST:
+            raise InputError(f"the answer must have at most {_LONGEST} characters; got {len(reply)}")
+        if any("\ud800" <= letter <= "\udfff" or letter in "\0\ufffd" for letter in reply):
             raise InputError("the answer contains an invalid character: please type it again")
-        if self.choices and text not in self.choices:
-            raise InputError(f"the answer must be one of {', '.join(self.choices)}; got '{text}'")
+        if self.choices and reply not in self.choices:
+            raise InputError(f"the answer must be one of {', '.join(self.choices)}; got {quote(reply)}")
         if self.low is not None and self.high is not None:
-            number = int(text) if text.removeprefix("-").isdecimal() and text.isascii() else None
+            number = int(reply) if re.fullmatch("-?[0-9]{1,10}", reply) else None
             if number is None or not self.low <= number <= self.high:
-                raise InputError(f"the answer must be a whole number from {self.low} to {self.high}; got '{text}'")
-        return text
+                raise InputError(
+                    f"the answer must be a whole number from {self.low} to {self.high}; got {quote(reply)}"
+                )
+        return reply
+
+    def choice_of(self, typed: str) -> str:
+        """What `typed` at a terminal stands for: a choice by its number, unless the choices are numbers themselves."""
+        numbered = not any(choice.strip().isdecimal() for choice in self.choices)
+        if numbered and re.fullmatch("[1-9][0-9]{0,2}", typed) and int(typed) <= len(self.choices):
+            return self.choices[int(typed) - 1]
+        return typed

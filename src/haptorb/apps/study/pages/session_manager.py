@@ -39,15 +39,16 @@ Respond = Callable[[str], None]
 class SessionManager:
     """One study, one participant at a time.
 
-    state   waiting (for a participant), starting (the device), consent, ready, then those of `TrialRunner`, or failed
+    state   waiting (for a participant), starting (the device), consent, ready, then those of `TrialRunner`; declined,
+            failed
     start   makes the servo of a session, recording to the given file; not yet open
-    beside  file for the recording of session number so-and-so; None: no recording
+    beside  file for the recording of a session from its next trial on; None: no recording
     open_session  opens the session of a participant's code in the database
     """
 
     def __init__(
         self, engine: Engine, study: Study, start: Callable[[Path | None], Servo],
-        beside: Callable[[int], Path | None] = lambda session: None, streams: Streams | None = None,
+        beside: Callable[[StoredSession], Path | None] = lambda session: None, streams: Streams | None = None,
         open_session: Callable[[Engine, Study, str], StoredSession] = StoredSession,
     ) -> None:  # fmt: skip
         self.engine, self.study = engine, study
@@ -60,6 +61,8 @@ class SessionManager:
         self.trial_device: TrialDevice | None = None
         self.log: list[dict[str, Any]] = []  #: answered trials of this session, newest last
         self.codes = CodeList(engine, study)
+        self.history: list[dict[str, Any]] = []  #: what happened in this session, or in the last one
+        self.stored = 0  #: answers of the last session that are stored
         self._recording: Path | None = None
         self._servo: Servo | None = None
         self._inbox: SimpleQueue[tuple[dict[str, Any], StopCount, Respond]] = SimpleQueue()
@@ -97,7 +100,11 @@ class SessionManager:
         """The state, in one word; "paused" from the moment of a Stop."""
         runner, session = self.runner, self.session  # the thread may put them away meanwhile
         state = runner.state if runner is not None else self.state
-        if self.halt.active and session is not None and state not in ("starting", "waiting", "failed", *OVER):
+        if (
+            self.halt.active
+            and session is not None
+            and state not in ("starting", "waiting", "failed", "declined", *OVER)
+        ):
             return "paused"
         return state
 
@@ -216,18 +223,20 @@ class SessionManager:
         """Take a participant in: session claimed, device started, nothing felt yet."""
         if self.session is not None:
             raise InputError(f"participant {self.session.code} has a running session: end it first")
-        session = self._open_session(self.engine, self.study, code.strip())
+        session = self._open_session(self.engine, self.study, code)
         if session.over:
             session.close()
             raise InputError(f"participant '{code}' has already answered all trials")
         self.session, self.state, self.trouble, self.log = session, "starting", "", []
+        self.history = session.history
         try:
-            self._recording = self._beside(session.id)
+            self._recording = self._beside(session)
             self._servo = servo = self._start(self._recording)
             self.halt.attach(servo, asked)  # before it is open: Stop reaches it from here on
             servo.open()
             trial_device = TrialDevice(self.study, servo)
             trial_device.hold()  # the first time loads kernels; afterwards the pen must never be without data that long
+            trial_device.record(False)  # nothing is felt until the participant has agreed
             self.trial_device = trial_device
             self._mark("session", {"session": session.id, "participant": session.code})
         except HaptorbError as failure:
@@ -241,7 +250,7 @@ class SessionManager:
         if not agreed:
             self.halt.stop(None)
             self.session.note("declined", later=True)
-            self._end("the participant did not agree", "left")
+            self._end("the participant did not agree to take part", "declined")
             return
         if self.halt.active:
             raise InputError("the session is stopped: the experimenter must resume it first")
@@ -292,6 +301,7 @@ class SessionManager:
             if trouble and state == "failed":
                 try_quietly(lambda: session.note("failed", trouble, later=True))
             try_quietly(lambda: self._mark("end", {"state": state}))
+            self.stored = session.stored
             try_quietly(session.close)
             try_quietly(self.codes.refresh)
             self.state, self.trouble = state, trouble

@@ -12,10 +12,12 @@ from haptorb.apps.study.model.prompts import ask_number
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.session.trial_device import TrialDevice
+from haptorb.apps.study.store.incidents import name_kind
 
 __all__ = ["describe_study", "for_experimenter", "for_participant", "pen", "places"]
 
 _MOST_CODES = 100  #: that are shown, the newest
+_MOST_INCIDENTS = 200  #: that are shown, the newest
 _MOST_BUTTONS = 21  #: on a rating scale; beyond that a number is typed
 
 
@@ -56,6 +58,8 @@ def for_participant(manager: SessionManager) -> dict[str, Any]:
     }  # fmt: skip
     if session is not None:
         view["resumed"] = session.resumed
+    else:
+        view["stored"] = manager.stored
     if runner is None or session is None:
         return view
     prompt, expected = runner.prompt, session.procedure.expected
@@ -90,6 +94,11 @@ def for_experimenter(manager: SessionManager, pages: int, draft: Any) -> dict[st
         "code": "",
         "taken": list(manager.codes.taken[-_MOST_CODES:]),
         "free": manager.codes.free,
+        "incidents": [
+            {**one, "kind": name, "trial": one["trial"] + 1}
+            for one in manager.history
+            if (name := name_kind(one["kind"])) is not None
+        ][-_MOST_INCIDENTS:],
     }
     runner, session = manager.runner, manager.session
     if session is not None:

@@ -108,7 +108,7 @@ class Keyboard(Keys):
         return key
 
     def _read(self) -> None:
-        decoder = codecs.getincrementaldecoder("utf-8")("ignore")
+        decoder = codecs.getincrementaldecoder("utf-8")("replace")  # nothing that was typed is left out
         sources = [self._end, self._signalled, self._descriptor]
         while True:
             ready = select.select(sources, [], [])[0]

@@ -48,7 +48,10 @@ class Screen:
             head += " · SIMULATED DEVICE"
         parts: list[RenderableType] = []
         if view.question is not None:
-            choices = [f"{n}: {choice}" for n, choice in enumerate(view.question.choices, 1)]
+            choices = [
+                choice if view.question.choice_of(str(n)) != choice else f"{n}: {choice}"
+                for n, choice in enumerate(view.question.choices, 1)
+            ]
             answer = Text.assemble("answer: ", (view.typed or "_", "bold reverse"))
             parts += [Text(view.question.text, style="bold"), *map(Text, choices), answer]
             if view.message:

@@ -9,19 +9,31 @@ from time import monotonic
 from types import TracebackType
 from typing import Any, Self, final
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.engine import Connection, Engine
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
+from haptorb.apps.asking.codes import find_other_spelling, fold_spelling
 from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.asking.prompt import Answer, Prompt, read_value
-from haptorb.apps.study.model.codes import check_code, fold_code, is_reserved
+from haptorb.apps.study.model.codes import check_code, is_reserved
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.model.study_parts import Question
 from haptorb.apps.study.session.halt import utc_now
 from haptorb.apps.study.store.claim import lock_session
-from haptorb.apps.study.store.database import events, lock, participants, replies, sessions, studies, trials, try_begin
+from haptorb.apps.study.store.contents import Kind, claim_contents
+from haptorb.apps.study.store.database import (
+    events,
+    lock,
+    participants,
+    replies,
+    sessions,
+    studies,
+    trials,
+    try_begin,
+    withdrawn,
+)
 from haptorb.errors import RecordingError
 from haptorb.version import __version__
 
@@ -35,13 +47,26 @@ class StoredSession:
     """Begins a session, or resumes one that was interrupted; use it in a `with` block.
 
     The procedure is rebuilt from the stored plan and the stored answers, so a resumed session asks exactly what the
-    interrupted one would have asked. Raises RecordingError if the code has finished this study before, or if another
-    experimenter runs the session.
+    interrupted one would have asked. Raises RecordingError if the code has finished this study before, was withdrawn or
+    is another spelling of one that is taken, if another experimenter runs the session, or if the database holds other
+    data: real, `pilot` or `simulated` ones.
+
+    history   what happened in it, oldest first: kind, trial (from 0), at, text
     """
 
-    def __init__(self, engine: Engine, study: Study, code: str, *, simulated: bool = False) -> None:
+    def __init__(
+        self, engine: Engine, study: Study, code: str, *, simulated: bool = False, pilot: bool = False
+    ) -> None:
         self.engine, self.study, self.code = engine, study, check_code(code)
         self.simulated = simulated
+        self.kind: Kind = "simulated" if simulated else "pilot" if pilot else "real"
+        self.history: list[dict[str, Any]] = []
+        if is_reserved(self.code) != simulated:
+            raise RecordingError(
+                f"participant code '{self.code}' is a person's: a simulated participant is called SIM and a number"
+                if simulated
+                else f"participant code '{self.code}' is reserved for simulated participants: use another code"
+            )
         self._late: list[dict[str, Any]] = []  # events that the database would not take yet
         self._again = 0.0  # when to offer them again
         try:
@@ -52,6 +77,7 @@ class StoredSession:
         try:
             self.procedure, self.number = self._replay(procedure_of(study, stored))
             self._replied = self._list_answered()
+            self.history = self._list_events()
             self.resumed = self.number > 0
             self.note("resume" if self.resumed else "begin")
         except SQLAlchemyError as cause:
@@ -83,6 +109,11 @@ class StoredSession:
     def over(self) -> bool:
         """Whether everything is answered."""
         return self.prompt is None and self.question is None
+
+    @property
+    def stored(self) -> int:
+        """Answers that are stored, in trials and in words."""
+        return self.number + len(self._replied)
 
     def reply(self, question: Question, text: str) -> None:
         """Keep `text`, the answer to `question`; InputError, and nothing kept, if it is no answer to it."""
@@ -148,7 +179,9 @@ class StoredSession:
         `keep_late`, and nothing is raised: what was done must not wait for the record of it.
         """
         text = text.replace("\0", "").encode("utf-8", "backslashreplace").decode()  # a record is never refused
-        self._late.append({"session": self.id, "kind": kind, "trial": self.number, "at": at or utc_now(), "text": text})
+        happened = {"kind": kind, "trial": self.number, "at": at or utc_now(), "text": text}
+        self._late.append({"session": self.id, **happened})
+        self.history.append(happened)
         try:
             with self.engine.begin() as connection:
                 self._catch_up(connection)
@@ -156,6 +189,7 @@ class StoredSession:
             if later:
                 return
             self._late.pop()
+            self.history.pop()
             raise _storage_error(cause) from cause
         self._late.clear()
 
@@ -209,14 +243,20 @@ class StoredSession:
         study = self.study
         with self.engine.begin() as connection:
             lock(connection)  # two stations must not count participants at the same moment
+            claim_contents(connection, self.kind)
             if not connection.execute(select(studies.c.digest).where(studies.c.digest == study.digest)).first():
                 connection.execute(studies.insert().values(digest=study.digest, name=study.name, text=study.text))
             people = select(participants.c.code, participants.c.id).where(participants.c.study == study.digest)
             known = {str(code): int(person) for code, person in connection.execute(people).all()}
             if self.code in known:
                 return self._resume(connection, known[self.code])
-            self._check_free(known)
-            ordinal = len(known)
+            gone = select(withdrawn.c.code, withdrawn.c.ordinal).where(withdrawn.c.study == study.digest)
+            left = {str(code): int(ordinal) for code, ordinal in connection.execute(gone).all()}
+            self._check_free(known, left)
+            newest = connection.execute(
+                select(func.max(participants.c.ordinal)).where(participants.c.study == study.digest)
+            ).scalar()
+            ordinal = 1 + max(-1 if newest is None else int(newest), *left.values(), -1)
             drawn = plan(study, ordinal)
             new = participants.insert().values(study=study.digest, code=self.code, ordinal=ordinal)
             person = connection.execute(new).inserted_primary_key
@@ -233,18 +273,20 @@ class StoredSession:
             assert made is not None
             return int(made[0]), drawn
 
-    def _check_free(self, known: Iterable[str]) -> None:
-        """RecordingError if a new person may not have this code, beside the `known` ones."""
-        if not self.simulated and is_reserved(self.code):
+    def _check_free(self, known: Iterable[str], left: Iterable[str]) -> None:
+        """RecordingError if a new person may not have this code, beside the `known` ones and those who `left`."""
+        gone = {fold_spelling(code): code for code in left}.get(fold_spelling(self.code))
+        if gone is not None:  # safety: study-withdrawn
             raise RecordingError(
-                f"participant code '{self.code}' is reserved for simulated participants: use another code"
+                f"participant code '{gone}' was withdrawn from study '{self.study.name}', with all its data: nothing "
+                "is stored under it again. If the person takes part again, use a new code"
             )
-        for code in known:
-            if fold_code(code) == fold_code(self.code):
-                raise RecordingError(
-                    f"participant code '{self.code}' differs from '{code}' only in capitals: enter '{code}' to "
-                    "continue that session, or use another code"
-                )
+        other = find_other_spelling(self.code, known)
+        if other is not None:
+            raise RecordingError(
+                f"participant code '{self.code}' is another spelling of '{other}' (capitals, look-alike letters or "
+                f"digits, zeros, marks): enter '{other}' to continue that session, or use a code that differs more"
+            )
 
     def _resume(self, connection: Connection, person: int) -> tuple[int, dict[str, Any]]:
         row = connection.execute(select(sessions).where(sessions.c.participant == person)).one()
@@ -267,6 +309,16 @@ class StoredSession:
         query = select(replies.c.question).where(replies.c.session == self.id)
         with self.engine.connect() as connection:
             return set(connection.execute(query).scalars())
+
+    def _list_events(self) -> list[dict[str, Any]]:
+        """What happened before."""
+        query = (
+            select(events.c.kind, events.c.trial, events.c.at, events.c.text)
+            .where(events.c.session == self.id)
+            .order_by(events.c.id)
+        )
+        with self.engine.connect() as connection:
+            return [dict(row) for row in connection.execute(query).mappings()]
 
     def _replay(self, procedure: Procedure) -> tuple[Procedure, int]:
         """The procedure after all stored answers, and the number of the next trial."""

@@ -45,6 +45,6 @@ def run_session(session: StoredSession, start: Callable[[Path | None], Servo], r
                 if sys.stderr.isatty():
                     live.refresh()
 
-            runner = TerminalSession(session, trial_device, keys, show, str(recording) if recording else None, halt)
+            runner = TerminalSession(session, trial_device, keys, show, recording.name if recording else None, halt)
             keys.writing = lambda: runner.writing
             return runner.run()

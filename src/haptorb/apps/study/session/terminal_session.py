@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import final
 
@@ -11,14 +12,16 @@ from haptorb.apps.study.session.keys import END, Keys
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.session.trial_device import TrialDevice
 from haptorb.apps.study.session.trial_runner import OVER, TrialRunner
-from haptorb.errors import InputError
+from haptorb.errors import InputError, quote
 
 __all__ = ["TerminalSession", "View"]
 
 _TICK = 0.02  #: interval at which the pen's position is repeated [s]; it expires after some 50 ms
 _STEP = 3.0  #: an arrow key moves the pen by so much [deg]
 _STEER = {"up": (0.0, _STEP), "down": (0.0, -_STEP), "left": (-_STEP, 0.0), "right": (_STEP, 0.0)}
-_TYPED = 9  #: characters of a number at most; words may be longer
+_WHOLE = re.compile(r"0|-?[1-9][0-9]*")
+_DECIMAL = re.compile(r"-?[0-9]+([.,][0-9]+)?")
+_DIGITS = 15  #: significant ones, that a float holds exactly
 
 
 @final
@@ -50,6 +53,7 @@ class TerminalSession:
         self._trial_device, self._keys, self._show = trial_device, keys, show
         self._runner = TrialRunner(session, trial_device, recording, halt=halt)
         self._typed, self._message, self._abort = "", "", False
+        self._of: tuple[object, ...] = ()  # the trial, or the question, in which `_typed` was typed
 
     @property
     def writing(self) -> bool:
@@ -65,11 +69,19 @@ class TerminalSession:
             self._show(View(runner, self._typed, self._message or self._describe_state(), self._abort))
             key = self._keys.next_key(_TICK)
             if key is not None:
+                self._drop_old_text()
                 try:
                     self._handle_key(key)
                 except InputError as mistake:
                     self._typed, self._message = "", str(mistake)
         return runner.state
+
+    def _drop_old_text(self) -> None:
+        """What was typed before a Stop, a restart or another trial is no part of what is typed now."""
+        runner = self._runner
+        now = (runner.session.number, runner.repeats, runner.state in ("running", "time is up"), runner.question)
+        if now != self._of:
+            self._of, self._typed = now, ""
 
     def _describe_state(self) -> str:
         """What there is to say of the present state."""
@@ -97,7 +109,7 @@ class TerminalSession:
         elif key in ("q", END):
             runner.leave()
         elif key == "A":
-            self._abort = True
+            self._abort, self._typed = True, ""
         elif key == "space":
             runner.pause("at the terminal")
         elif key == "e" and runner.state == "paused":
@@ -111,53 +123,48 @@ class TerminalSession:
     def _handle_trial_key(self, key: str) -> None:
         runner, trial_device = self._runner, self._trial_device
         if key == "enter":
-            runner.answer(_read_number(self._typed) if self._typed else None)
+            runner.answer(self._read_number())
             self._typed = self._message = ""
         elif key in _STEER and trial_device.steered:
             trial_device.steer(*_STEER[key])
         elif key == "tab" and runner.prompt is not None and runner.prompt.interval:
             runner.interval(3 - runner.which)
-        elif key == "e":
+        elif key == "e" and (not self._typed or runner.state == "device off"):
             runner.engage(self._keys.asked)
             self._message = ""
-        elif key == "r":
+        elif key == "r" and not self._typed:
             runner.repeat()
-            self._typed, self._message = "", "trial restarted"
+            self._message = "trial restarted"
         elif key == "back":
             self._typed = self._typed[:-1]
-        elif ((key.isdigit() and key.isascii()) or key in self._points) and len(self._typed) < _TYPED:
-            self._typed += key
+        elif len(key) == 1 and runner.state != "device off":
+            self._typed += key  # whatever it is: Enter says what is no answer
             self._message = ""
 
-    @property
-    def _points(self) -> str:
-        """Keys of a decimal point, where there may be one."""
-        prompt = self._runner.prompt
-        return ".," if prompt is not None and prompt.decimal and not set(".,") & set(self._typed) else ""
+    def _read_number(self) -> int | float | None:
+        """The number that was typed; None: nothing was. InputError for everything else, and nothing is stored."""
+        typed, prompt = self._typed, self._runner.prompt
+        if not typed:
+            return None
+        decimal = prompt is not None and prompt.decimal
+        digits = len(re.sub("[^0-9]", "", typed).lstrip("0"))
+        if decimal and _DECIMAL.fullmatch(typed) and not re.search(",[0-9]{3}$", typed) and digits <= _DIGITS:
+            return float(typed.replace(",", ".")) if set(",.") & set(typed) else int(typed)
+        if not decimal and _WHOLE.fullmatch(typed):
+            return int(typed)
+        if prompt is not None and not prompt.wants_number:
+            raise InputError(f"the position is the answer, with no number: press Enter alone; got {quote(typed)}")
+        kind = "a number like 12.5" if decimal else "a whole number"
+        raise InputError(f"answer must be {kind}; got {quote(typed)}. Nothing was stored: type it again")
 
     def _handle_text_key(self, key: str) -> None:
         """A key while a question is answered in words; choices may be given by their number."""
         if key == "enter":
             question = self._runner.question
-            text = self._typed
-            if question is not None and question.choices and text.isdecimal() and 1 <= int(text) <= len(
-                question.choices
-            ):  # fmt: skip
-                text = question.choices[int(text) - 1]
-            self._runner.reply(text)
+            self._runner.reply(self._typed if question is None else question.choice_of(self._typed))
             self._typed = self._message = ""
         elif key == "back":
             self._typed = self._typed[:-1]
-        elif key == "space" or len(key) == 1:
-            self._typed += " " if key == "space" else key
+        elif key in ("space", "tab") or len(key) == 1:
+            self._typed += {"space": " ", "tab": "\t"}.get(key, key)
             self._message = ""
-
-
-def _read_number(typed: str) -> int | float:
-    """The number that was typed; InputError for a point alone."""
-    if typed.isdecimal():
-        return int(typed)
-    try:
-        return float(typed.replace(",", "."))
-    except ValueError as cause:
-        raise InputError(f"answer must be a number; got '{typed}'") from cause

@@ -38,6 +38,13 @@ class TrialDevice:
         self.trips: list[dict[str, Any]] = []  #: since the loop began, as far as `look` has looked
         self._cursor, self._reason = 0, 0.0
         self._since = 0.0
+        self._recording = True
+
+    def record(self, on: bool) -> None:
+        """Have the tool's course recorded, or leave it out of the recording."""
+        if on != self._recording:
+            self._recording = on
+            self.servo.pause_recording(not on)
 
     def begin(self, prompt: Prompt) -> None:
         """Render the first interval of `prompt`; the course counts from here."""

@@ -20,6 +20,8 @@ __all__ = ["OVER", "TrialRunner"]
 
 OVER = ("done", "left", "aborted")  #: states after which nothing comes
 _TRIAL = ("running", "time is up")
+_RECORDED = (*_TRIAL, "pause")
+_AFTER = 1.0  #: time after a stop, or another end of a trial, that is recorded [s]
 
 
 def _ignore_event(kind: str, facts: dict[str, Any]) -> None:
@@ -60,6 +62,7 @@ class TrialRunner:
         self._last = clock()
         self._trip_count = 0  # trips of the device that are kept
         self._paused_from, self._rest_left = "", 0.0
+        self._moved = clock()  # when something last happened that is recorded
         self.state = "pause"
         self._continue()
         self.apply_stop()
@@ -100,6 +103,9 @@ class TrialRunner:
                 self._mark("time is up", {"trial": self.session.number + 1})
         elif self.state == "time is up":
             self.seconds += passed
+        if self.state in _RECORDED:
+            self._moved = now
+        self.trial_device.record(now - self._moved < _AFTER)
 
     def apply_stop(self) -> None:
         """Pause if Stop was given, by whomever, and keep who gave it. The coils are off already."""
@@ -229,6 +235,7 @@ class TrialRunner:
         else:
             wait = prompt.pause or (self.session.study.trials.pause_seconds if self.session.number else 0.0)
             self._until = self._clock() + wait
+            self._moved = self._clock()
             self.state = "break" if prompt.pause else "pause"
             if prompt.pause:
                 self._mark("break", {"seconds": wait})
@@ -244,7 +251,8 @@ class TrialRunner:
             self._wait_for_device()
             return
         self.state, self.which, self.seconds = "running", 1, 0.0
-        self._last = self._clock()
+        self._last = self._moved = self._clock()
+        self.trial_device.record(True)
         self.trial_device.begin(prompt)
         if self._again:
             self.repeats += 1

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from haptorb.apps.study.model.codes import make_labels
 from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.store.columns import Columns
-from haptorb.apps.study.store.dictionary import describe_columns
+from haptorb.apps.study.store.dictionary import describe_columns, describe_events
 from haptorb.apps.study.store.export import (
     Replies,
     escape_formula,
@@ -18,8 +20,9 @@ from haptorb.apps.study.store.export import (
     write_table,
     write_text,
 )
+from haptorb.apps.study.store.incidents import Incident
 from haptorb.apps.study.store.scripts import make_python_script, make_r_script
-from haptorb.errors import RecordingError
+from haptorb.errors import HaptorbError, RecordingError
 from haptorb.files.replace_together import replace_folder
 from haptorb.version import __version__
 
@@ -38,23 +41,27 @@ _TASKS = {
 
 
 def write_bids(
-    study: Study, columns: Columns, folder: str | Path, *, overwrite: bool = False, replies: Replies | None = None
-) -> Path:
+    study: Study, columns: Columns, folder: str | Path, *, overwrite: bool = False, replies: Replies | None = None,
+    incidents: Sequence[Incident] | None = None,
+) -> Path:  # fmt: skip
     """A table per participant, sub-LABEL/beh/sub-LABEL_task-NAME_beh.tsv, and what BIDS wants beside it.
 
     A label is the participant's code, of which BIDS allows ASCII letters and digits only; participants.tsv has both,
-    and `replies` to the questions in words as columns. Raises RecordingError, with nothing changed, if `folder` exists
-    and `overwrite` is not set, or if it is no folder that this function wrote.
+    and `replies` to the questions in words as columns. `incidents`: a table sub-LABEL_task-NAME_events.tsv per
+    participant. Raises RecordingError, with nothing changed, if `folder` exists and `overwrite` is not set, or if it is
+    no folder that this function wrote of this study.
     """
     folder = Path(folder)
     with explain_write_error(folder):
-        _check_place(folder, overwrite)
+        _check_place(study, folder, overwrite)
         with replace_folder(folder) as part:
             _fill_folder(study, columns, part, replies or {})
+            if incidents is not None:
+                _write_events(study, columns, part, incidents)
     return folder
 
 
-def _check_place(folder: Path, overwrite: bool) -> None:
+def _check_place(study: Study, folder: Path, overwrite: bool) -> None:
     if not folder.exists():
         return
     if not folder.is_dir():
@@ -67,6 +74,21 @@ def _check_place(folder: Path, overwrite: bool) -> None:
         raise RecordingError(
             f"{folder} is not an export of haptorb, so it is not replaced: choose another name, or remove it yourself"
         )
+    if any(folder.iterdir()) and (other := _find_other_study(study, folder)):  # safety: export-own-study
+        raise RecordingError(
+            f"{folder} is the export of {other}, so it is not replaced: choose another name, or remove it yourself"
+        )
+
+
+def _find_other_study(study: Study, folder: Path) -> str:
+    """Which study the export in `folder` is of, in words; empty if it is of `study`."""
+    try:
+        found = study_of((folder / "code" / "study.toml").read_text(encoding="utf-8"), str(folder), stored=True)
+    except (OSError, ValueError, HaptorbError):
+        return "a study that cannot be read any more"
+    if found.digest == study.digest:
+        return ""
+    return f"another study, '{found.name}'" if found.name != study.name else f"another version of study '{study.name}'"
 
 
 def _is_export(folder: Path) -> bool:
@@ -83,7 +105,12 @@ def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -
         bool(columns["simulated"].any()),
         any(simulated is True for simulated in columns["simulated_device"]),
     )
-    marks = [word for word, marked in (("SIMULATED participants", people), ("SIMULATED DEVICE", device)) if marked]
+    pilot = bool(columns["pilot"].any())
+    marks = [
+        word
+        for word, marked in (("SIMULATED participants", people), ("SIMULATED DEVICE", device), ("PILOT", pilot))
+        if marked
+    ]
     description = {
         "Name": f"{study.name}{' (' + ', '.join(marks) + ')' if marks else ''}",
         "BIDSVersion": "1.10.0",
@@ -95,6 +122,7 @@ def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -
         f"Perceptual study '{study.name}' on device '{study.device}', run with haptorb {__version__}.\n"
         + ("Participants whose code is SIM and a number are SIMULATED.\n" if people else "")
         + ("Where simulated_device is true, the SIMULATED DEVICE was used: nobody felt a force.\n" if device else "")
+        + ("These are PILOT data, not those of the study.\n" if pilot else "")
         + "The study file is in code/study.toml; code/read_trials.py and code/read_trials.R read all trials.\n",
         encoding="utf-8",
     )
@@ -130,6 +158,27 @@ def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -
     pattern = f"sub-*/beh/sub-*_task-{task}_beh.tsv"
     write_text(part / "code" / "read_trials.py", make_python_script(study, pattern))
     write_text(part / "code" / "read_trials.R", make_r_script(study, pattern))
+
+
+def _write_events(study: Study, columns: Columns, part: Path, incidents: Sequence[Incident]) -> None:
+    """A table of what interrupted the sessions of each participant, with what BIDS calls its columns."""
+    task = "".join(filter(str.isalnum, study.name))
+    heads = ("onset", "duration", "trial_type", "session", "trial", "reason", "time")
+    for code, label in make_labels(dict.fromkeys(columns["participant"].tolist())).items():
+        mine = [one for one in incidents if one.participant == code]
+        lines = [heads]
+        for number, one in enumerate(mine):
+            later = (two for two in mine[number + 1 :] if two.session == one.session and two.event != "safety")
+            until = next((two.onset for two in later), None) if one.event == "stop" else one.onset
+            took = "n/a" if until is None else f"{max(0.0, until - one.onset):.3f}"
+            reason = escape_formula(" ".join(one.reason.split())) or "n/a"
+            lines.append((f"{one.onset:.3f}", took, one.event, str(one.session), str(one.trial), reason, one.time))
+        text = "".join("\t".join(line) + "\n" for line in lines)
+        (part / f"sub-{label}" / "beh" / f"sub-{label}_task-{task}_events.tsv").write_text(text, encoding="utf-8")
+    known = describe_events()
+    about = {name: known[{"trial_type": "event"}.get(name, name)] for name in heads if name != "duration"}
+    about["duration"] = {"Description": "of a stop: time until it was resumed or ended", "Units": "s"}
+    write_json(part / f"task-{task}_events.json", about)
 
 
 def _word(flags: Any) -> str:

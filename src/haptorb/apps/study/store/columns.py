@@ -16,16 +16,18 @@ from haptorb.apps.study.model.older_study import list_older
 from haptorb.apps.study.model.set_points import angles_between
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.model.study_reader import study_of
-from haptorb.apps.study.store.database import events, participants, replies, sessions, studies, trials
+from haptorb.apps.study.store.contents import KINDS, Kind
+from haptorb.apps.study.store.database import contents, events, participants, replies, sessions, studies, trials
 from haptorb.errors import InputError, RecordingError
 
-__all__ = ["COLUMNS", "Columns", "keep_older", "read_replies", "read_study", "tidy"]
+__all__ = ["COLUMNS", "Columns", "keep_older", "read_replies", "read_study", "select_kind", "tidy"]
 
 #: column → what it is; the data dictionary of every export
 COLUMNS = {
     "participant": "pseudonymous code",
     "simulated": "true: a simulated participant, not a person",
     "simulated_device": "true: on the SIMULATED DEVICE, nobody felt a force; empty: unknown, from an older haptorb",
+    "pilot": "true: pilot data, on the SIMULATED DEVICE or begun as a pilot",
     "session": "number of the session in the database",
     "trial": "number of the trial in its session, from 1, as on the pages",
     "phase": "practice (left out of every analysis) or main",
@@ -48,6 +50,7 @@ COLUMNS = {
     "repeats": "number of restarts of the trial: the device was off, or the experimenter repeated it",
     "recording": "file with the recording",
     "answered": "time of the answer (UTC)",
+    "study": "name of the study",
 }
 
 Columns = dict[str, NDArray[Any]]
@@ -96,6 +99,7 @@ def tidy(engine: Engine, study: Study) -> Columns:
     )
     with engine.connect() as connection:
         rows = connection.execute(query).all()
+        holds = connection.execute(select(contents.c.holds)).scalar()
         repeats = {(session, trial): count for session, trial, count in connection.execute(counted)}
     if not rows:
         raise RecordingError(f"study '{study.name}' has no answered trials yet")
@@ -120,6 +124,7 @@ def tidy(engine: Engine, study: Study) -> Columns:
         "simulated_device": np.array(
             [None if row.driver is None else row.driver == "sim" for row in rows], dtype=object
         ),
+        "pilot": np.array([not row.simulated and (holds == "pilot" or row.driver == "sim") for row in rows]),
         "session": np.array([row.session for row in rows]),
         "trial": np.array([row.number + 1 for row in rows]),
         **{name: np.array([prompt[name] for prompt in prompts]) for name in ("phase", "condition", "other")},
@@ -140,7 +145,26 @@ def tidy(engine: Engine, study: Study) -> Columns:
         "repeats": np.array([repeats.get((row.session, row.number), 0) for row in rows]),
         "recording": np.array([row.recording or "" for row in rows]),
         "answered": np.array([row.answered for row in rows]),
+        "study": np.array([study.name for _ in rows]),
     }
+
+
+def select_kind(columns: Columns, kind: Kind | None = None) -> tuple[Columns, str]:
+    """The trials of one `kind`, never two in one number; and what is left out, in words. RecordingError for none.
+
+    kind   None: real ones; where there are none, pilot ones; where there are none of these, simulated ones
+    """
+    simulated, pilot = columns["simulated"].astype(bool), columns["pilot"].astype(bool)
+    of: dict[Kind, NDArray[Any]] = {"real": ~simulated & ~pilot, "pilot": pilot & ~simulated, "simulated": simulated}
+    wanted: Kind = kind or next(one for one in KINDS if of[one].any())
+    if not of[wanted].any():
+        raise RecordingError(f"this database holds no {wanted} trials")
+    left = [
+        f"{count} {one} trials ({len(set(columns['participant'][of[one]].tolist()))} participants; --data {one})"
+        for one in KINDS
+        if one != wanted and (count := int(of[one].sum()))
+    ]
+    return {name: values[of[wanted]] for name, values in columns.items()}, ", ".join(left)
 
 
 def read_replies(engine: Engine, study: Study) -> dict[str, dict[str, str]]:

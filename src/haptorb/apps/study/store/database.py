@@ -32,6 +32,8 @@ from haptorb.files.table_set import TableSet
 __all__ = [
     "FAMILY",
     "SCHEMA",
+    "contents",
+    "copies",
     "database",
     "events",
     "lock",
@@ -40,6 +42,7 @@ __all__ = [
     "sessions",
     "studies",
     "trials",
+    "withdrawn",
 ]  # fmt: skip
 
 SCHEMA = 1 + len(STEPS)  #: of this version; a database of a newer one is refused
@@ -93,7 +96,7 @@ events = Table(
     "events", _tables,
     Column("id", Integer, primary_key=True),
     Column("session", ForeignKey("sessions.id"), nullable=False),
-    Column("kind", String(16), nullable=False),  # begin, resume, pause, abort, repeat, end
+    Column("kind", String(16), nullable=False),  # begin, resume, pause, abort, repeat, leave, safety, merged ...
     Column("trial", Integer, nullable=False),
     Column("at", String(32), nullable=False),
     Column("text", Text, nullable=False, default=""),
@@ -106,6 +109,31 @@ replies = Table(
     Column("reply", Text, nullable=False),
     Column("at", String(32), nullable=False),
     UniqueConstraint("session", "question"),
+)  # fmt: skip
+contents = Table(
+    "contents", _tables,
+    Column("id", Integer, primary_key=True),  # 1: there is one row, from the first session on
+    Column("holds", String(16), nullable=False),  # real, pilot, simulated; mixed: from an older haptorb
+)  # fmt: skip
+withdrawn = Table(
+    "withdrawn", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("study", ForeignKey("studies.digest"), nullable=False),
+    Column("code", String(16), nullable=False),  # may not return; nothing else of the person is left
+    Column("ordinal", Integer, nullable=False),  # stays taken
+    Column("at", String(32), nullable=False),
+    Column("text", Text, nullable=False),  # how much was removed, and where
+    UniqueConstraint("study", "code"),
+)  # fmt: skip
+copies = Table(
+    "copies", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("kind", String(16), nullable=False),  # export, backup, source (of a merge), merged (into)
+    Column("place", Text, nullable=False),  # absolute path, or URL
+    Column("study", String(64), nullable=False),  # name; empty: all
+    Column("settings", Text, nullable=False),  # JSON: how an export was made
+    Column("at", String(32), nullable=False),
+    UniqueConstraint("kind", "place", "study"),
 )  # fmt: skip
 
 

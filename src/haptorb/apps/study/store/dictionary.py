@@ -7,16 +7,18 @@ from typing import Any
 
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import COLUMNS
+from haptorb.apps.study.store.incidents import COLUMNS as EVENT_COLUMNS
 
-__all__ = ["FLAGS", "WORDS", "describe_columns", "describe_questions"]
+__all__ = ["FLAGS", "WORDS", "describe_columns", "describe_events", "describe_questions"]
 
-FLAGS = ("simulated", "simulated_device")  #: columns of true and false
+FLAGS = ("simulated", "simulated_device", "pilot")  #: columns of true and false
 #: columns of text; the rest are numbers
-WORDS = ("participant", "phase", "condition", "other", "safety", "recording", "answered")
+WORDS = ("participant", "phase", "condition", "other", "safety", "recording", "answered", "study")
 _UNIT = re.compile(r"(.*) \[(.+)\]")
 _FIXED: dict[str, dict[str, str]] = {
     "simulated": {"true": "a simulated participant", "false": "a person"},
     "simulated_device": {"true": "simulated device: nobody felt a force", "false": "a real device"},
+    "pilot": {"true": "pilot data", "false": "not a pilot"},
     "phase": {"practice": "before the main trials; left out of every analysis", "main": "counts"},
     "interval": {"0": "a single interval", "1": "the first of two", "2": "the second of two"},
     "correct": {"1": "right", "0": "wrong"},
@@ -41,6 +43,25 @@ def describe_columns(study: Study) -> dict[str, dict[str, Any]]:
         found[name] = entry
     if study.levels is not None:
         found["level"]["Description"] += f"; parameter '{study.levels.parameter}' of the world"
+    return found
+
+
+def describe_events() -> dict[str, dict[str, Any]]:
+    """The same of the table of what interrupted sessions."""
+    found: dict[str, dict[str, Any]] = {}
+    for name, about in EVENT_COLUMNS.items():
+        split = _UNIT.fullmatch(about)
+        found[name] = {"Description": split[1], "Units": split[2]} if split else {"Description": about}
+    found["event"]["Levels"] = {
+        "stop": "coils off by a person or the program: the reason says whose Stop it was",
+        "resume": "coils on again, from zero",
+        "repeat": "the trial began again",
+        "safety": "the device switched off by itself",
+        "leave": "ended for now, resumable",
+        "abort": "ended for good",
+        "no consent": "the participant did not agree to take part",
+        "failure": "the program or the device failed; resumable",
+    }
     return found
 
 

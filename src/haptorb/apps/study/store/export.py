@@ -10,14 +10,16 @@ import csv
 import json
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import COLUMNS, Columns
-from haptorb.apps.study.store.dictionary import describe_columns, describe_questions
+from haptorb.apps.study.store.dictionary import describe_columns, describe_events, describe_questions
+from haptorb.apps.study.store.incidents import COLUMNS as EVENT_COLUMNS
+from haptorb.apps.study.store.incidents import Incident
 from haptorb.apps.study.store.scripts import make_python_script, make_r_script
 from haptorb.errors import RecordingError
 from haptorb.files.replace_together import replace_files
@@ -36,6 +38,7 @@ __all__ = [
 Replies = dict[str, dict[str, str]]  #: participant's code → question's name → the answer
 Files = dict[Path, Callable[[Path], None]]  #: place → what writes it
 
+_MORE = ("questions.csv", "questions.json", "events.csv", "events.json")  #: ends of what may stand beside a table
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _NUMBER = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
 #: columns whose floats are whole numbers, but for estimated magnitudes
@@ -52,24 +55,28 @@ def escape_formula(text: str) -> str:
 
 
 def write_csv(
-    study: Study, columns: Columns, path: str | Path, *, overwrite: bool = False, replies: Replies | None = None
-) -> tuple[Path, ...]:
-    """One row per trial; beside it the data dictionary, scripts that read it, and, with `replies`, NAME-questions.csv.
+    study: Study, columns: Columns, path: str | Path, *, overwrite: bool = False, replies: Replies | None = None,
+    incidents: Sequence[Incident] | None = None,
+) -> tuple[Path, ...]:  # fmt: skip
+    """One row per trial; beside it the data dictionary, scripts that read it, and NAME-questions.csv, NAME-events.csv.
 
-    Returns the files. Raises RecordingError, with nothing written, if one of them exists and `overwrite` is not set.
+    These are there if `replies` and `incidents` are given. Returns the files. Raises RecordingError, with nothing
+    written, if one of them exists and `overwrite` is not set, or if the table at `path` is another study's.
     """
     path = Path(path)
     files: Files = {
         path: lambda part: write_table(columns, part, ",", ""),
         **_companion_files(study, path),
         **_questions(study, replies, path),
+        **_events(incidents, path),
     }
-    return _write_all(files, overwrite)
+    return _write_all(study, files, overwrite)
 
 
 def write_parquet(
-    study: Study, columns: Columns, path: str | Path, *, overwrite: bool = False, replies: Replies | None = None
-) -> tuple[Path, ...]:
+    study: Study, columns: Columns, path: str | Path, *, overwrite: bool = False, replies: Replies | None = None,
+    incidents: Sequence[Incident] | None = None,
+) -> tuple[Path, ...]:  # fmt: skip
     """The same table, typed, with the data dictionary in the columns' metadata too. Needs pyarrow."""
     path = Path(path)
     try:
@@ -90,8 +97,9 @@ def write_parquet(
         path: lambda part: parquet.write_table(table, part),
         **_companion_files(study, path),
         **_questions(study, replies, path),
+        **_events(incidents, path),
     }
-    return _write_all(files, overwrite)
+    return _write_all(study, files, overwrite)
 
 
 def write_table(columns: Columns, path: Path, separator: str, nothing: str) -> None:
@@ -124,8 +132,13 @@ def explain_write_error(path: Path) -> Iterator[None]:
         raise RecordingError(f"cannot write {str(path)!r}: not the name of a file") from cause
 
 
-def _write_all(files: Files, overwrite: bool) -> tuple[Path, ...]:
+def _write_all(study: Study, files: Files, overwrite: bool) -> tuple[Path, ...]:
     first = next(iter(files))
+    stale = [
+        first.with_name(f"{first.stem}-{more}")
+        for more in _MORE
+        if first.with_name(f"{first.stem}-{more}") not in files
+    ]
     with explain_write_error(first):
         for path in files:
             if path.is_dir():
@@ -133,9 +146,13 @@ def _write_all(files: Files, overwrite: bool) -> tuple[Path, ...]:
             if path.exists() and not overwrite:
                 text = f"{path} exists; choose another name, or replace it"
                 raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
+        _check_table(study, first)
         with replace_files(list(files)) as parts:
             for part, write in zip(parts, files.values(), strict=True):
                 write(part)
+        for path in stale:  # of an earlier export: nobody who has withdrawn since may stay in it
+            if overwrite:
+                path.unlink(missing_ok=True)
     return tuple(files)
 
 
@@ -155,6 +172,52 @@ def _questions(study: Study, replies: Replies | None, path: Path) -> Files:
     return {
         path.with_name(f"{path.stem}-questions.json"): lambda part: write_json(part, describe_questions(study)),
         path.with_name(f"{path.stem}-questions.csv"): write,
+    }
+
+
+def _check_table(study: Study, path: Path) -> None:
+    """RecordingError if there is a table at `path` that is none of this study."""
+    if not path.exists():
+        return
+    found = ""
+    try:
+        if path.suffix == ".parquet":
+            from pyarrow import parquet
+
+            with parquet.ParquetFile(path) as table:
+                if "trial" not in table.schema_arrow.names:
+                    found = "no table of trials"
+                elif "study" in table.schema_arrow.names and table.metadata.num_rows:
+                    found = str(next(table.iter_batches(1, columns=["study"])).column(0)[0].as_py())
+        else:
+            with path.open(newline="", encoding="utf-8") as file:
+                rows = csv.DictReader(file)
+                if "trial" not in (rows.fieldnames or ()):
+                    found = "no table of trials"
+                elif (first := next(rows, None)) is not None:
+                    found = first.get("study") or ""  # tables of an older haptorb do not say it
+    except (OSError, ValueError, csv.Error):
+        found = "no table of trials"
+    if found not in ("", study.name):  # safety: export-own-table
+        what = found if found == "no table of trials" else f"the export of another study, '{found}'"
+        raise RecordingError(f"{path} is {what}, so it is not replaced: choose another name, or remove it yourself")
+
+
+def _events(incidents: Sequence[Incident] | None, path: Path) -> Files:
+    """The file with what interrupted sessions beside `path`, one row per stop, repeat, safety event or early end."""
+    if incidents is None:
+        return {}
+
+    def write(part: Path) -> None:
+        with part.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(EVENT_COLUMNS)
+            for one in incidents:
+                writer.writerow([escape_formula(str(value)) for value in one.row().values()])
+
+    return {
+        path.with_name(f"{path.stem}-events.json"): lambda part: write_json(part, describe_events()),
+        path.with_name(f"{path.stem}-events.csv"): write,
     }
 
 

@@ -35,8 +35,41 @@ def _decimal_answers(connection: Connection) -> None:
         connection.execute(text("ALTER TABLE trials ALTER COLUMN answer TYPE DOUBLE PRECISION"))
 
 
+def _contents(connection: Connection) -> None:
+    """4 → 5: what the database holds, who withdrew, and which copies of it there are.
+
+    Where it is not known of every trial whether its device was simulated, people may continue with either: mixed.
+    """
+    number = "INTEGER NOT NULL PRIMARY KEY" if connection.dialect.name == "sqlite" else "SERIAL PRIMARY KEY"
+    for table in (
+        f"contents (id {number}, holds VARCHAR(16) NOT NULL)",
+        f"withdrawn (id {number}, study VARCHAR(16) NOT NULL REFERENCES studies (digest), code VARCHAR(16) NOT NULL, "
+        "ordinal INTEGER NOT NULL, at VARCHAR(32) NOT NULL, text TEXT NOT NULL, UNIQUE (study, code))",
+        f"copies (id {number}, kind VARCHAR(16) NOT NULL, place TEXT NOT NULL, study VARCHAR(64) NOT NULL, "
+        "settings TEXT NOT NULL, at VARCHAR(32) NOT NULL, UNIQUE (kind, place, study))",
+    ):
+        connection.execute(text(f"CREATE TABLE {table}"))
+    people = list(connection.execute(text("SELECT simulated FROM sessions GROUP BY simulated")).scalars())
+    drivers = connection.execute(
+        text(
+            "SELECT DISTINCT trials.driver FROM trials JOIN sessions ON trials.session = sessions.id "
+            "WHERE NOT sessions.simulated"
+        )
+    )
+    on_simulation = {None if driver is None else driver == "sim" for driver in drivers.scalars()}
+    if not people:
+        return
+    if people == [True]:
+        holds = "simulated"
+    elif len(people) > 1 or len(on_simulation) != 1 or on_simulation == {None}:
+        holds = "mixed"
+    else:
+        holds = "pilot" if on_simulation == {True} else "real"
+    connection.execute(text("INSERT INTO contents (id, holds) VALUES (1, :holds)"), {"holds": holds})
+
+
 #: version → the step that leads from it to the next
-STEPS: Mapping[int, Callable[[Connection], None]] = {1: _questions, 2: _driver, 3: _decimal_answers}
+STEPS: Mapping[int, Callable[[Connection], None]] = {1: _questions, 2: _driver, 3: _decimal_answers, 4: _contents}
 
 
 def migrate(connection: Connection, version: int) -> int:

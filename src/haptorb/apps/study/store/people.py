@@ -8,8 +8,9 @@ from typing import Any
 from sqlalchemy import func, select
 from sqlalchemy.engine import Engine
 
+from haptorb.apps.study.model.codes import is_reserved
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.store.database import participants, sessions, trials
+from haptorb.apps.study.store.database import participants, sessions, trials, withdrawn
 
 __all__ = ["StoredParticipant", "list_participants"]
 
@@ -20,9 +21,9 @@ class StoredParticipant:
 
     code: str
     simulated: bool
-    state: str  #: finished, aborted or open (its code continues it)
+    state: str  #: finished, aborted, open (its code continues it) or withdrawn (its data are removed)
     answered: int  #: trials, practice included
-    started: str  #: UTC
+    started: str  #: UTC; of one who withdrew, when
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types."""
@@ -33,7 +34,7 @@ class StoredParticipant:
 
 
 def list_participants(engine: Engine, study: Study) -> tuple[StoredParticipant, ...]:
-    """Everybody who began `study`, in the order in which they did."""
+    """Those who withdrew from `study`, then everybody who began it, in the order in which they did."""
     answered = select(func.count()).where(trials.c.session == sessions.c.id).scalar_subquery()
     query = (
         select(participants.c.code, sessions.c.simulated, sessions.c.ended, sessions.c.aborted, sessions.c.started,
@@ -44,7 +45,11 @@ def list_participants(engine: Engine, study: Study) -> tuple[StoredParticipant, 
     )  # fmt: skip
     with engine.connect() as connection:
         rows = connection.execute(query).all()
-    return tuple(
+        gone = connection.execute(
+            select(withdrawn).where(withdrawn.c.study == study.digest).order_by(withdrawn.c.id)
+        ).all()
+    left = tuple(StoredParticipant(row.code, is_reserved(row.code), "withdrawn", 0, row.at) for row in gone)
+    return left + tuple(
         StoredParticipant(
             row.code, bool(row.simulated),
             "aborted" if row.aborted else "open" if row.ended is None else "finished", int(row.answered), row.started,

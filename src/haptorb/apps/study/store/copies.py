@@ -1,0 +1,77 @@
+"""Copies of a study database that haptorb made: exports, backups, sources and results of merges; and how."""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.engine import Engine
+from sqlalchemy.exc import SQLAlchemyError
+
+from haptorb.apps.study.session.halt import utc_now
+from haptorb.apps.study.store.database import copies, database
+from haptorb.errors import InputError, RecordingError
+
+__all__ = ["Copy", "back_up", "list_copies", "note_copy"]
+
+
+@dataclass(frozen=True)
+class Copy:
+    """One of them; `settings`: how an export was made, or which code here is which code there."""
+
+    kind: str  #: export, backup, source (this database was merged from it) or merged (into it)
+    place: str  #: absolute path, or URL
+    study: str
+    settings: dict[str, Any]
+
+
+def note_copy(
+    engine: Engine, kind: str, place: str | Path, study: str = "", settings: dict[str, Any] | None = None
+) -> None:
+    """Keep that there is a copy at `place`; a database that cannot be written knows of none."""
+    key = {"kind": kind, "place": str(place) if "://" in str(place) else str(Path(place).absolute()), "study": study}
+    row = {**key, "settings": json.dumps(settings or {}), "at": utc_now()}
+    with suppress(SQLAlchemyError), engine.begin() as connection:
+        connection.execute(copies.delete().where(*(copies.c[name] == value for name, value in key.items())))
+        connection.execute(copies.insert().values(**row))
+
+
+def back_up(place: str | Path, into: Path) -> Path:
+    """A copy of the database file at `place` as it is at this moment, also while a session runs.
+
+    Raises RecordingError, with nothing written, if there is something at `into`.
+    """
+    if "://" in str(place):
+        raise InputError("a backup is of a database file; for a server, use pg_dump")
+    into = into.expanduser().absolute()
+    if into.exists():
+        raise RecordingError(f"{into} exists; choose another name for the backup")
+    engine = database(place, make=False)
+    note_copy(engine, "backup", into)
+    part = into.with_name(f".{into.name}.part")
+    try:
+        with (
+            closing(sqlite3.connect(str(engine.url.database), timeout=10.0)) as raw,
+            closing(sqlite3.connect(part)) as kept,
+        ):
+            raw.backup(kept)
+        os.replace(part, into)
+    except (sqlite3.Error, OSError) as cause:
+        part.unlink(missing_ok=True)
+        raise RecordingError(f"{into}: the backup cannot be written ({cause})") from cause
+    finally:
+        engine.dispose()
+    return into
+
+
+def list_copies(engine: Engine) -> tuple[Copy, ...]:
+    """All that are known, oldest first."""
+    with engine.connect() as connection:
+        rows = connection.execute(select(copies).order_by(copies.c.id)).all()
+    return tuple(Copy(row.kind, row.place, row.study, json.loads(row.settings)) for row in rows)
