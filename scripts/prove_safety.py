@@ -26,7 +26,8 @@ PACKAGE = ROOT / "src" / "haptorb"
 GUIDED_TESTS = "tests/apps/calibrate/test_dialog.py"
 CACHE_TESTS = "tests/numerics/test_cache_folder.py"
 CONSOLE_TESTS, PAGES_TESTS = "tests/apps/console/test_socket_hub.py", "tests/apps/study/test_pages.py"
-STOP_TESTS, EXPORT_TESTS = "tests/apps/study/test_stop.py", "tests/apps/study/store/test_export.py"
+STOP_TESTS, MERGE_TESTS = "tests/apps/study/store/test_merge.py"
+EXPORT_TESTS = "tests/apps/study/test_stop.py", "tests/apps/study/store/test_export.py"
 TERMINAL_TESTS = "tests/apps/study/session/test_terminal_session.py"
 HOSTILE, TRACKER_TESTS = "tests/contracts/test_hostile_files.py", "tests/contracts/test_trackers.py"
 DRIVE_TESTS, GUARD_TESTS = "tests/control/protection/test_drive.py", "tests/control/protection/test_guard.py"
@@ -247,6 +248,17 @@ RULES = [
     ),
     ("study-answer-off", "no answer counts while the device is off", "never", TERMINAL_TESTS),
     ("export-own-folder", "an export replaces no folder but an earlier export", "never", EXPORT_TESTS),
+    ("export-own-study", "an export replaces no folder of another study or version", "never", EXPORT_TESTS),
+    ("export-own-table", "an export replaces no table of another study", "never", EXPORT_TESTS),
+    (
+        "study-one-kind",
+        "a study's database holds one kind of data: real, pilot or simulated",
+        "never",
+        "tests/apps/study/store/test_contents.py",
+    ),
+    ("study-withdrawn", "a code that was withdrawn does not return", "never", MERGE_TESTS),
+    ("study-merge-kind", "real, pilot and simulated data are never merged", "never", MERGE_TESTS),
+    ("study-merge-digest", "different studies or versions are never merged", "never", MERGE_TESTS),
     ("study-asked-before", "what was asked for in a study before a Stop is dropped, and told", "never", STOP_TESTS),
     (
         "study-stop-engaging",

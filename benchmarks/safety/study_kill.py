@@ -2,8 +2,9 @@
 
     python benchmarks/safety/study_kill.py [--kills 200] [--json]
 
-Every time another process goes on with the rehearsal where the database says it stood: two staircases side by side,
-with practice and breaks, so that it must come to the same difference of the same track. It tells every answer only
+Every time another process goes on with the rehearsal where the database says it stood: staircases in three conditions
+side by side, with practice and breaks, so that it must come to the same difference of the same track. It also answers a
+question in words before the trials and one after them, and stops every fifth trial. It tells every answer only
 after it was kept; whatever was told must be there afterwards, once. Here every process starts from nothing, so that
 resuming is timed whole; tests let one that has imported everything fork instead (`forked`), which is killed just as
 well.
@@ -34,25 +35,36 @@ from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.model.study_reader import study_of
 study = study_of('name = "killed"\\nprocedure = "staircase"\\n'
     '[levels]\\nreference = 1.2\\nleast = 0.02\\nmost = 1.0\\nstart = 0.5\\ntrials = 40\\n'
-    '[trials]\\npractice = 3\\nbreak_every = 7\\n[[conditions]]\\nname = "a"\\n[[conditions]]\\nname = "b"\\n')
+    '[trials]\\npractice = 3\\nbreak_every = 7\\n[[conditions]]\\nname = "a"\\n[[conditions]]\\nname = "b"\\n'
+    '[[conditions]]\\nname = "c"\\n[[questions]]\\nname = "hand"\\ntext = "Hand?"\\nwhen = "before"\\n'
+    '[[questions]]\\nname = "remarks"\\ntext = "Remarks?"\\n')
 def work(told):
     engine = database(sys.argv[1])
     with engine.connect() as connection:
         ended = connection.execute(select(func.count()).select_from(sessions).where(sessions.c.ended.is_not(None)))
         person = 1 + ended.scalar_one()
     while True:
-        with StoredSession(engine, study, f"SIM{person:03d}", simulated=True) as sitting:
+        with StoredSession(engine, study, f"P{person:03d}", pilot=True) as sitting:
             somebody = Participant(study, (0, person))
-            somebody.answer(sitting.prompt, sitting.number)  # loads the kernels; the same answer comes again below
-            print("asked", sitting.id, sitting.number, file=told, flush=True)
-            while (prompt := sitting.prompt) is not None:
-                sitting.answer(somebody.answer(prompt, sitting.number))
+            if sitting.prompt is not None:
+                somebody.answer(sitting.prompt, sitting.number)  # loads the kernels; the same answer comes again below
+                print("asked", sitting.id, sitting.number, file=told, flush=True)
+            while not sitting.over:
+                if (question := sitting.question) is not None:
+                    print("asked", sitting.id, question.name, file=told, flush=True)
+                    sitting.reply(question, f"words of {sitting.code}")
+                    print("kept", sitting.id, question.name, file=told, flush=True)
+                    continue
+                if sitting.number % 5 == 4:
+                    sitting.note("pause", "by the participant")
+                    print("kept", sitting.id, f"stop-{len(sitting.history)}", file=told, flush=True)
+                sitting.answer(somebody.answer(sitting.prompt, sitting.number), driver="sim")
                 print("kept", sitting.id, sitting.number - 1, file=told, flush=True)
         person += 1
 if len(sys.argv) == 2:
     work(sys.stdout)
 engine = database(sys.argv[2])
-with StoredSession(engine, study, "SIM001", simulated=True) as sitting:
+with StoredSession(engine, study, "P001", pilot=True) as sitting:
     Participant(study, (0, 1)).answer(sitting.prompt, 0)
 engine.dispose()
 for place in map(str.strip, sys.stdin):  # a pipe of its own for each: no line of another's end is in it
@@ -105,7 +117,7 @@ def kill_workers(folder: Path, kills: int, seed: int = 4, *, forked: bool = Fals
     """Kill `kills` times; counts over all answers that were told as kept, and seconds from start to the next trial."""
     worker, draw = folder / "worker.py", random.Random(seed)
     worker.write_text(WORKER, encoding="utf-8")
-    acknowledged: set[tuple[int, int]] = set()
+    acknowledged: set[tuple[int, str]] = set()
     resumed: list[float] = []
     middle = repeated = 0
     parent = None
@@ -124,29 +136,36 @@ def kill_workers(folder: Path, kills: int, seed: int = 4, *, forked: bool = Fals
             # A line that the kill cut short tells nothing.
             for line in (one.first + one.kill()).decode().split("\n")[:-1]:
                 kind, session, trial = line.split()
-                what = (int(session), int(trial))
+                what = (int(session), trial)
                 if kind == "kept":
                     repeated += what in acknowledged
                     acknowledged.add(what)
                 else:
                     repeated += what in acknowledged  # asked again although it was answered
-                    middle += int(trial) > 0
+                    middle += trial.isdecimal() and int(trial) > 0
     finally:
         if parent is not None:
             parent.kill()
             parent.communicate()
     with sqlite3.connect(folder / "s.db") as raw:
         rows = raw.execute("SELECT session, number FROM trials ORDER BY session, number").fetchall()
+        words = raw.execute("SELECT session, question FROM replies").fetchall()
+        stops = raw.execute("SELECT session, count(*) FROM events WHERE kind = 'pause' GROUP BY session").fetchall()
         whole = raw.execute("PRAGMA integrity_check").fetchone() == ("ok",)
     raw.close()
     sessions: dict[int, list[int]] = {}
     for session, number in rows:
         sessions.setdefault(session, []).append(number)
+    kept = [(session, str(what)) for session, what in (*rows, *words)]
+    told = {what for what in acknowledged if not what[1].startswith("stop-")}
+    stopped = acknowledged - told
+    fewer = sum(max(0, sum(one == session for one, _ in stopped) - dict(stops).get(session, 0)) for session in sessions)
     gaps = sum(numbers != list(range(len(numbers))) for numbers in sessions.values())
     resumed.sort()
     return {
-        "kills": kills, "answers_told": len(acknowledged), "answers_kept": len(rows), "sessions": len(sessions),
-        "lost": len(acknowledged - set(rows)) + gaps + (not whole), "doubled": repeated + len(rows) - len(set(rows)),
+        "kills": kills, "answers_told": len(told), "answers_kept": len(kept), "stops_told": len(stopped),
+        "sessions": len(sessions), "lost": len(told - set(kept)) + gaps + fewer + (not whole),
+        "doubled": repeated + len(kept) - len(set(kept)),
         "in_the_middle": middle, "resume_s_median": resumed[len(resumed) // 2], "resume_s_max": resumed[-1],
     }  # fmt: skip
 

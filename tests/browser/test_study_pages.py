@@ -248,9 +248,9 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     assert replies == [("hand", "right")]
     assert drivers == [("sim",)]
     for _, _, recording, x in rows:
-        assert recording.startswith("session-1-1.mcap#t=")
+        assert recording.startswith("seen-session-1-trial-1.mcap#t=")
         assert x is not None
-    assert (folder / "session-1-1.mcap").stat().st_size > 10_000
+    assert (folder / "seen-session-1-trial-1.mcap").stat().st_size > 10_000
 
 
 @pytest.mark.timeout(400)

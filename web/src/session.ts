@@ -141,6 +141,8 @@ export interface FeelState {
   /** which feeling it is: a rating names it */
   feeling: string;
   score: number | null;
+  /** whether something could be felt of it so far: it can be rated */
+  felt: boolean;
   a: number;
   b: number;
   designs: { number: number; label: string; score: number | null; remarks: string[] }[];

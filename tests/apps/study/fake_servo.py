@@ -25,6 +25,7 @@ class FakeServo:
         self.alive = True
         self.off = False
         self.stops = 0
+        self.recorded: list[bool] = []
 
     def set_world(self, name: str, values: dict[str, Any] | None = None) -> None:
         self.calls.append((name, (values or {}).get("summit")))
@@ -35,6 +36,9 @@ class FakeServo:
     def check(self) -> None:
         if not self.alive:
             raise ServoError("the servo ended: somebody pulled the plug")
+
+    def pause_recording(self, paused: bool) -> None:
+        self.recorded.append(not paused)
 
     def open(self) -> None:
         self.calls.append("open")

@@ -27,7 +27,10 @@ export class FeelPanel {
     for (const slot of SLOTS) {
       at(`feel-${slot}`).addEventListener("click", () => this.act({ act: "slot", slot }));
       const picker = at<HTMLSelectElement>(`feel-pick-${slot}`);
-      picker.addEventListener("change", () => this.act({ act: "pair", slot, number: Number(picker.value) }));
+      picker.addEventListener("change", () => {
+        this.act({ act: "pair", slot, number: Number(picker.value) });
+        picker.blur(); // the keys rate again
+      });
     }
     const gain = at<HTMLInputElement>("feel-gain");
     gain.addEventListener("input", () => write(at("feel-gain-now"), gain.valueAsNumber.toFixed(2)));
@@ -56,6 +59,7 @@ export class FeelPanel {
     document.body.classList.toggle("blind", now.hidden);
     write(at("feel-title"), now.title);
     write(at("feel-now"), now.label);
+    write(at("feel-felt"), now.felt ? "" : "Not felt yet: move the handle, then rate.");
     writeRemarks(at("feel-remarks"), now.designs[now.number - 1]?.remarks ?? []);
     for (const button of at("feel-scores").querySelectorAll("button")) {
       button.setAttribute("aria-pressed", String(Number(button.value) === now.score));
@@ -105,7 +109,7 @@ export class FeelPanel {
   private key(event: KeyboardEvent): void {
     const target = event.target as HTMLElement;
     if (event.repeat || event.ctrlKey || event.metaKey || event.altKey) return;
-    if (target.closest("input:not([type=checkbox]), select, dialog[open]")) return;
+    if (target.closest("input:not([type=checkbox], [type=range]), select, dialog[open]")) return;
     const key = event.key.toLowerCase();
     if (/^[0-9]$/.test(key) && Number(key) >= this.now.scale[0] && Number(key) <= this.now.scale[1]) this.rate(Number(key));
     else if (key === "a" || key === "b") this.act({ act: "slot", slot: key });

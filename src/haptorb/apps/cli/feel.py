@@ -59,6 +59,7 @@ def feel(
     from haptorb.apps.feel.live_session import LiveSession
     from haptorb.apps.feel.report import write_report
     from haptorb.apps.feel.session import check_person
+    from haptorb.apps.feel.trace import FELT
     from haptorb.runtime.realtime.linux import require_linux
 
     require_linux("`haptorb feel`")
@@ -87,15 +88,19 @@ def feel(
     else:
         live = LiveSession(store, wanted, person=person, blind=blind, limits=scale.unknown_limits)
         number = feel_with_console(live, choice, device, scale, port, browser)
+    unfelt = [name for name in scores if not store.was_felt(name)]
     for name, score in scores.items():
-        store.rate(name, score, person=person)
+        if name in unfelt:
+            say(f"{name}: not rated, for it has not been felt ({FELT})")
+        else:
+            store.rate(name, score, person=person)
     if choose is not None:
         store.choose(choose, person=person)
     facts = (f"Simulated device '{motor.name}': no hardware was driven.", f"True scale: {scale.sentence}.")
     say(f"report: {write_report(store, store.folder / 'report.html', facts)}")
     _compare(candidates, store, plot, json)
-    if number:
-        raise typer.Exit(128 + number)
+    if number or unfelt:
+        raise typer.Exit(128 + number if number else 1)
 
 
 def _scores(given: list[str], candidates: Candidates) -> dict[str, int]:

@@ -16,7 +16,7 @@ from uuid import uuid4
 from haptorb.apps.feel.candidates import Candidate, Candidates
 from haptorb.apps.feel.records import DesignRating
 from haptorb.apps.feel.session import SCORES, FeelSession, check_person
-from haptorb.apps.feel.trace import Trace
+from haptorb.apps.feel.trace import FELT, Trace
 from haptorb.apps.feel.trace_collector import FeltServo, LiveFeeling, TraceCollector, keep_feeling, world_key
 from haptorb.apps.feel.true_scale import SMALLEST, ScaleLimits
 from haptorb.errors import InputError, UnknownName, quote
@@ -110,6 +110,7 @@ class LiveSession:
                 "label": self.label,
                 "feeling": self._now.id,
                 "score": self._now.score,
+                "felt": self._now.felt or self._servo is None,
                 **{slot: 1 + order.index(design) for slot, design in self._pair.items()},
                 "designs": [
                     {
@@ -155,6 +156,9 @@ class LiveSession:
             if isinstance(score, bool) or not isinstance(score, int) or not SCORES[0] <= score <= SCORES[1]:
                 low, high = SCORES
                 raise InputError(f"a score is a whole number from {low} to {high}; got {quote(score)}. Rate again")
+            self.collect()
+            if self._servo is not None and not now.felt:
+                raise InputError(f"{self.label} has not been felt yet ({FELT}): not stored. Move the handle, then rate")
             self._session.rate(
                 now.trace.design.name, score, person=now.person, trace=now.file, feeling=now.id, blind=now.blind
             )
@@ -261,7 +265,9 @@ class LiveSession:
             if self._servo is None:
                 return
             self._cursor, rows = self._servo.rows(self._cursor)
+            before = self._now.felt
             done = self._felt.collect(self._servo.layout, rows)
+            self.version += self._now.felt and not before
         for feeling in done:
             keep_feeling(self._session, feeling, gently=True)
 

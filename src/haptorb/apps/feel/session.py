@@ -21,7 +21,7 @@ from haptorb.apps.asking.rating import SCALE
 from haptorb.apps.asking.rating import rating as rating_of
 from haptorb.apps.feel.candidates import Candidates
 from haptorb.apps.feel.records import Choice, DesignRating, Feeling, Record, parse_records, utc_now, write_line
-from haptorb.apps.feel.trace import COLUMNS, HAND, Trace, read_trace, write_trace
+from haptorb.apps.feel.trace import COLUMNS, HAND, Trace, is_felt, read_trace, write_trace
 from haptorb.errors import InputError, RecordingError, quote
 from haptorb.files.text_file import read_bytes
 from haptorb.numerics.arrays import Array
@@ -155,6 +155,16 @@ class FeelSession:
         given = [one for one in self._records() if isinstance(one, DesignRating) and _is_score(one.score)]
         last = {one.feeling: one for one in given if one.feeling}
         return tuple(one for one in given if not one.feeling or last[one.feeling] is one)
+
+    def was_felt(self, name: str) -> bool:
+        """Whether a kept trace of design `name`, as it is now, has something that could be felt."""
+        digest = self.candidates[name].digest
+        return any(
+            (one.design, one.digest) == (name, digest)
+            and (self.folder / one.trace).is_file()
+            and is_felt(self.trace(one.trace))
+            for one in self.feelings()
+        )
 
     def feelings(self) -> tuple[Feeling, ...]:
         """Every design that was felt, as often as it was, oldest first; also those of before there was such a record,

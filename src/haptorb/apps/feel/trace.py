@@ -17,12 +17,15 @@ from haptorb.files.replace_file import replace_file
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.row import RowLayout
 
-__all__ = ["COLUMNS", "HAND", "Trace", "read_trace", "trace_rows", "write_trace"]
+__all__ = ["COLUMNS", "FELT", "HAND", "Trace", "is_felt", "read_trace", "trace_rows", "write_trace"]
 
 COLUMNS = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
 #: what reached the handle: torque asked and given, the guard's share, whether the device was at its limit
 HAND = ("asked_nm", "given_nm", "guard_gain", "saturated")
 
+_FORCE, _TORQUE = 0.1, 0.002  #: on the part [N], [N·m]
+_MOTION, _TURN = 0.5e-3, np.radians(1.0)  #: of the part since the first tick [m], [rad]
+FELT = "0.1 N or 2 mN·m on the part, or 0.5 mm or 1° of motion, since it was chosen"  #: in words
 _BLOCK = 500  #: rows that are written in one go
 _REST = 0.002  #: between two of them while a servo runs: this process has to keep its heart beating [s]
 
@@ -61,6 +64,20 @@ class Trace:
         """(n, 18) by COLUMNS and HAND."""
         width = len(COLUMNS) + len(HAND)
         return np.concatenate([np.empty((0, width)), *self._parts])
+
+
+def is_felt(rows: Array, first: Array | None = None) -> bool:
+    """Whether something could be felt in `rows` (n, 14 or 18): FELT; `first` (14 or 18,) is the first tick of it."""
+    if not len(rows):
+        return False
+    start = rows[0] if first is None else first
+    force, torque = (np.linalg.norm(rows[:, columns], axis=1) for columns in (slice(8, 11), slice(11, 14)))
+    moved = np.linalg.norm(rows[:, 1:4] - start[1:4], axis=1)
+    cosine = np.abs(rows[:, 4:8] @ start[4:8])
+    turned = 2 * np.arccos(np.clip(cosine, 0.0, 1.0))
+    return bool(
+        np.any(force >= _FORCE) or np.any(torque >= _TORQUE) or np.any(moved >= _MOTION) or np.any(turned >= _TURN)
+    )
 
 
 def trace_rows(layout: RowLayout, rows: Array) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, final
 
 from haptorb.apps.feel.session import FeelSession
-from haptorb.apps.feel.trace import Trace, trace_rows
+from haptorb.apps.feel.trace import Trace, is_felt, trace_rows
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.row import RowLayout
 
@@ -53,6 +53,8 @@ class LiveFeeling:
     blind: bool
     scale: float  #: all torques of the handle times this
     score: int | None = None
+    felt: bool = False  #: whether something could be felt of it so far, see `trace.is_felt`
+    first: Array | None = None  #: its first tick
 
 
 @final
@@ -73,7 +75,11 @@ class TraceCollector:
         worlds = rows[:, layout["world"].start]
         for number, feeling in self._feelings.items():
             room = max(_LONGEST - len(feeling.trace), 0)
-            feeling.trace.extend(trace_rows(layout, rows[worlds == number][:room]))
+            found = trace_rows(layout, rows[worlds == number])
+            feeling.trace.extend(found[:room])
+            if len(found) and not feeling.felt:
+                feeling.first = found[0] if feeling.first is None else feeling.first
+                feeling.felt = is_felt(found, feeling.first)
         ended = [number for number in self._feelings if len(worlds) and number < worlds[-1]]
         return [self._feelings.pop(number) for number in ended]
 

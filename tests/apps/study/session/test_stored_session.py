@@ -76,9 +76,27 @@ def test_an_aborted_session_keeps_its_answers_and_is_over(identify: Study, tmp_p
 
 def test_names_are_no_codes(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    for code in ("Anna", "", "-01", "../P01", "P01; DROP TABLE trials", "P01\n", "P 01", "P01\u202e", "P" * 16 + "1"):
+    for code in ("Anna", "", "-01", "../P01", "P01; DROP TABLE trials", "P01\u202e", "P" * 16 + "1"):
         with pytest.raises(InputError, match="never a name"):
             StoredSession(engine, identify, code)
+
+
+@pytest.mark.parametrize("typed", ["P01\n", " P01", "P 01", "P\u00a001", "Ｐ01", "P０１"])
+def test_a_code_is_taken_as_typed_or_refused_with_what_to_enter(identify: Study, tmp_path: Path, typed: str) -> None:
+    engine = database(tmp_path / "s.db")
+    with pytest.raises(InputError, match="enter 'P01'"):
+        StoredSession(engine, identify, typed)
+    assert not list_participants(engine, identify)
+
+
+@pytest.mark.parametrize("other", ["p01", "Р01", "PO1", "P0l", "P1", "Ρ01"])
+def test_another_spelling_of_a_taken_code_is_no_other_person(identify: Study, tmp_path: Path, other: str) -> None:
+    engine = database(tmp_path / "s.db")
+    StoredSession(engine, identify, "P01").close()
+    with pytest.raises(RecordingError, match="another spelling of 'P01'"):
+        StoredSession(engine, identify, other)
+    for free in ("P11", "P10", "vp-1", "PP01", "Q01"):
+        StoredSession(engine, identify, free).close()
 
 
 def test_codes_are_those_that_people_use(identify: Study, tmp_path: Path) -> None:
@@ -94,7 +112,7 @@ def test_codes_are_those_that_people_use(identify: Study, tmp_path: Path) -> Non
         "Ä3",
         "被験者12",
     ]
-    with pytest.raises(RecordingError, match=r"'p1' differs from 'P1' only in capitals"):
+    with pytest.raises(RecordingError, match=r"'p1' is another spelling of 'P1'"):
         StoredSession(engine, identify, "p1")
     with pytest.raises(RecordingError, match="reserved for simulated"):
         StoredSession(engine, identify, "SIM07")
@@ -117,8 +135,9 @@ def test_who_took_part_is_listed_with_what_became_of_them(identify: Study, tmp_p
 def test_simulated_and_real_do_not_share_a_code(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
     StoredSession(engine, identify, "SIM01", simulated=True).close()
-    with pytest.raises(RecordingError, match="simulated"):
-        StoredSession(engine, identify, "SIM01")
+    for code, simulated in (("SIM01", False), ("S1M2", False), ("P01", True)):
+        with pytest.raises(RecordingError, match="simulated"):
+            StoredSession(engine, identify, code, simulated=simulated)
 
 
 def test_two_experimenters_cannot_run_one_session(identify: Study, tmp_path: Path) -> None:

@@ -79,11 +79,26 @@ def test_a_magnitude_has_one_decimal_point(tmp_path: Path) -> None:
         'name = "m"\nprocedure = "magnitude"\n[levels]\nreference = 1.0\nvalues = [1.0, 2.0]\n'
         "[trials]\nrepetitions = 1\npause_seconds = 0.0\n"
     )
-    ran = run(study, tmp_path / "s.db", ".", "enter", *"2,.5", "enter", *"0", "enter", *"40", "enter")
+    ran = run(
+        study,
+        tmp_path / "s.db",
+        *(key for typed in (".", "2,.5", "1,000", "2,5", "0", "40") for key in (*typed, "enter")),
+    )
     assert ran.how == "done"
-    assert any("must be a number" in message for _, _, message in ran.views)
+    assert sum("must be a number" in message for _, _, message in ran.views) >= 3
     assert any("above 0" in message for _, _, message in ran.views)
     assert tidy(database(tmp_path / "s.db"), study)["answer"].tolist() == [2.5, 40.0]
+
+
+@pytest.mark.parametrize("typed", ["-1", "1e9", "1a", "01", "+1", "１", "1.0", "0x1", "12 ", "1\t", "1;", "²"])
+def test_what_is_no_answer_is_refused_as_it_was_typed_and_nothing_is_stored(
+    short: Study, tmp_path: Path, typed: str
+) -> None:
+    keys = [{" ": "space", "\t": "tab"}.get(key, key) for key in typed]
+    ran = run(short, tmp_path / "s.db", *keys, "enter", "q")
+    assert ran.how == "left"
+    with database(tmp_path / "s.db").connect() as connection:
+        assert connection.execute(text("SELECT count(*) FROM trials")).scalar() == 0
 
 
 def test_numbers_are_typed_and_kept_and_the_summit_is_the_prompted_one(short: Study, tmp_path: Path) -> None:
@@ -229,7 +244,7 @@ def test_a_session_at_the_command_line_with_the_real_loop(tmp_path: Path) -> Non
     columns = tidy(database(tmp_path / "s.db"), study_of(STUDY))
     assert columns["answer"].tolist() == [1, 1]
     assert np.isfinite(columns["x_m"]).all()
-    assert (tmp_path / "session-1-1.mcap").is_file()
+    assert (tmp_path / "short-session-1-trial-1.mcap").is_file()
     again = subprocess.run(
         [*command, "run", "s.toml", "--terminal", "-p", "P01", "--db", "s.db"], cwd=tmp_path, input=b"", timeout=100,
         capture_output=True, env=environment, check=False,

@@ -12,13 +12,17 @@ import pytest
 
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.cli import main
+from haptorb.apps.study.analysis.load_analysis import analysis_of
+from haptorb.apps.study.analysis.report import page
 from haptorb.apps.study.model.codes import make_labels
 from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.bids import write_bids
 from haptorb.apps.study.store.columns import COLUMNS, Columns, tidy
 from haptorb.apps.study.store.database import database
 from haptorb.apps.study.store.export import write_csv, write_parquet
+from haptorb.apps.study.store.study_export import export_study
 from haptorb.errors import RecordingError
 
 CODES = ("P01", "vp-7", "Ä3")
@@ -100,10 +104,10 @@ def test_a_csv_export_is_written_whole_or_not_at_all(
 ) -> None:
     folder = tmp_path / "out"
     folder.mkdir()
-    (folder / there).write_text("mine")
+    (folder / there).write_text("trial\n")
     with pytest.raises(RecordingError, match=rf"{there} exists.*overwrite=True"):
         write_csv(identify, columns, folder / "t.csv", replies=REPLIES)
-    assert list_files(folder) == {there: b"mine"}
+    assert list_files(folder) == {there: b"trial\n"}
     write_csv(identify, columns, folder / "t.csv", overwrite=True, replies=REPLIES)
     assert set(list_files(folder)) == {
         "t.csv", "t.json", "t-questions.csv", "t-questions.json", "read_t.py", "read_t.R",
@@ -115,7 +119,7 @@ def test_a_disk_that_fills_while_the_last_file_is_moved_leaves_all_as_it_was(
 ) -> None:
     folder = tmp_path / "out"
     folder.mkdir()
-    (folder / "t.csv").write_text("mine")
+    (folder / "t.csv").write_text("trial\n1\n")
     (folder / "t-questions.csv").write_text("mine too")
     move = os.replace
 
@@ -128,7 +132,7 @@ def test_a_disk_that_fills_while_the_last_file_is_moved_leaves_all_as_it_was(
         changed.setattr(os, "replace", fail)
         with pytest.raises(RecordingError, match="No space left"):
             write_csv(identify, columns, folder / "t.csv", overwrite=True, replies=REPLIES)
-    assert list_files(folder) == {"t.csv": b"mine", "t-questions.csv": b"mine too"}
+    assert list_files(folder) == {"t.csv": b"trial\n1\n", "t-questions.csv": b"mine too"}
 
 
 def test_a_folder_that_is_no_export_is_never_replaced(identify: Study, columns: Columns, tmp_path: Path) -> None:
@@ -150,6 +154,50 @@ def test_a_folder_that_is_no_export_is_never_replaced(identify: Study, columns: 
         write_bids(identify, columns, tmp_path / "file", overwrite=True)
 
 
+def test_an_export_of_another_study_is_never_replaced(
+    identify: Study, stairs: Study, columns: Columns, tmp_path: Path
+) -> None:
+    other = study_of(f"{identify.text}[parameters]\nmoment = 2.0\n")
+    write_bids(identify, columns, tmp_path / "bids")
+    write_csv(identify, columns, tmp_path / "t.csv")
+    write_parquet(identify, columns, tmp_path / "t.parquet")
+    before = list_files(tmp_path)
+    with pytest.raises(RecordingError, match="another study, 'identify'"):
+        write_bids(stairs, columns, tmp_path / "bids", overwrite=True)
+    with pytest.raises(RecordingError, match="another version of study 'identify'"):
+        write_bids(other, columns, tmp_path / "bids", overwrite=True)
+    for name, write in (("t.csv", write_csv), ("t.parquet", write_parquet)):
+        with pytest.raises(RecordingError, match="another study, 'identify'"):
+            write(stairs, columns, tmp_path / name, overwrite=True)
+    (tmp_path / "mine.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(RecordingError, match="no table of trials"):
+        write_csv(identify, columns, tmp_path / "mine.csv", overwrite=True)
+    (tmp_path / "mine.csv").unlink()
+    assert list_files(tmp_path) == before
+
+
+def test_stops_and_repeats_are_in_every_export(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    with StoredSession(engine, identify, "P01") as session:
+        session.answer(Answer(1, (0.0, 0.0, 0.05), 1.0))
+        session.note("pause", "by the participant")
+        session.note("resume")
+        session.note("repeat", "stopped by the participant")
+    export_study(engine, tmp_path / "t.csv")
+    export_study(engine, tmp_path / "bids")
+    rows = read(tmp_path / "t-events.csv", ",")
+    assert [(row["event"], row["trial"], row["reason"]) for row in rows] == [
+        ("stop", "2", "by the participant"), ("resume", "2", ""), ("repeat", "2", "stopped by the participant"),
+    ]  # fmt: skip
+    events = read(tmp_path / "bids" / "sub-P01" / "beh" / "sub-P01_task-identify_events.tsv", "\t")
+    assert [row["trial_type"] for row in events] == ["stop", "resume", "repeat"]
+    assert list(events[0])[:2] == ["onset", "duration"]
+    assert float(events[0]["duration"]) >= 0
+    found = analysis_of(tmp_path / "s.db")
+    assert len(found.incidents) == 3
+    assert "by the participant" in page(found)
+
+
 def test_a_bids_folder_that_cannot_be_finished_leaves_the_old_one(
     identify: Study, columns: Columns, tmp_path: Path
 ) -> None:
@@ -167,8 +215,12 @@ def test_the_command_counts_trials_lists_codes_and_names_force(
     monkeypatch.chdir(tmp_path)
     assert command("export", "s.db", "t.csv") == 0
     told = capsys.readouterr()
-    assert "21 trials, 3 of them practice: t.csv, t.json" in told.out
-    assert "SIMULATED DEVICE" in told.err
+    assert "7 trials, 1 of them practice: t.csv, t.json" in told.out
+    assert "14 pilot trials (2 participants; --data pilot)" in told.err
+    assert command("export", "s.db", "pilot.csv", "--data", "pilot") == 0
+    assert "SIMULATED DEVICE" in capsys.readouterr().err
+    assert {row["participant"] for row in read(tmp_path / "pilot.csv", ",")} == {"vp-7", "Ä3"}
+    assert {row["pilot"] for row in read(tmp_path / "pilot.csv", ",")} == {"true"}
     assert command("export", "s.db", "t.csv") == 2
     assert "--force" in capsys.readouterr().err
     assert command("export", "s.db", "t.csv", "--force") == 0

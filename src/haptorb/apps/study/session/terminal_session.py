@@ -137,8 +137,8 @@ class TerminalSession:
             self._message = "trial restarted"
         elif key == "back":
             self._typed = self._typed[:-1]
-        elif len(key) == 1 and runner.state != "device off":
-            self._typed += key  # whatever it is: Enter says what is no answer
+        elif (len(key) == 1 or key == "tab") and runner.state != "device off":
+            self._typed += "\t" if key == "tab" else key  # whatever it is: Enter says what is no answer
             self._message = ""
 
     def _read_number(self) -> int | float | None:

@@ -105,7 +105,8 @@ def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -
         bool(columns["simulated"].any()),
         any(simulated is True for simulated in columns["simulated_device"]),
     )
-    pilot = bool(columns["pilot"].any())
+    felt = [simulated is not True for simulated in columns["simulated_device"]]
+    pilot = bool((columns["pilot"] & felt).any())  # on the simulated device nothing else is possible
     marks = [
         word
         for word, marked in (("SIMULATED participants", people), ("SIMULATED DEVICE", device), ("PILOT", pilot))

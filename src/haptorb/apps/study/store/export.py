@@ -150,9 +150,8 @@ def _write_all(study: Study, files: Files, overwrite: bool) -> tuple[Path, ...]:
         with replace_files(list(files)) as parts:
             for part, write in zip(parts, files.values(), strict=True):
                 write(part)
-        for path in stale:  # of an earlier export: nobody who has withdrawn since may stay in it
-            if overwrite:
-                path.unlink(missing_ok=True)
+        for path in stale if overwrite else ():  # of an earlier export: nobody who has withdrawn since may stay in it
+            path.unlink(missing_ok=True)
     return tuple(files)
 
 
