@@ -313,7 +313,9 @@ def test_questions_are_asked_before_and_after_and_kept(tmp_path: Path) -> None:
         assert asked.name == "hand"
         with pytest.raises(InputError, match="left, right"):
             session.reply(asked, "both")
-        session.reply(asked, " right ")
+        with pytest.raises(InputError, match="left, right"):
+            session.reply(asked, " right ")
+        session.reply(asked, "right")
         assert session.question is None
         session.answer(Answer(1, HERE))
         assert not session.over
