@@ -21,6 +21,7 @@ from haptorb.design.quantity import DesignQuantity
 from haptorb.devices.loader import DeviceTables, list_mistakes, read_tables
 from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import HaptorbError, InputError, UnknownName
+from haptorb.files.file_kind import FileKind
 from haptorb.files.text_file import parse_toml, read_text
 
 __all__ = ["load_design", "parse_design"]
@@ -29,7 +30,7 @@ __all__ = ["load_design", "parse_design"]
 def load_design(path: str | Path) -> Design:
     """The design that the TOML file at `path` describes. Raises InputError with all mistakes of the file."""
     found = Path(path).expanduser()
-    text = read_text(found, "design file", InputError)
+    text = read_text(found, "design file", InputError, kind=FileKind.DESIGN)
     return parse_design(text, str(path), found.absolute().parent)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from haptorb.design.own_imports import find_imports, list_modules
 from haptorb.errors import InputError, UnknownName
+from haptorb.files.file_kind import FileKind
 from haptorb.files.text_file import read_text
 
 __all__ = ["load_function", "split_function"]
@@ -37,7 +38,7 @@ def load_function(text: str, folder: Path) -> tuple[Callable[..., Any], str]:
     no such function.
     """
     path, name = split_function(text, folder)
-    source = read_text(path, "file of an objective", InputError)
+    source = read_text(path, "file of an objective", InputError, kind=FileKind.WORLD)
     known = _modules.get(path)
     module = known[1] if known is not None and known[0] == source else _run(path, source)
     _modules[path] = (source, module)

@@ -15,6 +15,7 @@ from haptorb.devices.device_text import DeviceText
 from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import DeviceError, InputError, UnknownName, quote
+from haptorb.files.file_kind import FileKind, find_kind
 from haptorb.files.text_file import parse_toml, read_text
 
 __all__ = ["DeviceTables", "build_tables", "catalogue", "lay_over", "list_mistakes", "load", "parse", "read_tables"]
@@ -62,12 +63,14 @@ def _read(text: str) -> tuple[str, str]:
     """The file's content, and the name that mistakes are reported under."""
     if not text.endswith(".toml") and "/" not in text:
         if text not in (path.stem for path in _FOLDER.glob("*.toml")):
-            raise UnknownName("device", text, catalogue())
+            if find_kind(text) is None:
+                raise UnknownName("device", text, catalogue())
+            return read_text(text, "device file", DeviceError, kind=FileKind.DEVICE), text
         return read_text(_FOLDER / f"{text}.toml", "device file", DeviceError), text
     name = quote(text, 400)[1:-1]
     if len(text) > 4096:
         raise DeviceError(f"device file {name}: cannot be read (file name too long)")
-    return read_text(text, "device file", DeviceError), name
+    return read_text(text, "device file", DeviceError, kind=FileKind.DEVICE), name
 
 
 def parse(content: str, name: str, *, bases: Mapping[str, str] | None = None, override: bool = False) -> Device:

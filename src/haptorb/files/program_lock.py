@@ -71,6 +71,8 @@ def _lock_file(path: Path, conflict: RecordingError) -> sqlite3.Connection:
 
     SQLite knows how each operating system locks files.
     """
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise RecordingError(f"{path} is not a regular file, so nothing can be locked by it: remove it")
     tries = 0
     while True:
         tries += 1

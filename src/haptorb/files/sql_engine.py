@@ -5,6 +5,7 @@ SQLite runs with a write-ahead log and `synchronous = FULL`: a committed transac
 
 from __future__ import annotations
 
+import sqlite3
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,10 @@ from sqlalchemy.exc import ArgumentError
 
 from haptorb.errors import RecordingError
 
-__all__ = ["BUSY", "lock_database", "make_engine", "mask_password", "url_of"]
+__all__ = ["BUSY", "lock_database", "make_engine", "mask_password", "path_of", "url_of"]
 
 BUSY = 10_000  #: milliseconds for which a writer waits while another program holds the database
+_LONGEST = 64 * 1024 * 1024  #: bytes of a value
 _PATIENCE = 5  #: seconds until a server that does not answer counts as unreachable
 
 
@@ -28,6 +30,12 @@ def url_of(place: str | Path) -> str:
     """
     text = str(place)
     return text if "://" in text else f"sqlite:///{text}"
+
+
+def path_of(place: str | Path) -> Path | None:
+    """The file of a SQLite database, None for a server's."""
+    url = url_of(place)
+    return Path(url.removeprefix("sqlite:///")) if url.startswith("sqlite:///") else None
 
 
 def make_engine(place: str | Path) -> Engine:
@@ -72,7 +80,16 @@ _watched = {
 
 
 def _set_pragmas(connection: Any, record: Any) -> None:
+    """Durable, and careful: what a database from somebody else computes by its own schema is nothing of ours."""
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST)
     cursor = connection.cursor()
-    for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", f"busy_timeout = {BUSY}"):
+    for pragma in (
+        "trusted_schema = OFF",
+        "cell_size_check = ON",
+        "journal_mode = WAL",
+        "synchronous = FULL",
+        "foreign_keys = ON",
+        f"busy_timeout = {BUSY}",
+    ):
         cursor.execute(f"PRAGMA {pragma}")
     cursor.close()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from haptorb.errors import CalibrationError
+from haptorb.files.file_kind import FileKind
 from haptorb.files.replace_file import replace_file
 from haptorb.files.text_file import read_text
 from haptorb.sensing.calibration.calibration import Calibration
@@ -17,12 +18,12 @@ _MOST = 1024 * 1024  #: bytes
 
 def read_calibration(path: str | Path) -> Calibration:
     """The calibration in the file; CalibrationError if it cannot be read or is none."""
-    return Calibration.parse(read_text(path, "calibration", CalibrationError, _MOST), str(path))
+    return Calibration.parse(read_text(path, "calibration", CalibrationError, _MOST, FileKind.CALIBRATION), str(path))
 
 
 def read_frame(path: str | Path) -> TrackerFrame:
     """The tracker's frame in the file; CalibrationError if it cannot be read or is none."""
-    return TrackerFrame.parse(read_text(path, "frame", CalibrationError, _MOST), str(path))
+    return TrackerFrame.parse(read_text(path, "frame", CalibrationError, _MOST, FileKind.FRAME), str(path))
 
 
 def check_writable(path: str | Path, *, overwrite: bool) -> Path:

@@ -160,7 +160,7 @@ def test_a_wrong_output_is_one_line_and_nothing_is_written(quick, tmp_path):
 def test_results_that_are_not_there_or_empty_are_refused(command, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "text").write_text("no database")
-    for name, told in (("none.sqlite", "does not exist"), ("text", "is not a results file")):
+    for name, told in (("none.sqlite", "does not exist"), ("text", "is not a database")):
         code, _, err = run_command(capsys, "design", command, name)
         assert code == 2
         assert told in err

@@ -139,8 +139,8 @@ def test_files_that_are_no_results(design: Design, tmp_path: Path) -> None:
         newer.execute("UPDATE haptorb_design_schema SET version = 99")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
     for name, told in (
-        ("notes.txt", "is not a results file"),
-        ("other.db", "holds other tables"),
+        ("notes.txt", "is not a database"),
+        ("other.db", "is a database of another program"),
         ("newer.sqlite", "has schema 99; this haptorb knows up to 1"),
         ("", "is a folder"),
         ("nowhere/r.sqlite", "there is no folder"),
@@ -148,9 +148,9 @@ def test_files_that_are_no_results(design: Design, tmp_path: Path) -> None:
         with pytest.raises(RecordingError, match=told), open_results(tmp_path / name, design, "sobol", 1):
             pass
     for name, told in (
-        ("notes.txt", "is not a results"),
+        ("notes.txt", "is not a database"),
         ("none.sqlite", "does not exist"),
-        ("other.db", "other tables"),
+        ("other.db", "another program"),
     ):
         with pytest.raises(RecordingError, match=told):
             read_results(tmp_path / name)
@@ -187,7 +187,8 @@ from haptorb.design.store import open_results
 with open_results({where!r}, make_design(Path({folder!r})), "sobol", 1) as writer:
     n = 0
     while True:
-        writer.add([Evaluation(n + k, {{"radius": 1.0}}, {{"cost": 1.0}}, {{}}) for k in range(7)])
+        values = {{"radius": 1.0, "angle": 50.0, "shell": "thin"}}
+        writer.add([Evaluation(n + k, values, {{"cost": 1.0, "reach": 1.0}}, {{}}) for k in range(7)])
         n += 7
         print(n, flush=True)
 """

@@ -164,9 +164,9 @@ def test_little_is_lost_at_any_rate(tmp_path: Path, rate: float) -> None:
 def test_foreign_files(tmp_path: Path) -> None:
     from mcap.writer import Writer
 
-    with pytest.raises(RecordingError, match="cannot read"):
+    with pytest.raises(RecordingError, match="cannot be read"):
         Recording(tmp_path / "nothing.mcap")
-    with pytest.raises(RecordingError, match="cannot read"):
+    with pytest.raises(RecordingError, match="cannot be read"):
         Recording(tmp_path)
     text = tmp_path / "text.mcap"
     text.write_text("time,force\n")

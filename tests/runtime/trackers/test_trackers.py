@@ -151,7 +151,7 @@ def test_a_stream_that_is_not_there_is_told() -> None:
 def test_the_command_says_it_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "--headless", "--duration", "1", "--tracker", "replay:nowhere.mcap"]) == 2
     said = capsys.readouterr().err
-    assert "haptorb: cannot read nowhere.mcap" in said
+    assert "haptorb: recording nowhere.mcap: cannot be read" in said
     assert "Traceback" not in said
 
 

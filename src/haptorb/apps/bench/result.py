@@ -20,6 +20,7 @@ from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.errors import InputError, UnknownName
 from haptorb.files.replace_file import replace_file
+from haptorb.files.text_file import parse_json, read_text
 from haptorb.runtime.realtime.linux import require_linux
 
 __all__ = ["BENCHMARKS", "BenchResult", "load_result", "run_benchmarks"]
@@ -143,10 +144,10 @@ def run_benchmarks(names: Iterable[str], effort: float, command: str, tell: Call
 def load_result(path: Path) -> BenchResult:
     """What `BenchResult.store` wrote. Raises InputError for a file that is none."""
     try:
-        numbers = json.loads(path.read_text(encoding="utf-8"))
+        numbers = parse_json(read_text(path, "benchmarks", InputError, 4 * 1024 * 1024))
         rows = tuple(Metric.read(row) for row in numbers["rows"])
         return BenchResult(numbers["machine"], numbers["command"], numbers["day"], rows)
-    except (OSError, ValueError, KeyError, TypeError) as cause:
+    except (InputError, ValueError, KeyError, TypeError) as cause:
         raise InputError(f"{path} holds no benchmarks; `haptorb bench --store {path}` writes them") from cause
 
 

@@ -6,6 +6,7 @@ Of coupled coils it has all; of coils that do not warm each other, and are alike
 from __future__ import annotations
 
 import csv
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,8 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.errors import CalibrationError, quote
+from haptorb.files.file_kind import FileKind
+from haptorb.files.text_file import open_regular
 from haptorb.numerics.arrays import Array
 from haptorb.sensing.calibration.calibration import MeasuredHeat
 from haptorb.sensing.calibration.network_identification import (
@@ -25,6 +28,7 @@ from haptorb.sensing.calibration.thermal_identification import ThermalIdentifica
 __all__ = ["ThermalRecord", "thermal_record"]
 
 _COLUMNS = ("power_w", "winding_degc", "boundary_degc")  #: of a coil alone; of several power_NAME_w and so on
+_HEAD = 256 * 1024  #: bytes by which a file of another kind is recognised
 _BIN = 0.5  #: readings of a recording are averaged over so long [s]
 _LONGEST = 30 * 24 * 3600.0  #: [s]
 _LARGEST = 1e6  #: of any value, in its unit
@@ -76,7 +80,11 @@ def _columns(device: Device) -> tuple[str, ...]:
 def _from_table(path: Path, device: Device) -> HeatRecord:
     columns = _columns(device)
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with open_regular(path, "thermal record", CalibrationError) as raw:
+            if other := FileKind.TABLE.explain_other(path, raw.read(_HEAD)):
+                raise CalibrationError(other)
+            raw.seek(0)
+            file = io.TextIOWrapper(raw, encoding="utf-8", newline="")
             reader = csv.DictReader(file)
             missing = [name for name in columns if name not in (reader.fieldnames or ())]
             if missing:
@@ -95,9 +103,8 @@ def _from_table(path: Path, device: Device) -> HeatRecord:
                     raise CalibrationError(f"{path}: a thermal record has at most {_MOST} readings")
     except csv.Error as cause:
         raise CalibrationError(f"thermal record {path}: is not a table ({cause})") from cause
-    except (OSError, UnicodeDecodeError) as cause:
-        reason = cause.strerror if isinstance(cause, OSError) else "not a text file"
-        raise CalibrationError(f"thermal record {path}: cannot be read ({reason})") from cause
+    except UnicodeDecodeError as cause:
+        raise CalibrationError(f"thermal record {path}: cannot be read (not a text file)") from cause
     if len(rows) < 20:
         raise CalibrationError(f"{path} has {len(rows)} readings; a thermal record needs at least 20")
     table = np.array(rows)

@@ -24,12 +24,15 @@ def choose_world_option(name: str, settings: list[str], device: Device) -> World
     """
     from dataclasses import replace
 
-    from haptorb.worlds import find_world
+    from haptorb.files.file_kind import FileKind, find_kind
+    from haptorb.worlds import CATALOGUE, find_world
     from haptorb.worlds.own.failure import try_world
     from haptorb.worlds.own.world_file import is_world_file, parse_world_file
     from haptorb.worlds.parameter import parameters
 
     if not is_world_file(name):
+        if name not in CATALOGUE and (other := find_kind(name)) is not None:
+            raise InputError(FileKind.WORLD.explain_found(name, other))
         kind = find_world(name)
         return kind().replace(**parse_settings(settings, parameters(kind)))
     file = parse_world_file(name)

@@ -17,6 +17,7 @@ from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import HaptorbError, InputError, quote
+from haptorb.files.file_kind import FileKind
 from haptorb.files.text_file import parse_toml, read_text
 from haptorb.physics.beams import Model
 from haptorb.physics.hook import METALS_FROM, Hook
@@ -75,7 +76,7 @@ def load_designs(path: str | Path) -> Candidates:
     contradict each other, with the amount (erratum E8).
     """
     where = str(path)
-    text = read_text(path, "design file", InputError)
+    text = read_text(path, "design file", InputError, kind=FileKind.FELT_DESIGNS)
     try:
         raw = parse_toml(text)
     except ValueError as cause:

@@ -14,6 +14,7 @@ from haptorb.apps.feel.candidates import Candidate
 from haptorb.devices.state import State
 from haptorb.errors import RecordingError
 from haptorb.files.replace_file import replace_file
+from haptorb.files.text_file import read_text
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.row import RowLayout
 
@@ -26,6 +27,7 @@ HAND = ("asked_nm", "given_nm", "guard_gain", "saturated")
 _FORCE, _TORQUE = 0.1, 0.002  #: on the part [N], [N·m]
 _MOTION, _TURN = 0.5e-3, np.radians(1.0)  #: of the part since the first tick [m], [rad]
 FELT = "0.1 N or 2 mN·m on the part, or 0.5 mm or 1° of motion, since it was chosen"  #: in words
+_MOST = 256 * 1024 * 1024  #: bytes of a trace
 _BLOCK = 500  #: rows that are written in one go
 _REST = 0.002  #: between two of them while a servo runs: this process has to keep its heart beating [s]
 
@@ -112,12 +114,12 @@ def _blocks(rows: Array) -> Iterator[Array]:
 def read_trace(path: Path) -> Array:
     """(n, 18) rows by COLUMNS and HAND; NaN for what an older file does not have. RecordingError if it is no trace."""
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            head, *lines = csv.reader(file)
+        text = read_text(path, "trace", RecordingError, _MOST)
+        head, *lines = csv.reader(text.splitlines())
         if tuple(head) not in (COLUMNS, COLUMNS + HAND):
             raise ValueError("the columns differ")
         found = np.array(lines, dtype=float).reshape(-1, len(head))
-    except (OSError, ValueError, csv.Error) as cause:
+    except (ValueError, csv.Error) as cause:
         raise RecordingError(f"{path}: is not a trace ({cause})") from cause
     missing = len(COLUMNS) + len(HAND) - found.shape[1]
     return np.pad(found, ((0, 0), (0, missing)), constant_values=np.nan)

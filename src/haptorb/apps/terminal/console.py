@@ -18,6 +18,8 @@ if TYPE_CHECKING:  # which costs a program that prints two lines 50 ms
 
 __all__ = ["find_width", "make_console", "print_file", "print_json", "print_text", "say", "tell", "wrap"]
 
+#: what JSON does not escape by itself and a terminal, or a reader, would be misled by
+_HIDDEN = re.compile("[\x7f-\x9f\u061c\u200b\u200e\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]")
 _HARD = "\N{NO-BREAK SPACE}"
 _TOGETHER = re.compile(
     r"\[(?:default|required)[^]]*\]"
@@ -83,7 +85,8 @@ def print_text(console: Console, text: str = "", style: str = "", indent: str = 
 def print_json(numbers: Any, *, line: bool = False) -> None:
     """Print plain JSON types to standard output, escaped where it could not carry them; `line`: on one line."""
     plain = not (sys.stdout.encoding or "utf-8").lower().startswith("utf")
-    print(json.dumps(numbers, indent=None if line else 2, ensure_ascii=plain), flush=True)
+    text = json.dumps(numbers, indent=None if line else 2, ensure_ascii=plain)
+    print(_HIDDEN.sub(lambda found: json.dumps(found[0])[1:-1], text), flush=True)
 
 
 def print_file(text: str) -> None:

@@ -6,6 +6,8 @@ import codecs
 import sys
 import unicodedata
 
+from haptorb.files.foreign_text import visible
+
 __all__ = ["fit_encoding", "use_ascii_fallback"]
 
 _HANDLER = "haptorb.ascii"
@@ -24,13 +26,17 @@ _SCRIPTS = {"<super>": "^", "<sub>": "_"}
 
 
 def fit_encoding(text: str, encoding: str) -> str:
-    """`text` with ASCII in place of those characters that `encoding` does not have.
+    r"""`text` with ASCII in place of those characters that `encoding` does not have, and what would act on a terminal
+    made visible: all that is printed passes here, as it may come from somebody's file.
 
     >>> fit_encoding("2 µΩ", "latin-1")
     '2 µOhm'
     >>> fit_encoding("θ = 30°, 2.5 µm², R ≤ 0.6 Ω → l̄ (Zárate)", "ascii")
     'theta = 30deg, 2.5 um^2, R <= 0.6 Ohm -> l (Zarate)'
+    >>> print(fit_encoding("a recording called \x1b[2J", "utf-8"))
+    a recording called \x1b[2J
     """
+    text = visible(text)
     try:
         text.encode(encoding)
     except UnicodeEncodeError:

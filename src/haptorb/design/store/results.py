@@ -18,6 +18,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from haptorb.design.design import Design
 from haptorb.design.evaluation import Evaluation
 from haptorb.design.store.record import read_record, write_record
+from haptorb.design.store.stored_results import check_results
 from haptorb.design.store.tables import FAMILY, designs, evaluations, open_database, runs
 from haptorb.errors import InputError, RecordingError
 from haptorb.files.program_lock import ProgramLock
@@ -141,8 +142,11 @@ def read_results(where: str | Path) -> Results:
                 raise RecordingError(f"{place} has no results yet: run `haptorb design sweep` or `optimise` first")
             design = read_record(row.name, row.text, row.digest, row.record)
             found = connection.execute(select(runs).order_by(runs.c.id)).all()
-        return Results(design, tuple(_make_run(one, tuple(_read_evaluations(engine, one.id))) for one in found))
-    except (SQLAlchemyError, InputError, ValueError, LookupError, TypeError) as cause:
+        results = Results(design, tuple(_make_run(one, tuple(_read_evaluations(engine, one.id))) for one in found))
+        check_results(design, results.runs)  # safety: results-checked
+        return results
+    except (SQLAlchemyError, InputError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError,
+            RecursionError) as cause:  # fmt: skip
         what = explain_error(cause) if isinstance(cause, SQLAlchemyError) else str(cause)
         raise RecordingError(f"results {place} cannot be read: {what}") from cause
     finally:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 from sqlalchemy import (
@@ -20,7 +18,8 @@ from sqlalchemy import (
 from sqlalchemy.engine import Engine
 
 from haptorb.errors import RecordingError
-from haptorb.files.sql_engine import url_of
+from haptorb.files.file_kind import FileKind
+from haptorb.files.sql_engine import path_of
 from haptorb.files.table_set import TableSet
 
 __all__ = ["FAMILY", "SCHEMA", "designs", "evaluations", "open_database", "runs"]
@@ -62,7 +61,7 @@ evaluations = Table(
 )  # fmt: skip
 
 
-_RESULTS = TableSet("results of a design", _tables, versions, SCHEMA, FAMILY)
+_RESULTS = TableSet("results of a design", FileKind.RESULTS, _tables, versions, SCHEMA, FAMILY)
 
 
 def open_database(place: str | Path, *, make: bool) -> Engine:
@@ -70,38 +69,18 @@ def open_database(place: str | Path, *, make: bool) -> Engine:
 
     With `make` false one that is not there is refused rather than made.
     """
-    url = url_of(place)
-    if url.startswith("sqlite:///"):
-        _check_file(Path(url.removeprefix("sqlite:///")), place, make)
+    path = path_of(place)
+    if path is not None:
+        _check_place(path, place, make)
     return _RESULTS.open(place, make=make)
 
 
-def _check_file(path: Path, place: str | Path, make: bool) -> None:
+def _check_place(path: Path, place: str | Path, make: bool) -> None:
     if path.is_dir():
         raise RecordingError(f"{place} is a folder: name a file, such as results.sqlite")
-    if not path.exists():
-        if not make:
-            raise RecordingError(f"results file {place} does not exist: `haptorb design sweep` creates one")
-        if not path.absolute().parent.is_dir():
-            raise RecordingError(f"{place}: there is no folder {path.parent}; make it first")
+    if path.exists():
         return
-    try:
-        with path.open("rb") as file:
-            head = file.read(20)
-    except OSError as cause:
-        raise RecordingError(f"results file {place}: cannot be read ({cause.strerror})") from cause
-    if head and not head.startswith(b"SQLite format 3\0"):
-        raise RecordingError(f"{place} is not a results file of `haptorb design`: choose another name")
-    if head[18:19] == b"\1":  # no write-ahead log, so none of ours: opening it to write would change it
-        _check_foreign(path, place)
-
-
-def _check_foreign(path: Path, place: str | Path) -> None:
-    """RecordingError if the SQLite file `path` has tables."""
-    try:
-        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as connection:
-            found = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    except sqlite3.Error as cause:
-        raise RecordingError(f"results file {place}: cannot be read ({cause})") from cause
-    if found != (0,):
-        raise RecordingError(f"{place} holds other tables, not results of a design; choose another name")
+    if not make:
+        raise RecordingError(f"results file {place} does not exist: `haptorb design sweep` creates one")
+    if not path.absolute().parent.is_dir():
+        raise RecordingError(f"{place}: there is no folder {path.parent}; make it first")

@@ -19,7 +19,9 @@ import numpy as np
 
 from haptorb.devices.tables import pair_table
 from haptorb.devices.tables.pair_table import PairTable, Progress
+from haptorb.errors import DeviceError
 from haptorb.files.replace_file import replace_file
+from haptorb.files.text_file import read_bytes
 from haptorb.numerics.cache_folder import cache_folder
 from haptorb.physics import interaction
 from haptorb.physics.sources import (
@@ -37,6 +39,8 @@ from haptorb.physics.sources import (
 )
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.round_body import RoundBody
+
+_MOST = 64 * 1024 * 1024  #: bytes of a table
 
 __all__ = ["load_field_table", "load_torque_table"]
 
@@ -112,7 +116,7 @@ def _load_or_build(made_from: str, functions: int, build: Callable[[], PairTable
 def _read(path: Path, name: str, functions: int) -> PairTable | None:
     """The table in `path`, or None if it is absent, torn, altered, or not this one."""
     try:
-        head, _, numbers = path.read_bytes().partition(b"\n")
+        head, _, numbers = read_bytes(path, _MOST, "table", DeviceError).partition(b"\n")
         header = json.loads(head)
         rows, columns = header["shape"]
         sound = (
@@ -126,7 +130,7 @@ def _read(path: Path, name: str, functions: int) -> PairTable | None:
             return None
         cells = np.frombuffer(numbers, dtype="<f8").reshape(rows, columns).astype(np.float64)
         return PairTable(cells, float(header["scale"]), float(header["bound"]))
-    except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError):
+    except (DeviceError, ValueError, KeyError, TypeError, RecursionError, OverflowError):
         return None
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from haptorb.errors import InputError
+from haptorb.files.foreign_text import foreign_text
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.row import STAGES, Field
 
@@ -164,4 +165,4 @@ def describe_notes(recording: RecordingNotes) -> dict[str, str]:
         "truncated": "true" if recording.truncated else "",
         "repaired": recording.metadata.get("repair", {}).get("damage", ""),
     }
-    return {key: value for key, value in known.items() if value}
+    return {key: foreign_text(value) for key, value in known.items() if value}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import csv
 import json
 import math
 import shutil
@@ -17,6 +18,7 @@ from typing import Final, Protocol, final
 import numpy as np
 
 from haptorb.errors import InputError, RecordingError, UnknownName
+from haptorb.files.foreign_text import escape_formula
 from haptorb.files.replace_file import replace_file
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.column import FieldColumn
@@ -154,8 +156,9 @@ def _find_ticks(recording: RecordingReader, start: float | None, end: float | No
 
 
 def _write_csv(export: Export, path: Path, report: Progress) -> None:
-    with path.open("w", encoding="utf-8") as file:
-        file.write(",".join(head for field in export.fields for head in column_heads(field)) + "\n")
+    with path.open("w", newline="", encoding="utf-8") as file:
+        heads = [escape_formula(head) for field in export.fields for head in column_heads(field)]
+        csv.writer(file, lineterminator="\n").writerow(heads)
         for piece in export.pieces(report):
             for row in piece.tolist():
                 file.write(",".join(map(repr, row)) + "\n")

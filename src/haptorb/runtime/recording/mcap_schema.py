@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable
 
 from haptorb.errors import RecordingError, quote
+from haptorb.files.foreign_text import foreign_text
 from haptorb.runtime.row import Field, RowLayout
 
 _WIDEST = 65_536  #: numbers in a row
@@ -62,5 +63,6 @@ def fields_of(text: str) -> tuple[Field, ...]:
             )
         if match["name"] in {field.name for field in fields}:
             raise RecordingError(f"the recording's schema has the field '{match['name']}' twice")
-        fields.append(Field(match["name"], width, match["unit"] or "", match["about"] or ""))
+        unit, about = foreign_text(match["unit"] or "", 40), foreign_text(match["about"] or "", 1000)
+        fields.append(Field(match["name"], width, unit, about))
     return tuple(fields)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.errors import RecordingError, quote
+from haptorb.files.foreign_text import foreign_name, foreign_text
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.row import Field
 
@@ -53,12 +54,21 @@ def _place_fields(
         first, start = start, start + prod(shape)
         if start > room:
             return
-        yield f"{world}.{field['name']}", shape, slice(first, start)
+        yield _name_column(world, field), shape, slice(first, start)
 
 
 def memory_units(worlds: Sequence[Mapping[str, str]]) -> dict[str, str]:
     """World and field → unit [SI], of the notes of all `worlds` of a recording."""
-    return {f"{name}.{field['name']}": field["unit"] for _, name, fields in _list_fields(worlds) for field in fields}
+    return {
+        _name_column(name, field): foreign_text(field["unit"], 40)
+        for _, name, fields in _list_fields(worlds)
+        for field in fields
+    }
+
+
+def _name_column(world: str, field: Mapping[str, Any]) -> str:
+    """Of tables and archives: the recording may be anybody's."""
+    return f"{foreign_name(world)}.{foreign_name(field['name'])}"  # safety: foreign-column
 
 
 def _list_fields(worlds: Sequence[Mapping[str, str]]) -> Iterator[tuple[int, str, list[Any]]]:

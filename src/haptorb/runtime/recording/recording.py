@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import stat
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -16,7 +15,8 @@ import numpy as np
 
 from haptorb.display.html import facts_html
 from haptorb.errors import RecordingError, RecordingWarning, UnknownName, quote
-from haptorb.files.text_file import open_at_once
+from haptorb.files.file_kind import FileKind
+from haptorb.files.text_file import open_regular
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.column import FieldColumn
 from haptorb.runtime.recording.data_frames import make_data_frame, make_dataset
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Recording"]
 
+_LOOK = 256 * 1024  #: bytes by which a file of another kind is recognised
 _WHOLE = 32 * 1024 * 1024  #: bytes of a file that is read, and checked, at once when it is opened
 
 
@@ -317,18 +318,14 @@ class Recording:
         return plot(self, path)
 
 
-def _open_file(path: Path) -> BinaryIO:
+@contextmanager
+def _open_file(path: Path) -> Iterator[BinaryIO]:
     """The file, if it begins like MCAP."""
-    try:
-        file = open(path, "rb", opener=open_at_once)  # noqa: SIM115 (the caller closes it)
-    except OSError as cause:
-        raise RecordingError(f"cannot read {path}: {cause.strerror}") from cause
-    except ValueError as cause:  # a zero byte in its name
-        raise RecordingError(f"cannot read {quote(str(path))}: not the name of a file") from cause
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        file.close()
-        raise RecordingError(f"cannot read {path}: not a regular file")
-    if not is_mcap(file.read(len(MAGIC))):
-        file.close()
-        raise RecordingError(f"{path} is not an MCAP file: record one with `haptorb run --record FILE.mcap`")
-    return file
+    with open_regular(path, "recording", RecordingError) as file:
+        head = file.read(len(MAGIC))
+        if not is_mcap(head):
+            other = FileKind.RECORDING.explain_other(path, head + file.read(_LOOK))
+            raise RecordingError(
+                other or f"{path} is not an MCAP file: record one with `haptorb run --record FILE.mcap`"
+            )
+        yield file

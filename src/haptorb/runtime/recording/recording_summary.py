@@ -13,6 +13,7 @@ from haptorb.control.allocation.allocator import Saturation
 from haptorb.display.html import curves_svg
 from haptorb.display.quantity_text import format_quantity
 from haptorb.errors import RecordingError, quote
+from haptorb.files.foreign_text import foreign_text
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.column import FieldColumn
 from haptorb.runtime.recording.mcap_reader import MissingRows
@@ -60,7 +61,7 @@ class Summarized(Protocol):
 
 def summarize(recording: Summarized) -> str:
     """File, device, length, and what is wrong with it, in one line."""
-    device = recording.metadata.get("device", {}).get("name", "unknown device")
+    device = foreign_text(recording.metadata.get("device", {}).get("name", "unknown device"), 60)
     wrong = [f"{_count(lost, 'row')} lost"] if (lost := _count_lost_rows(recording)) else []
     wrong += [f"damaged: {_count_missing(recording.missing)}"] if recording.damage else []
     wrong += ["cut short"] if recording.truncated else []
@@ -100,7 +101,7 @@ def list_facts(recording: Summarized, *, whole: bool | None = None) -> list[tupl
     if repaired := recording.metadata.get("repair"):
         facts.append(("repaired", f"from {repaired.get('of', 'another file')}: {repaired.get('damage') or 'its end'}"))
     facts.append(("end", _CUT if recording.truncated else "complete"))
-    return [(name, text) for name, text in facts if text]
+    return [(name, foreign_text(text, 1000)) for name, text in facts if text]
 
 
 def list_losses(recording: Summarized) -> list[str]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import InputError
+from haptorb.files.file_kind import FileKind
 from haptorb.files.replace_file import replace_file
 from haptorb.files.text_file import parse_json, read_bytes
 from haptorb.numerics.arrays import Array
@@ -64,7 +65,7 @@ def write_networks(networks: TrainedNetworks, path: Path) -> None:
 def read_networks(path: Path) -> TrainedNetworks:
     """What `write_networks` wrote; InputError where the file is absent, torn, altered or something else."""
     try:
-        content = read_bytes(path, _MOST, "network file", InputError)
+        content = read_bytes(path, _MOST, "network file", InputError, FileKind.NETWORK)
     except InputError as cause:
         raise InputError(f"{cause}; run `haptorb train`") from cause
     return parse_networks(content, f"network file '{path}'")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from io import BytesIO
 from math import acos, atan2, cos, radians, sin, sqrt
 from pathlib import Path
 from typing import ClassVar
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.errors import InputError
+from haptorb.files.text_file import read_bytes
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 from haptorb.worlds.parameter import parameter
@@ -21,6 +23,7 @@ from haptorb.worlds.world import World
 
 __all__ = ["Terrain", "hills"]
 
+_BYTES = 64 * 1024 * 1024  #: of a picture's file
 _PIXELS = 4096  #: a side of a picture
 
 
@@ -139,13 +142,17 @@ class Terrain(World):
         from PIL import Image, UnidentifiedImageError
 
         try:
-            with Image.open(path) as picture:
+            content = read_bytes(path, _BYTES, "height map", InputError)
+            # Other formats of PIL start programs of the system, such as the one for PostScript.
+            with Image.open(BytesIO(content), formats=("PNG", "TIFF", "JPEG", "BMP", "GIF", "PPM")) as picture:
                 if max(picture.size) > _PIXELS:
                     raise InputError(f"height map '{path}' has more than {_PIXELS} pixels a side; make it smaller")
                 deep = picture.mode.startswith("I")  # 16-bit grey
                 if picture.mode in ("LA", "PA", "RGBA") and np.asarray(picture.getchannel("A")).min() < 255:
                     raise InputError(f"height map '{path}' has transparent pixels: holes; fill them first")
                 grey = np.asarray(picture if deep else picture.convert("L"), dtype=float) / (65535 if deep else 255)
+        except InputError:
+            raise
         except (OSError, UnidentifiedImageError, ValueError, SyntaxError, Image.DecompressionBombError) as cause:
             raise InputError(f"height map '{path}' cannot be read as an image: {cause}") from cause
         if grey.shape[0] != grey.shape[1]:

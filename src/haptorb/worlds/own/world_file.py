@@ -13,6 +13,7 @@ from types import ModuleType
 from typing import Any
 
 from haptorb.errors import HaptorbError, InputError, UnknownName
+from haptorb.files.file_kind import FileKind
 from haptorb.files.text_file import read_text
 from haptorb.worlds.own.function_world import make_world
 from haptorb.worlds.world import World
@@ -83,7 +84,7 @@ class WorldFile:
         """The file as a module of its own, known by a name that no other module has."""
         import cloudpickle
 
-        text = read_text(self.path, "world file", InputError)
+        text = read_text(self.path, "world file", InputError, kind=FileKind.WORLD)
         module = ModuleType(f"haptorb_world_{self.path.stem}")
         module.__file__ = str(self.path)
         folder = str(self.path.parent)

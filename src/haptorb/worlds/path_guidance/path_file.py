@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 from haptorb.errors import InputError, quote
+from haptorb.files.file_kind import FileKind
 from haptorb.files.text_file import read_text
 from haptorb.worlds.path_guidance.guidance_path import GuidancePath, make_path
 
@@ -21,7 +22,7 @@ def load_path(file: str | Path, *, closed: bool | None = None, smooth: bool = Tr
     """
     path = Path(file).expanduser()
     # Spreadsheet programs begin a file with a byte order mark.
-    lines = read_text(path, "path file", InputError).removeprefix("\ufeff").splitlines()
+    lines = read_text(path, "path file", InputError, kind=FileKind.TABLE).removeprefix("\ufeff").splitlines()
     if not lines or "".join(lines[0].split()) != _HEAD:
         raise InputError(
             f"path file {path}, line 1: the header must be '{_HEAD}'; got "

@@ -8,11 +8,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from haptorb.errors import InputError
+from haptorb.files.text_file import read_bytes
 from haptorb.worlds.scene.scene import Scene
 from haptorb.worlds.scene.scene_model import find_scene_file
 
 __all__ = ["SceneFile", "parse_scene_file"]
 
+_MOST = 8 * 1024 * 1024  #: bytes of a scene
+_NAMES = 200  #: files that are looked at
 _NAMED = re.compile(r'\bfile\s*=\s*"([^"]+)"')
 
 
@@ -41,11 +45,11 @@ class SceneFile:
     def stamp(self) -> tuple[tuple[int, int, int], ...] | None:
         """Changes when the file or one that it includes is saved: time [ns], size, inode; None without it."""
         try:
-            text = self.path.read_text(errors="replace")
             found = [_stamp(self.path)]
-        except OSError:
+            text = read_bytes(self.path, _MOST, "scene", InputError).decode("utf-8", "replace")
+        except (OSError, InputError):
             return None
-        for name in _NAMED.findall(text):
+        for name in _NAMED.findall(text)[:_NAMES]:
             try:
                 found.append(_stamp(self.path.parent / name))
             except OSError:  # a mesh in the folder of <compiler meshdir>, or missing: then loading reports it

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from haptorb.errors import InputError, UnknownName, quote
-from haptorb.files.text_file import read_text
+from haptorb.files.file_kind import FileKind, find_kind
+from haptorb.worlds.scene.scene_check import check_scene_file
+from haptorb.worlds.scene.scene_compiler import compile_scene
 
 __all__ = ["SHIPPED", "SceneModel", "find_scene_file", "load_engine", "make_scene_model"]
 
@@ -48,6 +50,9 @@ def find_scene_file(text: str, folder: Path | None = None) -> Path:
     """
     if text in SHIPPED:
         return _FOLDER / f"{text}.xml"
+    place = (folder or Path()) / text
+    if not text.endswith(".xml") and (other := find_kind(place)) is not None:
+        raise InputError(FileKind.SCENE.explain_found(place, other))
     if not text.endswith(".xml"):
         raise UnknownName("scene", text, (*SHIPPED, "FILE.xml"))
     return Path(os.path.abspath((folder or Path()) / Path(text).expanduser()))
@@ -142,10 +147,12 @@ def make_scene_model(source: object) -> SceneModel:
     if not isinstance(source, str | Path):
         raise InputError(f"a scene is a name, a path of an XML file, or an MjModel of MuJoCo; got {quote(source)}")
     path = find_scene_file(str(source))
-    read_text(path, "scene", InputError)  # the plain reasons in plain words
+    own = path.parent == _FOLDER
+    if not own:
+        check_scene_file(path)  # safety: scene-checked
     try:
-        model = engine.MjModel.from_xml_path(str(path))
-    except Exception as cause:  # ValueError, FatalError
+        model = engine.MjModel.from_xml_path(str(path)) if own else compile_scene(engine, path)
+    except Exception as cause:  # ValueError, FatalError, SceneFailure
         raise InputError(_explain(path, str(cause))) from cause
     return _check(SceneModel(path.stem, path, model))
 

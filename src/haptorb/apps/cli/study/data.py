@@ -111,7 +111,14 @@ def analyse(
         path = write_report(done, folder, kind=figures, serve=pages.append if serve else None)
     tell(f"report: {path}")
     if serve:
-        _serve_report(pages[0], [str(Path(db).parent / part) for *_, part in done.recorded], port)
+        _serve_report(pages[0], [_find_beside(db, part) for *_, part in done.recorded], port)
+
+
+def _find_beside(db: str, part: str) -> str:
+    """The part of a recording that a database names, beside the database: what lies elsewhere is not for it to name."""
+    path, mark, span = part.partition("#t=")
+    folder = Path() if "://" in db else Path(db).parent
+    return f"{folder / Path(path).name}{mark}{span}"  # safety: recording-beside
 
 
 def _serve_report(html: str, parts: list[str], port: int) -> None:

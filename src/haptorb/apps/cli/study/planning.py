@@ -85,9 +85,10 @@ def simulate(
     from haptorb.apps.study.store.contents import check_contents
     from haptorb.apps.study.store.database import database
 
+    known = read_study(file)  # before a database is made
     engine = database(db)
     check_contents(engine, "simulated")
-    known = keep_begun_study(engine, read_study(file))
+    known = keep_begun_study(engine, known)
     with make_progress() as bar:
         task = bar.add_task("SIMULATED trials", total=None)
         answered = rehearse(

@@ -11,6 +11,7 @@ from haptorb.apps.design.results_table import ResultsTable
 from haptorb.design.store import read_results
 from haptorb.errors import InputError
 from haptorb.files.replace_together import replace_files
+from haptorb.files.text_file import open_regular
 
 __all__ = ["MOST", "write_report"]
 
@@ -63,11 +64,11 @@ def write_report(
 def _check_device_file(path: Path) -> None:
     """InputError if something else than an earlier report's device file is at `path`."""
     try:
-        with path.open(encoding="utf-8", errors="replace") as file:
-            ours = file.read(len(_OURS)) == _OURS
-    except FileNotFoundError:
-        return
-    except OSError as cause:
-        raise InputError(f"{path} cannot be replaced: {cause.strerror}; choose another --output") from cause
+        if not path.exists():
+            return
+        with open_regular(path, "device file", InputError) as file:
+            ours = file.read(len(_OURS.encode())) == _OURS.encode()
+    except (OSError, InputError) as cause:
+        raise InputError(f"{path} cannot be replaced: {cause}; choose another --output") from cause
     if not ours:
         raise InputError(f"{path} was not written by `haptorb design report`: move it, or choose another --output")

@@ -12,6 +12,7 @@ from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.terminal import announce_wait
 from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import InputError
+from haptorb.files.file_kind import FileKind
 from haptorb.files.text_file import parse_toml, read_bytes, read_text
 from haptorb.worlds.own.failure import try_world
 from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
@@ -31,7 +32,9 @@ def read_study(path: str | Path) -> Study:
 
     Raises InputError saying what is wrong, where, and what was expected.
     """
-    return study_of(read_text(path, "study file", InputError), str(path), Path(path).expanduser().parent)
+    return study_of(
+        read_text(path, "study file", InputError, kind=FileKind.STUDY), str(path), Path(path).expanduser().parent
+    )
 
 
 def study_of(text: str, where: str = "study", folder: Path | None = None, *, stored: bool = False) -> Study:

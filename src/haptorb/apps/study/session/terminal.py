@@ -17,6 +17,7 @@ from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.session.terminal_session import TerminalSession
 from haptorb.apps.study.session.trial_device import TrialDevice
 from haptorb.apps.terminal import make_console, say
+from haptorb.files.foreign_text import foreign_text, visible
 from haptorb.runtime.servo.servo import Servo
 
 __all__ = ["run_session"]
@@ -26,8 +27,8 @@ def run_session(session: StoredSession, start: Callable[[Path | None], Servo], r
     """'done', 'left' or 'aborted'; coils are off afterwards. `start` makes a servo that records to that file."""
     study, console, halt = session.study, make_console(error=True), StopSwitch()
     with Keyboard(halt) as keys:
-        text = Text(f"{study.instructions}\n\n{study.consent}".strip())
-        console.print(Panel(text, title=Text(study.name)), soft_wrap=False)
+        text = Text(visible(f"{study.instructions}\n\n{study.consent}".strip()))
+        console.print(Panel(text, title=Text(foreign_text(study.name))), soft_wrap=False)
         say("Press Enter to begin and, if consent is asked above, to agree. q leaves. Space or Esc stops at any time.")
         while (key := keys.next_key(1.0)) != "enter":
             if key in ("q", END):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from haptorb.apps.study.store.columns import Columns
 from haptorb.apps.study.store.dictionary import describe_columns, describe_events
 from haptorb.apps.study.store.export import (
     Replies,
-    escape_formula,
     explain_write_error,
     write_json,
     write_table,
@@ -23,7 +21,9 @@ from haptorb.apps.study.store.export import (
 from haptorb.apps.study.store.incidents import Incident
 from haptorb.apps.study.store.scripts import make_python_script, make_r_script
 from haptorb.errors import HaptorbError, RecordingError
+from haptorb.files.foreign_text import escape_formula, foreign_text
 from haptorb.files.replace_together import replace_folder
+from haptorb.files.text_file import parse_json, read_text
 from haptorb.version import __version__
 
 __all__ = ["write_bids"]
@@ -93,9 +93,9 @@ def _find_other_study(study: Study, folder: Path) -> str:
 
 def _is_export(folder: Path) -> bool:
     try:
-        description = json.loads((folder / "dataset_description.json").read_text(encoding="utf-8"))
+        description = parse_json(read_text(folder / "dataset_description.json", "description", RecordingError))
         return any(made["Name"] == "haptorb" for made in description["GeneratedBy"])
-    except (OSError, ValueError, LookupError, TypeError):
+    except (RecordingError, ValueError, LookupError, TypeError):
         return False
 
 
@@ -134,7 +134,15 @@ def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -
     for code, label in make_labels(dict.fromkeys(columns["participant"].tolist())).items():
         mine = {name: values[columns["participant"] == code] for name, values in columns.items()}
         answers = [escape_formula(" ".join(replies.get(code, {}).get(q.name, "n/a").split())) for q in asked]
-        lines.append([f"sub-{label}", code, _word(mine["simulated"]), _word(mine["simulated_device"]), *answers])
+        lines.append(
+            [
+                f"sub-{label}",
+                escape_formula(foreign_text(code)),
+                _word(mine["simulated"]),
+                _word(mine["simulated_device"]),
+                *answers,
+            ]
+        )
         place = part / f"sub-{label}" / "beh"
         place.mkdir(parents=True)
         write_table(mine, place / f"sub-{label}_task-{task}_beh.tsv", "\t", "n/a")

@@ -23,11 +23,14 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 from sqlalchemy.engine import Engine
+from sqlalchemy.exc import SQLAlchemyError
 
 from haptorb.apps.study.store.migrations import STEPS, migrate
+from haptorb.apps.study.store.stored_rows import check_rows
 from haptorb.errors import RecordingError
-from haptorb.files.sql_engine import BUSY, lock_database, url_of
-from haptorb.files.table_set import TableSet
+from haptorb.files.file_kind import FileKind
+from haptorb.files.sql_engine import BUSY, lock_database, mask_password, path_of
+from haptorb.files.table_set import TableSet, explain_error
 
 __all__ = [
     "FAMILY",
@@ -137,7 +140,7 @@ copies = Table(
 )  # fmt: skip
 
 
-_STUDY = TableSet("a study", _tables, versions, SCHEMA, FAMILY, migrate)
+_STUDY = TableSet("a study", FileKind.STUDY_DATABASE, _tables, versions, SCHEMA, FAMILY, migrate)
 
 
 def database(place: str | Path, *, make: bool = True) -> Engine:
@@ -145,10 +148,21 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
 
     With `make` false one that is not there is refused rather than made.
     """
-    url = url_of(place)
-    if not make and url.startswith("sqlite:///") and not Path(url.removeprefix("sqlite:///")).is_file():
+    path = path_of(place)
+    if not make and path is not None and not path.exists():
         raise RecordingError(f"database {place} does not exist: create it with `haptorb study run` or `simulate`")
-    return _STUDY.open(place, make=make)
+    engine = _STUDY.open(place, make=make)
+    try:
+        with engine.connect() as connection:
+            check_rows(connection, _tables.tables, f"database {mask_password(place)}")
+    except (SQLAlchemyError, ValueError, TypeError, OverflowError) as cause:  # what a driver makes of a damaged value
+        engine.dispose()
+        what = explain_error(cause) if isinstance(cause, SQLAlchemyError) else str(cause)
+        raise RecordingError(f"database {mask_password(place)} cannot be read: {what}") from cause
+    except RecordingError:
+        engine.dispose()
+        raise
+    return engine
 
 
 def lock(connection: Connection) -> None:

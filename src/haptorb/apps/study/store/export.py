@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,11 +21,11 @@ from haptorb.apps.study.store.incidents import COLUMNS as EVENT_COLUMNS
 from haptorb.apps.study.store.incidents import Incident
 from haptorb.apps.study.store.scripts import make_python_script, make_r_script
 from haptorb.errors import RecordingError
+from haptorb.files.foreign_text import escape_formula
 from haptorb.files.replace_together import replace_files
 
 __all__ = [
     "Replies",
-    "escape_formula",
     "explain_write_error",
     "write_csv",
     "write_json",
@@ -39,19 +38,8 @@ Replies = dict[str, dict[str, str]]  #: participant's code → question's name �
 Files = dict[Path, Callable[[Path], None]]  #: place → what writes it
 
 _MORE = ("questions.csv", "questions.json", "events.csv", "events.json")  #: ends of what may stand beside a table
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
-_NUMBER = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
 #: columns whose floats are whole numbers, but for estimated magnitudes
 _WHOLE = {"answer", "correct", "trial", "session", "set_point", "interval", "repeats"}
-
-
-def escape_formula(text: str) -> str:
-    """`text` for a cell that no spreadsheet takes for a formula: where it begins like one, `'` stands before it.
-
-    >>> escape_formula("=1+1"), escape_formula("-3"), escape_formula("as it is")
-    ("'=1+1", '-3', 'as it is')
-    """
-    return f"'{text}" if text.startswith(_FORMULA) and not _NUMBER.fullmatch(text) else text
 
 
 def write_csv(

@@ -14,6 +14,7 @@ from pathlib import Path
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.model.study_reader import study_of
 from haptorb.errors import InputError
+from haptorb.files.file_kind import FileKind
 from haptorb.files.text_file import parse_toml, read_text
 from haptorb.version import __version__
 
@@ -61,7 +62,7 @@ def write_registration(study: Study, path: Path) -> Registration:
 def read_registration(path: Path) -> Registration:
     """The registration in the file `path`; InputError if it is none, or if it was changed after it was written."""
     try:
-        found = parse_toml(read_text(path, "registration", InputError)).get("registration")
+        found = parse_toml(read_text(path, "registration", InputError, kind=FileKind.REGISTRATION)).get("registration")
     except ValueError as cause:
         raise InputError(f"registration {path} is not TOML: {cause}") from cause
     keys = ("name", "study", "plan", "written", "file")

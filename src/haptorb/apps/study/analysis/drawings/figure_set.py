@@ -17,6 +17,7 @@ from haptorb.apps.study.analysis.drawings.identification import (
 from haptorb.apps.study.analysis.drawings.style import PaperSize, use_paper_style
 from haptorb.errors import InputError, RecordingError
 from haptorb.files.replace_together import replace_files
+from haptorb.files.text_file import read_text
 from haptorb.version import __version__
 
 __all__ = ["KINDS", "draw_figures", "write_figures"]
@@ -112,8 +113,8 @@ def _list_figures(analysis: Analysis) -> Iterator[_Entry]:
 def _has_text(path: Path, text: str) -> bool:
     """Whether the file is that text: the same figures in another format have the same captions."""
     try:
-        return path.read_text(encoding="utf-8") == text
-    except (OSError, ValueError):
+        return read_text(path, "captions", InputError) == text
+    except InputError:
         return False
 
 

@@ -1,0 +1,214 @@
+"""Databases from strangers, damaged ones, and ones that cannot be written: one message, and nothing is changed."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sqlite3
+import struct
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from haptorb.apps.cli import main
+from haptorb.apps.cli.study.data import _find_beside
+from haptorb.apps.study.model.study_reader import study_of
+from haptorb.apps.study.simulated.rehearsal import rehearse
+from haptorb.apps.study.store.database import database
+from haptorb.design.evaluation import Evaluation
+from haptorb.design.store import open_results, read_results
+from haptorb.errors import RecordingError
+from oracles.designs.small_design import make_design
+
+READERS = ("participants {} --json", "analyse {} --json", "figures {} --out f", "export {} t.csv")
+TEXT = 'name = "one"\n[set_points]\npoints = [{ number = 1, theta_deg = 0 }, { number = 2, theta_deg = 36 }]\n'
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study's database with two simulated people, and a results file of three designs."""
+    folder = tmp_path_factory.mktemp("made")
+    engine = database(folder / "study.db")
+    rehearse(engine, study_of(f"{TEXT}[trials]\nrepetitions = 2\n"), 2, seed=1)
+    engine.dispose()
+    (folder / "study.toml").write_text(f"{TEXT}[trials]\nrepetitions = 2\n")
+    values = {"radius": 30.0, "angle": 55.0, "shell": "thin"}
+    with open_results(folder / "results.sqlite", make_design(folder), "sobol", 1) as writer:
+        writer.add([Evaluation(n, values, {"cost": 1.0, "reach": 2.0 + n}, {"room": 0.02}) for n in range(3)])
+    return folder
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    shutil.copytree(made, tmp_path / "it")
+    monkeypatch.chdir(tmp_path / "it")
+    return tmp_path / "it"
+
+
+def run(line: str) -> int:
+    try:
+        return main(line.split())
+    except SystemExit as end:
+        return int(end.code or 0)
+
+
+def refusal(line: str, capsys: pytest.CaptureFixture[str]) -> str:
+    """The one line with which a command refuses."""
+    capsys.readouterr()
+    assert run(line) == 2, capsys.readouterr()
+    said = capsys.readouterr().err.strip()
+    assert len(said.splitlines()) == 1, said
+    assert len(said) < 600
+    return said
+
+
+def change(path: Path, *statements: str) -> None:
+    with closing(sqlite3.connect(path, isolation_level=None)) as found:
+        for one in statements:
+            found.execute(one)
+
+
+PROMPT = {"phase": "main", "condition": "", "other": "", "set_point": 1, "level": 0, "interval": 0}
+#: table, column → values that are not there in any database that haptorb wrote
+DAMAGE: list[tuple[str, str, list[object]]] = [
+    ("trials", "prompt", ["", "{", "[]", "3", "{}", '{"level": "a"}', "[" * 3000, b"\xff\xfe", 3.5,
+                          json.dumps(PROMPT | {"condition": 3}), json.dumps(PROMPT | {"set_point": 1.5})]),
+    ("trials", "answer", ["one", b"\0", 1e300, "nan"]),
+    ("trials", "seconds", ["soon", b"", 1e300]),
+    ("trials", "x", ["there", b"1"]),
+    ("trials", "safety", ["{", "3", "null", b"[]", "[[]]"]),
+    ("trials", "number", ["first", -1, 2.5]),
+    ("trials", "recording", [3, b"a", "\x1b[31m", ""]),
+    ("trials", "answered", [3, b"a", ""]),
+    ("trials", "driver", [3, b"sim"]),
+    ("sessions", "plan", ["", "[]", b"{}", 3]),
+    ("sessions", "versions", ["", "[]", b"{}"]),
+    ("sessions", "simulated", [2, "yes", b"1"]),
+    ("sessions", "aborted", ["no", 7]),
+    ("sessions", "started", [3, b"now", "\n"]),
+    ("sessions", "ended", [3, b"now"]),
+    ("participants", "code", ["", 3, b"P1", "\x1b]0;x\x07", "a" * 300]),
+    ("participants", "ordinal", ["one", -1, 1.5]),
+    ("studies", "text", ["", "name = ", 3, b"name = 'one'", "name = 'one'\nworld = 3", "[" * 5000, "x" * 300_000]),
+    ("studies", "name", [3, b"one", ""]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("table", "column", "values"), DAMAGE, ids=[f"{t}.{c}" for t, c, _ in DAMAGE])
+def test_a_damaged_field_is_one_message(
+    folder: Path, table: str, column: str, values: list[object], capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = (folder / "study.db").read_bytes()
+    for number, value in enumerate(values):
+        (folder / "study.db").write_bytes(good)
+        with closing(sqlite3.connect(folder / "study.db", isolation_level=None)) as found:
+            found.execute("PRAGMA journal_mode = DELETE")
+            found.execute(f"UPDATE {table} SET {column} = ? WHERE rowid = (SELECT min(rowid) FROM {table})", (value,))
+        readers = READERS if number == 0 else READERS[1:2]
+        for reader in (*readers, "simulate study.toml --participants 1 --first 1 --db {}"):
+            before = (folder / "study.db").read_bytes()[100:]
+            said = refusal(f"study {reader.format('study.db')}", capsys)
+            assert "study.db" in said or "in the database" in said
+            assert (folder / "study.db").read_bytes()[100:] == before
+    assert not (folder / "t.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("statements", "told"),
+    [
+        (("ALTER TABLE trials RENAME TO old", "CREATE VIEW trials AS SELECT * FROM old"), "view, 'trials'"),
+        (("CREATE TRIGGER t AFTER INSERT ON events BEGIN DELETE FROM trials; END",), "trigger, 't'"),
+        (("CREATE VIRTUAL TABLE v USING fts5(a)",), "computed table, 'v'"),
+        (("ALTER TABLE events ADD COLUMN bomb AS (hex(zeroblob(900000000)))",), "computed table, 'events'"),
+        (("DROP TABLE replies",), "cannot be read: no such table: replies"),
+        (("ALTER TABLE trials RENAME COLUMN prompt TO other",), "no such column"),
+        (("UPDATE haptorb_schema SET version = 99",), "has schema 99"),
+        (("UPDATE haptorb_schema SET version = 'x'",), "study.db"),
+        (("DELETE FROM haptorb_schema",), "study.db"),
+    ],
+)
+def test_a_schema_that_computes_is_not_opened(
+    folder: Path, statements: tuple[str, ...], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change(folder / "study.db", *statements)
+    for reader in READERS:
+        assert told in refusal(f"study {reader.format('study.db')}", capsys)
+
+
+def hot_journal(database: Path, names: Path) -> bytes:
+    """A rollback journal that says another journal, `names`, is to be removed when it has been played back."""
+    name = str(names).encode()
+    size = struct.unpack(">H", database.read_bytes()[16:18])[0]
+    pages = len(database.read_bytes()) // size
+    head = bytes.fromhex("d9d505f920a163d7") + struct.pack(">IIIII", 0, 0, pages, 512, size)
+    tail = struct.pack(">I", 0x40000000 // size + 1) + name + struct.pack(">II", len(name), sum(name)) + head[:8]
+    return head.ljust(512, b"\0") + tail
+
+
+def test_files_beside_a_database_do_nothing(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    canary = tmp_path / "canary"
+    canary.write_text("what is not its business")
+    for end, told in (("-wal", "not a regular file"), ("-shm", "not a regular file"), ("-journal", "rollback journal")):
+        beside = folder / f"study.db{end}"
+        beside.symlink_to(canary)
+        for line in ("study analyse study.db --json", "study simulate study.toml --db study.db"):
+            assert told in refusal(line, capsys)
+        beside.unlink()
+    (folder / "study.db-journal").write_bytes(hot_journal(folder / "study.db", canary))
+    assert "rollback journal" in refusal("study analyse study.db --json", capsys)
+    assert canary.read_text() == "what is not its business"
+    (folder / "study.db-journal").unlink()
+    os.mkfifo(folder / "pipe.db")
+    assert "not a regular file" in refusal("study analyse pipe.db --json", capsys)
+    assert "not a regular file" in refusal("study analyse /dev/zero --json", capsys)
+    assert "not a regular file" in refusal("design report /dev/zero -o r.html", capsys)
+
+
+def test_a_database_that_is_locked_or_read_only_says_so(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("haptorb.files.sql_engine.BUSY", 50)
+    with closing(sqlite3.connect(folder / "study.db", isolation_level=None)) as other:
+        other.execute("PRAGMA locking_mode = EXCLUSIVE")
+        other.execute("BEGIN EXCLUSIVE")
+        for line in ("study analyse study.db --json", "study simulate study.toml --participants 1 --db study.db"):
+            assert "database is locked" in refusal(line, capsys)
+    if os.getuid() != 0:  # root writes everywhere
+        (folder / "study.db").chmod(0o400)
+        folder.chmod(0o500)
+        try:
+            assert "study.db" in refusal("study simulate study.toml --participants 1 --db study.db", capsys)
+        finally:
+            folder.chmod(0o700)
+
+
+def test_the_recordings_of_a_database_lie_beside_it() -> None:
+    assert _find_beside("/a/study.db", "/etc/passwd#t=1,2") == "/a/passwd#t=1,2"
+    assert _find_beside("study.db", "../../x.mcap") == "x.mcap"
+
+
+@pytest.mark.parametrize(
+    "change_of",
+    ["name = '../../x'", "name = 'a/b'", "name = char(27)", "record = '{}'", "record = '[]'", "record = ''",
+     "record = json_set(record, '$.goals', json('[]'))", "record = json_set(record, '$.parameters[0].low', 'x')",
+     "record = json_set(record, '$.parameters[0].name', json('{}'))", "record = json_set(record, '$.tables', 3)",
+     "record = json_set(record, '$.title', 3)", "record = json_set(record, '$.bounds', 'abc')"],
+)  # fmt: skip
+def test_results_of_a_stranger_name_no_file(folder: Path, change_of: str, capsys: pytest.CaptureFixture[str]) -> None:
+    change(folder / "results.sqlite", f"UPDATE designs SET {change_of}")
+    assert "results.sqlite cannot be read" in refusal("design report results.sqlite -o r.html", capsys)
+    assert not list(folder.glob("*.html"))
+
+
+@pytest.mark.parametrize(
+    "change_of",
+    ['"values" = \'{}\'', '"values" = \'[]\'', '"values" = json_set("values", \'$.radius\', \'x\')',
+     "objectives = '{}'", "objectives = '{\"cost\": NaN, \"reach\": 1}'", "objectives = ''", "seconds = 'x'",
+     "reason = x'ff'", "number = -1"],
+)  # fmt: skip
+def test_damaged_results_are_one_message(folder: Path, change_of: str) -> None:
+    change(folder / "results.sqlite", f"UPDATE evaluations SET {change_of} WHERE number = 1")
+    with pytest.raises(RecordingError, match=r"results.sqlite cannot be read"):
+        read_results(folder / "results.sqlite")
