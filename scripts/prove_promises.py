@@ -175,6 +175,11 @@ BREAKS = (
     Break("No web message ends a task", "pytest -m slow tests/apps/web/test_hostile_messages.py", "study-message"),
     Break("No compiled kernel is loaded", "pytest tests/numerics/test_cache_folder.py", "cache-private"),
     Break("One sender per OSC tracker", "python scripts/prove_safety.py jump sender", "one-sender"),
+    Break("Text of a file does nothing", "pytest tests/contracts/test_poisoned_files.py", "text-visible", "-k info"),
+    Break("A file of another kind", "pytest tests/contracts/test_file_kinds.py", "kind-told", "-k info"),
+    Break("A database computes nothing", "pytest tests/contracts/test_strangers_databases.py", "database-schema"),
+    Break("A scene reads files of its own", "pytest tests/worlds/scene/test_strangers_scenes.py", "named-inside"),
+    Break("No compiled kernel is loaded", "pytest tests/numerics/test_cache_folder.py", "cache-private"),
     Break("A file is read, or rejected", "python benchmarks/safety/hostile_files.py", "chunk-size", "--mutants 300"),
 )
 

@@ -24,6 +24,10 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "haptorb"
 
 GUIDED_TESTS = "tests/apps/calibrate/test_dialog.py"
+POISONED, DATABASES = "tests/contracts/test_poisoned_files.py", "tests/contracts/test_strangers_databases.py"
+POISONED_TEST = f"{POISONED}::test_text_of_a_strangers_file_is_shown_and_does_nothing"
+KIND_TEST = "tests/contracts/test_file_kinds.py::test_a_file_of_another_kind_is_called_by_its_name[info FILE]"
+SCENE_TESTS = "tests/worlds/scene/test_strangers_scenes.py"
 CACHE_TESTS = "tests/numerics/test_cache_folder.py"
 CONSOLE_TESTS, PAGES_TESTS = "tests/apps/console/test_socket_hub.py", "tests/apps/study/test_pages.py"
 STOP_TESTS, MERGE_TESTS = "tests/apps/study/store/test_merge.py"
@@ -53,6 +57,55 @@ MAP_TESTS = "tests/sensing/torque_maps/test_torque_maps.py"
 
 #: (marker in the code, rule, mutation, tests that must go red)
 RULES = [
+    (
+        "regular-file",
+        "what is opened is a regular file",
+        "never",
+        f"{HOSTILE}::test_names_that_no_file_can_have_are_refused",
+    ),
+    ("file-size", "a file of text has an end", "never", f"{HOSTILE}::test_a_file_of_text_has_an_end"),
+    ("text-visible", "text of a file is printed visibly", "replace value by text", f"{POISONED_TEST}[info run.mcap]"),
+    ("cell-visible", "text of a table's cell is visible", "drop", f"{POISONED_TEST}[study export study.db trials.csv]"),
+    (
+        "foreign-column",
+        "a recording names columns with letters",
+        "replace value by f\"{world}.{field['name']}\"",
+        f"{POISONED}::test_heads_of_a_table_and_members_of_an_archive_are_plain",
+    ),
+    (
+        "kind-told",
+        "a file of another kind is called by its name",
+        "always",
+        KIND_TEST,
+    ),
+    ("named-inside", "a scene reads no file elsewhere", "never", SCENE_TESTS),
+    ("scene-checked", "a scene is looked at before MuJoCo sees it", "drop", SCENE_TESTS),
+    (
+        "database-link",
+        "a link beside a database is not obeyed",
+        "never",
+        f"{DATABASES}::test_files_beside_a_database_do_nothing",
+    ),
+    (
+        "database-journal",
+        "a journal beside a database is not obeyed",
+        "always",
+        f"{DATABASES}::test_files_beside_a_database_do_nothing",
+    ),
+    (
+        "database-schema",
+        "a database computes nothing",
+        "never",
+        f"{DATABASES}::test_a_schema_that_computes_is_not_opened",
+    ),
+    ("database-rows", "a value is of its column's type", "never", f"{DATABASES}::test_a_damaged_field_is_one_message"),
+    ("results-checked", "results name no file", "drop", f"{DATABASES}::test_results_of_a_stranger_name_no_file"),
+    (
+        "recording-beside",
+        "a recording lies beside its database",
+        "replace value by part",
+        f"{DATABASES}::test_the_recordings_of_a_database_lie_beside_it",
+    ),
     ("cache-own", "a kernel is kept where only its owner writes", "never", CACHE_TESTS),
     ("cache-private", "a cache that others can write is not used", "always", CACHE_TESTS),
     (

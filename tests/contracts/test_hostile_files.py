@@ -144,6 +144,13 @@ def test_names_that_no_file_can_have_are_refused(tmp_path: Path) -> None:
         parse(long, "x")
 
 
+def test_a_file_of_text_has_an_end(tmp_path: Path) -> None:
+    long = tmp_path / "long.toml"
+    long.write_text('title = "x"\n#' + "x" * 300_000)
+    with pytest.raises(DeviceError, match=r"long\.toml: cannot be read \(longer than 262144 bytes\)"):
+        load(long)
+
+
 def test_names_that_no_file_can_have_are_refused_for_writing_as_well(hostile: ModuleType, tmp_path: Path) -> None:
     good = {kind.name: kind.good for kind in hostile.kinds(tmp_path)}
     (tmp_path / "a.mcap").write_bytes(good["recording"])

@@ -59,7 +59,7 @@ class FileKind(Enum):
     def explain_other(self, path: str | Path, head: bytes) -> str:
         """Why the file `path`, which begins with `head`, is not of this kind, in one line; "" if it may be."""
         found = _find(head[:_HEAD], Path(path))
-        if found in (None, self) or (found is FileKind.EMPTY_DATABASE and self in _DATABASES):
+        if found in (None, self) or (found is FileKind.EMPTY_DATABASE and self in _DATABASES):  # safety: kind-told
             return ""
         return self.explain_found(path, found)
 

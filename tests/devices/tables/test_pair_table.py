@@ -239,7 +239,8 @@ def test_the_code_of_all_that_makes_a_tables_numbers_is_in_its_name():
     imported = {file.relative_to(package).with_suffix("").as_posix() for file in seen if file.stem != "__init__"}
     makers = {Path(module.__file__).relative_to(package).with_suffix("").as_posix() for module in table_cache._MAKERS}
     assert makers == imported - {
-        "errors", "numerics/arrays", "numerics/cache_folder", "numerics/call_types", "numerics/compile_permission", "numerics/compiled",
+        "errors", "numerics/arrays", "numerics/cache_folder",
+        "numerics/call_types", "numerics/compile_permission", "numerics/compiled",
         "numerics/own_copies", "physics/sources/source",
     }  # fmt: skip
 

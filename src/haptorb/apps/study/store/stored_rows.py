@@ -10,7 +10,8 @@ from dataclasses import fields
 from math import isfinite
 from typing import Any
 
-from sqlalchemy import Connection, Table, select
+from sqlalchemy import Connection, Table, select, type_coerce
+from sqlalchemy.types import NullType
 
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.errors import RecordingError, quote
@@ -129,7 +130,8 @@ def check_rows(connection: Connection, tables: Mapping[str, Table], where: str) 
     for name, rules in _RULES.items():
         keys = [column.name for column in tables[name].primary_key]
         columns = [*keys, *(one for one in rules if one not in keys)]
-        for row in connection.execute(select(*(tables[name].c[one] for one in columns))).yield_per(1000):
+        raw = (type_coerce(tables[name].c[one], NullType()).label(one) for one in columns)
+        for row in connection.execute(select(*raw)).yield_per(1000):
             values = row._mapping
             for column, (what, check) in rules.items():
                 value = values[column]
