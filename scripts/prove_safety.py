@@ -69,7 +69,7 @@ RULES = [
     (
         "foreign-column",
         "a recording names columns with letters",
-        "replace value by f\"{world}.{field['name']}\"",
+        "replace value by world + '.' + field['name']",
         f"{POISONED}::test_heads_of_a_table_and_members_of_an_archive_are_plain",
     ),
     (

@@ -59,9 +59,10 @@ def check_results(design: Design, runs: Iterable[StoredRun]) -> None:
     for goal in design.goals:
         _check_word("name of an objective", goal.name)
         _require(goal.sense in ("minimise", "maximise"), "sense of an objective", goal.sense)
-    for part in (*design.goals, *design.bounds):
-        _check_word("name of an objective or constraint", part.name)
-        for text in (part.quantity.name, part.quantity.unit, part.quantity.text):
+    parts = [(one.name, one.quantity) for one in design.goals] + [(one.name, one.quantity) for one in design.bounds]
+    for name, quantity in parts:
+        _check_word("name of an objective or constraint", name)
+        for text in (quantity.name, quantity.unit, quantity.text):
             _check_text("text of an objective or constraint", text)
     for bound in design.bounds:
         _require(all(end is None or _is_number(end) for end in (bound.low, bound.high)), "bounds", bound.name)

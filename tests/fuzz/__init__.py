@@ -1,0 +1,1 @@
+"""Random and crafted input that tests and benchmarks share."""

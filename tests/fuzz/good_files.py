@@ -1,0 +1,83 @@
+"""One good file of each kind that haptorb reads or writes."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from haptorb.apps.feel.candidates import load_designs
+from haptorb.apps.study.store.database import database
+from haptorb.design.store.tables import open_database
+from haptorb.devices.loader import load
+from haptorb.files.file_kind import FileKind
+from haptorb.runtime.recording.recorder import Recorder
+from haptorb.runtime.row import RowLayout
+from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.frame.tracker_frame import TrackerFrame
+from haptorb.sensing.torque_maps.network import TrainedNetworks
+from haptorb.sensing.torque_maps.network_file import write_networks
+from haptorb.sensing.torque_maps.perceptron import Perceptron, Scaling
+from haptorb.worlds.scene.scene_model import find_scene_file
+
+__all__ = ["NAMES", "fill"]
+
+K = FileKind
+NAMES = {
+    K.RECORDING: "run.mcap", K.DEVICE: "mine.toml", K.CALIBRATION: "omni.calibration.json",
+    K.CALIBRATION_STEPS: "omni.calibration.json.steps", K.FRAME: "omni.frame.json", K.DESIGN: "search.toml",
+    K.RESULTS: "results.sqlite", K.FELT_DESIGNS: "felt.toml", K.STUDY: "study.toml", K.REGISTRATION: "plan.toml",
+    K.STUDY_DATABASE: "study.db", K.DATABASE: "other.db", K.SCENE: "scene.xml", K.WORLD: "groove.py",
+    K.NETWORK: "pmsm.network", K.TABLE: "run.csv", K.ARRAYS: "run.npz", K.PARQUET: "run.parquet", K.PAGE: "report.html",
+    K.PICTURE: "picture.png",
+}  # fmt: skip
+
+
+def fill(folder: Path) -> None:
+    """One file of each kind in `folder`."""
+    omni = load("omni")
+    n = omni.channels
+    catalogue = files("haptorb.devices") / "catalogue"
+    (folder / NAMES[K.DEVICE]).write_bytes((catalogue / "omni.toml").read_bytes())
+    layout = RowLayout(3, 2)
+    with (folder / NAMES[K.RECORDING]).open("wb") as file:
+        recorder = Recorder(file, layout, 1000.0, 10**18)
+        recorder.append(np.zeros((30, layout.width)))
+        recorder.finish()
+    calibration = Calibration(
+        "omni", omni.digest, 0.2 * np.eye(n), np.eye(n), np.zeros((9, 3)), np.ones(n), 0.0, 1.0, 0.0, None, True
+    )
+    (folder / NAMES[K.CALIBRATION]).write_text(calibration.text())
+    (folder / NAMES[K.CALIBRATION_STEPS]).write_text('{"format": "haptorb-calibration-steps-1", "device": "omni"}')
+    frame = TrackerFrame(
+        "omni", omni.digest, "osc:9000", True, np.eye(3), np.zeros(3), np.zeros(3), np.array([0, 0, 0.01]),
+        np.array([0.0, 0.0, 1.0]), 1e-4, 4.5, 1e-4, 3e-3,
+    )  # fmt: skip
+    (folder / NAMES[K.FRAME]).write_text(frame.text())
+    (folder / NAMES[K.DESIGN]).write_text(
+        'name = "wider"\nbase = "omni"\n[parameters.ball]\nlow = "29 mm"\nhigh = "30 mm"\nplaces = ["dome.radius"]\n'
+        "[objectives.heat_per_force_squared]\n"
+    )
+    open_database(folder / NAMES[K.RESULTS], make=True).dispose()
+    example = Path(str(files("haptorb.apps.feel") / "example.toml"))
+    load_designs(example)
+    shutil.copy(example, folder / NAMES[K.FELT_DESIGNS])
+    (folder / NAMES[K.STUDY]).write_text('name = "one"\nprocedure = "identification"\n')
+    (folder / NAMES[K.REGISTRATION]).write_text('[registration]\nname = "one"\nstudy = "0"\n')
+    database(folder / NAMES[K.STUDY_DATABASE]).dispose()
+    with sqlite3.connect(folder / NAMES[K.DATABASE]) as other:
+        other.execute("CREATE TABLE bookmarks (url)")
+    other.close()
+    shutil.copy(find_scene_file("peg"), folder / NAMES[K.SCENE])
+    (folder / NAMES[K.WORLD]).write_text("from haptorb.worlds import World\n\n\nclass Groove(World):\n    pass\n")
+    scaling = Scaling(np.zeros(2), np.ones(2)), Scaling(np.zeros(1), np.ones(1))
+    network = Perceptron(np.ones((3, 3)), np.ones((1, 4)), *scaling)
+    write_networks(TrainedNetworks("pmsm", "d" * 64, 0.5, (network,), {"nodes": 3}), folder / NAMES[K.NETWORK])
+    (folder / NAMES[K.TABLE]).write_text("tick,t [s],p[0] [m]\n0.0,0.0,0.0\n")
+    np.savez(folder / NAMES[K.ARRAYS], t=np.zeros(3))
+    (folder / NAMES[K.PARQUET]).write_bytes(b"PAR1" + bytes(20) + b"PAR1")
+    (folder / NAMES[K.PAGE]).write_text("<!doctype html><title>a report</title>")
+    (folder / NAMES[K.PICTURE]).write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(20))
