@@ -1,12 +1,15 @@
 """What damaged and crafted files do to everything that reads a file: an explained refusal, or the file as it was meant.
 
-    python benchmarks/safety/hostile_files.py [--mutants 10000] [--seed 0] [--only device recording …]
+    python benchmarks/safety/hostile_files.py [--mutants 10000] [--commands 1000] [--seed 0] [--only device recording …]
 
 Every kind of file that haptorb reads is changed at random: bytes flipped, cut out, put in and repeated, and numbers,
 texts and brackets replaced by what has hurt readers before (numbers of 400 digits, NaN, expressions for units, lists
 for numbers, control characters, names of 300 characters, a thousand brackets). A reader may return, or raise one of
 haptorb's own errors, whose message is short and without control characters; nothing may take two seconds or half a
 gigabyte. One line per kind, and a verdict; exit code 1 if anything else happened.
+
+Then `--commands` of each kind, and some 180 crafted files, go through the commands themselves, in forked processes that
+are watched: no code of a file runs, no program is started, nothing outside is opened (tests/fuzz/hostile_commands.py).
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ import warnings
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
@@ -413,12 +417,42 @@ def _seal(good: bytes, chance: random.Random) -> bytes:
     return json.dumps({**head, "sha256": _digest(head, numbers)}).encode() + b"\n" + numbers
 
 
+def try_all_commands(mutants: int, seed: int, only: list[str] | None) -> int:
+    """Mutants of each kind, and crafted files, through the commands in watched processes; how many ended otherwise."""
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
+    from fuzz.hostile_commands import COMMANDS, craft_files, make_ground, try_commands, try_files
+
+    wrong = 0
+    for kind in [*COMMANDS, None]:
+        name = "crafted" if kind is None else kind.name.lower()
+        if mutants < 1 or (only and name not in only):
+            continue
+        text = kind is None or kind.name not in ("RECORDING", "RESULTS", "STUDY_DATABASE")
+        with tempfile.TemporaryDirectory() as place:
+            if kind is None:
+                inside, outside = make_ground(Path(place, "ground"))
+                found = try_files(list(craft_files(inside, outside)), inside, outside)
+            else:
+                ground = Path(place, "ground")
+                found = try_commands(kind, mutants, seed, ground, partial(mutant, text=text))
+        wrong += len(found.wrong)
+        print(
+            f"{name:12} {found.files:6} files through commands: {found.read} read, {found.refused} refused, "
+            f"{len(found.wrong)} otherwise; slowest {1e3 * found.slowest:.0f} ms",
+            flush=True,
+        )
+        for what in found.wrong[:5]:
+            print(what, file=sys.stderr)
+    return wrong
+
+
 def main() -> int:
     """Try all kinds, say what they did."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--mutants", type=int, default=10_000, help="of each kind; a tenth of that of motors")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="*", help="kinds")
+    parser.add_argument("--commands", type=int, default=1000, help="of each kind, through each command that reads it")
     given = parser.parse_args()
     wrong = 0
     with tempfile.TemporaryDirectory() as place:
@@ -436,6 +470,7 @@ def main() -> int:
             )
             for what in found.wrong[:5]:
                 print(what, file=sys.stderr)
+    wrong += try_all_commands(given.commands, given.seed, given.only)
     print("every file was read or refused in words" if not wrong else f"{wrong} files ended otherwise")
     return 1 if wrong else 0
 

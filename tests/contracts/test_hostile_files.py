@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fuzz.hostile_commands import craft_files, make_ground, try_files
 from haptorb import worlds
 from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.store.columns import COLUMNS
@@ -60,6 +61,14 @@ def find_faults(hostile: ModuleType, kind: str, mutants: int, folder: Path) -> A
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_few_hundred_of_each(hostile: ModuleType, tmp_path: Path, kind: str) -> None:
     assert find_faults(hostile, kind, FEWER.get(kind, 200), tmp_path).wrong == []
+
+
+def test_crafted_files_do_nothing_in_the_commands(tmp_path: Path) -> None:
+    """A tenth of them; `python benchmarks/safety/hostile_files.py --only crafted` tries all."""
+    inside, outside = make_ground(tmp_path / "ground")
+    found = try_files(list(craft_files(inside, outside))[::10], inside, outside)
+    assert found.wrong == []
+    assert found.refused > 5
 
 
 @pytest.mark.slow

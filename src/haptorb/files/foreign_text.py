@@ -83,6 +83,7 @@ def named_file(name: str, folder: Path, what: str, error: type[HaptorbError]) ->
         root = folder.resolve()
         found = (root / name).resolve()
         inside = found.is_relative_to(root)
+        found.exists()  # raises for a name that is too long
     except (OSError, ValueError, RuntimeError) as cause:  # a zero byte, or links in a circle
         raise error(f"{what} {quote(name)}: not the name of a file") from cause
     if not inside:  # safety: named-inside

@@ -1,0 +1,349 @@
+"""Damaged and crafted files through the commands themselves, in forked processes that are watched.
+
+A child takes one file after the other through `haptorb.apps.cli.main`. An audit hook of Python sees what it opens,
+imports and starts; the parent sees how it ends. Wrong is: an exit code other than 0, 1 and 2, a traceback, the end of
+the interpreter, more than 2 s of the processor, a canary file that is opened, a canary module that is imported or run,
+a program that is started, a socket that is connected, a file that is written elsewhere.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import pickle
+import random
+import resource
+import shutil
+import signal
+import sqlite3
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fuzz.good_files import NAMES, fill
+from haptorb.files.file_kind import FileKind
+from haptorb.worlds.scene.scene_model import load_engine
+
+__all__ = ["COMMANDS", "Watched", "craft_files", "make_ground", "try_commands", "try_files"]
+
+K = FileKind
+SLOW = 2.0  #: of the processor for one file [s]
+HUNG = 60  #: by the clock [s]
+
+#: kind of file → the commands that read it
+COMMANDS: dict[FileKind, tuple[str, ...]] = {
+    K.RECORDING: ("info FILE --json", "export FILE -o out.csv --force", "replay FILE", "VIEW FILE"),
+    K.DEVICE: ("inspect FILE --json",),
+    K.CALIBRATION: ("run omni --headless --duration 0.1 --calibration FILE",),
+    K.FRAME: ("run omni --headless --duration 0.1 --tracker osc:9000 --frame FILE",),
+    K.DESIGN: ("design sweep FILE --into new.sqlite --count 0",),
+    K.RESULTS: ("design report FILE -o out.html",),
+    K.STUDY: ("study check FILE",),
+    K.REGISTRATION: ("study analyse study.db --registration FILE",),
+    K.STUDY_DATABASE: ("study participants FILE --json", "study export FILE out.csv --force"),
+    K.SCENE: ("check omni --scene FILE",),
+    K.TABLE: ("calibrate omni --out n.json --thermal FILE",),
+    K.FELT_DESIGNS: ("FEEL FILE",),
+}
+
+
+@dataclass
+class Watched:
+    """What a child did with a file."""
+
+    wrong: list[str] = field(default_factory=list)
+    files: int = 0
+    read: int = 0  #: exit code 0 or 1
+    refused: int = 0
+    slowest: float = 0.0
+
+
+def make_ground(folder: Path) -> tuple[Path, Path]:
+    """(where files lie and commands run, what lies outside) in `folder`: canaries, a pipe, links."""
+    inside, outside = folder / "inside", folder / "outside"
+    inside.mkdir(parents=True)
+    outside.mkdir()
+    fill(inside)
+    for name in ("canary.toml", "canary.xml", "canary.obj", "canary.mcap", "canary.png"):
+        (outside / name).write_text("name = 'canary'\n")
+    mark = outside / "RAN"
+    code = f"from pathlib import Path\nPath({str(mark)!r}).touch()\n\n\nclass Canary:\n    pass\n"
+    for place in (inside, outside):
+        (place / "canary_module.py").write_text(code)
+    os.mkfifo(inside / "pipe.toml")
+    os.mkfifo(inside / "pipe.xml")
+    (inside / "link.xml").symlink_to(outside / "canary.xml")
+    (inside / "zero.toml").symlink_to("/dev/zero")
+    return inside, outside
+
+
+class _Watch:
+    """The audit hook of a child; it cannot be removed, so it is told when to look."""
+
+    def __init__(self, inside: Path, outside: Path) -> None:
+        self.inside, self.outside = str(inside), str(outside)
+        self.seen: list[str] = []
+        self.looks = False
+
+    def __call__(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if not self.looks:
+            return
+        if event in ("open", "sqlite3.connect", "os.remove", "os.rename", "os.mkdir"):
+            place = arguments[0]
+            text = os.fsdecode(place) if isinstance(place, str | bytes) else ""
+            if self.outside in text or "canary_module" in text:
+                self.seen.append(f"{event} {text}")
+        elif event in ("os.system", "os.exec", "os.posix_spawn", "os.fork", "pty.spawn", "subprocess.Popen"):
+            if "scene_compiler" not in str(arguments):
+                self.seen.append(f"{event} {arguments!r:.200}")
+        elif event == "import" and "canary" in str(arguments[0]):
+            self.seen.append(f"import {arguments[0]}")
+        elif event == "socket.connect":
+            self.seen.append(f"{event} {arguments[1:]!r}")
+
+
+def try_commands(
+    kind: FileKind, mutants: int, seed: int, folder: Path, mutate: Callable[[bytes, random.Random], bytes]
+) -> Watched:
+    """So many damaged files of `kind` through each of its commands, on the ground in `folder`."""
+    inside, outside = make_ground(folder)
+    good = (inside / NAMES[kind]).read_bytes()
+    chance = random.Random(f"{kind.name} {seed}")
+    contents = [good, *(mutate(good, chance) for _ in range(mutants))]
+    return try_files([(f"{kind.name} {n}", command, NAMES[kind], content) for command in COMMANDS[kind]
+                      for n, content in enumerate(contents)], inside, outside)  # fmt: skip
+
+
+def try_files(tasks: Sequence[tuple[str, str, str, bytes]], inside: Path, outside: Path) -> Watched:
+    """Each (title, command, name of the file, its content) in a forked process; the next one starts where one ended."""
+    found, start = Watched(), 0
+    load_engine()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        for command in dict.fromkeys(command for _, command, _, _ in tasks):
+            _run(command.replace("FILE", str(inside / "nothing")))  # loads what it needs, once for all children
+    while start < len(tasks):
+        start = _try_part(tasks, start, inside, outside, found)
+    if (outside / "RAN").exists():
+        found.wrong.append("a canary was run")
+    return found
+
+
+def _try_part(
+    tasks: Sequence[tuple[str, str, str, bytes]], start: int, inside: Path, outside: Path, found: Watched
+) -> int:
+    """From task `start` on until the child ends, at most 200; the number of the next one."""
+    reading, writing = os.pipe()
+    end = min(start + 200, len(tasks))
+    pid = os.fork()
+    if pid == 0:
+        os.close(reading)
+        _work(tasks[start:end], inside, outside, writing)
+    os.close(writing)
+    done = start
+    with os.fdopen(reading) as lines:
+        for line in lines:
+            one = json.loads(line)
+            title, command = tasks[done][:2]
+            done += 1
+            found.files += 1
+            found.slowest = max(found.slowest, one["seconds"])
+            found.read += one["code"] in (0, 1)
+            found.refused += one["code"] == 2
+            found.wrong += [f"{title} ({command}): {what}" for what in one["wrong"]]
+    status = os.waitpid(pid, 0)[1]
+    if done < end:
+        found.wrong.append(f"{tasks[done][0]} ({tasks[done][1]}): the interpreter ended with status {status}")
+        done += 1
+        found.files += 1
+    return done
+
+
+def _work(tasks: Sequence[tuple[str, str, str, bytes]], inside: Path, outside: Path, writing: int) -> None:
+    """In the child: never returns."""
+    try:
+        with open(os.devnull, "rb") as nothing:
+            os.dup2(nothing.fileno(), 0)
+        os.chdir(inside)
+        watch = _Watch(inside, outside)
+        sys.addaudithook(watch)
+        for _, command, name, content in tasks:
+            (inside / name).write_bytes(content)
+            for end in ("-wal", "-shm"):
+                (inside / f"{name}{end}").unlink(missing_ok=True)
+            signal.alarm(HUNG)
+            line = json.dumps(_try_one(command.replace("FILE", name), watch)) + "\n"
+            signal.alarm(0)
+            os.write(writing, line.encode())
+    except BaseException:
+        traceback.print_exc()
+        os._exit(3)
+    os._exit(0)
+
+
+def _try_one(command: str, watch: _Watch) -> dict[str, Any]:
+    said, start = io.StringIO(), _processor()
+    watch.seen, watch.looks = [], True
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            code = _run(command)
+    except Exception:
+        code = -1
+        said.write(traceback.format_exc(limit=-4))
+    watch.looks = False
+    took, wrong = _processor() - start, list(watch.seen)
+    text = said.getvalue()
+    if code not in (0, 1, 2) or "Traceback" in text:
+        wrong.append(f"code {code}: {text[-900:]}")
+    if any(ord(letter) < 32 and letter not in "\n\t" for letter in text):
+        wrong.append(f"control characters: {text[-300:]!a}")
+    if took > SLOW:
+        wrong.append(f"{took:.1f} s")
+    return {"code": code, "seconds": took, "wrong": wrong}
+
+
+def _run(command: str) -> int:
+    """The exit code; of what waits for people, or for a loop, what it does with the file before that."""
+    from haptorb.errors import HaptorbError
+
+    name, *words = command.split()
+    try:
+        if name == "VIEW":
+            from haptorb.apps.view.viewer import Viewer
+
+            Viewer([Path(words[0])], 0)
+        elif name == "FEEL":
+            from haptorb.apps.feel.candidates import load_designs
+
+            load_designs(words[0])
+        elif "--calibration" in words or "--frame" in words:
+            from haptorb.devices.loader import load
+            from haptorb.sensing.calibration_file import read_calibration, read_frame
+
+            if "--frame" in words:
+                read_frame(words[-1]).check_for(load("omni"), "osc:9000")
+            else:
+                read_calibration(words[-1]).apply(load("omni"))
+        elif name == "check":
+            from haptorb.worlds.scene.scene import Scene
+
+            Scene(words[-1])
+        else:
+            from haptorb.apps.cli import main
+
+            return main([name, *words])
+    except HaptorbError as told:
+        print(told)
+        return 2
+    except SystemExit as end:
+        return int(end.code or 0) if isinstance(end.code, int | None) else -2
+    return 0
+
+
+def _processor() -> float:
+    mine, others = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
+    return mine.ru_utime + mine.ru_stime + others.ru_utime + others.ru_stime
+
+
+def craft_files(inside: Path, outside: Path) -> Iterator[tuple[str, str, str, bytes]]:
+    """(title, command, name, content) of files that name, hide or ask for what they should not: about 200."""
+    canary = str(outside / "canary")
+    places = [f"{canary}.END", "../outside/canary.END", "link.END", "pipe.END", "zero.END", "/dev/zero", "/dev/stdin",
+              "/dev/tty", "/proc/self/mem", "a/../../outside/canary.END", f"file://{canary}.END", "|touch RAN",
+              "~/x.END", "~nobody/x.END", "x" * 5000, "nul\\u0000.END"]  # fmt: skip
+    for place in places:
+        for tag in ("mesh", "texture type='2d'", "hfield size='1 1 1 1'", "skin", "model"):
+            name = place.replace("END", "xml").replace("\\u0000", "&#x1;").replace("|", "&#124;")
+            text = f"<mujoco><asset><{tag} name='m' file='{name}'/></asset><worldbody/></mujoco>"
+            yield f"scene {tag} {place[:40]}", COMMANDS[K.SCENE][0], "crafted.xml", text.encode()
+        text = f"<mujoco><include file='{place.replace('END', 'xml')}'/></mujoco>"
+        yield f"scene include {place[:40]}", COMMANDS[K.SCENE][0], "crafted.xml", text.encode()
+        if "canary" in place or place.startswith("link"):
+            continue  # a device file may name any other device file: it is TOML, and is read as such
+        named = json.dumps(place.replace("END", "toml").replace("\\u0000", "\0"))
+        yield f"device {place[:40]}", COMMANDS[K.DEVICE][0], "crafted.toml", f"name='a'\nbased_on={named}".encode()
+        yield (
+            f"design {place[:40]}",
+            COMMANDS[K.DESIGN][0],
+            "crafted.toml",
+            (
+                f"name='a'\nbase={named}\n[objectives.cost]\n[parameters.r]\nlow='1 mm'\nhigh='2 mm'\n"
+                "places=['dome.radius']"
+            ).encode(),
+        )
+        yield f"study {place[:40]}", COMMANDS[K.STUDY][0], "crafted.toml", f"name='a'\ndevice={named}".encode()
+    for title, text in (
+        ("replicate", "<replicate count='1e9'><geom size='1'/></replicate>"),
+        ("nested", "<body>" * 5000 + "</body>" * 5000),
+        ("composite", "<composite type='grid' count='9999 9999 9999' offset='1 1 1'/>"),
+        ("memory", "</worldbody><size memory='900G'/><worldbody><body><freejoint/><geom size='1'/></body>"),
+        ("numbers", f"<geom size='{'9' * 100_000}'/>"),
+    ):
+        yield (
+            f"scene {title}",
+            COMMANDS[K.SCENE][0],
+            "crafted.xml",
+            (f"<mujoco><worldbody>{text}</worldbody></mujoco>".encode()),
+        )
+    yield from _craft_recordings()
+    yield from _craft_databases(inside)
+
+
+class _Payload:
+    def __reduce__(self) -> tuple[Any, ...]:
+        return __import__, ("canary_module",)
+
+
+def _craft_recordings() -> Iterator[tuple[str, str, str, bytes]]:
+    import numpy as np
+
+    from haptorb.runtime.recording.recorder import Recorder
+    from haptorb.runtime.row import RowLayout
+
+    pickled = pickle.dumps(_Payload()).hex()
+    worlds: list[tuple[str, dict[str, str]]] = [
+        ("world", {"tick": "0", "change": "1", "world": json.dumps(world)})
+        for world in (
+            {"name": "canary", "file": "canary_module.py", "loaded": "yes", "digest": "0" * 64},
+            {"name": "canary", "file": "canary_module.py:Canary", "module": "canary_module"},
+            {"name": "../../canary", "memory": [{"name": "../..", "unit": "m", "shape": [3]}]},
+            {"name": "dome", "values": {"moment": "9" * 400}},
+            {"name": "scene-x", "scene": "/dev/zero", "body": "peg"},
+            {"py/object": "canary_module.Canary", "pickle": pickled},
+        )
+    ] + [("state", {"tick": "0", "state": pickled}), ("states", {"pickle": pickled, "format": "pickle"})]
+    layout = RowLayout(3, 9, memory=4)
+    for number, note in enumerate(worlds):
+        file = io.BytesIO()
+        recorder = Recorder(file, layout, 1000.0, 10**18)
+        recorder.note("device", {"name": "omni", "digest": "0" * 64, "files": "/dev/zero"})
+        recorder.note("run", {"driver": "sim", "model": "canary_module", "rate_hz": "1000"})
+        recorder.note(*note)
+        recorder.append(np.zeros((20, layout.width)))
+        recorder.finish()
+        for command in COMMANDS[K.RECORDING]:
+            yield f"recording {number}", command, "crafted.mcap", file.getvalue()
+
+
+def _craft_databases(inside: Path) -> Iterator[tuple[str, str, str, bytes]]:
+    for name, kind in ((NAMES[K.STUDY_DATABASE], K.STUDY_DATABASE), (NAMES[K.RESULTS], K.RESULTS)):
+        for number, statement in enumerate((
+            "CREATE VIEW v AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT x FROM c",
+            "CREATE TRIGGER t AFTER INSERT ON %s BEGIN SELECT load_extension('/tmp/x'); END",
+            "CREATE VIRTUAL TABLE v USING fts5(a)",
+            "ALTER TABLE %s ADD COLUMN bomb AS (hex(zeroblob(900000000)))",
+            "DROP TABLE %s",
+        )):  # fmt: skip
+            copy = inside / "crafted.db"
+            shutil.copy(inside / name, copy)
+            with contextlib.closing(sqlite3.connect(copy, isolation_level=None)) as found:
+                found.execute("PRAGMA journal_mode = DELETE")
+                found.execute(statement.replace("%s", "trials" if kind is K.STUDY_DATABASE else "runs"))
+            content = copy.read_bytes()
+            copy.unlink()
+            for command in COMMANDS[kind]:
+                yield f"{kind.name} {number}", command, "crafted.db", content
