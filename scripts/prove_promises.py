@@ -150,6 +150,11 @@ BREAKS = (
         "recorder-stalled",
     ),
     Break(
+        "A repaired recording never replaces",
+        "pytest tests/runtime/recording/test_damaged_recordings.py -k repaired",
+        "repair-keeps-input",
+    ),
+    Break(
         "The coil state is what the device confirmed", "pytest tests/contracts/test_drivers.py", "off-means-zero-duties"
     ),
     Break("I²C: after a bus fault", I2C_FAULTS, "i2c-off-unsaid", "--faults 30 --guardians 0"),

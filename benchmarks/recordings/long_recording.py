@@ -31,6 +31,7 @@ _TASKS = {
     "10 s of p": "Recording(path)['p'][n // 2 : n // 2 + 10000].mean()",
     "last tick": "Recording(path)['t'][-1]",
     "info": "list_facts(Recording(path))",
+    "check": "Recording(path).check()",
 }
 _COMMANDS = {
     "haptorb info": "['info', path]",
