@@ -22,8 +22,8 @@ from scipy.special import ndtr
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import write_report
-from haptorb.apps.study.inference.hierarchical import fit_population
-from haptorb.apps.study.inference.psychometric_grid import PsychometricGrid
+from haptorb.apps.study.inference.hierarchical import fit_group
+from haptorb.apps.study.inference.slope_likelihood import SlopeLikelihood
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.model.study_reader import study_of
 from haptorb.apps.study.session.stored_session import StoredSession
@@ -100,7 +100,7 @@ def measure(procedure: str, people: int, each: int) -> dict[str, Any]:
         }  # fmt: skip
         for one in analysis.curves.values():
             start = time.perf_counter()
-            fit_population(PsychometricGrid.enclose(one.answered))
+            fit_group(SlopeLikelihood(one.answered))
             found["group_s"] = time.perf_counter() - start
         return found
 

@@ -49,11 +49,11 @@ from simulated_answers import (
 )
 
 from haptorb.apps.study.analysis.analysis import analyse
-from haptorb.apps.study.inference.hierarchical import fit_population
+from haptorb.apps.study.inference.hierarchical import fit_group
 from haptorb.apps.study.inference.intervals import mean_interval
 from haptorb.apps.study.inference.person_fit import fit_person
-from haptorb.apps.study.inference.psychometric_grid import PsychometricGrid
 from haptorb.apps.study.inference.share_interval import share_interval
+from haptorb.apps.study.inference.slope_likelihood import SlopeLikelihood
 
 _ROWS = ["group", "corners", "misfit", "door", "adaptive"]
 PEOPLE, SPREADS = (6, 12, 24), (0.0, 0.05, 0.15)
@@ -64,9 +64,10 @@ def check_group(people: int, sd: float, seed: int) -> Hits:
     """One study of each kind: quantity → whether its interval held the truth (of people: for each of them)."""
     draw = np.random.default_rng([seed, people, round(1000 * sd)])
     answered, truth = draw_constant(draw, people, sd)
-    grid = PsychometricGrid.enclose(answered)
-    group = fit_population(grid)
-    alone = [fit_person(grid, n, samples=0) for n, of in enumerate(grid.answered.of) if of.any()]
+    likelihood = SlopeLikelihood(answered)
+    group = fit_group(likelihood)
+    assert group is not None
+    alone = [fit_person(likelihood, n, samples=0) for n in range(people)]
     right, of = draw_shares(draw, people, sd)
     low, high = mean_interval(draw_errors(draw, people, sd).mean(axis=1))
     return {
@@ -97,7 +98,8 @@ def check_corners(people: int, sd: float, seed: int) -> Hits:
 def check_misfit(people: int, sd: float, seed: int) -> Hits:
     """The group's threshold, and its distance from there to 75 %, where the model is not that of the data."""
     draw = np.random.default_rng([seed, people, round(1000 * sd), 4])
-    group = fit_population(PsychometricGrid.enclose(draw_misfit(draw, people, sd)))
+    group = fit_group(SlopeLikelihood(draw_misfit(draw, people, sd)))
+    assert group is not None
     low, high = (0.6745 * np.exp(end) for end in group.log_spread.mean_95)
     return {
         "threshold": [_holds(group.threshold.mean_95, LEVELS.mean())],

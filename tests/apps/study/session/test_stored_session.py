@@ -7,6 +7,7 @@ import sqlite3
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from sqlalchemy import Connection, inspect
 
@@ -364,3 +365,22 @@ def test_200_times_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
     found = kill_sessions(tmp_path, 200)
     assert (found["kills"], found["lost"], found["doubled"]) == (200, 0, 0)
     assert found["resume_s_median"] < 5.0
+
+
+def test_the_error_of_an_identification_is_that_of_the_place_named(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    far = (0.0, 0.05, 0.0)  # the pen rests on the rim at every answer
+    with StoredSession(engine, identify, "P01") as session:
+        while (prompt := session.prompt) is not None:
+            right = session.number % 2 == 0
+            other = next(n for n in prompt.numbers if n != prompt.set_point)
+            session.answer(Answer(prompt.set_point if right else other, far, 1.5))
+    columns = tidy(engine, read_study(engine))
+    right = columns["correct"] == 1
+    assert columns["distance_mm"][right] == pytest.approx(0.0, abs=1e-9)
+    assert columns["angle_deg"][right] == pytest.approx(0.0, abs=1e-5)
+    ways = {point.number: np.asarray(point.direction) for point in identify.points}
+    pairs = zip(columns["set_point"][~right], columns["answer"][~right], strict=True)
+    assert columns["distance_mm"][~right] == pytest.approx([50 * np.linalg.norm(ways[a] - ways[b]) for a, b in pairs])
+    ways_asked = np.array([ways[n] for n in columns["set_point"]])
+    assert columns["pen_distance_mm"] == pytest.approx(1e3 * np.linalg.norm(far - 0.05 * ways_asked, axis=1))

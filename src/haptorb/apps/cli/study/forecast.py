@@ -15,15 +15,18 @@ __all__ = ["keep_begun_study", "print_forecast"]
 
 
 def print_forecast(known: Study) -> bool:
-    """Say what a session will be like; whether the thermal budget holds."""
-    from haptorb.apps.study.simulated.forecast import forecast, overlap
+    """Say what a session will be like; whether the thermal budget holds and every trial has something to feel."""
+    from haptorb.apps.study.simulated.forecast import find_unfelt, forecast, overlap
 
     found = forecast(known)
     say(("" if found.holds else "warning: ") + found.sentence)
     reach = overlap(known)
     if reach is not None:
         say("note: " + reach.sentence)
-    return found.holds
+    unfelt = find_unfelt(known)
+    for one in unfelt:
+        say("warning: " + one.sentence)
+    return found.holds and not unfelt
 
 
 def keep_begun_study(engine: Engine, known: Study) -> Study:

@@ -53,13 +53,14 @@ def check(
         made = write_registration(known, register)
         say(f"registered: plan {made.plan} of study {made.study}, {made.written}, in {register}")
     if json:
-        from haptorb.apps.study.simulated.forecast import forecast, overlap
+        from haptorb.apps.study.simulated.forecast import find_unfelt, forecast, overlap
 
-        result, reach = forecast(known), overlap(known)
+        result, reach, unfelt = forecast(known), overlap(known), find_unfelt(known)
         about = {"study": known.name, "procedure": known.procedure, "device": known.device}
         print_json({**about, "set_points": len(known.points), **result.numbers(), "overlap": reach and reach.numbers(),
-                    "order": order.numbers(), "plan": known.plan and known.plan.numbers()})  # fmt: skip
-        if not result.holds:
+                    "unfelt": [one.numbers() for one in unfelt], "order": order.numbers(),
+                    "plan": known.plan and known.plan.numbers()})  # fmt: skip
+        if not result.holds or unfelt:
             raise typer.Exit(1)
         return
     first = known.points[0]

@@ -183,7 +183,7 @@ def analyse(
         parts["confusion"] = confusion = count_answers(study, main, index, len(people))
         parts["arrows"] = find_arrows(confusion)
     parts["means"] = average_conditions(study, main, people.tolist())
-    if np.isfinite(main["distance_mm"]).any():
+    if study.procedure in SPHERICAL and np.isfinite(main["distance_mm"]).any():
         parts["rings"] = measure_rings(main, index, len(people))
     if main.keys() >= set(_RECORDED):  # answers from elsewhere have no recordings
         parts["recorded"] = tuple(

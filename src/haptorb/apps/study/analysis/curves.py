@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from haptorb.apps.study.inference.hierarchical import NormalEffect, Population, fit_population
-from haptorb.apps.study.inference.person_fit import ONE_LEVEL, TOO_FEW, UPPER_LIMIT, PersonFit, fit_person
+from haptorb.apps.study.inference.hierarchical import NormalEffect, Population, fit_group
+from haptorb.apps.study.inference.person_fit import REVERSED, PersonFit, fit_person
 from haptorb.apps.study.inference.psychometric import LevelCounts, PsychometricCurve, count_by_level
-from haptorb.apps.study.inference.psychometric_grid import PsychometricGrid
+from haptorb.apps.study.inference.slope_likelihood import SlopeLikelihood
 from haptorb.apps.study.store.columns import Columns
 
 __all__ = ["JND", "ConditionCurves", "effect_numbers", "fit_curves"]
 
 JND = 0.6745  #: spreads from the middle to where the comparison is called the stronger in 75 % of the trials
+
+_SAME = 8  #: trials from which on one and the same key is no chance
 
 
 @dataclass(frozen=True)
@@ -26,28 +28,55 @@ class ConditionCurves:
 
     answered: LevelCounts
     people: dict[str, PersonFit]  #: by participant's code
-    group: Population | None  #: None where fewer than two people answered at two levels
+    group: Population | None  #: None where fewer than two people have a function that does not fall with the level
 
     @property
     def group_curve(self) -> PsychometricCurve | None:
-        """The function of the person in the middle of the group."""
-        if self.group is None:
+        """The function of the person in the middle of the group; None where the answers do not determine one."""
+        if self.group is None or not all(map(math.isfinite, (*self.group.threshold.mean_95, self.group_spread))):
             return None
-        lapse = self.group.lapse
-        return PsychometricCurve(self.group.threshold.mean, math.exp(self.group.log_spread.mean), lapse, lapse)
+        return PsychometricCurve(self.group.threshold.mean, self.group_spread, self.group.lapse, self.group.lapse)
+
+    @property
+    def group_spread(self) -> float:
+        """exp of the mean log spread; NaN where its interval has no upper end."""
+        effect = self.group and self.group.log_spread
+        return math.exp(effect.mean) if effect and math.isfinite(effect.mean_95[1]) else math.nan
+
+    @property
+    def group_jnd_95(self) -> tuple[float, float]:
+        """From 50 to 75 %; an end is ±∞ where it does not exist, NaN without an interval."""
+        assert self.group is not None
+        low, high = self.group.log_spread.mean_95
+        return (JND * math.exp(low) if low > -math.inf else -math.inf), JND * math.exp(high)
 
     @property
     def group_notes(self) -> list[str]:
-        """What the answers of all people together cannot tell, because hardly anybody's can."""
-        if self.group is None:
-            return []
-        known = [fit.notes for fit in self.people.values() if ONE_LEVEL not in fit.notes]
+        """What the answers of all people together cannot tell, and who is left out of the group."""
+        reversed_ = [code for code, fit in self.people.items() if REVERSED in fit.notes]
         found = []
-        for what, name in (("threshold", "threshold"), ("spread", "JND")):
-            if 2 * sum(any(note.startswith(f"{TOO_FEW}{what}") for note in notes) for notes in known) > len(known):
-                found.append(f"group: too few trials for the {name}: trust neither it nor its interval")
-        if all(UPPER_LIMIT in notes for notes in known):
-            found.append("group: nobody answered against the order of the levels: the JND has an upper limit only")
+        if reversed_ and len(self.people) > 1:
+            found.append(f"group: without {', '.join(reversed_)}, whose answers fall with the level")
+        if (group := self.group) is None:
+            return found
+        low, high = group.log_spread.mean_95
+        if math.isnan(low):
+            found.append("group: on average the answers fall with the level: the keys were probably reversed")
+        elif math.isinf(high):
+            found.append("group: the answers hardly depend on the level: the JND has only a lower limit")
+        elif math.isinf(low):
+            found.append("group: the answers change from one level to the next: the JND has only an upper limit")
+        least, most = group.threshold.mean_95
+        if math.isinf(least) and math.isinf(most):
+            found.append("group: the answers set no limit to the threshold")
+        elif math.isinf(least) or math.isinf(most):
+            found.append(f"group: the threshold has only {'an upper' if math.isinf(least) else 'a lower'} limit")
+        if group.by_slope:
+            found.append(
+                "group: the answers of at least one person hardly depend on the level, so that the group is the mean "
+                f"slope and intercept, with lapses of {100 * group.lapse:g} %; differences between people are not "
+                "estimated"
+            )
         return found
 
     @property
@@ -64,21 +93,29 @@ class ConditionCurves:
         }  # fmt: skip
         if (group := self.group) is not None:
             spread = group.log_spread
+            low, high = self.group_jnd_95
             found["group"] = {
                 "people": group.people, "middle": effect_numbers(group.threshold), "log_spread": effect_numbers(spread),
-                "spread": math.exp(spread.mean), "spread_95": [math.exp(end) for end in spread.mean_95],
-                "jnd_75_percent": JND * math.exp(spread.mean),
-                "jnd_75_percent_95": [JND * math.exp(end) for end in spread.mean_95], "lapse": group.lapse,
+                "spread": _to_json(self.group_spread),
+                "spread_95": [_to_json(low / JND), _to_json(high / JND)],
+                "jnd_75_percent": _to_json(JND * self.group_spread),
+                "jnd_75_percent_95": [_to_json(low), _to_json(high)], "lapse": group.lapse,
+                "by_slope": group.by_slope,
             }  # fmt: skip
         return found
 
 
 def effect_numbers(effect: NormalEffect) -> dict[str, Any]:
-    """A mean and a standard deviation over people as plain JSON types."""
+    """A mean and a standard deviation over people as plain JSON types; an end that does not exist is None."""
+    closed = all(map(math.isfinite, effect.mean_95))
     return {
-        "mean": effect.mean, "mean_95": list(effect.mean_95), "between_people_sd": effect.sd,
-        "between_people_sd_95": list(effect.sd_95),
+        "mean": _to_json(effect.mean if closed else math.nan), "mean_95": [_to_json(end) for end in effect.mean_95],
+        "between_people_sd": _to_json(effect.sd), "between_people_sd_95": [_to_json(end) for end in effect.sd_95],
     }  # fmt: skip
+
+
+def _to_json(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def fit_curves(
@@ -100,13 +137,16 @@ def fit_curves(
             continue
         stronger = main["answer"][here] == main["interval"][here]
         answered = count_by_level(levels, stronger, person, len(people))
-        grid = PsychometricGrid.enclose(answered)
+        likelihood = SlopeLikelihood(answered)
         fits = {}
         for n, code in enumerate(people.tolist()):
-            fits[str(code)] = fit_person(grid, n)
+            fit = fit_person(likelihood, n)
+            given = np.unique(main["answer"][here][person == n])
+            if len(given) == 1 and fit.trials >= _SAME:
+                fit = replace(fit, notes=(f"every one of {fit.trials} answers is {given[0]:g}", *fit.notes))
+            fits[str(code)] = fit
             done += 1
             if progress is not None:
                 progress(done, total)
-        known = np.count_nonzero((answered.of > 0).sum(axis=1) > 1)
-        found[name] = ConditionCurves(answered, fits, fit_population(grid) if known > 1 else None)
+        found[name] = ConditionCurves(answered, fits, fit_group(likelihood))
     return found, notes

@@ -11,7 +11,22 @@ import numpy as np
 from haptorb.apps.study.inference.intervals import mean_interval
 from haptorb.apps.study.store.columns import Columns
 
-__all__ = ["LatitudeError", "measure_rings"]
+__all__ = ["ERROR_MEANING", "LatitudeError", "measure_rings", "name_error"]
+
+#: procedure → what its error is, said below its tables
+ERROR_MEANING = {
+    "identification": "Error: straight distance between the contact positions of the set-point named and the set-point "
+    "shown; 0 for every right answer, wherever the tool was.",
+    "localisation": "Error: straight distance of the tool's magnet at the answer from its contact position at the "
+    "set-point.",
+}
+
+
+def name_error(procedure: str) -> str:
+    """What the distance in a table is, in a title's length."""
+    return {
+        "identification": "from the set-point shown to the one named", "localisation": "from the set-point to the tool",
+    }.get(procedure, "")  # fmt: skip
 
 
 @dataclass(frozen=True)

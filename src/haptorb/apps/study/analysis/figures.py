@@ -9,6 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
 from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.analysis.drawings.style import draw_open_interval
+from haptorb.apps.study.analysis.error_by_latitude import name_error
+from haptorb.apps.study.analysis.wording import format_range
 from haptorb.apps.study.model.set_points import PUBLISHED_ERRORS
 
 __all__ = ["draw_answers", "draw_confusion", "draw_curves", "draw_error", "figures"]
@@ -119,7 +122,11 @@ def draw_error(axes: Axes, analysis: Analysis) -> None:
             [s for _, s in PUBLISHED_ERRORS.values()], fmt="s", color="0.55", capsize=3, mfc="white",
             label="Zárate 2020, 6 people (shifted by 1.4°)",
         )  # fmt: skip
-    axes.set(xlabel="θ of the set-point, from the top [deg]", ylabel="error [mm]", ylim=(0, None))
+    axes.set(
+        xlabel="θ of the set-point, from the top [deg]",
+        ylabel=f"error [mm]: {name_error(analysis.study.procedure)}",
+        ylim=(0, None),
+    )
     axes.set_xticks(theta)
     axes.grid(alpha=0.3)
     axes.legend(frameon=False, loc="upper left")
@@ -142,12 +149,17 @@ def draw_curves(axes: Axes, analysis: Analysis) -> None:
         for fit in one.people.values():
             axes.plot(fine, fit.curve(fine), color=colour, alpha=0.3, lw=0.8)
         label = f"{name}: {len(one.people)} participant{'' if len(one.people) == 1 else 's'}"
-        if one.group is not None and (curve := one.group_curve) is not None:
-            low, high = one.group.threshold.mean_95
-            label = f"{label}; group's threshold {curve.middle:.3g} [{low:.3g}, {high:.3g}]"
+        curve = one.group_curve
+        if one.group is not None:
+            value = "" if curve is None else f" {curve.middle:.3g},"
+            label = f"{label}; group's threshold{value} 95 %: {format_range(one.group.threshold.mean_95, '.3g')}"
+        if curve is not None:
             axes.plot(fine, curve(fine), color=colour, lw=2.8, label=label)
         else:
             axes.plot([], [], color=colour, lw=0.8, label=label)
+    for n, one in enumerate(analysis.curves.values()):
+        if one.group is not None:
+            draw_open_interval(axes, one.group.threshold.mean_95, 0.5 + 0.02 * n, f"C{n}")
     if levels is not None:
         axes.axvline(levels.reference, color="0.5", ls=":", lw=1)
         axes.set_xlabel(f"{levels.parameter} of the comparison (dotted: reference)")

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 
 from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.analysis.conditions import ConditionComparison
+from haptorb.apps.study.analysis.error_by_latitude import ERROR_MEANING
 from haptorb.apps.study.analysis.over_people.localisation import Localisation
 from haptorb.apps.study.analysis.plan_report import PlanReport
 from haptorb.apps.study.analysis.wording import format_range, format_value
@@ -38,6 +39,8 @@ def list_group_tables(analysis: Analysis) -> Iterator[TextTable]:
 
 def list_notes(analysis: Analysis) -> Iterator[str]:
     """What the tables rest on, a sentence or two each."""
+    if analysis.rings:
+        yield ERROR_MEANING[analysis.study.procedure]
     if analysis.arrows:
         yield (
             "Wrong answers to: set-points that received a third or more of the wrong answers, how many of how many; "

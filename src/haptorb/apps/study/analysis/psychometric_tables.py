@@ -31,8 +31,9 @@ def list_psychometric_notes(analysis: Analysis) -> list[str]:
     found = []
     if analysis.curves:
         found.append(
-            "Fit of each person: cumulative normal, equal lapse rate in both tails; mean and central 95 % of the "
-            "posterior. "
+            "Fit of each person: cumulative normal, equal lapse rate in both tails, up to 13 %; greatest likelihood, "
+            "and 95 % by likelihood ratio. ≥ and ≤: the interval has one end only; the answers are compatible with any "
+            "value beyond it. "
             "Threshold: the comparison is called stronger in 50 %; JND: from there to 75 %. fit p: share of "
             "simulated repetitions with at least this deviance. Group: hierarchical model of all answers; an SD "
             "between people that begins with × is a factor."
@@ -41,7 +42,8 @@ def list_psychometric_notes(analysis: Analysis) -> list[str]:
         share = "70.7 %" if analysis.study.procedure == "staircase" else "75 %"
         found.append(
             f"Difference with {share} correct answers, and each person's central 95 % of the posterior. Group: "
-            "geometric mean of the procedure's own thresholds, Student's interval; SD between people as a factor."
+            "geometric mean of the procedure's own thresholds, Student's interval; SD between people as a factor. "
+            "≥ and ≤: the interval has one end only."
         )
     found += [f"{name}, {note}" for name, one in analysis.curves.items() for note in one.group_notes]
     for parts in (analysis.curves, analysis.tracks):
@@ -61,13 +63,13 @@ def _tabulate_groups(analysis: Analysis, unit: str) -> TextTable:
             continue
         effect, spread = group.threshold, group.log_spread
         table.add_row(
-            name, f"threshold{of}", _digits(effect.mean), format_range(effect.mean_95, ".4g"), f"{effect.sd:.3g}",
-            format_range(effect.sd_95, ".3g"),
+            name, f"threshold{of}", _closed(effect.mean, effect.mean_95), format_range(effect.mean_95, ".4g"),
+            format_value(effect.sd, ".3g"), format_range(effect.sd_95, ".3g"),
         )  # fmt: skip
-        low, high = (JND * math.exp(end) for end in spread.mean_95)
+        low, high = one.group_jnd_95
         table.add_row(
-            name, f"JND (75 %){of}", _digits(JND * math.exp(spread.mean)), format_range((low, high), ".3g"),
-            f"× {math.exp(spread.sd):.2f}", _factors(spread.sd_95, math.e),
+            name, f"JND (75 %){of}", _closed(JND * one.group_spread, (low, high)), format_range((low, high), ".3g"),
+            f"× {math.exp(spread.sd):.2f}" if math.isfinite(spread.sd) else "–", _factors(spread.sd_95, math.e),
         )  # fmt: skip
         table.add_row(name, "lapses [%]", f"{100 * group.lapse:.1f}", "", "", "")
     return table
@@ -83,8 +85,8 @@ def _tabulate_people(analysis: Analysis, unit: str) -> TextTable:
         for code, fit in one.people.items():
             low, high = (JND * end for end in fit.spread_95)
             table.add_row(
-                name, code, str(fit.trials), _digits(fit.curve.middle), format_range(fit.middle_95, ".4g"),
-                format_value(JND * fit.curve.spread, ".3g"), format_range((low, high), ".3g"),
+                name, code, str(fit.trials), _digits(fit.middle), format_range(fit.middle_95, ".4g"),
+                format_value(JND * fit.spread, ".3g"), format_range((low if low else -math.inf, high), ".3g"),
                 format_value(fit.curve.lapse, ".1f", 100),
                 format_value(fit.p_fit, ".2f"),
             )  # fmt: skip
@@ -98,10 +100,10 @@ def _tabulate_group_tracks(analysis: Analysis, unit: str) -> TextTable:
     )  # fmt: skip
     for name, one in analysis.tracks.items():
         if (group := one.group) is not None:
-            low, high = (2**end for end in group.mean_95)
+            low, high = (2**end if math.isfinite(end) else end for end in group.mean_95)
             table.add_row(
-                name, _digits(2**group.mean), format_range((low, high), ".4g"), f"× {2**group.sd:.2f}",
-                _factors(group.sd_95, 2.0),
+                name, _closed(2**group.mean, group.mean_95), format_range((low, high), ".4g"),
+                f"× {2**group.sd:.2f}" if math.isfinite(group.sd) else "–", _factors(group.sd_95, 2.0),
             )  # fmt: skip
     return table
 
@@ -116,9 +118,15 @@ def _tabulate_tracks(analysis: Analysis, unit: str) -> TextTable:
     for name, one in analysis.tracks.items():
         for code, fit in one.people.items():
             own = [format_value(fit.threshold, ".4g")] if reverses else []
-            fitted = _digits(fit.fitted), format_range(fit.fitted_95, ".4g")
+            low, high = fit.fitted_95
+            fitted = _digits(fit.fitted) if fit.closed else "–", format_range((low or -math.inf, high), ".4g")
             table.add_row(name, code, str(fit.trials), *own, *fitted)
     return table
+
+
+def _closed(value: float, limits: tuple[float, float]) -> str:
+    """A dash where an end is open: then the value is anybody's guess."""
+    return _digits(value) if all(map(math.isfinite, limits)) else "–"
 
 
 def _digits(value: float) -> str:
@@ -127,4 +135,6 @@ def _digits(value: float) -> str:
 
 def _factors(limits: tuple[float, float], base: float) -> str:
     low, high = (base**end for end in limits)
-    return f"{low:.2f} to {high:.2f}" if math.isfinite(high) else "–"
+    if math.isnan(low) or math.isnan(high):
+        return "–"
+    return f"{low:.2f} to {high:.2f}" if math.isfinite(high) else f"≥ {low:.2f}"

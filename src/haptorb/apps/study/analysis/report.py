@@ -15,6 +15,7 @@ from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.analysis.by_condition.condition_means import make_condition_table
 from haptorb.apps.study.analysis.by_condition.magnitude import make_magnitude_tables
 from haptorb.apps.study.analysis.by_condition.response_times import make_response_table
+from haptorb.apps.study.analysis.error_by_latitude import name_error
 from haptorb.apps.study.analysis.figures import figures
 from haptorb.apps.study.analysis.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.psychometric_tables import list_psychometric_notes, list_psychometric_tables
@@ -92,11 +93,11 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None, *, served: 
             for r in analysis.rings
         ]
         body += [
-            "<h2>Error over θ</h2>",
+            f"<h2>Error over θ: {name_error(analysis.study.procedure)}</h2>",
             drawn["error"],
             scroll_table_html(["θ [deg]", "trials", "mean [mm]", "SD [mm]", "95 % of the mean"], rows),
-            "<p class='quiet'>Distance of the tool's magnet from its contact position at the set-point. The paper "
-            "does not state whether it means the magnet or the tip; the tip's distance is three fifths of it.</p>",
+            "<p class='quiet'>Zárate et al. 2020 do not state whether they mean the tool's magnet or its tip; "
+            "distances of the tip are three fifths of these.</p>",
         ]
     if analysis.curves:
         body += ["<h2>Psychometric curves</h2>", drawn["curves"]]

@@ -11,6 +11,7 @@ from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.analysis.by_condition.condition_means import make_condition_table
 from haptorb.apps.study.analysis.by_condition.magnitude import make_magnitude_tables
 from haptorb.apps.study.analysis.by_condition.response_times import make_response_table
+from haptorb.apps.study.analysis.error_by_latitude import name_error
 from haptorb.apps.study.analysis.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.psychometric_tables import list_psychometric_notes, list_psychometric_tables
 from haptorb.apps.study.analysis.wording import format_p, format_range, format_value
@@ -59,7 +60,7 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
         yield make_condition_table(analysis.means)
     if analysis.rings:
         yield _table(
-            "Error over θ",
+            f"Error over θ: {name_error(analysis.study.procedure)}",
             (Column("θ", "°", "key"), Column("trials"), Column("mean", "mm"), Column("95 %", "mm"), Column("SD", "mm")),
             ((f"{r.theta_deg:g}", str(r.trials), f"{r.mean:.2f}", format_range((r.low, r.high), ".2f"),
               format_value(r.sd, ".2f")) for r in analysis.rings),

@@ -26,6 +26,7 @@ from haptorb.numerics.arrays import Array
 __all__ = ["ConditionTracks", "TrackFit", "follow_tracks"]
 
 _SPREADS = (1 / 6, 2.0)  #: of a staircase's function [octaves of the difference], those that QUEST+ considers
+_FALL = math.exp(-1.9207)  #: of the greatest likelihood: half of the 95 % quantile of χ² lower in its logarithm
 _STAIRCASE_SHARE = 0.5**0.5  #: of right answers where 1-up/2-down settles (Levitt 1971)
 
 
@@ -37,8 +38,13 @@ class TrackFit:
     complete: bool
     threshold: float  #: the procedure's own: of a staircase its reversals', else the posterior's mean
     fitted: float  #: of the posterior after all trials: with QUEST+ the mean in the logarithm, else the median
-    fitted_95: tuple[float, float]
+    fitted_95: tuple[float, float]  #: 0 and ∞ are open ends
     notes: tuple[str, ...] = ()
+
+    @property
+    def closed(self) -> bool:
+        """Whether its interval has both ends."""
+        return self.fitted_95[0] > 0 and math.isfinite(self.fitted_95[1])
 
 
 @dataclass(frozen=True)
@@ -52,9 +58,10 @@ class ConditionTracks:
         """As plain JSON types."""
         found: dict[str, Any] = {"people": {code: _numbers(fit) for code, fit in self.people.items()}, "group": None}
         if (group := self.group) is not None:
+            closed = all(map(math.isfinite, group.mean_95))
             found["group"] = {
-                "mean": 2**group.mean,
-                "mean_95": [2**end for end in group.mean_95],
+                "mean": 2**group.mean if closed else None,
+                "mean_95": [2**end if math.isfinite(end) else None for end in group.mean_95],
                 "log2": effect_numbers(group),
             }
         return found
@@ -119,19 +126,23 @@ def _join_tracks(procedure: str, levels: Levels, codes: list[str], tracks: list[
     else:
         axis, likelihoods, posteriors = _fit_staircases(least, most, tracks)
     people = {}
-    for code, track, mass in zip(codes, tracks, posteriors, strict=True):
+    for code, track, mass, likelihood in zip(codes, tracks, posteriors, likelihoods, strict=True):
         mass = mass / mass.sum()
-        low, high = central_interval(axis, mass)
+        low, high = _open_ends(central_interval(axis, mass), axis, likelihood)
         # A staircase's posterior has a long tail downwards, where the least differences were hardly met.
         fitted = 2 ** (float(mass @ axis) if procedure == "bayesian" else find_median(axis, mass))
         own = track.threshold if track.complete else math.nan
-        notes = _note(track, mass, fitted, (least, most))
-        people[code] = TrackFit(len(track.right), track.complete, own, fitted, (2**low, 2**high), notes)
+        notes = _note(track, (low, high))
+        people[code] = TrackFit(
+            len(track.right), track.complete, own, fitted, (float(np.exp2(low)), float(np.exp2(high))), notes
+        )
     return ConditionTracks(people, _join_group(axis, likelihoods, people.values()) if len(tracks) > 1 else None)
 
 
 def _join_group(axis: Array, likelihoods: Array, people: Collection[TrackFit]) -> NormalEffect:
     """Student's interval of the logarithms of the procedure's own thresholds; of an unfinished track, of the fitted.
+
+    It has no end on a side on which somebody's has none.
 
     Adaptive tracks tell unequally much about their thresholds, and the more, the lower these happen to be: a mean that
     weighs by it is biased, and its interval held the truth in 89 % of 300 studies with six people.
@@ -139,8 +150,15 @@ def _join_group(axis: Array, likelihoods: Array, people: Collection[TrackFit]) -
     own = [fit.threshold if math.isfinite(fit.threshold) else fit.fitted for fit in people]
     logs = np.log2(own)
     low, high = mean_interval(logs)
+    ends = np.array([fit.fitted_95 for fit in people])
+    low, high = (
+        (-math.inf if (ends[:, 0] == 0).any() else float(low)),
+        (math.inf if np.isinf(ends[:, 1]).any() else float(high)),
+    )
+    if math.isinf(low) or math.isinf(high):  # how much people differ depends on thresholds that nobody knows
+        return NormalEffect(float(logs.mean()), (low, high), math.nan, (math.nan, math.nan))
     differing = fit_normal_effect(axis, likelihoods)
-    return NormalEffect(float(logs.mean()), (float(low), float(high)), differing.sd, differing.sd_95)
+    return NormalEffect(float(logs.mean()), (low, high), differing.sd, differing.sd_95)
 
 
 def _fit_staircases(least: float, most: float, tracks: list[_Track]) -> tuple[Array, Array, Array]:
@@ -162,20 +180,39 @@ def _fit_staircases(least: float, most: float, tracks: list[_Track]) -> tuple[Ar
     return grid.thresholds, likelihoods, grid.posterior.sum(axis=(2, 3))
 
 
-def _note(track: _Track, mass: Array, fitted: float, limits: tuple[float, float]) -> tuple[str, ...]:
+def _open_ends(limits: tuple[float, float], axis: Array, likelihood: Array) -> tuple[float, float]:
+    """`limits` without an end towards which the `likelihood` (n,) at `axis` (n,) does not fall enough: there it is ±∞.
+
+    Thresholds beyond the axis explain the answers as well as its last point, so that where it ends decides nothing.
+    """
+    enough = float(likelihood.max()) * _FALL
+    return (
+        -math.inf if float(likelihood[0]) >= enough else limits[0],
+        math.inf if float(likelihood[-1]) >= enough else limits[1],
+    )
+
+
+def _note(track: _Track, limits: tuple[float, float]) -> tuple[str, ...]:
     found = []
     if not track.complete:
         found.append(f"not finished: {len(track.right)} trials")
     elif not math.isfinite(track.threshold):
         found.append("too few reversals for a mean")
-    if mass[:2].sum() > 0.025 or mass[-2:].sum() > 0.025 or not limits[0] <= fitted <= limits[1]:
-        found.append("the threshold may lie outside the differences that were offered")
+    low, high = limits
+    if math.isinf(low) and math.isinf(high):
+        found.append("the answers hardly depend on the difference: they set no limit to the threshold")
+    elif math.isinf(high):
+        found.append("nearly as many wrong answers at the greatest difference: the threshold has only a lower limit")
+    elif math.isinf(low):
+        found.append("hardly a wrong answer at the least difference: the threshold has only an upper limit")
     return tuple(found)
 
 
 def _numbers(fit: TrackFit) -> dict[str, Any]:
     own = fit.threshold if math.isfinite(fit.threshold) else None
     return {
-        "trials": fit.trials, "complete": fit.complete, "threshold": own, "fitted": fit.fitted,
-        "fitted_95": list(fit.fitted_95), "notes": list(fit.notes),
+        "trials": fit.trials, "complete": fit.complete, "threshold": own,
+        "fitted": fit.fitted if fit.closed else None,
+        "fitted_95": [fit.fitted_95[0] or None, fit.fitted_95[1] if math.isfinite(fit.fitted_95[1]) else None],
+        "notes": list(fit.notes),
     }  # fmt: skip

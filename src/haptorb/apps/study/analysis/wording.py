@@ -17,14 +17,22 @@ def format_value(value: float, form: str, scale: float = 1.0) -> str:
 
 
 def format_range(limits: tuple[float, float], form: str, scale: float = 1.0) -> str:
-    """Both ends, or one dash where an end is not known: one participant has no interval over people.
+    """Both ends; the one that exists, of an interval with an open end; a dash where none is known.
 
     >>> format_range((0.25, 0.5), ".1f", 100), format_range((float("nan"), float("nan")), ".1f")
     ('25.0 to 50.0', '–')
+    >>> format_range((0.25, math.inf), ".2f"), format_range((-math.inf, 0.5), ".2f")
+    ('≥ 0.25', '≤ 0.50')
+    >>> format_range((-math.inf, math.inf), ".2f")
+    'no limit'
     """
     low, high = limits
-    known = math.isfinite(low) and math.isfinite(high)
-    return f"{scale * low:{form}} to {scale * high:{form}}" if known else "–"
+    if math.isnan(low) or math.isnan(high):
+        return "–"
+    if math.isinf(low) or math.isinf(high):
+        one = f"≤ {scale * high:{form}}" if math.isfinite(high) else f"≥ {scale * low:{form}}"
+        return one if math.isfinite(low) or math.isfinite(high) else "no limit"
+    return f"{scale * low:{form}} to {scale * high:{form}}"
 
 
 def format_p(p: float) -> str:

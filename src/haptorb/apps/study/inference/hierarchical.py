@@ -11,18 +11,21 @@ with the normal quantile.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from haptorb.apps.study.inference.psychometric import LevelCounts
 from haptorb.apps.study.inference.psychometric_grid import LAPSE_EDGES, PsychometricGrid
+from haptorb.apps.study.inference.slope_likelihood import SlopeLikelihood
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 
-__all__ = ["NormalEffect", "Population", "fit_normal_effect", "fit_population"]
+__all__ = ["NormalEffect", "Population", "fit_group", "fit_normal_effect", "fit_population"]
 
 _TYPICAL_LAPSE, _LAPSE_SPREAD = 0.02, 1.0  #: of the group's mean lapse rate: median, standard deviation of its log
 _CUT = 1.9207  #: half of the 95 % quantile of χ² with one degree of freedom
+_SHALLOW = 2.0  #: of the levels' range: spreads that may be greater are averaged as slopes
 _PASSES = 6
 _CANDIDATES, _TRIED = 24, 25  #: standard deviations and means that are compared before anything is refined
 
@@ -45,6 +48,95 @@ class Population:
     threshold: NormalEffect
     log_spread: NormalEffect
     lapse: float  #: mean lapse rate
+    by_slope: bool = (
+        False  #: whether it is the function of the mean slope, because somebody's spread has no upper limit
+    )
+
+
+def fit_group(likelihood: SlopeLikelihood) -> Population | None:
+    """The group behind the people in `likelihood`; None with fewer than two whose answers do not fall with the level.
+
+    Where everybody's spread has an upper limit, thresholds and log spreads are normal over people. Where somebody's has
+    none, or one beyond twice the range of the levels, a logarithm has no place for it: then slopes and intercepts are
+    averaged, with Student's intervals over people, and the threshold has Fieller's. An end that does not exist is ±∞.
+    """
+    answered = likelihood.answered
+    ends = np.array([likelihood.spread_95(n) for n in range(len(answered.of))])
+    used = np.count_nonzero(answered.of, axis=1) > 1
+    used &= [likelihood.direction(n) != "falling" for n in range(len(used))]
+    if np.count_nonzero(used) < 2:
+        return None
+    kept = LevelCounts(answered.levels, answered.yes[used], answered.of[used])
+    ends = ends[used]
+    middle, span = likelihood.scale
+    if (ends[:, 1] > _SHALLOW * span).any():
+        return _average_slopes(kept)
+    places = np.array([likelihood.threshold_95(int(n)) for n in np.flatnonzero(used)])
+    places = places[np.isfinite(places).all(axis=1)]
+    far = np.clip(np.abs(places - middle).max(initial=span), span, 4 * span)
+    most = float(np.clip(2 * np.nanmax(ends[:, 1]), 2 * span, 40 * span)) if np.isfinite(ends).any() else 2 * span
+    least = max(float(np.diff(answered.levels).min()) / 6, span / 300)
+    grid = PsychometricGrid.enclose(kept, limits=(middle - far, middle + far), spreads=(least, most))
+    found = fit_population(grid)
+    if 2 * np.count_nonzero(ends[:, 0] == 0) > len(ends):  # steeper than most people's levels resolve
+        spread = found.log_spread
+        found = replace(found, log_spread=replace(spread, mean_95=(-np.inf, spread.mean_95[1])))
+    return found
+
+
+def _average_slopes(answered: LevelCounts) -> Population:
+    """The function of the mean slope and intercept over people, with open ends where these are not told from zero."""
+    from scipy.special import stdtrit
+
+    # Of a shallow function only (1 − 2λ) b is told: lapses are those of the model above without data.
+    likelihood = SlopeLikelihood(answered, _weigh_lapses(np.log(_TYPICAL_LAPSE)))
+    slopes, value, scores, intercepts = likelihood.common
+    people = len(scores)
+    t = float(stdtrit(people - 1, 0.975))
+    # Everybody's score at a common slope, with an intercept of their own: its mean by its spread over people.
+    at = int(value.sum(axis=0).argmax())
+    error = np.sqrt(scores.var(axis=0, ddof=1) / people)
+    # By chance as much as the likelihood is curved, with the normal quantile, where people differ less than by chance.
+    expected = np.sqrt(np.maximum(-np.gradient(scores.mean(axis=0), slopes), 1e-12) / people)
+    told = np.abs(scores.mean(axis=0)) > _halve(error, expected, people)
+    first, last = at, at
+    while first > 0 and not told[first - 1]:
+        first -= 1
+    while last < len(slopes) - 1 and not told[last + 1]:
+        last += 1
+    slope, shallow, steep = float(slopes[at]), float(slopes[first]), float(slopes[last])
+    near = slice(max(at - 8, 0), at + 9)
+    bread = -np.polyfit(slopes[near], scores[:, near].sum(axis=0), 1)[0] / people
+    bend = np.array([np.polyfit(slopes[near], row, 1)[0] for row in intercepts[:, near]])
+    b = slope + (scores[:, at] - scores[:, at].mean()) / max(float(bread), 1e-9)
+    c = intercepts[:, at] + bend * (b - slope)
+    intercept = float(c.mean())
+    (rise, both), (_, shift) = np.cov(b, c) / people
+    middle, span = likelihood.scale
+    if steep > 0:
+        log_95 = (float(np.log(span / steep)), float(np.log(span / shallow)) if shallow > 0 else np.inf)
+    else:  # falling
+        log_95 = (np.nan, np.nan)
+    # Fieller: levels at which the mean of c + b u is not told from zero.
+    two, one, zero = slope**2 - t * t * rise, slope * intercept - t * t * both, intercept**2 - t * t * shift
+    inner = one * one - two * zero
+    low, high = -np.inf, np.inf
+    if inner > 0 and steep > 0:
+        roots = sorted((-one + sign * np.sqrt(inner)) / two for sign in (-1.0, 1.0))
+        if shallow > 0 and two > 0:
+            low, high = roots
+        elif intercept > 0:
+            high = roots[0]
+        else:
+            low = roots[1]
+    unknown = (np.nan, np.nan)
+    mean = float(np.log(span / slope)) if slope > 0 else np.inf
+    place = middle - span * intercept / slope if slope != 0 else np.nan
+    return Population(
+        people,
+        NormalEffect(place, (middle + span * low, middle + span * high), np.nan, unknown),
+        NormalEffect(mean, log_95, np.nan, unknown), _TYPICAL_LAPSE, by_slope=True,
+    )  # fmt: skip
 
 
 def fit_normal_effect(values: Array, likelihoods: Array) -> NormalEffect:

@@ -11,11 +11,15 @@ from numpy.typing import ArrayLike
 
 from haptorb.apps.study.inference.psychometric import LevelCounts, PsychometricCurve
 from haptorb.apps.study.inference.psychometric_grid import LAPSE_EDGES, PsychometricGrid
+from haptorb.apps.study.inference.slope_likelihood import MOST_LAPSES, SlopeLikelihood
 from haptorb.numerics.arrays import Array
 
 __all__ = [
+    "FLAT",
+    "LAPSES",
+    "NO_LIMIT",
     "ONE_LEVEL",
-    "TOO_FEW",
+    "REVERSED",
     "UPPER_LIMIT",
     "PersonFit",
     "central_interval",
@@ -25,19 +29,23 @@ __all__ = [
 ]
 
 Interval = tuple[float, float]
-#: what trials do not determine; `TOO_FEW` goes before its name
+#: what trials do not determine
 ONE_LEVEL = "answers at one level only: they determine no function"
-UPPER_LIMIT = "no answer against the order of the levels: the spread has only an upper limit"
-TOO_FEW = "too few trials for the "
+UPPER_LIMIT = "the answers change from one level to the next: the spread has only an upper limit"
+FLAT = "the answers hardly depend on the level: the spread has only a lower limit"
+NO_LIMIT = "the answers set no limit to the spread: too few trials, or nearly all answers the same"
+REVERSED = "the answers fall with the level: the keys were probably reversed"
+LAPSES = f"more than {200 * MOST_LAPSES:.0f} % of the trials seem to be answered at random: no interval"
 _UNKNOWN = (math.nan, math.nan)
 _SAMPLES = 400  #: simulated repetitions of a person's trials
-_FAR = 12.0  #: in log likelihood: repetitions are fitted at points of the grid that are at most so much worse
-_UNINFORMED = 0.7  #: posterior over prior standard deviation above which trials said little
 
 
 @dataclass(frozen=True)
 class PersonFit:
-    """Means of the posterior and its central 95 %; what is unknown is NaN."""
+    """The function of greatest likelihood, and 95 % intervals; 0 and ±∞ are open ends, NaN is unknown.
+
+    A curve that falls with the level has a negative spread.
+    """
 
     trials: int
     curve: PsychometricCurve
@@ -49,14 +57,25 @@ class PersonFit:
     p_fit: float  #: share of simulated repetitions with so great a deviance or a greater one
     notes: tuple[str, ...] = field(default=())
 
+    @property
+    def middle(self) -> float:
+        """Threshold; NaN where its interval has an open end."""
+        return self.curve.middle if all(map(math.isfinite, self.middle_95)) else math.nan
+
+    @property
+    def spread(self) -> float:
+        """NaN where its interval has an open end."""
+        low, high = self.spread_95
+        return abs(self.curve.spread) if low > 0 and math.isfinite(high) else math.nan
+
     def numbers(self) -> dict[str, Any]:
-        """As plain JSON types; what is not a number is None."""
+        """As plain JSON types; what is not a number, or an end that does not exist, is None."""
         curve = self.curve
         return {
             "trials": self.trials,
-            "middle": _to_json(curve.middle), "middle_95": [_to_json(end) for end in self.middle_95],
-            "spread": _to_json(curve.spread), "spread_95": [_to_json(end) for end in self.spread_95],
-            "jnd_75_percent": _to_json(0.6745 * curve.spread),
+            "middle": _to_json(self.middle), "middle_95": [_to_json(end) for end in self.middle_95],
+            "spread": _to_json(self.spread), "spread_95": [_to_json(end) for end in self.spread_95],
+            "jnd_75_percent": _to_json(0.6745 * self.spread),
             "guess": _to_json(curve.guess), "guess_95": [_to_json(end) for end in self.guess_95],
             "lapse": _to_json(curve.lapse), "lapse_95": [_to_json(end) for end in self.lapse_95],
             "deviance": _to_json(self.deviance), "p_fit": _to_json(self.p_fit), "notes": list(self.notes),
@@ -66,68 +85,76 @@ class PersonFit:
 def psychometric_fit(levels: ArrayLike, yes: ArrayLike, of: ArrayLike) -> PsychometricCurve:
     """Posterior means for one person: `yes` (n,) out of `of` (n,) at `levels` (n,), ascending; γ = λ.
 
-    InputError with fewer than two levels.
+    With the priors of psignifit 4, so that everybody has a number to be compared, whatever the answers. InputError with
+    fewer than two levels.
     """
     counts = (np.asarray(values, dtype=float) for values in (yes, of))
     grid = PsychometricGrid.enclose(LevelCounts(np.asarray(levels, dtype=float), *(n[None, :] for n in counts)))
-    return fit_person(grid, 0, samples=0).curve
+    mass = grid.posterior[0]
+    lapse = float(mass.sum(axis=(0, 1)) @ grid.lapses)
+    spread = math.exp(float(mass.sum(axis=(0, 2)) @ grid.log_spreads))
+    return PsychometricCurve(float(mass.sum(axis=(1, 2)) @ grid.thresholds), spread, lapse, lapse)
 
 
-def fit_person(grid: PsychometricGrid, person: int, *, seed: int = 0, samples: int = _SAMPLES) -> PersonFit:
-    """The fit of one of the people in `grid`; without `samples` its goodness is not computed.
+def fit_person(likelihood: SlopeLikelihood, person: int, *, seed: int = 0, samples: int = _SAMPLES) -> PersonFit:
+    """The fit of one of the people in `likelihood`; without `samples` its goodness is not computed.
 
     With answers at one level only, nothing is known: all numbers are NaN.
     """
-    answered = grid.answered
-    yes, of = answered.yes[person], answered.of[person]
+    of = likelihood.answered.of[person]
     if np.count_nonzero(of) < 2:
         nothing = PsychometricCurve(math.nan, math.nan, math.nan, math.nan)
         return PersonFit(
             int(of.sum()), nothing, _UNKNOWN, _UNKNOWN, _UNKNOWN, _UNKNOWN, math.nan, math.nan, (ONE_LEVEL,)
         )
-    mass = grid.posterior[person]
-    middles, spreads, lapses = mass.sum(axis=(1, 2)), mass.sum(axis=(0, 2)), mass.sum(axis=(0, 1))
-    middle, spread = float(middles @ grid.thresholds), float(np.exp(spreads @ grid.log_spreads))
-    lapse = float(lapses @ grid.lapses)
-    low, high = central_interval(grid.log_spreads, spreads)
-    lapse_95 = _quantiles(LAPSE_EDGES, lapses)
-    guess, guess_95 = (lapse, lapse_95) if grid.guess is None else (grid.guess, (grid.guess, grid.guess))
-    deviance, p = _check_fit(grid, person, seed, samples) if samples else (math.nan, math.nan)
-    return PersonFit(
-        int(of.sum()), PsychometricCurve(middle, spread, guess, lapse), central_interval(grid.thresholds, middles),
-        (math.exp(low), math.exp(high)), guess_95, lapse_95, deviance, p, tuple(_note(grid, yes, of, middles, spreads)),
-    )  # fmt: skip
+    lapses = likelihood.lapses(person)
+    lapse, lapse_95 = float(lapses @ (LAPSE_EDGES[1:] + LAPSE_EDGES[:-1]) / 2), _quantiles(LAPSE_EDGES, lapses)
+    curve = likelihood.curve(person, lapse)
+    middle_95, spread_95 = likelihood.threshold_95(person), likelihood.spread_95(person)
+    deviance, p = _check_fit(likelihood, person, seed, samples) if samples else (math.nan, math.nan)
+    notes = tuple(_note(likelihood, person, curve, middle_95, spread_95))
+    return PersonFit(int(of.sum()), curve, middle_95, spread_95, lapse_95, lapse_95, deviance, p, notes)
 
 
-def _note(grid: PsychometricGrid, yes: Array, of: Array, middles: Array, spreads: Array) -> list[str]:
+def _note(
+    likelihood: SlopeLikelihood, person: int, curve: PsychometricCurve, middle_95: Interval, spread_95: Interval
+) -> list[str]:
     """What the trials of one person cannot tell."""
-    x = grid.answered.levels
-    met = of > 0
     found = []
-    one, two, _ = grid.priors
-    for what, axis, mass, prior in (("threshold", grid.thresholds, middles, one),
-                                    ("spread", grid.log_spreads, spreads, two)):  # fmt: skip
-        if _deviation(axis, mass) > _UNINFORMED * _deviation(axis, prior):
-            found.append(f"{TOO_FEW}{what}: its interval is almost as wide as without answers")
-    below, above = x[met & (yes < of)], x[met & (yes > 0)]
-    if len(below) and len(above) and below.max() < above.min():
+    if likelihood.too_many_lapses[person]:
+        return [LAPSES]
+    if likelihood.direction(person) == "falling":
+        found.append(REVERSED)
+    low, high = spread_95
+    if math.isinf(high):
+        found.append(FLAT if low > 0 else NO_LIMIT)
+    elif low == 0:
         found.append(UPPER_LIMIT)
-    outside = float(middles[grid.thresholds < x[met].min()].sum()), float(middles[grid.thresholds > x[met].max()].sum())
-    for share, where in zip(outside, ("below", "above"), strict=True):
-        if share > 0.5:
-            found.append(f"the threshold lies {where} the levels shown: the function is extrapolated there")
+    least, most = middle_95
+    if math.isinf(least) and math.isinf(most):
+        found.append("the answers set no limit to the threshold")
+    elif math.isinf(least) or math.isinf(most):
+        found.append(f"the threshold has only {'an upper' if math.isinf(least) else 'a lower'} limit")
+    else:
+        x = likelihood.answered.levels[likelihood.answered.of[person] > 0]
+        for outside, where in ((curve.middle < x[0], "below"), (curve.middle > x[-1], "above")):
+            if outside:
+                found.append(f"the threshold lies {where} the levels shown: the function is extrapolated there")
     return found
 
 
-def _check_fit(grid: PsychometricGrid, person: int, seed: int, samples: int) -> tuple[float, float]:
+def _check_fit(likelihood: SlopeLikelihood, person: int, seed: int, samples: int) -> tuple[float, float]:
     """Deviance, and the share of simulated repetitions, each fitted, with at least this deviance (Wichmann 2001)."""
-    yes, of = grid.answered.yes[person], grid.answered.of[person]
-    logs = grid.log_likelihoods(yes[None, :], of[None, :])[0]
-    near = np.flatnonzero(logs > logs.max() - _FAR)
-    p = grid.curve_at(int(np.argmax(logs)))(grid.answered.levels)
-    drawn = np.random.default_rng([seed, person]).binomial(of.astype(int), np.clip(p, 0, 1), (samples, len(of)))
+    yes, of = likelihood.answered.yes[person], likelihood.answered.of[person]
+    shares = likelihood.nearby(person)
+    log_no = np.log1p(-shares).T
+    odds, none = np.log(shares).T - log_no, of @ log_no
+    logs = yes @ odds + none
+    drawn = np.random.default_rng([seed, person]).binomial(
+        of.astype(int), shares[int(logs.argmax())], (samples, len(of))
+    )
     repeated: Array = drawn.astype(np.float64)
-    again = grid.log_likelihoods(repeated, of, near).max(axis=1)
+    again = (repeated @ odds + none).max(axis=1)
     deviances = 2 * (_saturate(repeated, of) - again)
     deviance = float(2 * (_saturate(yes[None, :], of)[0] - logs.max()))
     return deviance, float((1 + np.count_nonzero(deviances >= deviance - 1e-9)) / (samples + 1))
@@ -140,11 +167,6 @@ def _saturate(yes: Array, of: Array) -> Array:
     share = yes / np.maximum(of, 1)
     found: Array = (xlogy(yes, share) + xlogy(of - yes, 1 - share)).sum(axis=-1)
     return found
-
-
-def _deviation(axis: Array, mass: Array) -> float:
-    middle = float(mass @ axis)
-    return math.sqrt(max(float(mass @ (axis - middle) ** 2), 0.0))
 
 
 def central_interval(axis: Array, mass: Array) -> Interval:

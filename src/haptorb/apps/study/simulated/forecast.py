@@ -15,18 +15,21 @@ from haptorb.apps.asking.procedure import FixedOrder, InterleavedProcedures
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.prompts import has_set_points
+from haptorb.apps.study.model.set_points import SetPoint
 from haptorb.control.allocation.for_device import tool_choice
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State, rotation_to_axis
 from haptorb.numerics.arrays import Array
 from haptorb.worlds.maps.dome import Dome
 from haptorb.worlds.maps.domes import overlaps
+from haptorb.worlds.world import World
 
 if TYPE_CHECKING:
     from haptorb.apps.study.model.study_file import Study
 
-__all__ = ["FELT_SHARE", "Forecast", "Overlap", "forecast", "load_squared", "overlap"]
+__all__ = ["FELT_SHARE", "Forecast", "Overlap", "Unfelt", "find_unfelt", "forecast", "load_squared", "overlap"]
 
+_NOTHING = 1e-6  #: [N], [N·m]: less is nothing
 FELT_SHARE = 0.5  #: of a trial's time in which the tool is within the map; an assumption
 _PAUSES = (2.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 
@@ -96,6 +99,78 @@ class Overlap:
         )
 
 
+@dataclass(frozen=True)
+class Unfelt:
+    """A condition in which nothing can be felt, or no difference between levels, at the place of its trials."""
+
+    condition: str
+    theta_deg: float  #: of the set-point
+    parameter: str  #: that is varied without effect; "": there is no force at all
+    most: float  #: [N] greatest force there, or [N·m] torque where only a torque is rendered
+
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        return {
+            "condition": self.condition, "theta_deg": self.theta_deg, "parameter": self.parameter or None,
+            "greatest": self.most,
+        }  # fmt: skip
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        where = f"condition '{self.condition}', set-point at θ = {self.theta_deg:g} deg"
+        if not self.parameter:
+            return f"{where}: the world renders nothing within reach of it, so there is nothing to answer to"
+        return (
+            f"{where}: levels of '{self.parameter}' change nothing that is rendered there, so that every answer is a "
+            "guess; choose a set-point within the world, or another parameter"
+        )
+
+
+def find_unfelt(study: Study) -> tuple[Unfelt, ...]:
+    """Conditions whose world gives nothing at the place of a trial or, if a level is varied, the same at each level."""
+    device, found = study.load_device(), []
+    levels = study.levels
+    varied: list[float] = []
+    if levels is not None and study.procedure in ("constant", "staircase", "bayesian", "magnitude"):
+        chosen = study.procedure in ("constant", "magnitude")
+        more = [m for m in (levels.most, levels.start) if m is not None]
+        varied = list(levels.values) if chosen else [levels.reference + m for m in more]
+    for condition in study.conditions:
+        for point in study.points if has_set_points(study) else study.points[:1]:
+            levels_here = [levels.reference, *varied] if levels is not None and varied else [None]
+            made = [study.make_world(condition.name, point.number, level).for_device(device) for level in levels_here]
+            widest = max(made, key=lambda world: world.cut_off_deg if isinstance(world, Dome) else 0.0)
+            states = _list_states(device, point, widest)
+            fields = [_sample_wrench(device, study, world, states) for world in made]
+            most = max(float(np.abs(field).max(initial=0.0)) for field in fields)
+            change = max((float(np.abs(field - fields[0]).max(initial=0.0)) for field in fields[1:]), default=most)
+            if most < _NOTHING or change < _NOTHING:
+                parameter = levels.parameter if levels is not None and varied else ""
+                found.append(Unfelt(condition.name, point.theta_deg, parameter, most))
+    return tuple(found)
+
+
+def _sample_wrench(device: SphericalElectromagnet, study: Study, world: World, states: list[State]) -> Array:
+    """(n, 6) what is rendered of the wrench of `world` [N, N·m] at `states`."""
+    part = tool_choice(device, study.render or None).choose_part(world)
+    kept = np.array([part != "torque"] * 3 + [part != "force"] * 3, dtype=float)
+    found: Array = np.array([world.wrench(state).copy() for state in states]).reshape(-1, 6) * kept
+    return found
+
+
+def _list_states(device: SphericalElectromagnet, point: SetPoint, world: World) -> list[State]:
+    """Where the tool is felt to be within the map of `point`, in contact, equally often at every angle."""
+    cut_off = world.cut_off_deg if isinstance(world, Dome) else 54.0
+    turn, found = rotation_to_axis(point.direction), []
+    for alpha in np.radians((np.arange(6) + 0.5) / 6 * cut_off):
+        for phi in np.arange(6) * np.pi / 3:
+            way = turn @ np.array([np.sin(alpha) * np.cos(phi), np.sin(alpha) * np.sin(phi), np.cos(alpha)])
+            if np.arccos(way[2]) <= device.workspace_half_angle + np.radians(15):
+                found.append(State.at(way * device.contact_distance))
+    return found
+
+
 def overlap(study: Study) -> Overlap | None:
     """The overlap of the domes of all set-points in the widest condition; None where there is none."""
     if not has_set_points(study):
@@ -114,19 +189,12 @@ def load_squared(device: SphericalElectromagnet, study: Study, prompt: Prompt) -
     """(m,) mean square current [A²] while the tool is within the map of `prompt`, in contact."""
     point = study.point(prompt.set_point or study.points[0].number)
     world = study.make_world(prompt.condition, point.number, prompt.level or None).for_device(device)
-    cut_off = world.cut_off_deg if isinstance(world, Dome) else 54.0
     choice = tool_choice(device, study.render or None)
     allocator = choice.allocators[choice.choose_part(world)]
-    turn = rotation_to_axis(point.direction)
     squares = []
-    for alpha in np.radians((np.arange(6) + 0.5) / 6 * cut_off):
-        for phi in np.arange(6) * np.pi / 3:
-            way = turn @ np.array([np.sin(alpha) * np.cos(phi), np.sin(alpha) * np.sin(phi), np.cos(alpha)])
-            if np.arccos(way[2]) > device.workspace_half_angle + np.radians(15):
-                continue
-            state = State.at(way * device.contact_distance)
-            given = allocator.allocate(device.wrench_map(state, study.model or device.models[0]), world.wrench(state))
-            squares.append(given.currents**2)
+    for state in _list_states(device, point, world):
+        given = allocator.allocate(device.wrench_map(state, study.model or device.models[0]), world.wrench(state))
+        squares.append(given.currents**2)
     mean: Array = np.mean(squares, axis=0)
     return mean
 

@@ -12,7 +12,7 @@ from haptorb.apps.study.analysis.over_people.measures import PersonMeasures, lis
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.simulated.participant import Participant
-from haptorb.apps.study.store.columns import Columns
+from haptorb.apps.study.store.columns import Columns, place_answers
 
 __all__ = ["ADAPTIVE", "answer_study", "list_columns", "simulate_value"]
 
@@ -53,6 +53,7 @@ def list_columns(study: Study, responses: Iterable[tuple[Prompt, Answer]], code:
     ways = np.array([points[p.set_point].direction if p.set_point else (np.nan,) * 3 for p, _ in main]).reshape(-1, 3)
     place = np.array([a.position or (np.nan,) * 3 for _, a in main], dtype=float).reshape(-1, 3)
     number = np.array([p.set_point for p, _ in main])
+    contact = study.load_device().contact_distance
     answer = np.array([np.nan if a.value is None else a.value for _, a in main], dtype=float)
     return {
         "participant": np.full(len(main), code), "set_point": number, "answer": answer,
@@ -61,5 +62,5 @@ def list_columns(study: Study, responses: Iterable[tuple[Prompt, Answer]], code:
         "theta_deg": np.array([points[p.set_point].theta_deg if p.set_point else np.nan for p, _ in main]),
         "correct": np.where(np.isfinite(answer), answer == number, np.nan),
         "x_m": place[:, 0], "y_m": place[:, 1], "z_m": place[:, 2],
-        "distance_mm": 1e3 * np.linalg.norm(place - study.load_device().contact_distance * ways, axis=1),
+        "distance_mm": 1e3 * np.linalg.norm(place_answers(study, answer, place) - contact * ways, axis=1),
     }  # fmt: skip

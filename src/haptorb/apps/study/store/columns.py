@@ -20,7 +20,7 @@ from haptorb.apps.study.store.contents import KINDS, Kind
 from haptorb.apps.study.store.database import contents, events, participants, replies, sessions, studies, trials
 from haptorb.errors import InputError, RecordingError
 
-__all__ = ["COLUMNS", "Columns", "keep_older", "read_replies", "read_study", "select_kind", "tidy"]
+__all__ = ["COLUMNS", "Columns", "keep_older", "place_answers", "read_replies", "read_study", "select_kind", "tidy"]
 
 #: column → what it is; the data dictionary of every export
 COLUMNS = {
@@ -43,8 +43,11 @@ COLUMNS = {
     "x_m": "position of the tool's magnet at the answer, stator frame [m]",
     "y_m": "position of the tool's magnet at the answer, stator frame [m]",
     "z_m": "position of the tool's magnet at the answer, stator frame [m]",
-    "distance_mm": "distance of the tool's magnet from its contact position at the set-point [mm]",
-    "angle_deg": "angle between the directions of the tool's magnet and of the set-point [deg]",
+    "distance_mm": "error: straight distance of the answered place from the set-point prompted [mm]; identification: "
+    "between the contact positions of both set-points; localisation: of the tool's magnet; else empty",
+    "angle_deg": "error: angle between the directions of the answered place and of the set-point prompted [deg]",
+    "pen_distance_mm": "distance of the tool's magnet at the answer from its contact position at the set-point [mm]",
+    "pen_angle_deg": "angle between the directions of the tool's magnet at the answer and of the set-point [deg]",
     "seconds": "time from prompt to answer [s]",
     "safety": "reasons for which the device tripped during the trial, separated by |",
     "repeats": "number of restarts of the trial: the device was off, or the experimenter repeated it",
@@ -118,6 +121,8 @@ def tidy(engine: Engine, study: Study) -> Columns:
         np.array([np.nan if p is None else getattr(p, f"{name}_deg") for p in there]) for name in ("theta", "phi")
     )
     ways = np.array([(np.nan,) * 3 if p is None else p.direction for p in there])
+    contact = study.load_device().contact_distance * ways
+    answered = place_answers(study, answers, position)
     return {
         "participant": np.array([row.code for row in rows]),
         "simulated": np.array([row.simulated for row in rows]),
@@ -138,8 +143,10 @@ def tidy(engine: Engine, study: Study) -> Columns:
         "x_m": position[:, 0],
         "y_m": position[:, 1],
         "z_m": position[:, 2],
-        "distance_mm": 1e3 * np.linalg.norm(position - study.load_device().contact_distance * ways, axis=1),
-        "angle_deg": angles_between(position, ways),
+        "distance_mm": 1e3 * np.linalg.norm(answered - contact, axis=1),
+        "angle_deg": angles_between(answered, ways),
+        "pen_distance_mm": 1e3 * np.linalg.norm(position - contact, axis=1),
+        "pen_angle_deg": angles_between(position, ways),
         "seconds": np.array([row.seconds for row in rows]),
         "safety": np.array([reasons[row.safety] for row in rows]),
         "repeats": np.array([repeats.get((row.session, row.number), 0) for row in rows]),
@@ -189,6 +196,20 @@ def _correct(study: Study, number: NDArray[Any], interval: NDArray[Any], answers
         # Of constant stimuli either answer may be right: the curve decides; the rest has no right answer.
         return np.full(len(answers), np.nan)
     found: NDArray[Any] = np.equal(answers, right).astype(float)
+    return found
+
+
+def place_answers(study: Study, answers: NDArray[Any], position: NDArray[Any]) -> NDArray[Any]:
+    """(trials, 3) places that were answered [m]: an error is their distance from the set-point prompted.
+
+    Of an identification the contact position at the set-point that was named, wherever the tool then was; of a
+    localisation the tool's `position`; NaN where a place is not the answer.
+    """
+    if study.procedure == "localisation":
+        return position
+    known = {p.number: p.direction for p in study.points} if study.procedure == "identification" else {}
+    ways = [known.get(int(n), (np.nan,) * 3) if np.isfinite(n) else (np.nan,) * 3 for n in answers.astype(float)]
+    found: NDArray[Any] = study.load_device().contact_distance * np.array(ways, dtype=float).reshape(-1, 3)
     return found
 
 

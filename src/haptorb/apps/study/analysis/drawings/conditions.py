@@ -8,7 +8,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from haptorb.apps.study.analysis.analysis import Analysis
-from haptorb.apps.study.analysis.drawings.style import COLOURS, DASHES, MARKERS, PaperSize, new_paper_figure
+from haptorb.apps.study.analysis.drawings.style import (
+    COLOURS,
+    DASHES,
+    MARKERS,
+    PaperSize,
+    draw_open_interval,
+    new_paper_figure,
+)
 
 __all__ = ["draw_choices", "draw_curves", "draw_magnitudes", "draw_ratings", "draw_response_times", "draw_thresholds"]
 
@@ -26,6 +33,9 @@ def draw_curves(analysis: Analysis, size: PaperSize) -> Figure:
             axes.plot(fine, fit.curve(fine), color=colour, ls=dashes, lw=0.4, alpha=0.5)
         if (curve := one.group_curve) is not None:
             axes.plot(fine, curve(fine), color=colour, ls=dashes, lw=1.6)
+    for n, one in enumerate(analysis.curves.values()):
+        if one.group is not None:
+            draw_open_interval(axes, one.group.threshold.mean_95, 0.5 + 0.02 * n, COLOURS[n % 7], width=0.8)
     if analysis.study.levels is not None:
         axes.axvline(analysis.study.levels.reference, color="0.5", lw=0.6)
     axes.set(xlabel=_level_label(analysis), ylabel="share called stronger than the reference", ylim=(-0.02, 1.02))
@@ -37,19 +47,26 @@ def draw_thresholds(analysis: Analysis, size: PaperSize) -> Figure:
     """Everybody's fitted threshold by condition with its 95 %, lines joining one person's; the group's mean, 95 %."""
     figure = new_paper_figure(analysis, size.single, 0.85 * size.single)
     axes = figure.subplots()
-    names = list(analysis.tracks)
+    names, bars = list(analysis.tracks), []
     codes = list(dict.fromkeys(code for one in analysis.tracks.values() for code in one.people))
     for number, code in enumerate(codes):
         aside = 0.12 + 0.2 * (number + 0.5) / len(codes)  # beside the group's, so that nothing hides
         mine = [(n + aside, fit) for n, name in enumerate(names) if (fit := analysis.tracks[name].people.get(code))]
-        axes.plot([at for at, _ in mine], [fit.fitted for _, fit in mine], "-", color="0.75", marker=".", lw=0.5, ms=3)
+        closed = [(at, fit.fitted) for at, fit in mine if fit.closed]
+        axes.plot([at for at, _ in closed], [value for _, value in closed], "-", color="0.75", marker=".", lw=0.5, ms=3)
         for at, fit in mine:
-            axes.plot([at, at], fit.fitted_95, color="0.75", lw=0.5)
+            bars.append((at, fit.fitted_95, "0.75", 0.5))
     for n, name in enumerate(names):
         if (group := analysis.tracks[name].group) is not None:
-            low, high = group.mean_95
-            _draw_interval(axes, n, 2**group.mean, 2**low, 2**high, n)
+            if np.isfinite(group.mean_95).all():
+                axes.plot([n], [2**group.mean], MARKERS[n % 7], color=COLOURS[n % 7], zorder=3)
+            bars.append((n, (2 ** group.mean_95[0], 2 ** group.mean_95[1]), COLOURS[n % 7], 1.0))
     axes.set_yscale("log")
+    ends = [end for _, limits, _, _ in bars for end in limits if 0 < end < np.inf]
+    if ends:
+        axes.set_ylim(min(ends) / 1.3, max(ends) * 1.3)
+    for at, limits, colour, width in bars:
+        draw_open_interval(axes, limits, at, colour, upright=True, width=width)
     _write_plain_numbers(axes)
     _name_conditions(axes, names)
     axes.set_ylabel(f"threshold: difference of {_level_label(analysis)}")

@@ -84,13 +84,14 @@ def _list_figures(analysis: Analysis) -> Iterator[_Entry]:
         yield (
             "psychometric-curves", drawn.draw_curves,
             "Points: share of trials in which the comparison was called stronger, over all participants. Thin: "
-            "function of each participant; thick: median participant of the group; vertical line: reference.",
+            "function of each participant; thick: median participant of the group; bar near 0.5: 95 % of its "
+            "threshold, an arrow where an end does not exist; vertical line: reference.",
         )  # fmt: skip
     if analysis.tracks:
         yield (
             "thresholds", drawn.draw_thresholds,
-            "Grey: fitted thresholds of each participant with 95 %, joined. Large points: mean of the group in the "
-            "logarithm, 95 %.",
+            "Grey: fitted thresholds of each participant with 95 % (arrow: no end), joined. Large points: mean of "
+            "the group in the logarithm, 95 %.",
         )  # fmt: skip
     if analysis.scores:
         yield "ratings", drawn.draw_ratings, f"Ratings by condition. {people}"

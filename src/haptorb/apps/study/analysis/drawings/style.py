@@ -6,18 +6,31 @@ grows evenly, so that it survives a photocopy. Conditions differ in marker and l
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.errors import InputError
 
-__all__ = ["COLOURS", "DASHES", "INK", "MARKERS", "MM", "SHADES", "PaperSize", "new_paper_figure", "use_paper_style"]
+__all__ = [
+    "COLOURS",
+    "DASHES",
+    "INK",
+    "MARKERS",
+    "MM",
+    "SHADES",
+    "PaperSize",
+    "draw_open_interval",
+    "new_paper_figure",
+    "use_paper_style",
+]
 
 MM = 1 / 25.4  #: inches
 INK = "#000000"
@@ -63,6 +76,31 @@ def new_paper_figure(analysis: Analysis, width: float, height: float) -> Figure:
         figure.suptitle("SIMULATED", x=0.99, ha="right", fontweight="bold", color=COLOURS[1])
     figure.supxlabel(_wrap(analysis.origin, width), x=0.01, ha="left", fontsize=5.5, color="0.25")
     return figure
+
+
+def draw_open_interval(
+    axes: Axes, limits: tuple[float, float], at: float, colour: str, *, upright: bool = False, width: float = 1.2
+) -> None:
+    """A bar over `limits` at `at`; an end that does not exist is an arrow to the edge of `axes`. NaN: nothing.
+
+    Limits beyond the axes become arrows too. Call it last: the axes keep the range that they have.
+    """
+    low, high = limits
+    if math.isnan(low) or math.isnan(high):
+        return
+    edges = sorted(axes.get_ylim() if upright else axes.get_xlim())
+    (axes.set_ylim if upright else axes.set_xlim)(*edges)  # what is drawn here does not widen them
+    inner = [min(max(end, edges[0]), edges[1]) for end in (low, high)]
+    for end, inside, other in ((low, *inner), (high, *reversed(inner))):
+        if end == inside:
+            continue
+        here, there = ((at, inside), (at, other)) if upright else ((inside, at), (other, at))
+        arrow = {"arrowstyle": "-|>", "color": colour, "lw": width, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", here, there, arrowprops=arrow, zorder=4)
+    axes.plot(*(([at, at], inner) if upright else (inner, [at, at])), color=colour, lw=width, zorder=4)
+    closed = [inside for end, inside in zip((low, high), inner, strict=True) if end == inside]
+    axes.plot(*(([at] * len(closed), closed) if upright else (closed, [at] * len(closed))),
+              ls="", marker="_" if upright else "|", color=colour, ms=5, zorder=4)  # fmt: skip
 
 
 def _wrap(text: str, width: float) -> str:
