@@ -14,18 +14,18 @@ from pathlib import Path
 from typing import Any
 
 from haptorb.apps.bench.row import Metric
+from haptorb.cluster.python_process import python_command
 
-__all__ = ["HAPTORB", "console", "loop", "serial", "study"]
+__all__ = ["console", "loop", "serial", "study"]
 
 _CLONE = Path(__file__).resolve().parents[4]
-HAPTORB = "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
 def loop(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """The servo in its own process with a client that drags, 30 s times `effort`."""
     seconds = max(30.0 * effort, 3.0)
     tell(f"{seconds:.0f} s of 1 kHz")
-    facts = _run_and_parse([sys.executable, "-c", HAPTORB, "check", "--duration", f"{seconds:g}", "--json"])
+    facts = _run_and_parse(python_command("haptorb", "check", "--duration", f"{seconds:g}", "--json"))
     if isinstance(facts, str):
         return [Metric("loop", "servo at 1 kHz with a client that drags", None, "", note=facts)]
     return [

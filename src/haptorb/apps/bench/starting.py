@@ -10,13 +10,13 @@ from pathlib import Path
 from statistics import median
 from time import monotonic, sleep
 
-from haptorb.apps.bench.outside import HAPTORB
 from haptorb.apps.bench.row import Metric
+from haptorb.cluster.python_process import python_command
 from haptorb.runtime.recording.recording import Recording
 
 __all__ = ["rows"]
 
-_MINE = [sys.executable, "-c", HAPTORB]
+_MINE = python_command("haptorb")
 
 
 def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
@@ -26,7 +26,7 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     _first_tick()  # compiles what is not compiled yet
     first = median(_first_tick() for _ in range(times))
     help_time = median(_run(*_MINE, "--help") for _ in range(times))
-    read = median(_run(sys.executable, "-c", "import haptorb; haptorb.load('pmsm')") for _ in range(times))
+    read = median(_run(sys.executable, "-P", "-c", "import haptorb; haptorb.load('pmsm')") for _ in range(times))
     megabytes = _memory()
     return [
         Metric("start", "`haptorb run`, from the command to the first tick, median", first, "s", limit=4.0),

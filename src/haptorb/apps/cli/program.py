@@ -1,6 +1,7 @@
 """The program `haptorb`: its commands, and how it ends.
 
-Exit codes: 0 done, 1 the command ran and its verdict is no, 2 a mistake that the message explains, 130 interrupted.
+Exit codes: 0 done, 1 the command ran and its verdict is no, 2 a mistake that the message explains, 130 interrupted,
+143 and 129 ended by SIGTERM and SIGHUP.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from haptorb.apps.terminal.help_text import CommandLine
 from haptorb.apps.terminal.output import drop_output, open_output
 from haptorb.apps.terminal.spelling import use_ascii_fallback
 from haptorb.errors import HaptorbError, RecordingWarning
+from haptorb.runtime.realtime.end_signals import Termination, raise_termination
 from haptorb.version import __version__
 
 __all__ = ["app", "main"]
@@ -94,13 +96,15 @@ def main(arguments: list[str] | None = None) -> int:
     open_output()
     use_ascii_fallback()
     try:
-        with report_damage():
+        with raise_termination(), report_damage():
             app(args=arguments)
     except HaptorbError as mistake:
         say(f"haptorb: {mistake.command_message}")
         return 2
     except KeyboardInterrupt:
         return 130
+    except Termination as end:
+        return 128 + end.number
     except BrokenPipeError:  # `haptorb devices | head` is no mistake
         sys.stderr.close()
     except OSError as cause:

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Timer
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -16,6 +15,7 @@ from haptorb.apps.part_notice import tell_part
 from haptorb.apps.pose_wait import describe_tracking, tell_missing_pose
 from haptorb.apps.terminal import print_json, say
 from haptorb.errors import InputError
+from haptorb.runtime.realtime.end_signals import Termination
 
 if TYPE_CHECKING:
     from haptorb.apps.serve.serving import Serving
@@ -150,22 +150,16 @@ def run(
             watchdog=not no_watchdog, render=render, torque_arm=None if torque_arm is None else 1e-3 * torque_arm,
             grip=grip, latency=None if latency is None else 1e-3 * latency,
         )  # fmt: skip
-        before = signal.signal(signal.SIGTERM, _end)
         if servo.coupling:
             say(servo.coupling)
-        try:
-            with Serving(choices, servo) as serving:
-                number = (
-                    _run_without_console(servo, standby, serving, duration, json)
-                    if headless
-                    else _run_with_console(servo, standby, serving, duration, port, browser, json)
-                )
-            for file in servo.trip_files:
-                say(f"last ticks before the trip: {file}")
-        except _Termination:  # while it was still starting
-            number = int(signal.SIGTERM)
-        finally:
-            signal.signal(signal.SIGTERM, before)
+        with Serving(choices, servo) as serving:
+            number = (
+                _run_without_console(servo, standby, serving, duration, json)
+                if headless
+                else _run_with_console(servo, standby, serving, duration, port, browser, json)
+            )
+        for file in servo.trip_files:
+            say(f"last ticks before the trip: {file}")
     if number:
         raise typer.Exit(128 + number)
 
@@ -180,12 +174,15 @@ def _run_without_console(
             say(f"{servo.device.name}, world '{world}', {servo.rate:g} Hz, {driver}. Ctrl-C ends.")
         try:
             with tell_missing_pose(servo), tell_part(servo):
-                servo.run(duration if duration is not None else 1e9)
+                try:
+                    servo.run(duration if duration is not None else 1e9)
+                finally:
+                    servo.end_loop()  # safety: loop-before-notices
             number = 0
         except KeyboardInterrupt:
             number = int(signal.SIGINT)
-        except _Termination:
-            number = int(signal.SIGTERM)
+        except Termination as end:
+            number = end.number
     _report(servo, json)
     return number
 
@@ -221,14 +218,14 @@ def _run_with_console(
 
         with tell_missing_pose(servo), tell_part(servo):
             number = console.serve(open_browser=browser, until=look)
-        servo.check()  # a servo that failed reports why, and sets the exit code
+        servo.check_end()  # a servo that failed reports why, and sets the exit code
     _report(servo, json)
     return number or 0
 
 
 @contextmanager
 def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> Iterator[None]:
-    """Run `servo` and close it on the way out; when the start takes long, say why."""
+    """Run `servo` and close it on the way out, the loop first; when the start takes long, say why."""
     hint = Timer(
         3.0, say, ["Starting ... The first start after an installation compiles code: about 15 s on two cores."]
     )
@@ -238,6 +235,7 @@ def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> I
         servo.open(standby)
         serving.start()
     except BaseException:
+        servo.end_loop()
         serving.end()
         servo.close()
         raise
@@ -252,6 +250,7 @@ def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> I
             say(line)
         yield
     finally:
+        servo.end_loop()  # safety: loop-before-servers
         serving.end()
         servo.close()
         if servo.report()["coil_state"] == "unknown":
@@ -290,11 +289,3 @@ def _report(servo: Servo, json: bool) -> None:
         say(line)
     for trip in report["trips"]:
         say(f"tripped at {trip['t']:.2f} s: {trip['reason']}")
-
-
-class _Termination(BaseException):
-    """SIGTERM, on its way through `with` blocks that switch the coils off."""
-
-
-def _end(number: int, frame: FrameType | None) -> None:
-    raise _Termination

@@ -69,18 +69,24 @@ class Console:
         return self._server.started
 
     def serve(self, *, open_browser: bool = False, until: Callable[[], bool] = lambda: False) -> int | None:
-        """Serve until `close`, SIGINT or SIGTERM (the signal's number is returned), `until()`, or the servo's end.
+        """Serve until `close`, SIGINT, SIGTERM or SIGHUP (the signal's number is returned), `until()`, or the servo's
+        end.
 
-        Signals are received only in the main thread; the former handlers are restored.
+        The loop ends with it, coils off first: nobody could stop it from the page any more. Signals are received only
+        in the main thread; the former handlers are restored.
         """
         signals_seen: list[int] = []
 
         def end(number: int) -> None:
+            self._servo.end_loop()  # safety: signal-before-page
             signals_seen.append(number)
             self.close()
 
-        with signals(end), prioritize():
-            asyncio.run(self._serve(open_browser, until))
+        try:
+            with signals(end), prioritize():
+                asyncio.run(self._serve(open_browser, until))
+        finally:
+            self._servo.end_loop()
         return signals_seen[0] if signals_seen else None
 
     async def _serve(self, open_browser: bool, until: Callable[[], bool]) -> None:
@@ -90,23 +96,27 @@ class Console:
             if self._server.started and not opened:
                 opened = True
                 threading.Thread(target=open_browser_at, args=(self.url,), daemon=True).start()
-            if not self._servo.alive or until():
-                # One more moment, so that the page can show it before the socket closes.
-                await asyncio.sleep(0.7 if not self._servo.alive else 0.0)
+            if not self._servo.alive:
+                await asyncio.sleep(0.7)  # one more moment, so that the page can show it before the socket closes
+                self._server.should_exit = True
+                break
+            if until():
+                self._servo.end_loop()  # safety: time-before-page
                 self._server.should_exit = True
                 break
             await asyncio.sleep(0.05)
         await serving
 
     def close(self) -> None:
-        """End `serve`; may be called from any thread, and twice."""
+        """End `serve`, and the loop with it; may be called from any thread, and twice."""
+        self._servo.end_loop()
         self._server.should_exit = True
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
+        self._server.should_exit = True
         self._socket.close()
         if self._force_map is not None:
             self._force_map.close()

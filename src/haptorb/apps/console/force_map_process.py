@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import pickle
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -19,6 +18,7 @@ from haptorb.apps.console.force_map import Flags
 from haptorb.devices.device import Device
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
+from haptorb.runtime.realtime.process_starter import start_python
 from haptorb.worlds.world import Sum, World
 
 __all__ = ["ForceMapProcess"]
@@ -75,11 +75,8 @@ class ForceMapProcess:
         if self._process is not None and self._process.poll() is not None:
             self._end()
         if self._process is None:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "haptorb.apps.console.force_map_process"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                start_new_session=True,  # Ctrl-C is for the console, which then closes this
+            self._process = start_python(
+                "haptorb.apps.console.force_map_process", stdin=subprocess.PIPE, stdout=subprocess.PIPE
             )
             assert self._process.stdin is not None
             pickle.dump(self._device, self._process.stdin)

@@ -133,6 +133,10 @@ class RunningServo(DescribedServo, Protocol):
         """Coils off within a tick, and off until `engage`."""
         ...
 
+    def end_loop(self) -> None:
+        """Coils off and the loop ended within a tick; returns at once."""
+        ...
+
     @property
     def stops(self) -> int:
         """How often `stop` was called."""

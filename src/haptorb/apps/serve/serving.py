@@ -23,6 +23,9 @@ from haptorb.runtime.exchange.plan import pack
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.memory.text_slot import TextSlot
 from haptorb.runtime.processes.prestart import start_module
+from haptorb.runtime.realtime.end_signals import hold_signals
+from haptorb.runtime.realtime.process_starter import end_process
+from haptorb.runtime.realtime.stall_time import HangWatch
 from haptorb.runtime.servo.output_reader import show
 from haptorb.runtime.servo.servo import Servo
 from haptorb.version import __version__
@@ -30,7 +33,8 @@ from haptorb.version import __version__
 __all__ = ["Serving"]
 
 _START = 30.0  #: longest wait for a server's process [s]
-_FINISH = 1.5  #: to end on request before it is killed [s]
+_HUNG = 4.0  #: without processor time, after which a server that starts hangs [s]
+_FINISH = 1.5  #: for all of them to end on request before they are killed [s]
 _ABOVE = 0.002  #: the dome, where a tool that is not held otherwise is held [m]
 _LOOK = 0.02  #: between two looks for what servers request [s]
 
@@ -84,13 +88,16 @@ class Serving:
             self._start_process(one)
         deadline = monotonic() + _START
         for one in self._servers:
+            assert one.process is not None
+            watch, hung = HangWatch(one.process.pid), 0.0
             while shared.words[Word.SERVERS + one.number] == Phase.STARTING:
-                assert one.process is not None
-                if one.process.poll() is not None or monotonic() > deadline:
+                hung = watch.look()
+                if one.process.poll() is not None or monotonic() > deadline or hung > _HUNG:
                     break
                 sleep(0.002)
             if shared.words[Word.SERVERS + one.number] != Phase.RUNNING:
-                raise DriverError(f"--serve {one.choice.kind} did not start: {self._explain_end(one)}")
+                why = f"its process did nothing for {hung:.0f} s and was ended" if hung > _HUNG else ""
+                raise DriverError(f"--serve {one.choice.kind} did not start: {why or self._explain_end(one)}")
             one.preparation.close()
         self._watcher = threading.Thread(target=self._watch, args=(shared,), name="haptorb-servers", daemon=True)
         self._watcher.start()
@@ -157,25 +164,25 @@ class Serving:
             show(f"--serve {one.choice.kind}: a client's command was refused: {cause}\n")
 
     def end(self) -> None:
-        """End all servers. May be called twice."""
+        """End all servers, by force if they do not end by themselves. May be called twice."""
         self._ending.set()
-        if self._watcher is not None:
-            self._watcher.join()
-            self._watcher = None
-        running = [one.process for one in self._servers if one.process is not None]
-        for process in running:
-            process.terminate()
-        for process in running:
-            try:
-                process.wait(_FINISH)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-        for one in self._servers:
-            one.preparation.close()
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            self._folder = None
+        with hold_signals():
+            if self._watcher is not None:
+                self._watcher.join(_FINISH)
+                self._watcher = None
+            running = [one for one in self._servers if one.process is not None and one.process.poll() is None]
+            for one in running:
+                one.process.terminate()  # type: ignore[union-attr]
+            deadline = monotonic() + _FINISH
+            for one in running:
+                if not end_process(one.process, max(deadline - monotonic(), 0.0)):
+                    kind, number = one.choice.kind, one.process.pid  # type: ignore[union-attr]
+                    show(f"--serve {kind} cannot be ended: the kernel holds its process {number}\n")
+            for one in self._servers:
+                one.preparation.close()
+            if self._folder is not None:
+                shutil.rmtree(self._folder, ignore_errors=True)
+                self._folder = None
 
     def __enter__(self) -> Self:
         return self

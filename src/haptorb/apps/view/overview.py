@@ -8,7 +8,6 @@ import os
 import pickle
 import struct
 import subprocess
-import sys
 import threading
 import time
 from contextlib import suppress
@@ -17,6 +16,7 @@ from typing import Any, final
 import numpy as np
 
 from haptorb.apps.view.overview_bins import BINS, CHANNELS, OverviewBins
+from haptorb.runtime.realtime.process_starter import start_python
 from haptorb.runtime.recording.recording import Recording
 
 __all__ = ["Overview"]
@@ -54,12 +54,10 @@ class Overview:
             return
         arguments = [str(self._recording.path), repr(self._start), repr(self._end)]
         arguments += ["--damaged"] if self._recording.missing else []
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "haptorb.apps.view.overview_process", *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C is for the server, which then closes this
-        )
+        self._process = start_python(
+            "haptorb.apps.view.overview_process", *arguments,
+            isolated=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        )  # fmt: skip
         threading.Thread(target=self._listen, args=(self._process,), daemon=True).start()
 
     def _listen(self, process: subprocess.Popen[bytes]) -> None:

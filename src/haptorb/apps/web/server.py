@@ -147,7 +147,7 @@ def freeze_garbage() -> Generator[None, None, None]:
 
 @contextlib.contextmanager
 def signals(handle: Callable[[int], None]) -> Generator[None, None, None]:
-    """SIGINT and SIGTERM call `handle`, in the main thread; elsewhere nothing changes."""
+    """SIGINT, SIGTERM and SIGHUP call `handle`, in the main thread; elsewhere nothing changes."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -155,7 +155,9 @@ def signals(handle: Callable[[int], None]) -> Generator[None, None, None]:
     def handler(number: int, frame: FrameType | None) -> None:
         handle(number)
 
-    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    ends = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if _LINUX else ()))
+    caught = [number for number in ends if signal.getsignal(number) is not signal.SIG_IGN]  # nohup stays nohup
+    before = {number: signal.signal(number, handler) for number in caught}
     try:
         yield
     finally:

@@ -11,10 +11,11 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import islice
-from multiprocessing import active_children, get_context, parent_process
+from multiprocessing import active_children, parent_process
 from typing import final
 
 from haptorb.cluster.cores import count_cores
+from haptorb.cluster.spawned_process import spawn_context
 from haptorb.design.design import Design
 from haptorb.design.evaluate import evaluate
 from haptorb.design.evaluation import Evaluation
@@ -45,7 +46,7 @@ def open_processes(design: Design, processes: int | None = None) -> Iterator[Wor
         return
     packed = pickle_with_code(design)  # an objective of the user's own comes with its code
     others = set(active_children())
-    pool = ProcessPoolExecutor(many, get_context("spawn"), initializer=_start, initargs=(packed,))
+    pool = ProcessPoolExecutor(many, spawn_context(), initializer=_start, initargs=(packed,))
     try:
         yield ProcessWorkers(pool, many)
     except BaseException:

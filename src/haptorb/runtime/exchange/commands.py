@@ -60,6 +60,10 @@ class Commands(HandCommands):
     def _compile_world(self, name: str) -> None:
         """Have the code of the catalogue's world `name` compiled next, beside the loop."""
 
+    @abstractmethod
+    def _check_compiler(self) -> None:
+        """Raise ServoError if what compiles beside the loop hangs."""
+
     @property
     def stops(self) -> int:
         """Number of calls of `stop`. Read it when a person requests to engage, and pass it to `engage`."""
@@ -218,6 +222,8 @@ class Commands(HandCommands):
                 patience = monotonic() + longest
                 self._compile_world(name)
             self.check()
+            if self.world_ahead:
+                self._check_compiler()
             if monotonic() > patience:
                 raise ServoError(f"the servo did not respond within {longest:g} s; close other programs, and try again")
             sleep(0.0005)

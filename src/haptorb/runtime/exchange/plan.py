@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import sys
 from collections.abc import Callable, Mapping
@@ -9,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
+from haptorb.cluster.python_process import append_folders
 from haptorb.devices.device import Device
 from haptorb.files.pickle_code import pickle_with_code
 from haptorb.runtime.tick.chain import Chain
@@ -37,13 +39,13 @@ class Plan:
 
 def pack(what: Any) -> bytes:
     """`what` pickled with its code and with the folders in which its modules were found."""
-    return pickle.dumps((sys.path, pickle_with_code(what)))
+    return pickle.dumps(([os.path.abspath(one) for one in sys.path], pickle_with_code(what)))
 
 
 def unpack(content: bytes) -> Any:
     """What was given to `pack`; only for what a process of this run has just packed."""
     folders, packed = pickle.loads(content)
-    sys.path[:] = folders
+    append_folders(folders)
     return pickle.loads(packed)
 
 

@@ -27,14 +27,19 @@ from haptorb.runtime.memory.ring import RingBuffer
 from haptorb.runtime.memory.text_slot import TextSlot
 from haptorb.runtime.pointer import pointer_block
 from haptorb.runtime.pointer.pointer_block import PointerBlock
+from haptorb.runtime.realtime.end_signals import END_SIGNALS
 from haptorb.runtime.realtime.stale_files import SHARED, FileLock, folders
 from haptorb.runtime.row import RowLayout
 
-__all__ = ["CAPACITY", "COUNTS", "TRIPS", "WORLDS", "Phase", "SharedMemory", "Word", "engage_request", "engage_stops"]
+__all__ = [
+    "CAPACITY", "COUNTS", "TRIPS", "WORLDS", "Phase", "SharedMemory", "Word", "engage_request", "engage_stops",
+    "has_end_signal",
+]  # fmt: skip
 
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
-_VERSION = 8
+_VERSION = 9
 _PAGE = 4096
+_END_NUMBERS = frozenset(map(int, END_SIGNALS))
 _TEXTS = 9
 CAPACITY = 8192  #: rows: 2 s at the fastest rate
 WORLDS = 32  #: the last changes of the world, kept for the recorder
@@ -145,6 +150,11 @@ def engage_stops(word: int) -> int:
     return word & 0xFFFF_FFFF
 
 
+def has_end_signal(signals: memoryview) -> bool:
+    """Whether one of the numbers in `signals`, a word of eight bytes, is of a signal that ends programs."""
+    return any(number in _END_NUMBERS for number in signals.tobytes())
+
+
 @final
 class SharedMemory:
     """The mapped file. `create` makes it, `attach` opens one that another process made.
@@ -168,7 +178,8 @@ class SharedMemory:
         if self.words[Word.MAGIC] != _MAGIC or self.words[Word.VERSION] != _VERSION:
             raise ServoError(f"{path} is not a servo's shared memory of this version; end the program that created it")
         self.layout = RowLayout(*(self.words[word] for word in _LAYOUT))
-        if self.layout.width != self.words[Word.WIDTH] or size != _size(self.layout):
+        end = _size(self.layout)
+        if self.layout.width != self.words[Word.WIDTH] or size < end + _PAGE:  # many signals make it longer
             raise ServoError(f"{path} holds rows of another layout; end the program that created it")
 
         self.pointer = PointerBlock(self.words, self.floats, Word.POINTER)
@@ -191,13 +202,15 @@ class SharedMemory:
         self.trips: Array = np.frombuffer(memory[at : at + 16 * TRIPS], dtype=np.float64).reshape(TRIPS, 2)
         self.lateness = Histogram(self.counts["lateness"][0])
         self.compute = Histogram(self.counts["compute"][0])
-        rows = np.frombuffer(memory[_ROWS:], dtype=np.float64).reshape(CAPACITY, self.layout.width)
+        #: where the numbers of the host's signals are written: see `SignalStop`
+        self.signals_at, self.signals = end, memory[end : end + 8].cast("q")
+        rows = np.frombuffer(memory[_ROWS:end], dtype=np.float64).reshape(CAPACITY, self.layout.width)
         self.ring = RingBuffer(self.words, Word.ROWS, rows)
 
     @classmethod
     def create(cls, layout: RowLayout) -> SharedMemory:
         """A new one, all zeros, in memory where the system has a place for that; ServoError if nowhere is room."""
-        size = _size(layout)
+        size = _size(layout) + _PAGE
         for folder in folders():
             try:
                 descriptor, name, claim = _create_file(folder)

@@ -16,6 +16,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from time import monotonic, sleep
 
 from haptorb.numerics.cache_folder import cache_folder
 from haptorb.runtime.exchange import plan as plans
@@ -27,6 +28,8 @@ __all__ = ["CATALOGUE", "CONTROLLER"]
 
 CONTROLLER, CATALOGUE = "controller", "catalogue"
 _LEAST = 19  #: nice value
+_TURN = 20.0  #: at most, for another program that compiles the same [s]
+_LOOK = 0.1  #: between two looks whether it does [s]
 
 
 def main(what: str, folder: Path, parent: int) -> int:
@@ -59,7 +62,12 @@ def _take_turn() -> None:
         descriptor = os.open(cache_folder() / "compiling", os.O_CREAT | os.O_RDWR, 0o600)
         import fcntl  # not at the top: Windows has none
 
-        fcntl.flock(descriptor, fcntl.LOCK_EX)  # until this process ends
+        end = monotonic() + _TURN
+        while monotonic() < end:
+            with suppress(BlockingIOError):
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # until this process ends
+                return
+            sleep(_LOOK)  # not in the kernel: who waits for a lock looks like one that hangs
 
 
 def _read_wanted(path: Path) -> str:

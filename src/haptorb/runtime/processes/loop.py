@@ -16,7 +16,7 @@ from haptorb.control.clutch.modes import MODES
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.errors import HaptorbError, InputError
 from haptorb.numerics.arrays import Array, Records
-from haptorb.runtime.exchange.shared_memory import COUNTS, Phase, SharedMemory, Word, engage_stops
+from haptorb.runtime.exchange.shared_memory import COUNTS, Phase, SharedMemory, Word, engage_stops, has_end_signal
 from haptorb.runtime.exchange.world_change import (
     answer,
     change_world,
@@ -47,6 +47,7 @@ _LOOK = 0.05  #: between two looks for the parent [s]
 _ERROR = 4000  #: characters of what a failed world or driver said
 _MEAN = 64  #: ticks over which their time is averaged
 _LONG = 4  #: periods that one tick counts at most in that average: the computer may pause in the middle of it
+_QUIET = 0.25  #: for a host that was told to end to do so before its Stop counts as a trip [s]
 _LIFE = 2.0  #: without a tick, after which the kernel ends the process [s]
 
 
@@ -92,6 +93,7 @@ class Loop:
         self._guard = shared.layout["guard"].start
         self._places = shared.layout.places
         self._tripped = False
+        self._quiet = 0  # the tick from which on a trip is announced
         self.told_by = ""  #: a signal's name, set by its handler: the loop ends after the present tick
         self.in_step = False  #: whether the chain is being stepped just now
         self.reason = ""  #: why the loop ended; empty: on request
@@ -184,6 +186,9 @@ class Loop:
             if engage_stops(engage) == stops & 0xFFFF_FFFF:  # safety: engage-void
                 # Engaged, a world that fails again in the very next tick is another trip.
                 self._tripped = not self._chain.engage() and self._tripped
+        if self._shared.signals[0] and has_end_signal(self._shared.signals):  # safety: signal-read
+            self._chain.stop()
+            self._quiet = self._ticks + int(_QUIET * self._rate)
         if words[Word.MODE] != self._mode:
             self._mode = words[Word.MODE]
             self._chain.joining.set_mode(MODES[self._mode - 1])
@@ -256,6 +261,8 @@ class Loop:
     def _announce_trip(self) -> None:
         """Tell of a trip, once."""
         tripped = self._cells[self._guard] == _TRIPPED
+        if tripped and self._ticks < self._quiet:  # a program that ends is not told of its own end
+            return
         if tripped and not self._tripped:
             if self._states is not None:
                 self._states.tell(self._ticks - 1, self._now)

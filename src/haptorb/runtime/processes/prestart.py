@@ -9,14 +9,14 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from types import TracebackType
 from typing import Self, final
 
+from haptorb.cluster.python_process import environment
 from haptorb.errors import ServoError
-from haptorb.runtime.realtime.process_starter import start
+from haptorb.runtime.realtime.process_starter import start_python
 from haptorb.runtime.realtime.stale_files import FOLDER, FileLock
 
 __all__ = ["PLAN", "WANTED", "PrestartedProcess", "code_note", "start_module"]
@@ -104,20 +104,21 @@ def start_module(
     stdout: int = subprocess.DEVNULL,
     descriptor: int | None = None,
     descriptors: tuple[int, ...] = (),
+    isolated: bool = False,
 ) -> subprocess.Popen[bytes]:
-    """`python -m module arguments` in a session of its own; what it says on standard error goes to the end of `errors`.
+    """See `start_python`; what the process says on standard error goes to the end of `errors`.
 
-    Ctrl-C in the terminal then reaches the parent alone, which ends its children in order. The process may ask to die
-    with its parent: it is started by a thread that runs as long as the parent.
+    It may ask to die with its parent: it is started by a thread that runs as long as the parent.
     """
     with errors.open("ab") as file:
-        return start(
-            [sys.executable, "-m", module, *arguments],
+        return start_python(
+            module,
+            *arguments,
+            isolated=isolated,
             stdin=stdin,
             stdout=stdout,
             stderr=file,
-            start_new_session=True,
             pass_fds=descriptors if descriptor is None else (descriptor, *descriptors),
             # Small matrices: a second thread of OpenBLAS would only wait in a loop, beside the servo's.
-            env={"OPENBLAS_NUM_THREADS": "1", **os.environ},
+            env=environment({"OPENBLAS_NUM_THREADS": "1"}),
         )

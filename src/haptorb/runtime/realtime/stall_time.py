@@ -1,10 +1,15 @@
-"""For how long a number has not changed: ticks of a loop, looks of a recorder."""
+"""For how long a number has not changed: ticks of a loop, looks of a recorder, processor time of a process."""
 
 from __future__ import annotations
 
+from contextlib import suppress
+from pathlib import Path
+from time import monotonic
 from typing import final
 
-__all__ = ["StallTime"]
+__all__ = ["HangWatch", "StallTime"]
+
+_STEP = 0.5  #: that counts at most between two looks at a process [s]
 
 
 @final
@@ -33,3 +38,23 @@ class StallTime:
             self.time += min(now - self._last_look, self._step)
         self._last_look = now
         return self.time
+
+
+@final
+class HangWatch:
+    """For how long a process has used no processor time: it is stopped, or waits for what does not come."""
+
+    def __init__(self, pid: int) -> None:
+        self._path = Path(f"/proc/{pid}/schedstat")
+        self._stall = StallTime(_STEP)
+
+    def look(self) -> float:
+        """That time [s]; to be called at least twice a second. 0 where the kernel does not say.
+
+        >>> HangWatch(os.getpid()).look()
+        0.0
+        """
+        used = -1
+        with suppress(OSError, ValueError):
+            used = int(self._path.read_text().split()[0])  # [ns]
+        return self._stall.look(monotonic(), used) if used >= 0 else 0.0

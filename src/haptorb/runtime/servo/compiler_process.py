@@ -9,12 +9,16 @@ from pathlib import Path
 from time import monotonic
 from typing import final
 
+from haptorb.errors import ServoError
 from haptorb.runtime.exchange.shared_memory import SharedMemory, Word
 from haptorb.runtime.processes.first_start import CATALOGUE, CONTROLLER
 from haptorb.runtime.processes.prestart import WANTED, start_module
+from haptorb.runtime.realtime.process_starter import end_process
+from haptorb.runtime.realtime.stall_time import HangWatch
 
 __all__ = ["CompilerProcess"]
 
+_HUNG = 4.0  #: without processor time, after which it hangs [s]
 _USUAL = 3.0  #: a start with compiled code; who needs longer has it compiled by two [s]
 
 
@@ -26,6 +30,7 @@ class CompilerProcess:
         self._folder, self._shared, self._errors = folder, shared, errors
         self._begin = monotonic()
         self.process: subprocess.Popen[bytes] | None = None
+        self._watch: HangWatch | None = None
 
     def help_start(self) -> None:
         """Compile the controller beside the servo's process if that process compiles, or takes too long to prepare.
@@ -49,13 +54,25 @@ class CompilerProcess:
         if self.process is None or self.process.poll() is not None:
             self._run(CATALOGUE)
 
+    def check(self) -> None:
+        """End it and raise ServoError if it hangs: a world that is waited for would never come."""
+        process = self.process
+        if process is None or process.poll() is not None or self._watch is None:
+            return
+        if (hung := self._watch.look()) > _HUNG:
+            self.end()
+            raise ServoError(
+                f"the process that compiles the worlds did nothing for {hung:.0f} s and was ended; choose the world "
+                "again"
+            )
+
     def end(self) -> None:
         """Kill it if it is running."""
         if self.process is not None:
-            self.process.kill()
-            self.process.wait()
+            end_process(self.process, 0.0)
 
     def _run(self, what: str) -> None:
         self.process = start_module(
             "haptorb.runtime.processes.first_start", what, str(self._folder), str(os.getpid()), errors=self._errors
         )
+        self._watch = HangWatch(self.process.pid)

@@ -114,6 +114,10 @@ class ServoObserver(Commands):
         assert self._children is not None
         self._children.compiler.compile_world(name)
 
+    def _check_compiler(self) -> None:
+        assert self._children is not None
+        self._children.compiler.check()
+
     @property
     def warning(self) -> str:
         """Warnings for the user: about the connected device, the servo's memory, the code of world and path, and a
@@ -150,6 +154,11 @@ class ServoObserver(Commands):
         if self._children is None:
             raise ServoError("the servo was not started: use `with haptorb.Servo(...) as servo:`")
         self._children.check()
+
+    def check_end(self) -> None:
+        """Raise what `check` raises, unless the loop ended because `end_loop` asked it to."""
+        if self._children is None or not self._children.ended_on_request:
+            self.check()
 
     def rows(self, cursor: int = 0) -> tuple[int, Array]:
         """(new cursor, rows (n, width)): the rows that the loop published after the first `cursor` rows, oldest first.

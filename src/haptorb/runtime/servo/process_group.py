@@ -20,11 +20,14 @@ from haptorb.runtime.exchange.black_box import BlackBox
 from haptorb.runtime.exchange.report import count_recorded
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.processes.prestart import PrestartedProcess, start_module
+from haptorb.runtime.realtime.host_heartbeat import state_of
 from haptorb.runtime.realtime.kernel_requests import raise_priority
 from haptorb.runtime.realtime.memory_growth import MemoryGrowth
-from haptorb.runtime.realtime.stall_time import StallTime
+from haptorb.runtime.realtime.process_starter import end_process, wait_for_end
+from haptorb.runtime.realtime.stall_time import HangWatch, StallTime
 from haptorb.runtime.servo.compiler_process import CompilerProcess
-from haptorb.runtime.servo.output_reader import OutputReader
+from haptorb.runtime.servo.output_reader import OutputReader, show
+from haptorb.runtime.servo.signal_stop import SignalStop
 
 __all__ = ["ProcessGroup"]
 
@@ -34,8 +37,12 @@ _HUNG = 1.5  #: and so long without one it is killed [s]
 _STALLED = 1.0  #: without a look for rows the recorder counts as stalled [s]
 _START = 180.0  #: the first start on a machine compiles the kernels [s]
 _FIRST_CALL = 20.0  #: a world that compiles code of its own may take long, once [s]
+_NOTHING = 4.0  #: without processor time, after which a process that starts hangs [s]
 _FINISH = 1.5  #: to end on request before a signal is sent [s]
 _DRAIN = 20.0  #: for the recorder to write what it has [s]
+_SOON = 2.0  #: of that, before a person is told why it takes long [s]
+_DRAINING = "the recorder still writes, for {:g} s at most; Ctrl-C ends it at once, and the recording is truncated\n"
+_HUNG_START = "the {} did nothing for {:g} s while it started and was ended; check for a disk that does not respond"
 _HANG = (
     "world '{}' hangs: the last tick began {:.1f} s ago and did not end; the process was killed. A world must "
     "return from every call at once, and must not catch every exception"
@@ -55,8 +62,10 @@ class ProcessGroup:
     """Starts the servo in `standby`, whose plan is written; `record` and `track` may add others, then
     `wait_until_running`."""
 
-    def __init__(self, standby: PrestartedProcess, shared: SharedMemory, black_box: BlackBox) -> None:
-        self._shared = shared
+    def __init__(
+        self, standby: PrestartedProcess, shared: SharedMemory, black_box: BlackBox, signals: SignalStop
+    ) -> None:
+        self._shared, self._signals = shared, signals
         self._black_box = black_box
         self._errors = standby.errors
         self._ending = threading.Event()
@@ -98,13 +107,13 @@ class ProcessGroup:
         with path.open("rb") as file:
             self._recorder = start_module(
                 "haptorb.runtime.processes.recorder_process",
-                errors=self._errors, stdin=file.fileno(), descriptor=descriptor,
+                errors=self._errors, stdin=file.fileno(), descriptor=descriptor, isolated=True,
             )  # fmt: skip
 
     def track(self, spec: str, descriptor: int | None) -> None:
         """Start the tracker's process with `spec` (JSON) and its open socket `descriptor`, if it has one."""
         self._tracker = start_module(
-            "haptorb.runtime.processes.tracker_process", spec, errors=self._errors, descriptor=descriptor
+            "haptorb.runtime.processes.tracker_process", spec, errors=self._errors, descriptor=descriptor, isolated=True
         )
 
     def wait_until_running(self) -> None:
@@ -119,6 +128,9 @@ class ProcessGroup:
     def _wait(self) -> None:
         start = monotonic()
         words = self._shared.words
+        # A tracker may wait for its sender, a servo for its device: they hang only if they are stopped.
+        group = {"servo": self._servo, "recorder": self._recorder, "tracker": self._tracker}
+        watches = [(name, one, HangWatch(one.pid)) for name, one in group.items() if one is not None]
         while (
             not (self.alive and words[Word.TICKS])
             or (self._recorder and words[Word.RECORDER] == Phase.STARTING)
@@ -131,6 +143,9 @@ class ProcessGroup:
                 raise ServoError(_ENDLESS.format(self._shared.world_now(), _FIRST_CALL))
             if monotonic() > start + _START:
                 raise ServoError(f"the servo did not start within {_START:g} s; close other programs, and try again")
+            for name, process, watch in watches:
+                if watch.look() > _NOTHING and (name == "recorder" or state_of(process.pid)() == "T"):
+                    raise (RecordingError if name == "recorder" else ServoError)(_HUNG_START.format(name, _NOTHING))
             self.compiler.help_start()
             sleep(0.005)
 
@@ -176,34 +191,30 @@ class ProcessGroup:
             f"the tracker's process was killed ({_signal(code)})" if code < 0 else f"it failed: {self._describe_end()}"
         )
 
-    def end(self) -> None:
-        """End all processes: by request, else by force. May be called twice."""
+    @property
+    def ended_on_request(self) -> bool:
+        """Whether the loop was asked to end, and has not failed before it did."""
+        failed = self._shared.phase is Phase.FAILED or bool(self._hang)
+        return bool(self._shared.words[Word.QUIT]) and not failed and self._servo.poll() in (None, 0)
+
+    def end(self, interrupted: threading.Event) -> None:
+        """End all processes: by request, else by force; at once by force when `interrupted` while this takes long. May
+        be called twice. The loop was asked to end before: see `Servo.end_loop`."""
         if self._end_sent:
             return
         self._end_sent = True
-        self.compiler.end()
-        self._shared.words[Word.QUIT] = 1
-        for patience, force in ((_FINISH, signal.SIGTERM), (_FINISH / 2, signal.SIGKILL), (None, None)):
-            try:
-                self._servo.wait(patience)
+        for patience, force in ((_FINISH, signal.SIGTERM), (_FINISH / 2, signal.SIGKILL)):
+            if wait_for_end(self._servo, patience):
                 break
-            except subprocess.TimeoutExpired:
-                if force is not None:
-                    self._servo.send_signal(force)
+            self._servo.send_signal(force)
         self._end_group()
+        self.compiler.end()
         self._output.end()
-        if self._tracker:
-            try:
-                self._tracker.wait(_FINISH)
-            except subprocess.TimeoutExpired:
-                self._tracker.kill()
-                self._tracker.wait()
-        if self._recorder:
-            try:
-                self._recorder.wait(_DRAIN)
-            except subprocess.TimeoutExpired:
-                self._recorder.kill()
-                self._recorder.wait()
+        end_process(self._tracker, _FINISH)
+        if self._recorder and not wait_for_end(self._recorder, _SOON):
+            show(_DRAINING.format(_DRAIN))
+            interrupted.clear()
+            end_process(self._recorder, _DRAIN, interrupted)
         self._ending.set()
         self._heart.join()
         self._black_box.finish()
@@ -214,6 +225,7 @@ class ProcessGroup:
         ticking, recording = StallTime(2 * _EVERY), StallTime(2 * _EVERY)
         while not self._ending.wait(_EVERY):
             words[Word.HEARTBEAT] = monotonic_ns()
+            self._signals.look()
             self._black_box.look()
             now = monotonic()
             self._watch_servo(now, ticking)

@@ -27,9 +27,10 @@ from haptorb.errors import InputError, ServoError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.exchange import plan as plans
 from haptorb.runtime.exchange.black_box import BlackBox
-from haptorb.runtime.exchange.shared_memory import SharedMemory
+from haptorb.runtime.exchange.shared_memory import SharedMemory, Word
 from haptorb.runtime.exchange.world_change import description
 from haptorb.runtime.processes.prestart import PrestartedProcess
+from haptorb.runtime.realtime.end_signals import hold_signals
 from haptorb.runtime.realtime.linux import require_linux
 from haptorb.runtime.realtime.schedule import check_rate
 from haptorb.runtime.realtime.stale_files import FileLock, sweep
@@ -37,6 +38,7 @@ from haptorb.runtime.recording.run_recording import RunRecording
 from haptorb.runtime.servo.launch import check_seed, describe_choices, notes, recorder_spec, tracker_spec
 from haptorb.runtime.servo.process_group import ProcessGroup
 from haptorb.runtime.servo.servo_context import ServoContext
+from haptorb.runtime.servo.signal_stop import SignalStop
 from haptorb.runtime.servo.world_watcher import WorldWatcher, choose_world
 from haptorb.runtime.tick.assembly import (
     assemble,
@@ -179,6 +181,7 @@ class Servo(ServoContext):
         self._trips_folder = None if black_box is None else Path(black_box).expanduser().absolute()
         self._black_box: BlackBox | None = None
         self._shared: SharedMemory | None = None
+        self._signals: SignalStop | None = None
         self._children: ProcessGroup | None = None
         self._folder: Path | None = None
         self._watcher: WorldWatcher | None = None
@@ -209,19 +212,32 @@ class Servo(ServoContext):
                 preparation.close()
             tidying.join()
 
-    def close(self) -> None:
-        """Coils off, processes ended, recording complete. May be called twice."""
-        self._end_hand()
-        if self._watcher is not None:
-            self._watcher.end()
-        if self._children is not None:
-            self._children.end()
+    def end_loop(self) -> None:
+        """Coils off and the loop ended within a tick; returns at once. Every end of a run begins with this. `close`
+        does what else is to be done. May be called from any thread, and twice."""
         if self._shared is not None:
-            self._shared.unlink()
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
-        if self._claim is not None:
-            self._claim.close()
+            self._shared.words[Word.QUIT] = 1  # safety: stop-first
+
+    def close(self) -> None:
+        """Coils off, processes ended, recording complete. May be called twice.
+
+        A signal meanwhile has its effect afterwards; Ctrl-C while the recorder takes long ends it at once.
+        """
+        self.end_loop()
+        with hold_signals() as interrupted:
+            if self._watcher is not None:
+                self._watcher.end()
+            if self._children is not None:
+                self._children.end(interrupted)
+            self._end_hand()
+            if self._signals is not None:
+                self._signals.close()
+            if self._shared is not None:
+                self._shared.unlink()
+            if self._folder is not None:
+                shutil.rmtree(self._folder, ignore_errors=True)
+            if self._claim is not None:
+                self._claim.close()
 
     @property
     def _memory_or_none(self) -> SharedMemory | None:
@@ -238,7 +254,8 @@ class Servo(ServoContext):
             self._carry_stops(self._shared)
             self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder, self._notes())
             self._claim, self._folder = process.claim, process.folder
-            self._children = ProcessGroup(process, self._shared, self._black_box)
+            self._signals = SignalStop(self._shared, self.stop)
+            self._children = ProcessGroup(process, self._shared, self._black_box, self._signals)
         if descriptor is not None:
             spec = recorder_spec(
                 self._shared, self._children.servo_pid, descriptor, self.rate,

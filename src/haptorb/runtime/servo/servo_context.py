@@ -55,14 +55,15 @@ class ServoContext(ServoObserver):
         recorder does, WorldError if the world's code fails or takes too long; InputError if the path of the hand fails,
         or `seconds` is negative or not finite.
 
-        Ctrl-C closes the servo first, then raises KeyboardInterrupt.
+        Ctrl-C closes the servo first, then raises KeyboardInterrupt; so does what else ends a program.
         """
         end = monotonic() + _check_seconds(seconds)
         try:
             while (left := self._check_all(end)) > 0:
                 sleep(min(left, _LOOK))
-        except KeyboardInterrupt:
-            self.close()
+        except BaseException as cause:
+            if not isinstance(cause, Exception):
+                self.close()
             raise
 
     async def wait(self, seconds: float) -> None:

@@ -16,6 +16,7 @@ from json import JSONDecodeError, dumps, loads
 from typing import TYPE_CHECKING, final
 
 from haptorb.apps.cli.feel_session.choice import DesignChoice
+from haptorb.runtime.realtime.process_starter import start_python
 
 if TYPE_CHECKING:
     from haptorb.apps.feel import Candidate
@@ -31,13 +32,10 @@ class StabilityCheck:
     def __init__(self, choice: DesignChoice, device: str, names: Sequence[str]) -> None:
         self._count = len(names)
         asked = dumps({"choice": asdict(choice), "device": device, "names": list(names)})
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "haptorb.apps.cli.feel_session.limits", asked],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            stdin=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C is for the session, which then closes this
-        )
+        self._process = start_python(
+            "haptorb.apps.cli.feel_session.limits", asked,
+            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
+        )  # fmt: skip
 
     def wait(self) -> float | None:
         """The smallest margin of all designs: so many times stronger, the loop oscillates. None: it did not end."""

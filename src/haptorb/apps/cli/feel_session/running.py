@@ -112,8 +112,9 @@ def feel_with_console(
             thread.start()
         try:
             ended_by = console.serve(open_browser=browser, until=lambda: live.finished)
-            servo.check()
+            servo.check_end()
         finally:
+            servo.end_loop()  # safety: loop-before-threads
             ended.set()
             check.close()
             for thread in threads:

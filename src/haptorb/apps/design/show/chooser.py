@@ -97,7 +97,7 @@ class Chooser:
                 say(f"{name} runs, SIMULATED, with its coils off until they are engaged.")
                 try:
                     number = console.serve(until=lambda: self.selection.pending or over())
-                    servo.check()
+                    servo.check_end()
                 finally:
                     self.selection.set_ended()
                 return number

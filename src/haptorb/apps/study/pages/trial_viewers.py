@@ -8,19 +8,18 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import final
 
 from haptorb.errors import InputError
+from haptorb.runtime.realtime.process_starter import start_python
 
 __all__ = ["TrialViewers"]
 
 _MOST = 3  #: viewers at the same time; another one ends the oldest
 _PATIENCE = 2.0  #: for one to end [s]
-_COMMAND = "from haptorb.apps.cli import main; raise SystemExit(main())"
 
 
 @final
@@ -29,7 +28,7 @@ class TrialViewers:
 
     def __init__(self) -> None:
         self.urls: dict[str, str] = {}
-        self._running: dict[str, subprocess.Popen[str]] = {}
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._changing = threading.Lock()
         self._closed = False
 
@@ -46,31 +45,27 @@ class TrialViewers:
                 return
             while len(self._running) >= _MOST:
                 self._end(next(iter(self._running)))
-            process = subprocess.Popen(
-                [sys.executable, "-c", _COMMAND, "view", part, "--port", "0", "--json"],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-                start_new_session=True,  # Ctrl-C is for the study, which then closes this
-            )
+            process = start_python(
+                "haptorb", "view", part, "--port", "0", "--json",
+                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            )  # fmt: skip
             if hasattr(os, "setpriority"):
                 os.setpriority(os.PRIO_PROCESS, process.pid, 10)
             self._running[part] = process
             self.urls = self.urls | {part: ""}
         threading.Thread(target=self._listen, args=(part, process, tell), daemon=True).start()
 
-    def _listen(self, part: str, process: subprocess.Popen[str], tell: Callable[[str], None]) -> None:
+    def _listen(self, part: str, process: subprocess.Popen[bytes], tell: Callable[[str], None]) -> None:
         assert process.stdout is not None
         assert process.stderr is not None
         with process.stdout as answers, process.stderr as errors:
             line = answers.readline()
-            if line.startswith("{"):
+            if line.startswith(b"{"):
                 with self._changing:
                     if part in self._running:
                         self.urls = self.urls | {part: str(json.loads(line)["url"])}
             answers.read()
-            mistake = errors.read()
+            mistake = errors.read().decode(errors="replace")
         process.wait()
         with self._changing:
             if self._running.get(part) is process:

@@ -19,6 +19,7 @@ from types import TracebackType
 from typing import Any, Self, final
 
 from haptorb.apps.study.session.halt import StopCount, StopSwitch
+from haptorb.runtime.realtime.end_signals import END_SIGNALS
 
 __all__ = ["END", "Keyboard", "Keys", "name_keys"]
 
@@ -112,7 +113,7 @@ class Keyboard(Keys):
         sources = [self._end, self._signalled, self._descriptor]
         while True:
             ready = select.select(sources, [], [])[0]
-            if self._signalled in ready and signal.SIGINT in os.read(self._signalled, 64):
+            if self._signalled in ready and set(END_SIGNALS) & set(os.read(self._signalled, 64)):
                 self._halt.stop(None)
             if self._end in ready:
                 return

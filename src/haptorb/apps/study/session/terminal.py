@@ -48,4 +48,7 @@ def run_session(session: StoredSession, start: Callable[[Path | None], Servo], r
 
             runner = TerminalSession(session, trial_device, keys, show, recording.name if recording else None, halt)
             keys.writing = lambda: runner.writing
-            return runner.run()
+            try:
+                return runner.run()
+            finally:
+                servo.end_loop()  # safety: loop-before-screen

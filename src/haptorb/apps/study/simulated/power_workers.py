@@ -9,11 +9,11 @@ import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache
-from multiprocessing import get_context
 
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.simulated.power_person import simulate_value
 from haptorb.cluster.dask_cluster import open_cluster, run_jobs
+from haptorb.cluster.spawned_process import spawn_context
 from haptorb.errors import InputError
 
 __all__ = ["simulate_pool"]
@@ -60,7 +60,7 @@ def simulate_pool(
 
 
 def _run_processes(jobs: list[Job], processes: int) -> Iterator[dict[int, float]]:
-    with ProcessPoolExecutor(min(processes, len(jobs)), mp_context=get_context("spawn")) as workers:
+    with ProcessPoolExecutor(min(processes, len(jobs)), mp_context=spawn_context()) as workers:
         try:
             for future in as_completed([workers.submit(_simulate_part, *job) for job in jobs]):
                 yield future.result()

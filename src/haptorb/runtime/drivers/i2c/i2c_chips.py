@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-import sys
 from abc import ABC, abstractmethod
 from typing import Protocol, final
 
+from haptorb.cluster.python_process import python_command
 from haptorb.runtime.drivers.i2c.i2c_bus import I2cBus, LinuxBus
 from haptorb.runtime.drivers.i2c.i2c_guardian import Guardian
 from haptorb.runtime.drivers.i2c.i2c_lock import BusLock
@@ -85,7 +85,9 @@ class LinuxPort(Port):
 
     def watcher(self) -> Watchdog:
         """A guardian process, which shares the lock."""
-        command = [sys.executable, "-m", "haptorb.runtime.drivers.i2c.i2c_guardian", str(self._number), str(ADDRESS)]
+        command = python_command(
+            "haptorb.runtime.drivers.i2c.i2c_guardian", str(self._number), str(ADDRESS), isolated=True
+        )
         if self._lock is None:
             return Guardian(command)
         guardian = Guardian(command, (self._lock.descriptor,))
