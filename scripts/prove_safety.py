@@ -43,6 +43,7 @@ HOSTILE_TESTS = "tests/runtime/processes/test_hostile_worlds.py"
 STALLED_TESTS = "tests/runtime/processes/test_stalled_recorder.py"
 HAND_TESTS = "tests/runtime/servo/test_hand.py"
 LEFTOVER_TESTS = "tests/runtime/realtime/test_stale_files.py"
+IMPORT_TESTS, END_TESTS = "tests/cluster/test_python_process.py", "tests/runtime/servo/test_ends.py"
 PART_TESTS = "tests/runtime/tick/test_rendered_part.py"
 MEMORY_TESTS, TICK_TESTS = "tests/runtime/tick/test_memory.py", "tests/runtime/tick/test_tick.py"
 FEED_TESTS, FRAMED_TESTS = "tests/runtime/trackers/test_trackers.py", "tests/runtime/trackers/test_framed_feed.py"
@@ -108,6 +109,60 @@ RULES = [
     ),
     ("cache-own", "a kernel is kept where only its owner writes", "never", CACHE_TESTS),
     ("cache-private", "a cache that others can write is not used", "always", CACHE_TESTS),
+    (
+        "no-current-folder",
+        "a child imports nothing from the current folder",
+        'replace value.elts[1] by "-u"',
+        f"{IMPORT_TESTS}::test_a_child_runs_nothing_from_the_current_folder",
+    ),
+    (
+        "isolated-child",
+        "a child that needs nothing of the user's is isolated",
+        'replace value.elts[1] by "-u"',
+        f"{IMPORT_TESTS}::test_an_isolated_child_runs_nothing_from_the_users_path_either",
+    ),
+    (
+        "no-empty-entry",
+        "an empty entry of PYTHONPATH is not the current folder",
+        'replace value by found["PYTHONPATH"]',
+        f"{IMPORT_TESTS}::test_an_empty_entry_of_the_path_is_not_the_current_folder",
+    ),
+    (
+        "folders-last",
+        "the folders of the host's modules come last in a child",
+        "replace value by sys.path.insert(0, folder)",
+        f"{IMPORT_TESTS}::test_what_a_host_sends_hides_nothing",
+    ),
+    (
+        "spawned-without-folder",
+        "multiprocessing's children import nothing from the current folder",
+        "replace items[0].context_expr by _changing",
+        f"{IMPORT_TESTS}::test_a_spawned_worker_runs_nothing_from_the_current_folder",
+    ),
+    (
+        "stop-first",
+        "every end of a run begins with coils off",
+        "drop",
+        f"{END_TESTS}::test_leaving_the_block_switches_off_first",
+    ),
+    (
+        "signal-stop",
+        "a signal is a Stop in the middle of other code",
+        "replace value by -1",
+        f"{END_TESTS}::test_a_signal_in_the_middle_of_other_code_is_a_stop_within_ticks",
+    ),
+    (
+        "signal-read",
+        "the loop obeys a signal of its host",
+        "never",
+        f"{END_TESTS}::test_a_signal_in_the_middle_of_other_code_is_a_stop_within_ticks",
+    ),
+    (
+        "absence-trips",
+        "a loop that was absent for half a second trips",
+        "replace value by False",
+        f"{GUARD_TESTS}::test_a_loop_that_was_absent_for_half_a_second_waits_for_a_person",
+    ),
     (
         "unit-read",
         "units are read and not evaluated",

@@ -243,3 +243,16 @@ def test_a_load_that_may_last_is_not_counted_down():
 
 def test_every_reason_has_its_sentence():
     assert all(trip.text for trip in Trip if trip is not Trip.NONE)
+
+
+def test_a_loop_that_was_absent_for_half_a_second_waits_for_a_person():
+    """A pause of the computer restarts the ramp; a process that was stopped switches nothing on by itself."""
+    loop = Loop().run()
+    loop.now += 0.1
+    loop.ask()
+    assert loop.protection.guard_state is GuardState.RAMPING
+    loop.run()
+    loop.now += 0.6
+    assert is_off(loop)
+    assert loop.protection.reason is Trip.OVERRUN
+    assert is_off(loop)

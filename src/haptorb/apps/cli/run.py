@@ -177,7 +177,7 @@ def _run_without_console(
                 try:
                     servo.run(duration if duration is not None else 1e9)
                 finally:
-                    servo.end_loop()  # safety: loop-before-notices
+                    servo.end_loop()
             number = 0
         except KeyboardInterrupt:
             number = int(signal.SIGINT)
@@ -250,7 +250,7 @@ def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> I
             say(line)
         yield
     finally:
-        servo.end_loop()  # safety: loop-before-servers
+        servo.end_loop()
         serving.end()
         servo.close()
         if servo.report()["coil_state"] == "unknown":

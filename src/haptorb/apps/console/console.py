@@ -19,6 +19,7 @@ from haptorb.apps.web.server import HOST, bind_socket, prioritize, server, signa
 __all__ = ["PORT", "Console"]
 
 PORT = 8765  #: default
+_LOOK = 0.01  #: between two looks whether to end: a duration that is over leaves the coils on for so long [s]
 
 
 @final
@@ -78,7 +79,7 @@ class Console:
         signals_seen: list[int] = []
 
         def end(number: int) -> None:
-            self._servo.end_loop()  # safety: signal-before-page
+            self._servo.end_loop()
             signals_seen.append(number)
             self.close()
 
@@ -101,10 +102,10 @@ class Console:
                 self._server.should_exit = True
                 break
             if until():
-                self._servo.end_loop()  # safety: time-before-page
+                self._servo.end_loop()
                 self._server.should_exit = True
                 break
-            await asyncio.sleep(0.05)
+            await asyncio.sleep(_LOOK)
         await serving
 
     def close(self) -> None:

@@ -20,6 +20,7 @@ __all__ = ["begin_tick", "check_estimate", "check_readings", "limit_currents", "
 
 _RAMP_UP = 0.3  #: from nothing to the full wrench after engaging [s]
 _RAMP_DOWN = 0.05  #: to nothing after a pose went stale [s]; the other reasons switch off at once
+_ABSENCE = 0.5  #: of ticks, after which only a person switches on again: a process that was stopped [s]
 _COOLER = 1.0  #: below the derating temperature before the full current may flow again [K]
 
 _OFF, _RAMPING, _RUNNING = int(GuardState.OFF), int(GuardState.RAMPING), int(GuardState.RUNNING)
@@ -47,7 +48,7 @@ def begin_tick(clock: Record, g: Record, now: float) -> None:
     """A tick begins at `now` [s]: what ramps, slews, heats and expires goes by the time that really passed.
 
     After a silence in which the device has switched off by itself the ramp begins again at zero; too many missed
-    deadlines trip. clock is a CLOCK, g a GUARD.
+    deadlines trip, and so does a silence so long that a person no longer expects a force. clock is a CLOCK, g a GUARD.
     """
     g.dt = advance_clock(clock, now)
     if clock.restart:
@@ -55,7 +56,8 @@ def begin_tick(clock: Record, g: Record, now: float) -> None:
     if g.state == _OFF or g.state == _TRIPPED:
         clock.missed[:] = 0.0
         return
-    if clock.overrun:  # safety: missed-deadlines-trip
+    absent = clock.elapsed > _ABSENCE  # safety: absence-trips
+    if absent or clock.overrun:  # safety: missed-deadlines-trip
         trip(g, _OVERRUN)
     elif clock.restart:  # safety: ramp-after-silence
         g.state = _RAMPING

@@ -77,7 +77,7 @@ _TEXT = {
         "re-engage."
     ),
     Trip.OVERRUN: (
-        "The loop missed its deadlines: the computer is too busy, or a tick takes too long. "
+        "The loop missed its deadlines: the computer is too busy, its process was stopped, or a tick takes too long. "
         "Close other programs, reduce the loop rate or simplify the world, then re-engage."
     ),
     Trip.MEMORY_NOT_FINITE: (

@@ -248,6 +248,11 @@ class Servo(ServoContext):
             file = process.plan
             try:
                 plans.save(self._plan, file)
+            except OSError as cause:
+                raise ServoError(
+                    f"cannot write to {file.parent.parent}: {cause.strerror}; free some room there, or name another "
+                    "folder by TMPDIR"
+                ) from cause
             except Exception as cause:
                 raise InputError(f"world or device cannot be sent to the servo's process: {cause}") from cause
             self._shared = SharedMemory.create(self.layout)

@@ -12,9 +12,11 @@ import os
 import signal
 import threading
 from collections.abc import Callable
+from types import FrameType
 from typing import final
 
 from haptorb.runtime.exchange.shared_memory import SharedMemory, has_end_signal
+from haptorb.runtime.realtime.end_signals import END_SIGNALS
 
 __all__ = ["SignalStop"]
 
@@ -37,6 +39,9 @@ class SignalStop:
         before = signal.set_wakeup_fd(descriptor, warn_on_full_buffer=False)  # safety: signal-stop
         if before == -1:
             self._descriptor = descriptor
+            for number in END_SIGNALS:
+                if signal.getsignal(number) is signal.SIG_DFL:  # else Python's handler in C does not run either
+                    signal.signal(number, _end_as_ever)
         else:
             signal.set_wakeup_fd(before, warn_on_full_buffer=False)
             os.close(descriptor)
@@ -56,6 +61,9 @@ class SignalStop:
         if descriptor < 0:
             return
         if threading.current_thread() is threading.main_thread():
+            for number in END_SIGNALS:
+                if signal.getsignal(number) is _end_as_ever:
+                    signal.signal(number, signal.SIG_DFL)
             now = signal.set_wakeup_fd(-1)
             if now not in (descriptor, -1):  # another part of the program took it meanwhile
                 signal.set_wakeup_fd(now, warn_on_full_buffer=False)
@@ -64,3 +72,9 @@ class SignalStop:
             nowhere = os.open(os.devnull, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
             os.dup2(nowhere, descriptor, inheritable=False)
             os.close(nowhere)
+
+
+def _end_as_ever(number: int, frame: FrameType | None) -> None:
+    """A program without a handler of its own ends by the signal."""
+    signal.signal(number, signal.SIG_DFL)
+    signal.raise_signal(number)

@@ -114,7 +114,7 @@ def feel_with_console(
             ended_by = console.serve(open_browser=browser, until=lambda: live.finished)
             servo.check_end()
         finally:
-            servo.end_loop()  # safety: loop-before-threads
+            servo.end_loop()
             ended.set()
             check.close()
             for thread in threads:

@@ -51,4 +51,4 @@ def run_session(session: StoredSession, start: Callable[[Path | None], Servo], r
             try:
                 return runner.run()
             finally:
-                servo.end_loop()  # safety: loop-before-screen
+                servo.end_loop()

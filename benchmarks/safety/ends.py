@@ -1,0 +1,473 @@
+"""Every way in which a run ends, beside everything that may hang then: when are the coils off?
+
+    python benchmarks/safety/ends.py [--ends 168] [--lanes 2] [--boards sim emulated] [--json]
+
+Whole programs are run and ended: by SIGINT, SIGTERM, SIGHUP, `--duration`, an exception in the world, leaving the
+`with` block of a Python program, a page's Stop; while nothing, the server, the recorder, the tracker or the compiler is
+stopped by SIGSTOP, or the recording is a pipe that nobody reads; on the simulated device and on the emulated board
+(which needs `make firmware` and `make -C firmware emulator`). Each end begins with the coils on.
+
+Measured from outside the program, from just before the signal is sent (flag made, line written, message sent, duration
+over). Simulated device: until the wall time of the row after the first one with every duty zero, or of the last row.
+Emulated board: by the emulator's log of its PWM chip's registers, in firmware time, as fast as time. A run in which the
+coils went off before the end (a computer that is too busy for the board's watchdog of 15 ms) does not count and is
+repeated. Exit code 1 if a single end took longer than 20 ms, or left a process or shared memory behind.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import signal
+import socket
+import statistics
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from itertools import cycle, islice
+from pathlib import Path
+from typing import Any
+
+from haptorb.control.protection.trip import GuardState
+from haptorb.errors import DriverError
+from haptorb.runtime.drivers.serial.emulator import Emulator
+from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
+
+LIMIT = 20.0  #: [ms]
+BUILD = Path(__file__).resolve().parents[2] / "firmware" / "build"
+SIGNALS = {"SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM, "SIGHUP": signal.SIGHUP}
+ENDS = (*SIGNALS, "duration", "exception", "with", "page")
+FAULTS = ("nothing", "server", "recorder", "tracker", "compiler", "disk")
+BOARDS = ("sim", "emulated")
+MODULES = {
+    "server": "haptorb.apps.serve.server_process",
+    "recorder": "haptorb.runtime.processes.recorder_process",
+    "tracker": "haptorb.runtime.processes.tracker_process",
+    "compiler": "haptorb.runtime.processes.first_start",
+}
+START = 90.0  #: for a program to have its coils on, on a busy computer [s]
+LASTS = 1.0  #: the run of which --duration ends, from the first tick [s]
+WORLD = """
+import os
+import numpy as np
+
+def push(state):
+    if os.path.exists({flag!r}):
+        raise RuntimeError("the end of this run")
+    return np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.0])
+"""
+#: The program: the command itself, or a `with` block. Beside that it only opens the pipe in place of the recording,
+#: has a compiler run where none is needed, and notes when its duration is over.
+HOST = """
+import json, os, sys, time
+from pathlib import Path
+given = json.loads(sys.argv[1])
+from haptorb.runtime.recording import recording_file
+from haptorb.runtime.servo import compiler_process
+from haptorb.runtime.servo.servo import Servo
+if given["pipe"]:
+    recording_file.create_recording = lambda path, *, overwrite: os.open(given["pipe"], os.O_WRONLY)
+if given["compiler"]:
+    def finish(self, *, running):
+        self.end()
+        self._run(compiler_process.CATALOGUE)
+    compiler_process.CompilerProcess.finish_start = finish
+run = Servo.run
+def noted(self, seconds):
+    Path(given["noted"]).write_text(repr(time.monotonic() + seconds))
+    run(self, seconds)
+Servo.run = noted
+if given["with"]:
+    from haptorb.apps.serve.server_choice import check_servers
+    from haptorb.apps.serve.serving import Serving
+    from haptorb.worlds.own.world_file import parse_world_file
+    servo = Servo("omni", parse_world_file(given["world"]), driver=given["driver"], tracker=given["tracker"],
+                  record=given["record"], overwrite=True)
+    with Serving(check_servers([given["serve"]]), servo) as serving, servo:
+        serving.start()
+        Path(given["noted"]).touch()
+        sys.stdin.readline()
+else:
+    from haptorb.apps.cli import main
+    sys.exit(main(given["arguments"]))
+"""
+
+
+@dataclass(frozen=True)
+class Case:
+    """How a run ends, beside what, on which board."""
+
+    end: str
+    fault: str
+    board: str
+
+
+def cases(count: int, boards: Sequence[str]) -> Iterator[Case]:
+    """`count` of them: all combinations in turn, the boards next to each other."""
+    every = [Case(end, fault, board) for end in ENDS for fault in FAULTS for board in boards]
+    # A step that shares no factor with their number: few ends are a sample of all kinds, not the first of them.
+    step = next(n for n in (31, 37, 41) if len(every) % n)
+    return islice(cycle(every[(k * step) % len(every)] for k in range(len(every))), count)
+
+
+def free_port(kind: socket.SocketKind) -> int:
+    """A port that was free just now."""
+    with socket.socket(socket.AF_INET, kind) as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+@contextmanager
+def sending_poses(port: int) -> Iterator[None]:
+    """The tool at rest just above the dome, 200 times a second."""
+    ended = threading.Event()
+    text = b"/haptorb/pose\0\0\0,fffffff\0\0\0\0" + struct.pack(">7f", 0.0, 0.0, 0.052, 0.0, 0.0, 0.0, 1.0)
+
+    def send() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+            while not ended.wait(0.005):
+                with suppress(OSError):
+                    one.sendto(text, ("127.0.0.1", port))
+
+    thread = threading.Thread(target=send, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+class LostRun(Exception):
+    """The coils were not on when the run was to end: it is repeated."""
+
+
+class Lane:
+    """One run after another, with a folder, a port and an emulated board of its own."""
+
+    def __init__(self, folder: Path, boards: Sequence[str]) -> None:
+        self._stack = ExitStack()
+        self._folder = folder
+        folder.mkdir()
+        self._flag = folder / "raise"
+        (folder / "world.py").write_text(WORLD.format(flag=str(self._flag)))
+        self.emulator: Emulator | None = None
+        if "emulated" in boards:
+            self.emulator = self._stack.enter_context(Emulator(BUILD, folder / "board"))
+            self.emulator.set_pace(1.0)
+        self._tracker = free_port(socket.SOCK_DGRAM)
+        self._stack.enter_context(sending_poses(self._tracker))
+        self._number = 0
+
+    def close(self) -> None:
+        """End the board."""
+        self._stack.close()
+
+    def run(self, case: Case, measuring: threading.Lock) -> float:
+        """From the signal to coils off [ms]. Raises LostRun."""
+        self._number += 1
+        self._flag.unlink(missing_ok=True)
+        program = Program(case, self._folder, self._number, self._tracker, self._flag, self.emulator)
+        try:
+            program.wait_until_on()
+            with measuring:
+                took = program.end()
+        finally:
+            left = program.tidy()
+        if left:
+            raise SystemExit(f"{case}: left behind: {left}")
+        return took
+
+
+class Program:
+    """A running program with its coils on, and what is known of it from outside."""
+
+    def __init__(
+        self, case: Case, folder: Path, number: int, tracker: int, flag: Path, emulator: Emulator | None
+    ) -> None:
+        self.case, self._flag = case, flag
+        self._emulator = emulator if case.board == "emulated" else None
+        self._noted, self._errors = folder / f"noted-{number}", folder / f"errors-{number}"
+        self._pipe = -1
+        self._stopped: list[int] = []
+        self._pages = ExitStack()
+        self.memory: SharedMemory | None = None
+        pipe = folder / f"pipe-{number}"
+        if case.fault == "disk":
+            os.mkfifo(pipe)
+            self._pipe = os.open(pipe, os.O_RDWR | os.O_NONBLOCK)
+        driver = "sim" if self._emulator is None else f"serial:{self._emulator.port}"
+        world, recording = f"{folder / 'world.py'}:push", str(folder / f"run-{number}.mcap")
+        serve = f"osc:127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
+        arguments = [
+            "run", "omni", "--world", world, "--driver", driver, "--tracker", f"osc:{tracker}", "--serve", serve,
+            "--record", recording, "--port", "0",
+        ]  # fmt: skip
+        self.page = case.end == "page" or (case.end in SIGNALS and number % 2 == 0)
+        if not self.page:
+            arguments.append("--headless")
+        if case.end == "duration":
+            arguments += ["--duration", f"{LASTS:g}"]
+        given = {
+            "pipe": str(pipe) if self._pipe >= 0 else "", "compiler": case.fault == "compiler",
+            "with": case.end == "with", "noted": str(self._noted), "arguments": arguments, "world": world,
+            "driver": driver, "tracker": f"osc:{tracker}", "record": recording, "serve": serve,
+        }  # fmt: skip
+        if self._emulator is not None:
+            self._emulator.forget()
+        with self._errors.open("wb") as errors:
+            self.host = subprocess.Popen(
+                [sys.executable, "-P", "-c", HOST, json.dumps(given)],
+                stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors, start_new_session=True,
+            )  # fmt: skip
+
+    def wait_until_on(self) -> None:
+        """The loop drives the coils, and what is to hang is there."""
+        deadline = time.monotonic() + START
+        while True:
+            if self.host.poll() is not None:
+                raise LostRun(self._errors.read_text()[-300:])
+            if time.monotonic() > deadline:
+                raise LostRun(f"no coils on after {START:g} s: {self._errors.read_text()[-300:]}")
+            if self.memory is None:
+                self.memory = self._find_memory()
+            elif self._on() and self._has_started():
+                return
+            time.sleep(0.01)
+
+    def _has_started(self) -> bool:
+        """Server and page serve, the block or the duration has begun, and what is to hang is there."""
+        assert self.memory is not None
+        if self.page and b"http" not in self._errors.read_bytes():
+            return False
+        if self.case.end in ("with", "duration") and not self._noted.exists():
+            return False
+        there = self.case.fault not in MODULES or bool(self._find(MODULES[self.case.fault]))
+        return there and self.memory.words[Word.SERVERS] == Phase.RUNNING
+
+    def _find_memory(self) -> SharedMemory | None:
+        with suppress(OSError, Exception):
+            found = re.search(r"/\S+\.shared", Path(f"/proc/{self.host.pid}/maps").read_text())
+            return None if found is None else SharedMemory(Path(found[0]))
+        return None
+
+    def _on(self) -> bool:
+        row = self.memory.ring.latest() if self.memory is not None else None
+        if row is None or self.memory is None:
+            return False
+        at = self.memory.layout
+        on = row[at["guard"]][0] not in (GuardState.OFF, GuardState.TRIPPED) and row[at["duties"]].any()
+        return bool(on) and (self._emulator is None or self._emulator.status()["on"] == "1")
+
+    def _find(self, module: str) -> int:
+        """The host's child that runs `module`; 0 if there is none."""
+        for folder in Path("/proc").glob("[0-9]*"):
+            with suppress(OSError, ValueError, IndexError):
+                parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+                if parent == self.host.pid and module.encode() in (folder / "cmdline").read_bytes():
+                    return int(folder.name)
+        return 0
+
+    def end(self) -> float:
+        """Let it hang, end it; how long the coils stayed on [ms]."""
+        act = self._prepare_end()
+        if self.case.end == "duration":
+            over = float(self._noted.read_text())
+            time.sleep(max(over - 0.03 - time.monotonic(), 0.0))
+        self._hang()
+        if not self._on():
+            raise LostRun("the coils were off already")
+        if self._emulator is not None:
+            self._emulator.forget()
+            if self.case.end != "duration":
+                self._emulator.tell("mark")
+        assert self.memory is not None
+        cursor = self.memory.words[Word.ROWS]
+        before = time.monotonic()
+        if self.case.end == "duration":
+            if before > over:
+                raise LostRun("its time was over already")
+            before = over
+        act()
+        return self._wait_for_board(before) if self._emulator is not None else self._wait_for_row(before, cursor)
+
+    def _prepare_end(self) -> Callable[[], object]:
+        if self.case.end in SIGNALS:
+            return lambda: os.kill(self.host.pid, SIGNALS[self.case.end])
+        if self.case.end == "exception":
+            return self._flag.touch
+        if self.case.end == "with":
+            assert self.host.stdin is not None
+            line = self.host.stdin.fileno()
+            return lambda: os.write(line, b"leave\n")
+        if self.case.end == "page":
+            from websockets.sync.client import connect
+
+            found = re.search(r"http://127\.0\.0\.1:(\d+)/#(\S+)", self._errors.read_text())
+            assert found is not None
+            page = self._pages.enter_context(
+                connect(
+                    f"ws://127.0.0.1:{found[1]}/ws", additional_headers={"Authorization": f"Bearer {found[2]}"},
+                    open_timeout=30,
+                )
+            )  # fmt: skip
+            return lambda: page.send('{"do": "stop"}')
+        return lambda: None
+
+    def _hang(self) -> None:
+        """What hangs from now on."""
+        if self.case.fault in MODULES:
+            pid = self._find(MODULES[self.case.fault])
+            if not pid:
+                raise LostRun(f"no {self.case.fault} any more")
+            os.kill(pid, signal.SIGSTOP)
+            self._stopped.append(pid)
+        elif self.case.fault == "disk":
+            with suppress(BlockingIOError):
+                while True:
+                    os.write(self._pipe, bytes(65536))
+
+    def _wait_for_row(self, before: float, cursor: int) -> float:
+        assert self.memory is not None
+        at, words, deadline = self.memory.layout, self.memory.words, time.monotonic() + 10.0
+        while time.monotonic() < deadline:
+            over = words[Word.PHASE] > 1
+            _, rows = self.memory.ring.read_since(cursor)
+            off = [n for n in range(len(rows)) if not rows[n, at["duties"]].any()]
+            if off and (off[0] + 1 < len(rows) or over):
+                wall = float(rows[min(off[0] + 1, len(rows) - 1), at["wall"]][0])
+                return 1e3 * (wall - before)
+            time.sleep(0.0005)
+        return float("inf")
+
+    def _wait_for_board(self, before: float) -> float:
+        assert self._emulator is not None
+        try:
+            said = dict(re.findall(r"(\w+)=([-\d.]+)", self._emulator.expect_line("@off", 10.0)))
+        except DriverError:
+            return float("inf")
+        if self.case.end == "duration":  # the emulator does not know when it was over
+            return 1e3 * (time.monotonic() - before)
+        return float(said["since_mark_ms"])
+
+    def tidy(self) -> list[str]:
+        """What hung continues; the program ends, by SIGINT if it still runs. What it left behind."""
+        for pid in self._stopped:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGCONT)
+        draining = self.host.poll() is None or self._pipe >= 0
+        end, asked = time.monotonic() + 30.0, 0.0
+        while draining:
+            with suppress(BlockingIOError):
+                while self._pipe >= 0 and os.read(self._pipe, 65536):
+                    pass
+            if self.host.poll() is not None or time.monotonic() > end:
+                break
+            if time.monotonic() > asked + 1.0 and self.case.end not in (*SIGNALS, "duration"):
+                self.host.send_signal(signal.SIGINT)
+                asked = time.monotonic()
+            time.sleep(0.01)
+        left = []
+        if self.host.poll() is None:
+            left.append("the program")
+            self.host.kill()
+        self.host.wait()
+        with suppress(Exception):  # a page's connection ends with its server
+            self._pages.close()
+        if self._pipe >= 0:
+            os.close(self._pipe)
+        if self.host.stdin is not None:
+            self.host.stdin.close()
+        if self.memory is not None and self.memory.path.exists():
+            left.append(str(self.memory.path))
+        return left
+
+
+def measure(count: int, lanes: int, boards: Sequence[str], tell: Callable[[str], None]) -> list[tuple[Case, float]]:
+    """`count` ends: each with the time for which the coils stayed on [ms]."""
+    todo, found, lost = list(cases(count, boards)), list[tuple[Case, float]](), list[str]()
+    taking, measuring, failures = threading.Lock(), threading.Lock(), list[BaseException]()
+
+    def work(lane: Lane) -> None:
+        try:
+            while not failures:
+                with taking:
+                    if not todo:
+                        return
+                    case = todo.pop(0)
+                try:
+                    took = lane.run(case, measuring)
+                except LostRun as why:
+                    lost.append(str(why))
+                    if len(lost) > 20 + 2 * count:
+                        raise SystemExit(f"this computer is too busy: {len(lost)} runs lost, the last: {why}") from why
+                    with taking:
+                        todo.append(case)
+                    continue
+                found.append((case, took))
+                if took > LIMIT or len(found) % 25 == 0:
+                    tell(f"{len(found)} of {count}: {case.end} beside {case.fault} on {case.board}: {took:.1f} ms")
+        except BaseException as cause:
+            failures.append(cause)
+
+    with tempfile.TemporaryDirectory() as folder:
+        every = [Lane(Path(folder) / f"lane-{n}", boards) for n in range(lanes)]
+        threads = [threading.Thread(target=work, args=(lane,)) for lane in every]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        for lane in every:
+            lane.close()
+    if failures:
+        raise failures[0]
+    tell(f"{len(lost)} runs repeated: their coils were off before the end")
+    return found
+
+
+def describe(name: str, times: Sequence[float]) -> str:
+    """One line."""
+    ordered = sorted(times)
+    nearly = ordered[min(int(0.99 * len(ordered)), len(ordered) - 1)]
+    inside = sum(one <= LIMIT for one in times)
+    return (
+        f"{name:>24}: {inside} of {len(times)} within {LIMIT:g} ms; median {statistics.median(times):.1f}, "
+        f"99 % {nearly:.1f}, at most {ordered[-1]:.1f} ms"
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, and print for people or machines; 1 if an end was late."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--ends", type=int, default=168)
+    parser.add_argument("--lanes", type=int, default=2, help="programs at the same time; one is measured at a time")
+    parser.add_argument("--boards", nargs="*", default=BOARDS, choices=BOARDS)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args(arguments)
+    if "emulated" in options.boards and not (BUILD / "emulator").exists():
+        raise SystemExit(f"there is no {BUILD / 'emulator'}: make firmware && make -C firmware emulator")
+    found = measure(options.ends, options.lanes, options.boards, lambda text: print(text, file=sys.stderr, flush=True))
+    times = [took for _, took in found]
+    good = len(found) == options.ends and max(times) <= LIMIT
+    if options.json:
+        rows: list[dict[str, Any]] = [{**vars(case), "off_ms": took} for case, took in found]
+        print(json.dumps({"good": good, "worst_ms": max(times), "ends": rows}))
+        return 0 if good else 1
+    for kinds, of in ((ENDS, "end"), (FAULTS, "fault"), (options.boards, "board")):
+        for kind in kinds:
+            if some := [took for case, took in found if getattr(case, of) == kind]:
+                print(describe(kind, some))
+    print(describe("all ends", times) + (": kept" if good else ": NOT KEPT"))
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,113 @@
+"""No child of this program runs what lies in the current folder, and a user's own modules are found nevertheless."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from haptorb.cluster import python_process
+from haptorb.cluster.python_process import append_folders, environment, python_command
+from haptorb.cluster.spawned_process import spawn_context
+
+SOURCES = Path(python_process.__file__).resolve().parents[1]
+#: every program of this package that is started as a module
+PROGRAMS = sorted(
+    ".".join(path.relative_to(SOURCES.parent).with_suffix("").parts)
+    for path in SOURCES.rglob("*.py")
+    if '__name__ == "__main__"' in path.read_text(encoding="utf-8") and path.name != "__main__.py"
+)
+POISON = "from pathlib import Path\nPath({log!r}).open('a').write(__name__ + '\\n')\nraise SystemExit(99)\n"
+
+
+@pytest.fixture
+def poisoned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current folder, with a file for every module of Python and of what this package needs; the log of those
+    that ran."""
+    folder, log = tmp_path / "here", tmp_path / "ran"
+    folder.mkdir()
+    names = {name for name in sys.stdlib_module_names if not name.startswith("_")} - set(sys.builtin_module_names)
+    for name in names | {"numba", "numpy", "scipy", "mcap", "zstandard", "llvmlite", "cloudpickle", "pint", "msgpack"}:
+        (folder / f"{name}.py").write_text(POISON.format(log=str(log)))
+    monkeypatch.chdir(folder)
+    return log
+
+
+def _run(command: list[str], **options: object) -> None:
+    subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False, timeout=120, **options)  # type: ignore[call-overload]
+
+
+@pytest.mark.parametrize("module", PROGRAMS)
+def test_a_child_runs_nothing_from_the_current_folder(poisoned: Path, module: str) -> None:
+    """Without arguments each fails, after its imports."""
+    _run(python_command(module), env=environment())
+    assert not poisoned.exists(), poisoned.read_text()
+
+
+def test_an_isolated_child_runs_nothing_from_the_users_path_either(poisoned: Path) -> None:
+    found = environment() | {"PYTHONPATH": "."}
+    command = python_command("haptorb.runtime.drivers.i2c.i2c_guardian", "nothing", isolated=True)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=found)
+    assert not poisoned.exists(), poisoned.read_text()
+    assert "invalid literal for int() with base 10: 'nothing'" in done.stderr  # it is that program
+
+
+def test_an_empty_entry_of_the_path_is_not_the_current_folder(poisoned: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", f":{SOURCES.parent}")
+    _run(python_command("haptorb.runtime.processes.servo_process", "nowhere", "1"), env=environment())
+    assert not poisoned.exists(), poisoned.read_text()
+
+
+def test_a_spawned_worker_runs_nothing_from_the_current_folder(poisoned: Path) -> None:
+    with ProcessPoolExecutor(1, spawn_context()) as pool:
+        assert pool.submit(abs, -2).result(60) == 2
+    assert not poisoned.exists(), poisoned.read_text()
+
+
+def test_what_a_host_sends_hides_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = list(sys.path)
+    monkeypatch.setattr(sys, "path", list(before))
+    monkeypatch.chdir(tmp_path)
+    append_folders(["", str(tmp_path), *before])
+    assert sys.path == [*before, str(tmp_path)]
+
+
+def test_python_is_started_in_one_place() -> None:
+    """A program that is started elsewhere would not be tried here."""
+    apart = {"cluster/python_process.py", "runtime/realtime/keep_core_awake.py"}  # the latter with -I -S
+    benchmarks = "apps/bench/"  # start what a person names
+    for path in SOURCES.rglob("*.py"):
+        name = str(path.relative_to(SOURCES))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Attribute) and node.attr == "executable" and not name.startswith(benchmarks):
+                assert name in apart, f"{name} starts Python by itself: use python_command"
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "get_context":
+                assert node.args[0].value != "spawn", f"{name}: use spawn_context"  # type: ignore[attr-defined]
+
+
+OWN = "from mymodule import MyWorld\n"
+MODULE = """import numpy as np
+from haptorb.worlds import World
+
+class MyWorld(World):
+    def wrench(self, state):
+        return np.zeros(6)
+"""
+
+
+@pytest.mark.realtime
+def test_a_whole_run_in_a_poisoned_folder_renders_the_users_own_world(poisoned: Path) -> None:
+    """Servo, recorder, server, and what computes beside; with modules of the user's in the same folder."""
+    Path("own.py").write_text(OWN)
+    Path("mymodule.py").write_text(MODULE)
+    command = python_command(
+        "haptorb", "run", "omni", "--world", "own.py:MyWorld", "--headless", "--duration", "0.3", "--record", "a.mcap",
+        "--serve", "osc:127.0.0.1:0", "--json",
+    )  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=180, env=environment())
+    assert done.returncode == 0, done.stderr
+    assert not poisoned.exists(), poisoned.read_text()

@@ -1,0 +1,225 @@
+"""However a run ends, the coils are off first: measured from outside the program that is ended."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.errors import DriverError, RecordingError, ServoError
+from haptorb.runtime.exchange.shared_memory import SharedMemory
+from haptorb.runtime.servo.servo import Servo
+
+pytestmark = [pytest.mark.realtime, pytest.mark.timeout(600)]
+
+ROOT = Path(__file__).resolve().parents[3]
+LIMIT = 0.020  #: from the signal to coils off [s]
+#: a program with a servo, its coils on, that then does what argv[1] says
+HOST = """
+import signal, sys, time
+from haptorb import Servo
+signal.signal(signal.SIGINT, signal.default_int_handler)
+try:
+    with Servo("omni", record=False) as servo:
+        servo.hold((0.0, 0.0, 0.051))
+        servo.run(0.5)
+        print(servo.memory_path, flush=True)
+        exec(sys.argv[1])
+finally:
+    print("tidied", flush=True)
+"""
+#: for a second and more, between two instructions of Python; the heart beats meanwhile
+IN_C = "import ctypes; ctypes.CDLL(None).poll(None, 0, 1500); time.sleep(60)"
+#: tidies up at length, and is interrupted in that
+LEAVES = "servo._watcher = type('Slow', (), {'end': lambda self: time.sleep(1.0)})(); sys.stdin.readline()"
+TWICE = "servo._watcher = type('Slow', (), {'end': lambda self: time.sleep(1.0)})(); time.sleep(60)"
+
+
+class Host:
+    """The program, and its servo's memory."""
+
+    def __init__(self, does: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", HOST, does],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert self.process.stdout is not None
+        self.memory = SharedMemory(Path(self.process.stdout.readline().strip()))
+        row = self.memory.ring.latest()
+        assert row is not None
+        assert row[self.memory.layout["duties"]].any()
+
+    def off_after(self, number: signal.Signals | None) -> float:
+        """From the signal, or None: a line on its input, to the row after the first with coils off, or the last [s]."""
+        at, cursor = self.memory.layout, self.memory.ring.read_since(0)[0]
+        before = time.monotonic()
+        if number is None:
+            os.write(self.process.stdin.fileno(), b"\n")
+        else:
+            self.process.send_signal(number)
+        while time.monotonic() < before + 10.0:
+            ended = self.memory.phase > 1
+            rows = self.memory.ring.read_since(cursor)[1]
+            off = [n for n in range(len(rows)) if not rows[n, at["duties"]].any()]
+            if off and (off[0] + 1 < len(rows) or ended):
+                return float(rows[min(off[0] + 1, len(rows) - 1), at["wall"]][0]) - before
+            time.sleep(0.001)
+        return float("inf")
+
+    def close(self) -> str:
+        """What it printed; it has left nothing."""
+        out, errors = self.process.communicate(timeout=60)
+        assert not self.memory.path.exists(), errors
+        return out
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_in_the_middle_of_other_code_is_a_stop_within_ticks(number):
+    """Python runs no handler before that code returns; SIGTERM and SIGHUP end a program that has none."""
+    host = Host(IN_C)
+    try:
+        assert host.off_after(number) <= LIMIT
+        if number is signal.SIGINT:
+            assert host.process.poll() is None  # still in there
+            assert "tidied" in host.close()
+    finally:
+        host.process.kill()
+
+
+def test_leaving_the_block_switches_off_first():
+    host = Host(LEAVES)
+    try:
+        assert host.off_after(None) <= LIMIT
+        assert "tidied" in host.close()
+    finally:
+        host.process.kill()
+
+
+def test_a_second_signal_while_it_tidies_up_leaves_nothing_behind():
+    host = Host(TWICE)
+    try:
+        assert host.off_after(signal.SIGINT) <= LIMIT
+        time.sleep(0.3)
+        host.process.send_signal(signal.SIGINT)
+        assert "tidied" in host.close()
+    finally:
+        host.process.kill()
+
+
+def test_a_program_that_survives_its_signal_has_a_trip_and_engages_again():
+    with Servo("omni", record=False) as servo:
+        servo.hold((0.0, 0.0, 0.051))
+        servo.run(0.3)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        servo.run(0.5)
+        assert servo.latest().guard == GuardState.TRIPPED
+        assert [one["code"] for one in servo.report()["trips"]] == [Trip.STOPPED]
+        servo.engage()
+        servo.run(0.1)
+        assert servo.latest().guard in (GuardState.RAMPING, GuardState.RUNNING)
+
+
+def test_a_run_that_was_interrupted_reports_no_trip():
+    servo = Servo("omni", record=False)
+
+    def run_until_interrupted() -> None:
+        with servo:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        run_until_interrupted()
+    assert servo.report()["trips"] == []
+
+
+def test_a_servo_that_was_stopped_for_a_second_waits_for_a_person():
+    """As a board does, whose firmware latches a silence."""
+    with Servo("omni", record=False) as servo:
+        servo.hold((0.0, 0.0, 0.051))
+        servo.run(0.5)
+        os.kill(servo.servo_pid, signal.SIGSTOP)
+        time.sleep(1.1)
+        os.kill(servo.servo_pid, signal.SIGCONT)
+        servo.hold((0.0, 0.0, 0.051))
+        servo.run(0.6)
+        assert servo.latest().guard == GuardState.TRIPPED
+        assert servo.latest().trip == Trip.OVERRUN
+        servo.engage()
+        servo.run(0.1)
+        assert servo.latest().guard == GuardState.RAMPING
+
+
+def test_every_end_beside_everything_that_hangs():
+    """The benchmark, on the simulated device: one end of each way and each hanging process."""
+    done = subprocess.run(
+        [sys.executable, ROOT / "benchmarks/safety/ends.py", "--ends", "7", "--boards", "sim"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert re.search(r"7 of 7 within 20 ms", done.stdout)
+
+
+def _stop_at_once(monkeypatch: pytest.MonkeyPatch, module: str) -> None:
+    """Whoever starts `module` gets a process that is stopped before it does anything."""
+    from haptorb.runtime.realtime import process_starter
+
+    start = process_starter.start
+
+    def start_stopped(command, **options):
+        process = start(command, **options)
+        if module in command:
+            os.kill(process.pid, signal.SIGSTOP)
+        return process
+
+    monkeypatch.setattr(process_starter, "start", start_stopped)
+
+
+def test_a_server_that_hangs_while_it_starts_is_refused_in_time(monkeypatch):
+    from haptorb.apps.serve.server_choice import check_servers
+    from haptorb.apps.serve.serving import Serving
+
+    _stop_at_once(monkeypatch, "haptorb.apps.serve.server_process")
+    servo = Servo("omni", record=False)
+    with Serving(check_servers(["osc:127.0.0.1:0"]), servo) as serving, servo:
+        before = time.monotonic()
+        with pytest.raises(DriverError, match="did nothing"):
+            serving.start()
+        assert time.monotonic() - before < 5.0
+        servo.end_loop()
+        before = time.monotonic()
+        serving.end()
+        assert time.monotonic() - before < 5.0
+
+
+@pytest.mark.parametrize("module", ["recorder_process", "servo_process"])
+def test_a_process_that_hangs_while_it_starts_is_refused_in_time(monkeypatch, tmp_path, module):
+    _stop_at_once(monkeypatch, f"haptorb.runtime.processes.{module}")
+    before = time.monotonic()
+    with pytest.raises((ServoError, RecordingError), match="did nothing"), Servo("omni", record=tmp_path / "a.mcap"):
+        pass
+    assert time.monotonic() - before < 30.0  # its own 5 s, and loading on a busy computer
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_memory_is_a_refusal_that_leaves_nothing(monkeypatch, tmp_path):
+    """Neither /dev/shm nor the temporary folder has room for the shared memory."""
+    from haptorb.runtime.exchange import shared_memory
+
+    def no_room(descriptor: int, offset: int, size: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(shared_memory.os, "posix_fallocate", no_room)
+    monkeypatch.setattr(shared_memory, "folders", lambda: [tmp_path])
+    servo = Servo("omni", record=tmp_path / "a.mcap")
+    before = time.monotonic()
+    with pytest.raises(ServoError, match="no room for"):
+        servo.open()
+    assert time.monotonic() - before < 5.0
+    assert list(tmp_path.iterdir()) == []
