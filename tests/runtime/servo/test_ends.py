@@ -121,7 +121,7 @@ def test_a_program_that_survives_its_signal_has_a_trip_and_engages_again():
             signal.raise_signal(signal.SIGINT)
         servo.run(0.5)
         assert servo.latest().guard == GuardState.TRIPPED
-        assert [one["code"] for one in servo.report()["trips"]] == [Trip.STOPPED]
+        assert [one["code"] for one in servo.report()["trips"]] == [Trip.STOPPED.name]
         servo.engage()
         servo.run(0.1)
         assert servo.latest().guard in (GuardState.RAMPING, GuardState.RUNNING)

@@ -211,6 +211,8 @@ class ProcessGroup:
         self.compiler.end()
         self._output.end()
         end_process(self._tracker, _FINISH)
+        if self._shared.words[Word.RECORDER] == Phase.STARTING:
+            end_process(self._recorder, 0.0)  # there are no rows to be kept
         if self._recorder and not wait_for_end(self._recorder, _SOON):
             show(_DRAINING.format(_DRAIN))
             interrupted.clear()
