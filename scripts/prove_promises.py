@@ -69,6 +69,11 @@ TICK_PERIODS = "python benchmarks/safety/tick_periods.py"
 STUDY_STOP = "python benchmarks/safety/study_stop.py"
 
 BREAKS = (
+    Break("Every end of a run", "python benchmarks/safety/ends.py --ends 1000", "stop-first", "--ends 7 --boards sim"),
+    Break("SIGINT, SIGTERM and SIGHUP", "pytest tests/runtime/servo/test_ends.py", "signal-read", "-k middle"),
+    Break("A loop that was absent", "pytest tests/runtime/servo/test_ends.py -k stopped_for_a_second", "absence-trips"),
+    Break("A child process runs nothing", "pytest tests/cluster/test_python_process.py", "no-current-folder"),
+    Break("A server, recorder or servo", 'pytest tests/runtime/servo/test_ends.py -k "hangs or full"', "start-hangs"),
     Break("After a Stop the coils stay off", INTERLEAVINGS, "engage-void", "--interleavings 2000"),
     Break("Every transition from off to on", INTERLEAVINGS, "engaging-ramps-from-zero", "--interleavings 500"),
     Break("The tracker cannot clear a Stop", TICK, "a-stop-before-the-first-pose-stands"),

@@ -59,6 +59,12 @@ MAP_TESTS = "tests/sensing/torque_maps/test_torque_maps.py"
 #: (marker in the code, rule, mutation, tests that must go red)
 RULES = [
     (
+        "start-hangs",
+        "a process that hangs while it starts is refused",
+        "replace value by False",
+        f"{END_TESTS}::test_a_process_that_hangs_while_it_starts_is_refused_in_time",
+    ),
+    (
         "regular-file",
         "what is opened is a regular file",
         "never",

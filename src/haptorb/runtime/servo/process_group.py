@@ -144,7 +144,8 @@ class ProcessGroup:
             if monotonic() > start + _START:
                 raise ServoError(f"the servo did not start within {_START:g} s; close other programs, and try again")
             for name, process, watch in watches:
-                if watch.look() > _NOTHING and (name == "recorder" or state_of(process.pid)() == "T"):
+                hangs = watch.look() > _NOTHING  # safety: start-hangs
+                if hangs and (name == "recorder" or state_of(process.pid)() == "T"):
                     raise (RecordingError if name == "recorder" else ServoError)(_HUNG_START.format(name, _NOTHING))
             self.compiler.help_start()
             sleep(0.005)
