@@ -132,6 +132,7 @@ function showMistake(text: string): void {
   }
   show("mistake", text !== "");
   say("mistake", text);
+  element("last").classList.toggle("mistake", text !== "" && element("session-panel").hidden !== false);
   if (element("session-panel").hidden) say("last", text);
 }
 
@@ -253,6 +254,7 @@ function incidents(): void {
   const counts = new Map<string, number>();
   for (const one of incidents) counts.set(one.kind, (counts.get(one.kind) ?? 0) + 1);
   say("safety-title", code || !incidents.length ? "Stops, repeats and safety events" : "Stops, repeats and safety events of the last session");
+  show("safety-count", counts.size > 0);
   say("safety-count", [...counts].map(([kind, count]) => `${kind}: ${count}`).join(", "));
   const key = JSON.stringify(incidents);
   const list = element("safety");

@@ -163,7 +163,7 @@ def select_kind(columns: Columns, kind: Kind | None = None) -> tuple[Columns, st
     """
     simulated, pilot = columns["simulated"].astype(bool), columns["pilot"].astype(bool)
     of: dict[Kind, NDArray[Any]] = {"real": ~simulated & ~pilot, "pilot": pilot & ~simulated, "simulated": simulated}
-    wanted: Kind = kind or next(one for one in KINDS if of[one].any())
+    wanted = next(one for one in KINDS if of[one].any()) if kind is None else kind
     if not of[wanted].any():
         raise RecordingError(f"this database holds no {wanted} trials")
     left = [
