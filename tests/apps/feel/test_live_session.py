@@ -33,6 +33,7 @@ class Servo:
     def __init__(self) -> None:
         self.worlds: list[tuple[str, Any]] = []
         self.kept: list[np.ndarray] = []
+        self.moving = False  # a hand that moves whatever is rendered
 
     def set_world(self, name: str, given: Any = None) -> None:
         self.worlds.append((name, given))
@@ -43,11 +44,19 @@ class Servo:
     def tick(self, x: float, n: int = 1) -> None:
         row = self.layout.empty()
         row[:] = 0.0
-        for name, value in {"valid": 1.0, "world": len(self.worlds), "object": (x, 0, 0)}.items():
+        for name, value in {
+            "valid": 1.0,
+            "world": len(self.worlds),
+            "object": (x, 0, 0),
+            "object_q": (0, 0, 0, 1),
+        }.items():
             row[self.layout[name]] = value
         self.kept += [row] * n
 
     def rows(self, cursor: int = 0) -> tuple[int, np.ndarray]:
+        if self.moving:
+            self.tick(0.0)
+            self.tick(1e-3)
         return len(self.kept), np.array(self.kept[cursor:]).reshape(-1, self.layout.width)
 
 
@@ -56,14 +65,15 @@ def kept(tmp_path: Path) -> FeelSession:
     return FeelSession(tmp_path / "s", load_designs(EXAMPLE))
 
 
-def start(kept: FeelSession, **options: Any) -> tuple[LiveSession, Servo]:
+def start(kept: FeelSession, *, moving: bool = False, **options: Any) -> tuple[LiveSession, Servo]:
     live, servo = LiveSession(kept, list(kept.candidates.designs), seed=1, **options), Servo()
+    servo.moving = moving
     live.join(servo)
     return live, servo
 
 
 def test_everybody_is_offered_every_design_once_before_any_twice(kept: FeelSession) -> None:
-    live, servo = start(kept, person="P1")
+    live, servo = start(kept, person="P1", moving=True)
     felt = []
     for score in (1, 2, 3, 4):
         felt.append(live.current.name)
@@ -73,7 +83,9 @@ def test_everybody_is_offered_every_design_once_before_any_twice(kept: FeelSessi
     names = [design.name for design in kept.candidates.designs]
     assert [servo.worlds[k - 1][0] for k in (1, 2, 3)] == [world_key(names.index(felt[k])) for k in (1, 2, 3)]
     assert {name: count for name, (count, _) in kept.scores("P1").items()} == dict.fromkeys(felt, 1)
-    again, _ = start(kept, person="P1")  # another day: nothing is lost, and nothing is asked twice without need
+    again, _ = start(
+        kept, person="P1", moving=True
+    )  # another day: nothing is lost, and nothing is asked twice without need
     assert [one["score"] is not None for one in again.describe()["designs"]] == [True] * 4
     again.set_person("P2")
     assert [one["score"] for one in again.describe()["designs"]] == [None] * 4
@@ -90,8 +102,28 @@ def test_a_session_goes_on_with_what_was_not_rated(kept: FeelSession) -> None:
     assert live.current.name == "slender"
 
 
+def test_a_design_is_rated_only_once_it_was_felt(kept: FeelSession) -> None:
+    live, servo = start(kept)
+    servo.tick(0.0, 100)  # rendered, and not touched
+    for _ in range(2):
+        with pytest.raises(InputError, match="has not been felt"):
+            live.rate(5)
+        assert not live.describe()["felt"]
+    servo.tick(0.4e-3)
+    with pytest.raises(InputError, match="has not been felt"):
+        live.rate(5)
+    servo.tick(0.6e-3)
+    live.rate(5)
+    assert live.describe()["felt"]
+    live.feel_next()  # what was felt of the one before does not count for this one
+    servo.tick(0.6e-3)
+    with pytest.raises(InputError, match="has not been felt"):
+        live.rate(5)
+    assert [one.score for one in kept.ratings()] == [5]
+
+
 def test_a_second_thought_replaces_the_first_and_a_late_score_is_refused(kept: FeelSession) -> None:
-    live, _ = start(kept)
+    live, _ = start(kept, moving=True)
     shown = live.describe()["feeling"]
     live.rate(3, shown)
     live.rate(5, shown)
@@ -121,7 +153,7 @@ def test_wrong_scores_change_nothing(kept: FeelSession) -> None:
 
 
 def test_nothing_that_a_page_gets_tells_a_hidden_design(kept: FeelSession) -> None:
-    live, _ = start(kept, blind=True, person="P1")
+    live, _ = start(kept, blind=True, person="P1", moving=True)
     told = str(live.describe())
     for design in kept.candidates.designs:
         assert design.name not in told
@@ -168,7 +200,7 @@ def test_every_design_felt_has_its_own_trace_rated_or_not(kept: FeelSession) -> 
 
 
 def test_the_terminal_asks_again_and_ends(kept: FeelSession) -> None:
-    live, _ = start(kept)
+    live, _ = start(kept, moving=True)
     lines, told = iter(["8", "0", "x", "", "person P9", "6", "end", "7"]), []
     read_lines(live, lines, told.append)
     assert len(told) == 3
