@@ -89,6 +89,9 @@ class FakeServo:
         self.calls.append(("stop",))
         self.guard, self.trip = GuardState.TRIPPED, Trip.STOPPED
 
+    def end_loop(self) -> None:
+        self.ended = True
+
     @property
     def stops(self) -> int:
         return self.count("stop")

@@ -37,7 +37,10 @@ class _Servo:
     def stop(self):
         self.stops += 1
 
-    def check(self):
+    def end_loop(self):
+        pass
+
+    def check_end(self):
         if self.dead:
             raise ServoError("the loop ended")
 

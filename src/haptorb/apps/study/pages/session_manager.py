@@ -293,7 +293,8 @@ class SessionManager:
         servo, session = self._servo, self.session
         self._servo = None
         if servo is not None:
-            try_quietly(servo.end_loop)  # `close` may itself be what fails
+            if state == "failed":
+                try_quietly(servo.stop)  # `close` may itself be what fails
             try_quietly(servo.close)
         self.halt.detach()
         if session is not None:
