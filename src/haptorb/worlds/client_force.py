@@ -13,6 +13,7 @@ CLIENT_FORCE = fields(
     ("session", "f8"),  # number of its connection; 0: no command yet
     ("age", "f8"),  # of the command [s]
     ("lost", "f8"),  # since the connection was lost; 0: it is there [s]
+    ("mapping", "f8"),  # number of its mapping into the stator's frame
 )
 
 

@@ -83,10 +83,12 @@ def test_a_missing_package_says_what_to_install(monkeypatch):
         load_kind("none")
 
 
-def test_a_token_is_needed_beyond_this_computer_only(monkeypatch):
+def test_a_token_is_made_for_other_computers_and_may_be_set_for_other_accounts(monkeypatch):
     monkeypatch.delenv(TOKEN, raising=False)
     assert choose_serve_token("127.0.0.1") == choose_serve_token("localhost") == ""
     assert len(choose_serve_token("0.0.0.0")) >= 16
+    monkeypatch.setenv(TOKEN, "a-token-that-stays")
+    assert choose_serve_token("127.0.0.1") == choose_serve_token("0.0.0.0") == "a-token-that-stays"
     monkeypatch.setenv(TOKEN, "short")
     with pytest.raises(InputError, match=TOKEN):
         choose_serve_token("0.0.0.0")
@@ -96,26 +98,35 @@ LOCAL = {"host": "localhost:10001"}
 
 
 @pytest.mark.parametrize(
-    ("peer", "headers", "target", "welcome"),
+    ("peer", "headers", "target", "own", "welcome"),
     [
-        ("127.0.0.1", LOCAL, "/", True),
-        ("127.0.0.1", {"host": "127.0.0.1:10001", "origin": "http://localhost:8000"}, "/", True),
-        ("127.0.0.1", {"host": "[::1]:10001"}, "/", True),
-        ("127.0.0.1", {**LOCAL, "origin": "https://evil.example"}, "/", False),
-        ("127.0.0.1", {**LOCAL, "origin": "http://localhost.evil.example"}, "/", False),
-        ("127.0.0.1", {**LOCAL, "origin": "null"}, "/", False),
-        ("127.0.0.1", {"host": "rebound.example:10001"}, "/", False),
-        ("127.0.0.1", {}, "/", False),
-        ("192.0.2.7", {"host": "192.0.2.1:10001"}, "/", False),
-        ("192.0.2.7", {"host": "192.0.2.1", "authorization": "Bearer a-token-of-the-run"}, "/", True),
-        ("192.0.2.7", {"host": "192.0.2.1"}, "/?token=a-token-of-the-run", True),
-        ("192.0.2.7", {"host": "192.0.2.1"}, "/?token=a-token-of-the-ruin", False),
-        ("192.0.2.7", {"host": "192.0.2.1", "origin": "https://evil.example"}, "/?token=a-token-of-the-run", False),
+        ("127.0.0.1", LOCAL, "/", True, True),
+        ("127.0.0.1", {"host": "127.0.0.1:10001", "origin": "http://localhost:8000"}, "/", True, True),
+        ("127.0.0.1", {"host": "[::1]:10001"}, "/", True, True),
+        ("127.0.0.1", {**LOCAL, "origin": "https://evil.example"}, "/", True, False),
+        ("127.0.0.1", {**LOCAL, "origin": "http://localhost.evil.example"}, "/", True, False),
+        ("127.0.0.1", {**LOCAL, "origin": "null"}, "/", True, False),
+        ("127.0.0.1", {"host": "rebound.example:10001"}, "/", True, False),
+        ("127.0.0.1", {}, "/", True, False),
+        ("192.0.2.7", {"host": "192.0.2.1:10001"}, "/", False, False),
+        ("192.0.2.7", {"host": "192.0.2.1", "authorization": "Bearer a-token-of-the-run"}, "/", False, True),
+        ("192.0.2.7", {"host": "192.0.2.1"}, "/?token=a-token-of-the-run", False, True),
+        ("192.0.2.7", {"host": "192.0.2.1"}, "/?token=a-token-of-the-ruin", False, False),
+        (
+            "192.0.2.7",
+            {"host": "192.0.2.1", "origin": "https://evil.example"},
+            "/?token=a-token-of-the-run",
+            False,
+            False,
+        ),
+        ("127.0.0.1", LOCAL, "/", False, False),  # another account of this computer
+        ("127.0.0.1", LOCAL, "/?token=a-token-of-the-run", False, True),
     ],
 )
-def test_who_may_connect(peer, headers, target, welcome):
-    assert (Access("a-token-of-the-run").refuse(peer, headers, target) == "") is welcome
+def test_who_may_connect(peer, headers, target, own, welcome):
+    assert (Access("a-token-of-the-run").refuse(peer, headers, target, own=own) == "") is welcome
 
 
 def test_without_a_token_nobody_comes_from_beyond():
-    assert Access("").refuse("192.0.2.7", {"host": "192.0.2.1"}, "/?token=")
+    assert Access("").refuse("192.0.2.7", {"host": "192.0.2.1"}, "/?token=", own=False)
+    assert Access("").refuse("127.0.0.1", LOCAL, "/?token=", own=False)

@@ -36,7 +36,12 @@ REFRESH = 1 / 100  #: between two refreshes of a hand at rest [s]
 LOOK = 0.5  #: between two looks at the loop's health [s]
 FRESH = 0.1  #: from steadying the hand to engaging [s]
 
-_TELLING = ("another_sender", "stranger", "jump")  # what a tracker refuses and a person should know of
+_TELLING = (
+    "another_sender",
+    "another_account",
+    "stranger",
+    "jump",
+)  # what a tracker refuses and a person should know of
 _FULL = 1013  #: of a WebSocket that is closed: try again later
 _COMMANDS = "stop, engage, home, drop, mode, model, clutch, cool, buttons, world"
 _NAME = 64  #: of a world, a mode or a value [characters]

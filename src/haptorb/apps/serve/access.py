@@ -1,18 +1,19 @@
-"""Who may connect: programs and pages of this computer; beyond it only who shows the token of this run."""
+"""Who may connect: programs and pages of this account on this computer; all others only with the token of this run."""
 
 from __future__ import annotations
 
 import os
 import re
 import secrets
-from collections.abc import Mapping
-from typing import final
+from collections.abc import Mapping, Sequence
+from typing import Any, final
 from urllib.parse import urlsplit
 
 from haptorb.apps.serve.ports import is_loopback
 from haptorb.errors import InputError
+from haptorb.runtime.realtime.socket_owner import is_own_account, tcp_owner
 
-__all__ = ["TOKEN", "Access", "choose_serve_token"]
+__all__ = ["TOKEN", "Access", "choose_serve_token", "is_own_connection"]
 
 TOKEN = "HAPTORB_SERVE_TOKEN"  #: of the environment: a token that stays the same from one start to the next
 
@@ -21,15 +22,14 @@ _SHAPE = re.compile(r"[A-Za-z0-9_-]*")
 
 
 def choose_serve_token(host: str) -> str:
-    """What clients beyond this computer must show; empty for a `host` that only this computer reaches.
+    """What clients beyond this account must show: the one in the environment's HAPTORB_SERVE_TOKEN, else a new one;
+    empty, and only this account may connect, without it for a `host` that only this computer reaches.
 
-    A new one, or the one in the environment's HAPTORB_SERVE_TOKEN; InputError if that cannot be one.
+    Raises InputError if the given one cannot be one.
     """
-    if is_loopback(host):
-        return ""
     given = os.environ.get(TOKEN, "")
     if not given:
-        return secrets.token_urlsafe(_SHORTEST)
+        return "" if is_loopback(host) else secrets.token_urlsafe(_SHORTEST)
     if len(given) < _SHORTEST or not _SHAPE.fullmatch(given):
         raise InputError(f"{TOKEN} must have at least {_SHORTEST} letters, digits, - or _; got {len(given)} characters")
     return given
@@ -37,7 +37,7 @@ def choose_serve_token(host: str) -> str:
 
 @final
 class Access:
-    """The rules of one server with its `token`; empty: it is reached from this computer only.
+    """The rules of one server with its `token`; empty: only programs of this account use it.
 
     A page of another site could otherwise open a WebSocket to this computer (browsers let it) and move the device: its
     Origin stops it. One that has its own name resolved to 127.0.0.1 is stopped by Host.
@@ -46,10 +46,10 @@ class Access:
     def __init__(self, token: str = "") -> None:
         self._token = token
 
-    def refuse(self, peer: str, headers: Mapping[str, str], target: str) -> str:
+    def refuse(self, peer: str, headers: Mapping[str, str], target: str, *, own: bool) -> str:
         """Why a request from the address `peer` for `target` may not come in; empty if it may.
 
-        headers: their names in lower case.
+        headers: their names in lower case; own: a program of this account on this computer has the connection.
         """
         near = is_loopback(peer)
         origin = headers.get("origin")
@@ -58,10 +58,17 @@ class Access:
         host = headers.get("host", "")
         if near and not is_loopback(_host_of(host)):  # safety: serve-host
             return f"programs of this computer reach this server as localhost or 127.0.0.1, not as '{host[:100]}'"
-        if not near and not self._is_authorized(headers, target):  # safety: serve-token
+        if self._is_authorized(headers, target):
+            return ""
+        if not near:  # safety: serve-token
             return (
                 "from another computer this server needs the token that `haptorb run` printed: as header "
                 "'Authorization: Bearer TOKEN', or in the address as ?token=TOKEN"
+            )
+        if not own:  # safety: serve-account
+            return (
+                "this server is for programs of the account that runs the servo; another account needs the token "
+                f"that was set with {TOKEN}, as ?token=TOKEN or as header 'Authorization: Bearer TOKEN'"
             )
         return ""
 
@@ -72,6 +79,14 @@ class Access:
         query = target.partition("?")[2].split("&")
         tokens += [one.removeprefix("token=") for one in query if one.startswith("token=")]
         return any(secrets.compare_digest(one.encode(), self._token.encode()) for one in tokens[:2])
+
+
+def is_own_connection(peer: Sequence[Any] | None, own: Sequence[Any] | None) -> bool:
+    """Whether a program of this account on this computer has the other end of a TCP connection, from the address `peer`
+    (host, port) to `own`."""
+    if not peer or not own or not is_loopback(str(peer[0])):
+        return False
+    return is_own_account(tcp_owner((peer[0], peer[1]), (own[0], own[1])))
 
 
 def _host_of(authority: str) -> str:

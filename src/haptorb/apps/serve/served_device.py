@@ -12,10 +12,12 @@ from haptorb.numerics.arrays import Array
 from haptorb.runtime.exchange.commands import BUTTONS
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.realtime.parent_death import is_parent_gone
+from haptorb.worlds.dynamic.remote import HOLD
 
-__all__ = ["SILENCE", "ServedDevice"]
+__all__ = ["LATE", "SILENCE", "ServedDevice"]
 
 SILENCE = 2.0  #: a client that holds the device and commands nothing for so long has let it go [s]
+LATE = 1.0  #: what a client asked longer ago, while its server did not read, is not done any more [s]
 _SESSIONS = 10_000  #: numbers of sessions that one server has for itself
 _LARGEST = 1e6  #: of a commanded force [N]; the world and the guard have their own limits, far below
 
@@ -28,11 +30,12 @@ class ServedDevice:
     facts    of the run: driver, tracker, estimator, model, rate_hz, modes, versions
     dropped  rows that this server was too slow to read
     busy     how often a client was refused because another one holds the device
+    stale    commands that were refused because they had waited for this server
     """
 
     def __init__(self, shared: SharedMemory, slot: int, parent: int, device: Device, facts: Mapping[str, Any]) -> None:
         self.device, self.facts, self.layout = device, dict(facts), shared.layout
-        self.dropped = self.busy = 0
+        self.dropped = self.busy = self.stale = 0
         self.ending = False  #: set when this server is to end
         self._shared, self._slot, self._parent = shared, slot, parent
         self._block = shared.force_block(slot)
@@ -104,9 +107,10 @@ class ServedDevice:
             self._holder = 0
         return self._holder
 
-    def command(self, session: int, force: Sequence[float]) -> bool:
-        """The client `session` wants `force` (3,) [N], in the stator's frame, now. False, and nothing happens, if
-        another client holds the device, or the numbers are not finite.
+    def command(self, session: int, force: Sequence[float], *, arrival: float | None = None, mapping: int = 0) -> bool:
+        """The client `session` wants `force` (3,) [N], in the stator's frame, since `arrival` of its message on the
+        monotonic clock [s]; None: now. False, and nothing happens, if another client holds the device, if the numbers
+        are not finite, or if the message has waited for longer than a command lasts.
 
         No force takes no device: many programs that only watch send zeros, because each message is answered.
         """
@@ -118,8 +122,12 @@ class ServedDevice:
         if not all(-_LARGEST <= number <= _LARGEST for number in force):  # safety: served-force-finite
             return False
         now = monotonic()
-        self._holder, self._held_since = session, now
-        self._block.command(force, session, now)
+        since = now if arrival is None else min(arrival, now)
+        if now - since > HOLD:  # safety: waited-is-stale
+            self.stale += 1
+            return False
+        self._holder, self._held_since = session, since
+        self._block.command(force, session, since, mapping)
         return True
 
     def lose(self, session: int) -> None:
@@ -138,7 +146,7 @@ class ServedDevice:
         times a second, please; of more than 50 clients the rest is only counted."""
         facts = {
             "server": server, "address": address, "count": len(clients), "clients": list(clients[:50]),
-            "dropped": self.dropped, **more,
+            "dropped": self.dropped, "stale": self.stale, **more,
         }  # fmt: skip
         self._facts = facts
         self._shared.server_facts[self._slot].write(json.dumps(facts))

@@ -13,6 +13,7 @@ _COUNTS = {
     "not_sent": "messages dropped for slow readers",
     "unread": "messages lost in a flood",
     "refused": "messages or connections refused",
+    "stale": "commands refused because they had waited",
 }
 
 

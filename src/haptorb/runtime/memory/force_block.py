@@ -15,10 +15,10 @@ from haptorb.worlds.dynamic.remote import FADE, HOLD
 
 __all__ = ["BLOCKS", "WORDS", "ClientForces", "ForceBlock"]
 
-WORDS = 8  #: sequence, force (3), session, stamp, loss, one to spare
+WORDS = 8  #: sequence, force (3), session, stamp, loss, mapping
 BLOCKS = 8  #: servers that may command at once
 
-_PLACES = [CLIENT_FORCE.fields[name][1] // 8 for name in ("force", "session", "age", "lost")]  # type: ignore[index]
+_PLACES = [CLIENT_FORCE.fields[name][1] // 8 for name in ("force", "session", "age", "lost", "mapping")]  # type: ignore[index]
 _OVER = HOLD + FADE
 
 
@@ -31,6 +31,7 @@ class _Command(NamedTuple):
     session: float  #: of the client
     stamp: float  #: on the monotonic clock [s]
     loss: float  #: when the client's connection was lost, on the same clock [s]; 0: it was not
+    mapping: float  #: number of the client's mapping into the stator's frame
 
 
 @final
@@ -40,11 +41,11 @@ class ForceBlock:
     def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
         self._words, self._floats, self._at = words, floats, at
 
-    def command(self, force: Sequence[float], session: int, stamp: float) -> None:
-        """The client of `session` wants `force` (3,) [N] in the stator's frame, at `stamp` [s] of the monotonic
-        clock."""
+    def command(self, force: Sequence[float], session: int, stamp: float, mapping: int = 0) -> None:
+        """The client of `session` wants `force` (3,) [N] in the stator's frame, since `stamp` [s] of the monotonic
+        clock. Another number `mapping`: the same command would point elsewhere than before."""
         x, y, z = force
-        self._write(_Command(x, y, z, float(session), stamp, loss=0.0))
+        self._write(_Command(x, y, z, float(session), stamp, loss=0.0, mapping=float(mapping)))
 
     def lose(self, stamp: float) -> None:
         """The connection of the client that commanded last was lost at `stamp` [s] of the monotonic clock."""
@@ -72,7 +73,7 @@ class ClientForces:
         self._words, self._floats = words, floats
         self._starts = [at + WORDS * block for block in range(BLOCKS)]
         self._known = [0] * BLOCKS
-        self._commands = [_Command(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * BLOCKS
+        self._commands = [_Command(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * BLOCKS
         self._holder = -1
 
     def fill(self, client: Records, now: float) -> None:
@@ -87,10 +88,11 @@ class ClientForces:
             return
         if self._holder < 0 or self._is_over(self._holder, now):  # safety: one-client-holds
             self._holder = newest
-        force_x, force_y, force_z, session, stamp, loss = self._commands[self._holder]
+        force_x, force_y, force_z, session, stamp, loss, mapping = self._commands[self._holder]
         cells = client.data.cast("B").cast("d")  # single numbers go through it faster than into an array
-        first, at_session, age, lost = _PLACES
+        first, at_session, age, lost, at_mapping = _PLACES
         cells[first], cells[first + 1], cells[first + 2], cells[at_session] = force_x, force_y, force_z, session
+        cells[at_mapping] = mapping
         cells[age] = max(now - stamp, 0.0)
         cells[lost] = max(now - loss, 0.0) if loss > 0.0 else 0.0
 

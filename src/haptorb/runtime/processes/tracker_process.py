@@ -1,5 +1,5 @@
-"""The process that receives a tracker's poses: `python -m haptorb.runtime.processes.tracker_process SPEC`; SPEC is
-JSON.
+"""The process that receives a tracker's poses: `python -m haptorb.runtime.processes.tracker_process`; what it is to do
+comes as JSON on its standard input, because every account can read the arguments of a process, and a token is in it.
 
 It may wait for the network and parse what comes from there, which no tick may. It writes poses into the memory that it
 shares with the servo, and ends when the servo has ended or its parent is gone.
@@ -95,4 +95,4 @@ def _report_failure(shared: SharedMemory, why: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(json.loads(sys.argv[1])))
+    sys.exit(main(json.loads(sys.stdin.buffer.read())))

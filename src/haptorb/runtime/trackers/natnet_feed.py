@@ -7,6 +7,7 @@ magnet.
 
 from __future__ import annotations
 
+import ipaddress
 import select
 import socket
 from collections.abc import Iterator
@@ -15,6 +16,8 @@ from time import monotonic
 from typing import Any, final
 
 from haptorb.errors import DriverError
+from haptorb.runtime.realtime.arrival_time import DatagramTimes
+from haptorb.runtime.realtime.socket_owner import UdpOwners, is_own_account
 from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.sender_clock import SenderClock
 
@@ -30,6 +33,13 @@ _BURST = 64
 
 def _encode_request(kind: int, text: bytes = b"") -> bytes:
     return kind.to_bytes(2, "little") + (len(text) + 1).to_bytes(2, "little") + text + b"\0"
+
+
+def _is_trusted(connected: socket.socket) -> bool:
+    """Whether the other end of `connected` is a program of this account, or of another computer."""
+    host, port = connected.getpeername()[:2]
+    here = ipaddress.ip_address(host).is_loopback or connected.getsockname()[0] == host
+    return not here or is_own_account(UdpOwners().find(host, port))
 
 
 def natnet_socket(host: str, port: int = PORT, answer: float = _ANSWER) -> tuple[socket.socket, tuple[int, ...]]:
@@ -49,10 +59,17 @@ def natnet_socket(host: str, port: int = PORT, answer: float = _ANSWER) -> tuple
             try:
                 data = opened.recv(65535)
                 if int.from_bytes(data[:2], "little") == _INFO:
+                    if not _is_trusted(opened):
+                        raise DriverError(
+                            f"tracker natnet: the server at {host}, UDP port {port}, is a program of another account "
+                            "of this computer: end it, or run the tracker's program as this account"
+                        )
                     info = ServerInfo.read_from_buffer(PacketBuffer(data[4:]), Version())
                     return opened, tuple(info.nat_net_protocol_version.components)
             except ConnectionRefusedError:
                 break
+            except DriverError:
+                raise
             except Exception:  # no server's words
                 continue
         raise DriverError(
@@ -83,6 +100,8 @@ class NatNetFeed(Feed):
         self._version: Any = Version(*version)
         self._socket, self._body = connected, body
         self._socket.setblocking(False)
+        self._times = DatagramTimes()
+        self._times.watch(connected)
         self._clock = SenderClock()
         self._alive = float("-inf")
 
@@ -93,15 +112,21 @@ class NatNetFeed(Feed):
             with suppress(OSError):  # the server is gone: silence
                 self._socket.send(_encode_request(_KEEPALIVE))
         select.select([self._socket], [], [], patience)
+        self._times.look()
+        trusted: bool | None = None  # looked up in each batch: another program may have taken the server's port
         for _ in range(_BURST):
             try:
-                data = self._socket.recv(65535)
+                data, notes, *_ = self._socket.recvmsg(65535, DatagramTimes.room)
             except BlockingIOError:
                 return
             except OSError:
                 continue
-            if int.from_bytes(data[:2], "little") == _FRAME:
-                yield self.read(data, monotonic())
+            if trusted is None:
+                trusted = _is_trusted(self._socket)
+            if not trusted:  # safety: natnet-account
+                yield RejectedPose("another_account")
+            elif int.from_bytes(data[:2], "little") == _FRAME:
+                yield self.read(data, self._times.find(notes))
 
     def read(self, data: bytes, arrival: float) -> RawPose | RejectedPose:
         """What one frame says of the body; a frame without it says that it is lost."""

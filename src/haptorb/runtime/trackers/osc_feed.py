@@ -6,6 +6,9 @@
 Metres and a unit quaternion in the stator frame, as floats, doubles or integers; t [s] on the sender's own clock.
 Poses of two programs make no path of one tool, so only the first sender counts: another one counts only when the
 first was silent for two seconds, and then the pose counts as lost first.
+
+On loopback, where a token is not needed, only programs of the account count that runs the servo. A message counts from
+its arrival at the socket, not from when it is read.
 """
 
 from __future__ import annotations
@@ -16,10 +19,11 @@ import socket
 from collections.abc import Iterator
 from hmac import compare_digest
 from math import isfinite
-from time import monotonic
 from typing import final
 
 from haptorb.errors import DriverError, InputError
+from haptorb.runtime.realtime.arrival_time import DatagramTimes
+from haptorb.runtime.realtime.socket_owner import UdpOwners, is_own_account
 from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.osc_packet import read_packet
 from haptorb.runtime.trackers.sender_clock import SenderClock
@@ -74,6 +78,8 @@ class OscFeed(Feed):
         self._socket = listening
         self._socket.setblocking(False)
         self._token = token.encode()
+        self._times = DatagramTimes()
+        self._times.watch(listening)
         self._clock = SenderClock()
         self._sender: object = None
         self._spoke = float("-inf")  # when it last said something of the layout
@@ -82,14 +88,21 @@ class OscFeed(Feed):
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """What came in up to 256 datagrams; at most `patience` [s] for the first."""
         select.select([self._socket], [], [], patience)
+        self._times.look()
+        known: dict[object, bool] = {}  # sender → whether its messages count; looked up in each batch
         for _ in range(_BURST):
             try:
-                data, sender = self._socket.recvfrom(_LONGEST + 1)
+                data, notes, _, sender = self._socket.recvmsg(_LONGEST + 1, DatagramTimes.room)
             except BlockingIOError:
                 return
             except OSError:  # "port unreachable" in reply to a message that we did not send
                 continue
-            yield from self.read(data, monotonic(), sender)
+            if sender not in known:
+                known[sender] = bool(self._token) or is_own_account(UdpOwners().find(*sender[:2]))
+            if not known[sender]:  # safety: tracker-account
+                yield RejectedPose("another_account")
+                continue
+            yield from self.read(data, self._times.find(notes), sender)
 
     def read(self, data: bytes, arrival: float, sender: object = "the only one") -> Iterator[RawPose | RejectedPose]:
         """What one datagram of `sender` (its address and port) says."""

@@ -24,6 +24,7 @@ __all__ = ["REASONS", "PoseFilter"]
 REASONS = {
     "garbage": "not a message of the documented layout",
     "stranger": "without the token",
+    "another_account": "from another account of this computer, or from a port that nobody has",
     "another_sender": "from another sender than the poses before",
     "not_finite": "a number that is not finite",
     "no_rotation": "a quaternion whose length is not 1",

@@ -25,6 +25,7 @@ _FIELDS = (
     MemoryField("age", "s", "age of the client's last command"),
     MemoryField("lost", "s", "time since the client's connection was lost; 0: connected"),
     MemoryField("fade", "1", "share of the force that is rendered: 1 before the fade, 0 after it"),
+    MemoryField("mapping", "1", "number of the client's mapping: with another one the same command points elsewhere"),
 )
 
 
@@ -45,6 +46,7 @@ def _take_command(memory: Records, client: Records) -> None:
     m.age = c.age if finite else 0.0
     m.lost = c.lost if finite else 0.0
     m.fade = fade
+    m.mapping = c.mapping if np.isfinite(c.mapping) else 0.0
 
 
 @kernel

@@ -63,12 +63,12 @@ class Program:
 class Setting:
     """A session on a socket of its own, before a loop that is published by hand."""
 
-    def __init__(self, loop: PublishedLoop, token: str = "") -> None:
+    def __init__(self, loop: PublishedLoop, token: str = "", *, beyond: bool = False) -> None:
         self.loop = loop
         self._opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._opened.bind(("127.0.0.1", 0))
         self.address = self._opened.getsockname()
-        self.session = OscSession(self._opened, loop.served, token)
+        self.session = OscSession(self._opened, loop.served, token, beyond=beyond)
         self._programs: list[Program] = []
 
     def connect(self) -> Program:
@@ -334,7 +334,7 @@ def test_strangers_from_many_ports_do_not_add_up(setting: Setting) -> None:
 
 def test_without_the_token_nothing_happens() -> None:
     with PublishedLoop(Nothing()) as loop:
-        setting = Setting(loop, token="a-token-of-this-run")
+        setting = Setting(loop, token="a-token-of-this-run", beyond=True)
         program = setting.connect()
         program.say("/haptorb/force", 1.0, 0.0, 0.0)
         program.say("/haptorb/force", "another", 1.0, 0.0, 0.0)
@@ -371,7 +371,9 @@ def test_beyond_this_computer_a_token_is_needed_and_told(monkeypatch: pytest.Mon
     assert "a-token-that-stays-the-same" in prepared.remarks[0]
     near = prepare("0")
     near.close()
-    assert near.spec["token"] == ""
+    assert near.spec["token"] == "a-token-that-stays-the-same"  # for another account of this computer
+    assert not near.spec["beyond"]
+    assert near.remarks == ()
     assert near.address.startswith("osc.udp://127.0.0.1:")
 
 

@@ -1,4 +1,4 @@
-"""`--serve foxglove[:PORT]`: the live view over WebSocket, to programs of this computer only.
+"""`--serve foxglove[:PORT]`: the live view over WebSocket, to programs of this account on this computer only.
 
 The messages are foxglove-sdk's; the server is haptorb's own. That of the SDK (0.30.3) lets a page of any origin read
 along, and drops messages for a slow reader without telling how many.
@@ -21,6 +21,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
+from haptorb.apps.serve.access import Access, choose_serve_token, is_own_connection
 from haptorb.apps.serve.foxglove.live_view import LiveView
 from haptorb.apps.serve.foxglove.viewer_connection import ViewerConnection
 from haptorb.apps.serve.ports import LOOPBACK, check_port, open_port
@@ -48,12 +49,12 @@ def prepare(where: str) -> ServerPreparation:
     """Open the PORT. Raises InputError if it cannot be had."""
     opened = open_port(check_port(where, FORM) if where else PORT, f"--serve {FORM}")
     address = f"ws://{LOOPBACK}:{opened.getsockname()[1]}"
-    return ServerPreparation({"address": address}, address, [opened.detach()])
+    return ServerPreparation({"address": address, "token": choose_serve_token(LOOPBACK)}, address, [opened.detach()])
 
 
 def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) -> None:
     """Serve until `served.over`; `spec` and `descriptors` are those of `prepare`."""
-    asyncio.run(_FoxgloveServer(served, spec["address"]).run(socket.socket(fileno=descriptors[0])))
+    asyncio.run(_FoxgloveServer(served, spec["address"], spec["token"]).run(socket.socket(fileno=descriptors[0])))
 
 
 def is_trusted(origin: str | None, host: str | None) -> bool:
@@ -71,8 +72,8 @@ def is_trusted(origin: str | None, host: str | None) -> bool:
 
 @final
 class _FoxgloveServer:
-    def __init__(self, served: ServedDevice, address: str) -> None:
-        self._served, self._address = served, address
+    def __init__(self, served: ServedDevice, address: str, token: str) -> None:
+        self._served, self._address, self._access = served, address, Access(token)
         self._view = LiveView(served)
         self._refused = self._dropped = 0
         self._last = monotonic()
@@ -92,7 +93,7 @@ class _FoxgloveServer:
             _abort(server)
 
     def _check(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Refuse pages of other sites, and one viewer too many."""
+        """Refuse pages of other sites, programs of other accounts, and one viewer too many."""
         headers = request.headers
         try:
             trusted = is_trusted(headers.get("Origin"), headers.get("Host"))
@@ -101,6 +102,13 @@ class _FoxgloveServer:
         if not trusted:
             self._refused += 1
             return connection.respond(http.HTTPStatus.FORBIDDEN, "pages of other sites may not connect\n")
+        names = {name.lower(): value for name, value in headers.raw_items()}
+        names.pop("origin", None)  # `is_trusted` knows Foxglove's own
+        transport = connection.transport
+        own = is_own_connection(transport.get_extra_info("peername"), transport.get_extra_info("sockname"))
+        if refusal := self._access.refuse(LOOPBACK, names, request.path, own=own):
+            self._refused += 1
+            return connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
         if len(self._view.viewers) >= _MOST:
             self._refused += 1
             return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, f"{_MOST} viewers are already connected\n")

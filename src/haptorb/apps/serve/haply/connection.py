@@ -12,6 +12,7 @@ from __future__ import annotations
 import asyncio
 from abc import ABC, abstractmethod
 from collections import deque
+from time import monotonic
 from typing import cast, final
 
 from websockets.frames import Frame, Opcode
@@ -19,8 +20,9 @@ from websockets.http11 import Request, Response
 from websockets.protocol import OPEN
 from websockets.server import ServerProtocol
 
-from haptorb.apps.serve.access import Access
+from haptorb.apps.serve.access import Access, is_own_connection
 from haptorb.apps.serve.haply.http_exchange import HttpExchange, HttpReply, read_headers
+from haptorb.runtime.realtime.arrival_time import STALL, StreamTimes
 
 __all__ = ["Connection", "Endpoint"]
 
@@ -41,6 +43,7 @@ class Endpoint(ABC):
     """What stands behind a port."""
 
     access: Access
+    alive: float  #: when this process last looked for what came, on the monotonic clock [s]
     connections: set[Connection]
     room: int  #: how many connections there may be at once
 
@@ -49,8 +52,9 @@ class Endpoint(ABC):
         """A WebSocket is open: send it what it must know."""
 
     @abstractmethod
-    def answer(self, connection: Connection, message: bytes) -> str | None:
-        """The answer to a message; None: there is none. A message that cannot be read lets the connection `rest`."""
+    def answer(self, connection: Connection, message: bytes, arrival: float) -> str | None:
+        """The answer to a message that came at `arrival` on the monotonic clock [s]; None: there is none. A message
+        that cannot be read lets the connection `rest`."""
 
     @abstractmethod
     def close(self, connection: Connection) -> None:
@@ -66,21 +70,24 @@ class Connection(asyncio.BufferedProtocol):
     """A client of `endpoint`, at the address `peer`."""
 
     def __init__(self, endpoint: Endpoint) -> None:
-        self.endpoint, self.peer = endpoint, ""
+        self.endpoint, self.peer, self._own = endpoint, "", False
+        self._times, self._descriptor, self._arrival = StreamTimes(), -1, 0.0
         self._buffer = bytearray(_ROOM)
         self._head = b""
         self._websocket: ServerProtocol | None = None
         self._exchange: HttpExchange | None = None
         self._open = self._paused = self._failed = self._rests = False
         self._parts: list[bytes] = []  # of a message that comes in several frames
-        self._waiting: deque[bytes] = deque()  # whole messages
+        self._waiting: deque[tuple[float, bytes]] = deque()  # whole messages, each with its arrival [s]
         self._timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A client has connected."""
         self._transport = cast(asyncio.Transport, transport)
         self._transport.set_write_buffer_limits(high=_UNREAD)
-        self.peer = str((transport.get_extra_info("peername") or ("",))[0])
+        peer, self._descriptor = transport.get_extra_info("peername"), transport.get_extra_info("socket").fileno()
+        self.peer = str((peer or ("",))[0])
+        self._own = is_own_connection(peer, transport.get_extra_info("sockname"))
         self.endpoint.connections.add(self)
         self._wait()
         if len(self.endpoint.connections) > self.endpoint.room:
@@ -95,6 +102,10 @@ class Connection(asyncio.BufferedProtocol):
         """Bytes have come."""
         if self._failed:
             return
+        now = monotonic()
+        if now - self.endpoint.alive > STALL:
+            self._times.wait(self.endpoint.alive)
+        self._arrival = self._times.find(self._descriptor, now)
         data = bytes(self._buffer[:nbytes])
         if self._websocket is not None:
             self._receive(data)
@@ -115,7 +126,7 @@ class Connection(asyncio.BufferedProtocol):
             self._websocket = ServerProtocol(max_size=_MESSAGE)
             self._receive(data)
         else:
-            self._exchange = HttpExchange(self.endpoint.access, self.peer, self.endpoint.reply)
+            self._exchange = HttpExchange(self.endpoint.access, self.peer, self.endpoint.reply, own=self._own)
             self._serve_http(data)
 
     def _serve_http(self, data: bytes) -> None:
@@ -143,7 +154,7 @@ class Connection(asyncio.BufferedProtocol):
 
     def _shake_hands(self, websocket: ServerProtocol, request: Request) -> None:
         headers = {name.lower(): value for name, value in request.headers.raw_items()}
-        refusal = self.endpoint.access.refuse(self.peer, headers, request.path)
+        refusal = self.endpoint.access.refuse(self.peer, headers, request.path, own=self._own)
         if refusal:
             self._transport.pause_reading()
             asyncio.get_running_loop().call_later(_REFUSAL, self._refuse, websocket.reject(403, f"{refusal}\n"))
@@ -166,14 +177,14 @@ class Connection(asyncio.BufferedProtocol):
         if frame.opcode not in (Opcode.TEXT, Opcode.BINARY, Opcode.CONT):
             return  # the protocol itself answers a ping
         if frame.fin and not self._parts:
-            self._waiting.append(bytes(frame.data))
+            self._waiting.append((self._arrival, bytes(frame.data)))
             return
         self._parts.append(bytes(frame.data))
         if len(self._parts) > _PARTS:
             self.end(1009, "a message has too many fragments")
             return
         if frame.fin:
-            self._waiting.append(b"".join(self._parts))
+            self._waiting.append((self._arrival, b"".join(self._parts)))
             self._parts = []
 
     def _work(self) -> None:
@@ -183,17 +194,24 @@ class Connection(asyncio.BufferedProtocol):
         for _ in range(_IN_A_ROW):
             if not self._waiting or self._paused or self._rests or not self._open:
                 break
-            answer = self.endpoint.answer(self, self._waiting.popleft())
+            arrival, message = self._waiting.popleft()
+            answer = self.endpoint.answer(self, message, arrival)
             if answer is not None:
                 self.send(answer)
         if self._rests:
-            self._transport.pause_reading()
+            self._pause()
             asyncio.get_running_loop().call_later(_REST, self._wake)
         elif self._waiting and self._open and not self._paused:
-            self._transport.pause_reading()
+            self._pause()
             asyncio.get_running_loop().call_soon(self._go_on)
         elif not self._paused and self._open:
             self._transport.resume_reading()
+
+    def _pause(self) -> None:
+        """Read nothing: what comes meanwhile waits, and grows old."""
+        if self._transport.is_reading():
+            self._times.wait(monotonic())
+        self._transport.pause_reading()
 
     def rest(self) -> None:
         """Read nothing for a while: the message was nonsense."""
@@ -238,7 +256,7 @@ class Connection(asyncio.BufferedProtocol):
     def pause_writing(self) -> None:
         """The client does not read: nothing is read from it either, and after a while it is closed."""
         self._paused = True
-        self._transport.pause_reading()
+        self._pause()
         self._wait()
 
     def resume_writing(self) -> None:

@@ -7,6 +7,7 @@ import socket
 from collections.abc import Callable
 from functools import partial
 from itertools import cycle
+from time import monotonic
 from typing import Any, final
 
 from haptorb.apps.serve.access import Access, choose_serve_token
@@ -16,7 +17,7 @@ from haptorb.apps.serve.haply.http_exchange import HttpReply
 from haptorb.apps.serve.haply.routes import reply
 from haptorb.apps.serve.haply.service import Service
 from haptorb.apps.serve.haply.session import Session
-from haptorb.apps.serve.ports import LOOPBACK, OTHER_LOOPBACK, check_port, has_other_loopback, open_port
+from haptorb.apps.serve.ports import LOOPBACK, OTHER_LOOPBACK, check_port, has_other_loopback, is_loopback, open_port
 from haptorb.apps.serve.preparation import ServerPreparation
 from haptorb.apps.serve.served_device import ServedDevice
 from haptorb.apps.serve.server_kinds import KINDS
@@ -56,7 +57,8 @@ def prepare(where: str) -> ServerPreparation:
         for one in opened:
             one.close()
         raise
-    remarks = (f"haply: clients on other computers must send this token: {token}",) if token else ()
+    beyond = not is_loopback(host)
+    remarks = (f"haply: clients on other computers must send this token: {token}",) if beyond else ()
     return ServerPreparation(
         {"token": token, "address": f"ws://{place}:{numbers[0]}"},
         f"ws://{place}:{numbers[0]}, events ws://{place}:{numbers[1]}",
@@ -112,13 +114,16 @@ async def _serve(spec: dict[str, Any], sockets: list[socket.socket], served: Ser
     ]
     report, priority = 0.0, ServerPriority()
     while not served.over:
+        clients.alive = listeners.alive = loop.time()
         for event in watcher.look():
             listeners.tell(*event)
         if loop.time() >= report:
             report = loop.time() + _REPORT
             _report(service, spec["address"])
             priority.look()
-        await asyncio.sleep(_LOOK)
+        await asyncio.sleep(_LOOK / 4)
+        clients.alive = listeners.alive = loop.time()
+        await asyncio.sleep(_LOOK / 4)
     listeners.tell(*watcher.end())
     for server in servers:
         server.close()
@@ -145,7 +150,7 @@ def _report(service: Service, address: str) -> None:
 @final
 class _ClientEndpoint(Endpoint):
     def __init__(self, access: Access, service: Service) -> None:
-        self.access, self.connections, self.room = access, set(), _CLIENTS
+        self.access, self.connections, self.room, self.alive = access, set(), _CLIENTS, monotonic()
         self._service = service
         self._sessions: dict[Connection, Session] = {}
 
@@ -154,10 +159,10 @@ class _ClientEndpoint(Endpoint):
         self._sessions[connection] = session
         connection.send(self._service.inventory(session))
 
-    def answer(self, connection: Connection, message: bytes) -> str | None:
+    def answer(self, connection: Connection, message: bytes, arrival: float) -> str | None:
         session = self._sessions[connection]
         unreadable = session.unreadable
-        answer = self._service.answer(session, message)
+        answer = self._service.answer(session, message, arrival)
         if session.unreadable > unreadable:
             connection.rest()
         return answer
@@ -175,7 +180,7 @@ class _EventEndpoint(Endpoint):
     """Send events to a connection; what it sends is not read."""
 
     def __init__(self, access: Access) -> None:
-        self.access, self.connections, self.room = access, set(), _CLIENTS
+        self.access, self.connections, self.room, self.alive = access, set(), _CLIENTS, monotonic()
         self.first: Callable[[], str] = str  #: the first message to a new client
 
     def tell(self, name: str, category: str, level: str, data: dict[str, Any], message: str = "") -> None:
@@ -188,7 +193,7 @@ class _EventEndpoint(Endpoint):
     def open(self, connection: Connection) -> None:
         connection.send(self.first())
 
-    def answer(self, connection: Connection, message: bytes) -> str | None:
+    def answer(self, connection: Connection, message: bytes, arrival: float) -> str | None:
         return None
 
     def close(self, connection: Connection) -> None:

@@ -42,12 +42,14 @@ def read_headers(head: bytes) -> dict[str, str]:
 class HttpExchange:
     """Requests from `peer`, one after the other, each answered by `reply(method, target, body)`.
 
+    own   whether a program of this account has the connection
+
     over  whether the connection is to be closed
     """
 
-    def __init__(self, access: Access, peer: str, reply: Callable[[str, str, bytes], HttpReply]) -> None:
+    def __init__(self, access: Access, peer: str, reply: Callable[[str, str, bytes], HttpReply], *, own: bool) -> None:
         self.over = False
-        self._access, self._peer, self._reply = access, peer, reply
+        self._access, self._peer, self._reply, self._own = access, peer, reply, own
         self._connection = h11.Connection(h11.SERVER)
         self._request: h11.Request | None = None
         self._body = b""
@@ -89,7 +91,7 @@ class HttpExchange:
         assert self._request is not None
         headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in self._request.headers}
         target, method = self._request.target.decode("latin-1"), self._request.method.decode("latin-1")
-        if refusal := self._access.refuse(self._peer, headers, target):
+        if refusal := self._access.refuse(self._peer, headers, target, own=self._own):
             return self._write(HttpReply(403, {"ok": False, "error": refusal}), None)
         origin = headers.get("origin")
         if method == "OPTIONS":

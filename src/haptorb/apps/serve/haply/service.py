@@ -6,16 +6,17 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from time import monotonic
 from typing import Any, final
 
 from haptorb.apps.serve.haply.commands import read_device_force, read_list
 from haptorb.apps.serve.haply.cursor import Cursor
 from haptorb.apps.serve.haply.inventory import DeviceIds, Settings
 from haptorb.apps.serve.haply.session import Session
-from haptorb.apps.serve.haply.space import Space, default_space
+from haptorb.apps.serve.haply.space import MAPPING, Space, default_space
 from haptorb.apps.serve.haply.transform import parse_basis, parse_transform
-from haptorb.apps.serve.served_device import ServedDevice
-from haptorb.errors import HaptorbError
+from haptorb.apps.serve.served_device import LATE, ServedDevice
+from haptorb.errors import HaptorbError, InputError
 
 __all__ = ["Service"]
 
@@ -51,18 +52,20 @@ class Service:
         """The inventory: what a client that has just connected is sent, unasked."""
         return self._write(session, config=True, inventory=True)
 
-    def answer(self, session: Session, text: str | bytes) -> str:
-        """The one reply to a client's message: the state, whatever the message."""
+    def answer(self, session: Session, text: str | bytes, arrival: float) -> str:
+        """The one reply to a client's message, which came at `arrival` on the monotonic clock [s]: the state, whatever
+        the message. What has waited for long is answered and not done."""
         session.messages += 1
         self.cursor.look()
         try:
             message = json.loads(text)
         except (ValueError, RecursionError):
             message, session.unreadable = None, session.unreadable + bool(text.strip())
-        full = self._obey(session, message) if isinstance(message, dict) else False
+        late = monotonic() - arrival > LATE  # safety: late-messages
+        full = self._obey(session, message, arrival) if isinstance(message, dict) and not late else False
         return self._write(session, config=full)
 
-    def _obey(self, session: Session, message: dict[str, Any]) -> bool:
+    def _obey(self, session: Session, message: dict[str, Any], arrival: float) -> bool:
         """Do what `message` says, as far as it can be understood; whether the answer has the config again."""
         full = False
         wanted = message.get("session")
@@ -74,20 +77,20 @@ class Service:
             if not self.identity.is_meant(entry.get("device_id")):
                 continue
             if isinstance(given := entry.get("configure"), Mapping):
-                self._try(partial(self.configure, session, given))
+                self._try(partial(self.configure, session, given, by=session))
             found = read_device_force(entry, session.space, self.cursor)
             if found.transform is not None:
                 self._try(partial(self._move, session, found.transform))
             if found.force is not None:
                 force = [a + b for a, b in zip(force or (0.0, 0.0, 0.0), found.force, strict=True)]
         if force is not None:
-            self._command(session, force)
+            self._command(session, force, arrival)
         return full
 
-    def _command(self, session: Session, force: list[float]) -> None:
+    def _command(self, session: Session, force: list[float], arrival: float) -> None:
         stator = session.space.stator_force(force)
         refusals = self.served.busy
-        if self.served.command(session.number, stator):
+        if self.served.command(session.number, stator, arrival=arrival, mapping=session.mapping):
             session.refused = False
         elif self.served.busy > refusals and not session.refused:
             session.refused = True  # said once, not with each of a thousand commands a second
@@ -113,20 +116,30 @@ class Service:
                 self._try(partial(self._rename_axes, session, text))
 
     def _rename_axes(self, session: Session, text: object) -> None:
-        session.space = replace(session.space, basis=parse_basis(text))
+        session.change_space(replace(session.space, basis=parse_basis(text)))
 
     def _move(self, session: Session, given: object) -> None:
-        session.space = replace(session.space, transform=parse_transform(given, session.space.transform))
+        session.move_space(replace(session.space, transform=parse_transform(given, session.space.transform)))
 
-    def configure(self, session: Session | None, found: Mapping[str, Any]) -> None:
-        """What one client sets for itself, or, for None, somebody for all clients of now and later. Raises InputError
-        for what cannot be; then nothing changes."""
+    def configure(self, session: Session | None, found: Mapping[str, Any], *, by: Session | None = None) -> None:
+        """What one client sets for itself, or, for None, somebody for all clients of now and later; `by` whom, None for
+        a request over HTTP. Raises InputError for what cannot be; then nothing changes.
+
+        How the client that holds the device sees it, only that client itself changes: its force would turn.
+        """
         changed = list(self.sessions.values()) if session is None else [session]
+        holder = self.served.holder
+        concerned = holder and any(one.number == holder for one in changed) and (by is None or by.number != holder)
+        if concerned and any(name in found for name in MAPPING):  # safety: holder-maps
+            raise InputError(
+                f"session {holder} commands the device, and only its own messages change how it sees it: wait until "
+                "it has let the device go (2 s after its last command), or name another session"
+            )
         spaces = [one.space.configure(found) for one in changed]
         later = self.space.configure(found) if session is None else self.space
         self.settings, self.space = self.settings.configure(found), later
         for one, space in zip(changed, spaces, strict=True):
-            one.space = space
+            one.change_space(space)
 
     @staticmethod
     def _try(change: Callable[[], None]) -> None:

@@ -25,7 +25,9 @@ from haptorb.apps.serve.haply.transform import (
 from haptorb.devices.device import Device
 from haptorb.errors import InputError, UnknownName
 
-__all__ = ["PRESETS", "Space", "default_space"]
+__all__ = ["MAPPING", "PRESETS", "Space", "default_space"]
+
+MAPPING = ("workspace", "basis", "preset", "mount", "transform")  #: what a client can set of its space
 
 #: the middle of the other device's workspace in the frame of its base, as public clients place what they draw [m]
 _MIDDLE = (0.0, -0.14, 0.20)

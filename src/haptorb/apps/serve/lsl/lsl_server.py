@@ -21,7 +21,11 @@ def prepare(where: str) -> ServerPreparation:
     """Nothing stands behind `lsl`; its ports are the layer's own. Raises InputError if something does."""
     if where:
         raise InputError(f"--serve lsl takes no address, because LSL discovers streams; got '{where}'")
-    return ServerPreparation({}, f"stream '{NAME}' of the lab streaming layer")
+    remark = (
+        "lsl: the layer cannot know its readers: every account of this computer, and who reaches its ports from the "
+        "network, can read the rows while this server runs"
+    )
+    return ServerPreparation({}, f"stream '{NAME}' of the lab streaming layer", remarks=(remark,))
 
 
 def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) -> None:

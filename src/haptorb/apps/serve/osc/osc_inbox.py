@@ -1,4 +1,4 @@
-"""The datagrams that came since the last look: the newest of each sender, however many there are.
+"""The datagrams that came since the last look: the newest of each sender, each with the time at which it came.
 
 A program that was understood once gets a socket of its own on the same port: the system puts its datagrams there, and a
 flood of others, which fills the socket that all share, no longer pushes them out.
@@ -12,9 +12,12 @@ from collections import deque
 from contextlib import suppress
 from typing import TypeAlias, final
 
-__all__ = ["NEWEST", "OscInbox", "Sender"]
+from haptorb.runtime.realtime.arrival_time import DatagramTimes
+
+__all__ = ["NEWEST", "Letter", "OscInbox", "Sender"]
 
 Sender: TypeAlias = tuple[str, int]  #: address and port of a program
+Letter: TypeAlias = tuple[float, bytes]  #: when a datagram came, on the monotonic clock [s], and what it says
 
 NEWEST = 32  #: datagrams of one sender that count in one look; older ones are overtaken
 _AT_ONCE = 512  #: datagrams taken from the shared socket in one look
@@ -25,6 +28,7 @@ _LONGEST = 1024  #: no message that is understood is longer [bytes]
 _BUFFER = 1 << 18  #: what the system keeps of them until the next look [bytes]
 _OVERFLOW = 40  #: SO_RXQ_OVFL of Linux: each datagram comes with the count of those that the system dropped
 _COUNT = struct.Struct("@I")
+_NOTES = DatagramTimes.room + 64  #: bytes for the kernel's notes with a datagram
 
 
 @final
@@ -35,6 +39,7 @@ class OscInbox:
         self._shared, self._own = opened, dict[Sender, socket.socket]()
         self._lost: dict[socket.socket, int] = {}
         self._gone = 0
+        self._times = DatagramTimes()
         _prepare(opened)
         self.received = 0  #: datagrams taken from the system
         self.overtaken = 0  #: of those, not read: too many came from one sender, or from too many senders
@@ -83,19 +88,20 @@ class OscInbox:
             self.release(sender)
         self._shared.close()
 
-    def take(self) -> tuple[dict[Sender, deque[bytes]], bool]:
+    def take(self) -> tuple[dict[Sender, deque[Letter]], bool]:
         """The newest datagrams of each sender, oldest first; and whether so many came that others may wait."""
-        found: dict[Sender, deque[bytes]] = {}
+        found: dict[Sender, deque[Letter]] = {}
         more = False
+        self._times.look()
         for own in self._own.values():
             more |= self._take_from(own, _OWN_AT_ONCE, found)
         more |= self._take_from(self._shared, _AT_ONCE, found)
         return found, more
 
-    def _take_from(self, source: socket.socket, most: int, found: dict[Sender, deque[bytes]]) -> bool:
+    def _take_from(self, source: socket.socket, most: int, found: dict[Sender, deque[Letter]]) -> bool:
         for _ in range(most):
             try:
-                data, notes, _, sender = source.recvmsg(_LONGEST + 1, socket.CMSG_SPACE(_COUNT.size))
+                data, notes, _, sender = source.recvmsg(_LONGEST + 1, _NOTES)
             except BlockingIOError:
                 return False
             except OSError:  # "port unreachable" in reply to a bundle
@@ -112,7 +118,7 @@ class OscInbox:
                     continue
                 found[name] = deque(maxlen=NEWEST)
             self.overtaken += len(found[name]) == NEWEST
-            found[name].append(data)
+            found[name].append((self._times.find(notes), data))
         return True
 
     def _note_lost(self, source: socket.socket, notes: list[tuple[int, int, bytes]]) -> None:
@@ -125,3 +131,4 @@ def _prepare(opened: socket.socket) -> None:
     opened.setblocking(False)
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
     opened.setsockopt(socket.SOL_SOCKET, _OVERFLOW, 1)
+    DatagramTimes.watch(opened)

@@ -10,7 +10,7 @@ from typing import Any
 
 from haptorb.apps.serve.access import choose_serve_token
 from haptorb.apps.serve.osc.osc_session import OscSession
-from haptorb.apps.serve.ports import LOOPBACK, check_port, open_port
+from haptorb.apps.serve.ports import LOOPBACK, check_port, is_loopback, open_port
 from haptorb.apps.serve.preparation import ServerPreparation
 from haptorb.apps.serve.served_device import ServedDevice
 from haptorb.apps.serve.server_kinds import KINDS
@@ -39,15 +39,18 @@ def prepare(where: str) -> ServerPreparation:
         raise InputError(f"--serve {FORM}: '{host}' is no address of this computer") from cause
     bound = opened.getsockname()[1]
     address = f"[{host}]:{bound}" if ":" in host else f"{host}:{bound}"
-    remarks = (f"OSC messages to {address} must begin with this token: {token}",) if token else ()
-    return ServerPreparation({"address": address, "token": token}, f"osc.udp://{address}", [opened.detach()], remarks)
+    beyond = not is_loopback(host)
+    remarks = (f"OSC messages to {address} must begin with this token: {token}",) if beyond else ()
+    return ServerPreparation(
+        {"address": address, "token": token, "beyond": beyond}, f"osc.udp://{address}", [opened.detach()], remarks
+    )
 
 
 def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) -> None:
     """Serve until `served.over`; `spec` and `descriptors` are those of `prepare`."""
     logging.disable(logging.WARNING)  # python-osc logs what it does not know, and anybody may send that
     opened = socket.socket(fileno=descriptors[0])
-    session = OscSession(opened, served, spec["token"])
+    session = OscSession(opened, served, spec["token"], beyond=spec["beyond"])
     last = monotonic()
     while not served.over:
         select.select(session.sockets, [], [], _LIVELY if session.lively else _IDLE)

@@ -9,6 +9,7 @@ from hmac import compare_digest
 from time import monotonic, time
 from typing import Any, final
 
+from haptorb.apps.serve.access import TOKEN
 from haptorb.apps.serve.osc.osc_answers import make_message, make_parameter_answer
 from haptorb.apps.serve.osc.osc_inbox import OscInbox, Sender
 from haptorb.apps.serve.osc.requests import (
@@ -23,9 +24,11 @@ from haptorb.apps.serve.osc.requests import (
 from haptorb.apps.serve.osc.row_bundle import RowBundle
 from haptorb.apps.serve.osc.subscribers import Subscribers
 from haptorb.apps.serve.osc.world_requests import WorldRequests
-from haptorb.apps.serve.served_device import ServedDevice
+from haptorb.apps.serve.ports import is_loopback
+from haptorb.apps.serve.served_device import LATE, ServedDevice
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
+from haptorb.runtime.realtime.socket_owner import UdpOwners, is_own_account
 from haptorb.runtime.trackers.osc_packet import read_packet
 
 __all__ = ["OscSession"]
@@ -43,17 +46,19 @@ class _Program:
         self.last_time = 0.0
         self.count, self.rate = 0, 0.0
         self.next_error = 0.0
+        self.own = False  # whether a program of this account sends from there
 
 
 @final
 class OscSession:
     """Serves the rows and the force of `served` through `opened`, a UDP socket.
 
-    token   first value of every message if other computers reach the socket; empty: none is needed
+    token   first value of every message of who is not of this account; empty: nobody else may send any
+    beyond  other computers reach the socket: every message needs the token
     """
 
-    def __init__(self, opened: socket.socket, served: ServedDevice, token: str = "") -> None:
-        self._socket, self._served, self._token = opened, served, token.encode()
+    def __init__(self, opened: socket.socket, served: ServedDevice, token: str = "", *, beyond: bool = False) -> None:
+        self._socket, self._served, self._token, self._beyond = opened, served, token.encode(), beyond
         self._inbox = OscInbox(opened)
         self._bundle = RowBundle(served.layout, time() - monotonic())
         self._t = served.layout["t"].start
@@ -62,6 +67,7 @@ class OscSession:
         self._programs: dict[Sender, _Program] = {}
         self.refused = 0  #: packets and messages that were none of the documented ones, or were not allowed
         self.dropped = 0  #: bundles that the system could not take
+        self._next_account_error = 0.0
 
     @property
     def sockets(self) -> list[socket.socket]:
@@ -81,10 +87,17 @@ class OscSession:
         """Do what programs sent since the last call; True if they send more than is read."""
         found, more = self._inbox.take()
         now = monotonic()
-        for sender, packets in found.items():
+        owners = None if self._beyond or not found else UdpOwners()
+        for sender, letters in found.items():
+            own = owners is not None and is_own_account(owners.find(*sender))
+            if not own and not self._token:  # safety: osc-account
+                self._refuse_account(sender, len(letters), now)
+                continue
             program = self._find_program(sender, now)
+            program.own = own
             force: tuple[float, ...] | None = None
-            for packet in packets:
+            since = now
+            for arrival, packet in letters:
                 try:
                     messages = read_packet(packet)
                 except InputError as cause:
@@ -92,30 +105,37 @@ class OscSession:
                     continue
                 for address, values in messages:
                     try:
-                        force = self._do(program, address, values, now) or force
+                        asked = self._do(program, address, values, arrival, now)
+                        force, since = (force, since) if asked is None else (asked, arrival)
                     except InputError as cause:
                         self._refuse(program, cause, now)
             if force is not None:
-                self._command(program, force, now)
+                self._command(program, force, since, now)
         self._world_requests.tell(now)
         return more
 
-    def _command(self, program: _Program, force: tuple[float, ...], now: float) -> None:
-        if not self._served.command(program.session, force):
+    def _command(self, program: _Program, force: tuple[float, ...], since: float, now: float) -> None:
+        stale = self._served.stale
+        if not self._served.command(program.session, force, arrival=since):
             held = self._served.holder not in (0, program.session)
             reason = "another program holds the device" if held else "no such force can be rendered"
+            if self._served.stale > stale:
+                reason = f"the force had waited for {1e3 * (now - since):.0f} ms while the server did not read"
             self._refuse(program, InputError(reason), now)
         elif not self._served.renders_force:
             self._refuse(program, InputError("the current world does not render clients' forces; choose 'remote'"), now)
 
-    def _do(self, program: _Program, address: str, values: list[Any], now: float) -> tuple[float, ...] | None:
+    def _do(
+        self, program: _Program, address: str, values: list[Any], arrival: float, now: float
+    ) -> tuple[float, ...] | None:
         """Do what a message asks; the force, if it asks for one: of several at once, the last counts."""
         program.count += 1
-        if self._token:  # safety: osc-token
-            tag = values.pop(0) if values else None
-            if not (isinstance(tag, str) and compare_digest(tag.encode("utf-8", "replace"), self._token)):
-                self.refused += 1
-                return None
+        authorized = self._has_token(values)
+        if not (authorized or program.own):  # safety: osc-token
+            self.refused += 1
+            return None
+        if authorized:
+            del values[0]
         request = parse_request(address, values)
         self._inbox.keep(program.sender)
         match request:
@@ -123,19 +143,25 @@ class OscSession:
                 return force
             case Subscribe(port, rate):
                 to = (program.sender[0], port or program.sender[1])
-                self._subscribers.add(to, rate, now)
+                self._subscribers.add(to, rate, now, any_account=authorized)
                 program.answers_to = to
                 self._answer(program, make_message("/haptorb/subscribed", rate))
             case Unsubscribe(port):
                 self._subscribers.remove((program.sender[0], port or program.sender[1]))
             case AskParameters():
                 self._describe_world(program)
+            case SetParameter() | ChangeWorld() if now - arrival > LATE:  # safety: late-requests
+                raise InputError(f"{address} had waited for {now - arrival:.1f} s while the server did not read")
             case SetParameter(name, value):
                 self._world_requests.set(name, value, now)
             case ChangeWorld(name):
                 self._world_requests.change(name, now)
                 self._answer(program, make_message("/haptorb/world", name))
         return None
+
+    def _has_token(self, values: list[Any]) -> bool:
+        tag = values[0] if values and self._token else None
+        return isinstance(tag, str) and compare_digest(tag.encode("utf-8", "replace"), self._token)
 
     def _describe_world(self, program: _Program) -> None:
         self._answer(program, make_message("/haptorb/world", self._world_requests.name))
@@ -147,10 +173,16 @@ class OscSession:
         now = monotonic()
         self._subscribers.expire(now)
         buttons = tuple(self._served.buttons.values())
+        owners: UdpOwners | None = None
         for row in rows if self.lively else ():
             data = b""
             for one in self._subscribers.current:
                 if one.is_due(float(row[self._t])):
+                    if not one.any_account and is_loopback(one.to[0]):
+                        owners = owners or UdpOwners()
+                        if not is_own_account(owners.find(*one.to)):  # safety: osc-reader-account
+                            self._subscribers.remove(one.to)
+                            continue
                     data = data or self._bundle.pack(row, buttons)
                     if self._send(data, one.to):
                         one.sent += 1
@@ -191,6 +223,14 @@ class OscSession:
             found = self._programs[sender] = _Program(sender, self._served.open_session())
         found.last_time = now
         return found
+
+    def _refuse_account(self, sender: Sender, count: int, now: float) -> None:
+        """Who is not of this account learns why, at most ten times a second in all."""
+        self.refused += count
+        if now >= self._next_account_error:
+            self._next_account_error = now + _ERRORS
+            text = f"this server is for programs of the account that runs the servo; others need {TOKEN}"
+            self._send(make_message("/haptorb/error", text), sender)
 
     def _refuse(self, program: _Program, cause: InputError, now: float) -> None:
         self.refused += 1

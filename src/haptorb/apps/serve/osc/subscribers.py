@@ -17,11 +17,15 @@ MOST = 16  #: subscribers
 @final
 @dataclass
 class Subscriber:
-    """A port that bundles go to, `rate` a second [Hz]; `due` on the loop's clock, `until` on the computer's [s]."""
+    """A port that bundles go to, `rate` a second [Hz]; `due` on the loop's clock, `until` on the computer's [s].
+
+    any_account  whoever has the port may read: its program has shown the token
+    """
 
     to: Sender
     rate: float
     until: float
+    any_account: bool = False
     due: float = float("-inf")
     sent: int = 0
     dropped: int = 0  #: that the system could not take: the way there is full
@@ -48,7 +52,7 @@ class Subscribers:
         """All of them, in the order in which they came."""
         return list(self._known.values())
 
-    def add(self, to: Sender, rate: float, now: float) -> Subscriber:
+    def add(self, to: Sender, rate: float, now: float, *, any_account: bool = False) -> Subscriber:
         """Send to `to` at `rate` [Hz], or renew that. Raises InputError if there are too many others."""
         known = self._known.get(to)
         if known is None:
@@ -57,7 +61,7 @@ class Subscribers:
             known = self._known[to] = Subscriber(to, rate, now + LEASE)
         elif known.rate != rate:
             known.rate, known.due = rate, float("-inf")
-        known.until = now + LEASE
+        known.until, known.any_account = now + LEASE, any_account
         return known
 
     def remove(self, to: Sender) -> None:
