@@ -91,6 +91,10 @@ class Supply:
     power: float = np.inf  #: greatest power that it gives to all channels together [W]
 
 
+CONTACT_RATE = 150.0  #: of the force of a contact of 500 N/m that a hand meets at 0.3 m/s [N/s]
+HANDOVER = 0.02  #: in which the greatest force of a device can fade to zero [s]
+
+
 @dataclass(frozen=True)
 class Limits:
     """Limits that the guard enforces, for the mover as a whole and for every channel."""
@@ -99,6 +103,8 @@ class Limits:
     torque: float  #: greatest magnitude asked of the device [N·m]
     slew: float  #: maximum slew rate of a channel's current [A/s]
     expiry: float  #: age at which a command or a pose is worth nothing [s]
+    force_rate: float  #: greatest rate of a client's force, and of the force while another world takes over [N/s]
+    torque_rate: float  #: the same of torque [N·m/s]
 
 
 @dataclass(frozen=True)
@@ -226,7 +232,9 @@ class Device(Presentable, ABC):
             (
                 "limits",
                 f"{format_quantity(limits.force, 'N')}, {format_quantity(limits.torque, 'N·m')}, "
-                f"{format_quantity(limits.slew, 'A/s')}, poses expire after {format_quantity(limits.expiry, 's')}",
+                f"{format_quantity(limits.slew, 'A/s')}, clients {format_quantity(limits.force_rate, 'N/s')}, "
+                f"{format_quantity(limits.torque_rate, 'N·m/s')}, poses expire after "
+                f"{format_quantity(limits.expiry, 's')}",
             ),
             ("field sensors", f"{self.sensors}, three axes each"),
             ("models", ", ".join(self.models)),

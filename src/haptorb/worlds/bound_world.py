@@ -38,6 +38,7 @@ class BoundWorld:
     paused   there is no pose: its time stops and it renders nothing
     failed   it raised an exception, or its memory is not finite: it renders nothing until `restart`
     client   (1,) CLIENT_FORCE: the command of a program outside the loop; filled by the loop
+    commanded  (6,) the part of the last wrench that this program commands [N, N·m]
     """
 
     def __init__(self, world: DynamicWorld, dt: float) -> None:
@@ -56,7 +57,8 @@ class BoundWorld:
         stored = [start for name, start in zip(names, starts, strict=False) if name.rpartition("_")[2] == "energy"]
         self._energies = stored if world.stores_energy else []
         self._dt, self._advance, self._still = dt, world.advance, np.zeros(6)
-        self._takes_commands, self.client = world.takes_commands, make_client_force()
+        self.takes_commands, self.client = world.takes_commands, make_client_force()
+        self.commanded: Array = np.zeros(6)
         _is_finite(self.numbers)  # compiled now
 
     @property
@@ -71,13 +73,16 @@ class BoundWorld:
 
         Raises MemoryNotFinite, and any exception of the world.
         """
+        self.commanded[:] = 0.0
         if self.paused or self.failed:
             return self._still
         # After any failure in there: half of a step is no memory to continue with.
         self.failed = True  # safety: half-a-step
-        if self._takes_commands:
+        if self.takes_commands:
             self.world.take_command(self.memory, self.client)
-        wrench = self._advance(self.memory, state, self._dt)
+            wrench = self.world.advance_with_client(self.memory, state, self._dt, self.commanded)
+        else:
+            wrench = self._advance(self.memory, state, self._dt)
         if not _is_finite(self.numbers):  # safety: memory-finite
             raise MemoryNotFinite(self._explain())
         self.failed = False

@@ -74,6 +74,14 @@ class DynamicWorld(World):
         """Before each `advance` of a world that `takes_commands`: copy the command of a program outside the loop,
         `client` (1,) CLIENT_FORCE [N, s], into `memory` (1,). By default it does nothing."""
 
+    def advance_with_client(self, memory: Records, state: State, dt: float, commanded: Array) -> Array:
+        """As `advance`; the part of the wrench that programs outside the loop command is added to `commanded` (6,)
+        [N, N·m]. Of a world that takes commands it is all of it."""
+        wrench = self.advance(memory, state, dt)
+        if self.takes_commands:
+            commanded += wrench
+        return wrench
+
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
         """This world replaces `previous`, whose memory is `old` (1,): parameters were changed, or its file was
         saved. `memory` (1,) is the new initial memory; copy into it what shall be kept, each field in its unit.
@@ -197,9 +205,13 @@ class DynamicSum(Sum, DynamicWorld):
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
         """(6,) the sum over the parts [N, N·m], each with its own part of `memory`; dt in [s]."""
+        return self.advance_with_client(memory, state, dt, np.empty(6))
+
+    def advance_with_client(self, memory: Records, state: State, dt: float, commanded: Array) -> Array:
+        """(6,) the sum; the wrenches of those parts that take commands are added to `commanded` (6,) [N, N·m] too."""
         total = np.zeros(6)
         for name, part in self._remembering:
-            total += part.advance(memory[name], state, dt)
+            total += part.advance_with_client(memory[name], state, dt, commanded)
         for still in self._still:
             total += still.wrench(state)
         return total

@@ -80,6 +80,8 @@ def facts(device: Device) -> dict[str, Any]:
             "torque_nm": device.limits.torque,
             "slew_a_per_s": device.limits.slew,
             "expiry_s": device.limits.expiry,
+            "force_rate_n_per_s": device.limits.force_rate,
+            "torque_rate_nm_per_s": device.limits.torque_rate,
         },
         "remarks": list(device.remarks),
         "assumed": dict(device.assumed),

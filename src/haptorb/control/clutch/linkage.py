@@ -67,6 +67,11 @@ class Linkage(ABC):
         """What `world` makes the hand feel with the mover at `mover`; one call per tick."""
 
     @abstractmethod
+    def bring_back(self, on_thing: Array, wrench: Array) -> None:
+        """`wrench` (6,) becomes what the part `on_thing` (6,) of the last `render`'s wrench on the body makes on the
+        mover [N, N·m]."""
+
+    @abstractmethod
     def set_mode(self, mode: Mode) -> None:
         """Go over to `mode`, without a step of pose or wrench. Raises UnknownName for a mode that there is not."""
 
@@ -95,6 +100,10 @@ class Direct(Linkage):
         """The world's wrench at the mover."""
         wrench = world.wrench(mover)
         return RenderedWrench(wrench, mover, wrench, NO_CONTACTS, 0, _CLOSED, True)
+
+    def bring_back(self, on_thing: Array, wrench: Array) -> None:
+        """The same: body and mover are one [N, N·m]."""
+        wrench[:] = on_thing
 
     def set_mode(self, mode: Mode) -> None:
         """There is nothing to choose. Raises InputError."""

@@ -134,6 +134,10 @@ class ModedLinkage(Linkage):
         fill_rotor_wrench(memory, asked, self._scale, wrench)
         return RenderedWrench(wrench, target, on_target, contacts, _NUMBERS[self._mode], share, self._engaged)
 
+    def bring_back(self, on_thing: Array, wrench: Array) -> None:
+        """`wrench` (6,) becomes the torque that the part `on_thing` (6,) of the target's wrench makes [N, N·m]."""
+        fill_rotor_wrench(self._memory, on_thing, self._scale, wrench)
+
     def set_mode(self, mode: Mode) -> None:
         """From the next tick on, the clutch slides over to `mode`."""
         if mode not in MODES:

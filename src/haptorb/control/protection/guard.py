@@ -16,7 +16,7 @@ from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.numerics.arrays import Array, Record, Records
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["begin_tick", "check_estimate", "check_readings", "limit_currents", "limit_wrench", "trip"]
+__all__ = ["begin_tick", "check_estimate", "check_readings", "limit_currents", "limit_wrench", "pass_over", "trip"]
 
 _RAMP_UP = 0.3  #: from nothing to the full wrench after engaging [s]
 _RAMP_DOWN = 0.05  #: to nothing after a pose went stale [s]; the other reasons switch off at once
@@ -83,6 +83,94 @@ def _fade(g: Record) -> None:
         g.gain = min(1.0, g.gain + g.dt / _RAMP_UP)
         if g.gain == 1.0:
             g.state = _RUNNING
+
+
+@kernel
+def _approach(now: Array, goal: Array, limit: float, step: float) -> bool:
+    """Move `now` (3,) by at most `step` towards `goal` (3,), both clamped to the size `limit`; whether it is there."""
+    size, before, way = 0.0, 0.0, 0.0
+    for i in range(3):
+        size += goal[i] * goal[i]
+        before += now[i] * now[i]
+    share = 1.0 if size <= limit * limit else limit / np.sqrt(size)
+    if before > limit * limit:
+        for i in range(3):
+            now[i] *= limit / np.sqrt(before)
+    for i in range(3):
+        way += (share * goal[i] - now[i]) ** 2
+    way = np.sqrt(way)
+    if way <= step:
+        for i in range(3):
+            now[i] = share * goal[i]
+        return True
+    for i in range(3):
+        now[i] += (share * goal[i] - now[i]) * step / way
+    return False
+
+
+@kernel
+def _steps(g: Record, now: Array) -> tuple[float, float]:
+    """By how much force [N] and torque [N·m] of `now` (6,) may change in this tick; the ramp's own change counts."""
+    force, torque = g.force_rate * g.dt, g.torque_rate * g.dt
+    if g.state == _RAMPING:
+        ramped = g.dt / _RAMP_UP
+        force -= ramped * np.sqrt(now[0] ** 2 + now[1] ** 2 + now[2] ** 2)
+        torque -= ramped * np.sqrt(now[3] ** 2 + now[4] ** 2 + now[5] ** 2)
+    return max(force, 0.0), max(torque, 0.0)
+
+
+@kernel
+def pass_over(g: Record, wrench: Array, session: float, mapping: float) -> None:
+    """g.wanted (6,) becomes `wrench` (6,) [N, N·m], where who commands, and which way, changes only through zero.
+
+    Of it, g.commanded is what the client `session` commands through its `mapping`: that part changes at the rate limits
+    at most. Another client, and another mapping, are rendered when the force of before has become zero. So is another
+    world; once its wrench has been reached, it may change as fast as it likes. What is off begins at zero.
+    """
+    total = 0.0
+    for i in range(6):
+        total += wrench[i] + g.commanded[i]
+        g.wanted[i] = wrench[i]
+    if not np.isfinite(total):  # the wrench's limits handle it
+        return
+    if g.gain == 0.0 and (g.state == _OFF or g.state == _TRIPPED):
+        g.client[:] = 0.0
+        g.world[:] = 0.0
+        g.leaving = g.arriving = False
+        return
+    force, torque = _steps(g, g.client)
+    silent = True
+    for i in range(6):
+        silent = silent and g.client[i] == 0.0
+    if silent:
+        g.session, g.mapping = session, mapping
+    share = 1.0 if g.session == session and g.mapping == mapping else 0.0  # safety: clients-pass-zero
+    goal = g.wanted  # used as room for it
+    for i in range(6):
+        goal[i] = share * g.commanded[i]
+    _approach(g.client[:3], goal[:3], g.force, force)  # safety: client-force-rate
+    _approach(g.client[3:], goal[3:], g.torque, torque)  # safety: client-torque-rate
+    force, torque = _steps(g, g.world)
+    if g.leaving:
+        goal[:] = 0.0
+        there = _approach(g.world[:3], goal[:3], g.force, force)
+        there = _approach(g.world[3:], goal[3:], g.torque, torque) and there
+        if there:
+            g.leaving, g.arriving = False, True
+    elif g.arriving:
+        for i in range(6):
+            goal[i] = wrench[i] - g.commanded[i]
+        there = _approach(g.world[:3], goal[:3], g.force, force)
+        there = _approach(g.world[3:], goal[3:], g.torque, torque) and there
+        g.arriving = not there
+    whole = not (g.leaving or g.arriving)
+    if whole:  # safety: contacts-are-free
+        for i in range(6):
+            g.world[i] = wrench[i] - g.commanded[i]
+    for i in range(6):
+        whole = whole and g.client[i] == g.commanded[i]
+    for i in range(6):
+        g.wanted[i] = wrench[i] if whole else g.world[i] + g.client[i]
 
 
 @kernel

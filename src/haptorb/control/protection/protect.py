@@ -13,6 +13,7 @@ from haptorb.control.protection.guard import (
     check_readings,
     limit_currents,
     limit_wrench,
+    pass_over,
     trip,
 )
 from haptorb.control.protection.heat import observe_heat
@@ -29,16 +30,18 @@ _SAMPLE, _MISMATCH = int(Trip.SAMPLE_NOT_FINITE), int(Trip.CURRENT_MISMATCH)
 @tick_kernel
 def protect_wrench(
     state: Records, wrench: Array, p: Array, R: Array, v: Array, w: Array, now: float, age: float, valid: bool,
-    reversed: bool,
+    reversed: bool, client: Records,
 ) -> None:  # fmt: skip
     """A tick begins at `now` [s]: what may be asked of the coils for the world's `wrench` (6,) [N, N·m] is in
-    guard.asked of `state`, (1,) PROTECTION: damped, then limited. The rest is the estimate's."""
+    guard.asked of `state`, (1,) PROTECTION: passed over, damped, then limited. The part of it that `client`, (1,)
+    CLIENT_FORCE, commands is in guard.commanded. The rest is the estimate's."""
     s = state[0]
     g, e = s.guard, s.estimate
     _keep_estimate(e, p, R, v, w)
     e.age, e.valid = age, valid
     begin_tick(s.clock, g, now)
-    damp_wrench(s.passivity, e, wrench, now, g.gain, g.asked)
+    pass_over(g, wrench, client[0].session, client[0].mapping)
+    damp_wrench(s.passivity, e, g.wanted, now, g.gain, g.asked)
     check_estimate(g, valid, age, reversed)
     limit_wrench(g)
 

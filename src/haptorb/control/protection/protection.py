@@ -17,6 +17,7 @@ from haptorb.control.protection.state import make_coils, make_state
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.device import Device
 from haptorb.numerics.arrays import Array, Records
+from haptorb.worlds.client_force import make_client_force
 
 if TYPE_CHECKING:
     from haptorb.sensing.sample import Estimate, Sample
@@ -34,6 +35,7 @@ class Protection:
     arm     at which a hand holds a mover that turns [m]; 0 for a tool, whose force alone is rendered
     state   (1,) PROTECTION and coils (m,) COIL: all that it remembers
     asked   (6,) the wrench that may be asked of the coils now [N, N·m]
+    commanded  (6,) the part of the world's wrench that a client commands in this tick [N, N·m]; the tick fills it
     duties  (m,) of this tick, −1 to 1
     """
 
@@ -47,6 +49,8 @@ class Protection:
         self._state: Any = self._guard["state"].data
         self._stored: Any = self.state["passivity"]["stored"].data
         self.asked: Array = self._guard["asked"][0]
+        self.commanded: Array = self._guard["commanded"][0]
+        self._nobody = make_client_force()
         spare = self.state.copy()  # compiled now, and not when it is needed
         protect.skip_tick(spare, 0.0)
         guard.trip(spare["guard"][0], int(Trip.NONE))
@@ -101,9 +105,12 @@ class Protection:
             self._guard["fresh"] = estimate.valid and estimate.age <= self._guard["expiry"][0]
             self.engage()
 
-    def change_world(self, *, passive: bool) -> None:
-        """Another world, `passive` or not: the balance of energy restarts."""
+    def change_world(self, *, passive: bool, other: bool = False) -> None:
+        """The world, `passive` or not, has changed: the balance of energy restarts, and the wrench goes over to the new
+        one at the device's rate limits; through zero, if it is an `other` world and not the same with other values."""
         restart_passivity(self.state["passivity"], passive)
+        leaving = other or bool(self._guard["leaving"][0])  # safety: worlds-pass-zero
+        self._guard["leaving"], self._guard["arriving"] = leaving, not leaving
 
     def change_part(self, *, pushes: bool, arm: float) -> None:
         """Another part of the wrench is rendered: force or not, and torque that a hand holds at `arm` [m], 0 for none.
@@ -127,17 +134,20 @@ class Protection:
         """A tick at `now` [s] in which nothing could be read: time passes, and the windings are observed later."""
         protect.skip_tick(self.state, now)
 
-    def protect_wrench(self, wrench: Array, estimate: Estimate, now: float, stored: float = np.nan) -> Array:
+    def protect_wrench(
+        self, wrench: Array, estimate: Estimate, now: float, stored: float = np.nan, client: Records | None = None
+    ) -> Array:
         """(6,) the part of the world's `wrench` (6,) that may be asked in the tick that begins at `now` [s].
 
         Damped, clamped, faded; zero when anything is wrong. In [N, N·m]. stored: energy that the world's memory holds
-        [J]; NaN for a world that does not say.
+        [J]; NaN for a world that does not say. client: (1,) CLIENT_FORCE [N, s], who commands the part of the wrench
+        that is in `commanded`; None: nobody.
         """
         mover = estimate.state
         self._stored[0] = stored
         protect.protect_wrench(
             self.state, wrench, mover.p, mover.R_SR, mover.v, mover.w, now, estimate.age, estimate.valid,
-            estimate.reversed,
+            estimate.reversed, self._nobody if client is None else client,
         )  # fmt: skip
         return self.asked
 

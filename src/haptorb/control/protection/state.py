@@ -46,6 +46,16 @@ GUARD = fields(
     ("torque", "f8"),  # limit [N·m]
     ("slew", "f8"),  # limit [A/s]
     ("power", "f8"),  # that the supply gives to all coils [W]
+    ("force_rate", "f8"),  # limit of what passes over, and of a client's force [N/s]
+    ("torque_rate", "f8"),  # the same [N·m/s]
+    ("commanded", "f8", (6,)),  # part of the world's wrench that a client commands in this tick [N, N·m]
+    ("session", "f8"),  # of the client whose force is rendered
+    ("mapping", "f8"),  # number of that client's mapping
+    ("client", "f8", (6,)),  # a client's wrench as rendered [N, N·m]
+    ("world", "f8", (6,)),  # the wrench of the world without it, as rendered [N, N·m]
+    ("leaving", "?"),  # another world takes over: the wrench goes to zero
+    ("arriving", "?"),  # and then to what the world gives now
+    ("wanted", "f8", (6,)),  # both together [N, N·m]
 )
 
 HEAT = fields(
@@ -177,7 +187,7 @@ def make_state(device: Device, dt: float, arm: float = 0.0, lag: float = 0.0) ->
     guard, heat, passivity = state["guard"], state["heat"], state["passivity"]
     guard["state"] = GuardState.OFF  # safety: off-by-default
     guard["dt"] = dt
-    for name in ("expiry", "force", "torque", "slew"):
+    for name in ("expiry", "force", "torque", "slew", "force_rate", "torque_rate"):
         guard[name] = getattr(limits, name)
     guard["power"] = device.supply.power
     heat["hottest"] = heat["core"] = heat["ambient"] = thermal.ambient

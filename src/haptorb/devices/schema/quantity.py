@@ -33,6 +33,7 @@ __all__ = [
     "Duration",
     "FieldDrift",
     "Force",
+    "ForceRate",
     "HeatCapacity",
     "Inductance",
     "Inertia",
@@ -52,6 +53,7 @@ __all__ = [
     "Temperature",
     "TemperatureStep",
     "Torque",
+    "TorqueRate",
     "TurnDamping",
     "TurnStiffness",
     "Voltage",
@@ -191,6 +193,8 @@ TurnDamping = Annotated[float, _unit_validator("N*m*s/rad", "a rotational dampin
 Inertia = Annotated[float, _unit_validator("kg*m**2", "a moment of inertia")]
 Current = Annotated[float, _unit_validator("A", "a current")]
 Slew = Annotated[float, _unit_validator("A/s", "a rate of current")]
+ForceRate = Annotated[float, _unit_validator("N/s", "a rate of force")]
+TorqueRate = Annotated[float, _unit_validator("N*m/s", "a rate of torque")]
 Voltage = Annotated[float, _unit_validator("V", "a voltage")]
 Power = Annotated[float, _unit_validator("W", "a power")]
 Resistance = Annotated[float, _unit_validator("ohm", "a resistance")]

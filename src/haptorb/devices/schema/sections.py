@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Gt, Len
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from haptorb.devices.device import Coils, Heat, Limits, Supply
+from haptorb.devices.device import CONTACT_RATE, HANDOVER, Coils, Heat, Limits, Supply
 from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
 
@@ -194,10 +194,24 @@ class LimitsSection(Section):
     ]
     slew: Annotated[q.Slew, Positive, m.Meaning("maximum slew rate of a channel's current")]
     expiry: Annotated[q.Duration, Positive, m.Meaning("maximum age of a pose at which force is allowed")]
+    force_rate: Annotated[
+        q.ForceRate | None,
+        Positive,
+        m.Meaning("maximum rate of a client's force, and of the force while another world takes over"),
+        m.Without("150 N/s, a contact of 500 N/m at 0.3 m/s; more where `force` / 20 ms is more"),
+    ] = None
+    torque_rate: Annotated[
+        q.TorqueRate | None,
+        Positive,
+        m.Meaning("maximum rate of the torque that a client's force causes, and while another world takes over"),
+        m.Without("`torque` / 20 ms, the time in which the force of a lost client fades"),
+    ] = None
 
     def build(self) -> Limits:
         """As the device has it."""
-        return Limits(**self.model_dump())
+        values = self.model_dump()
+        force_rate = self.force_rate or max(CONTACT_RATE, self.force / HANDOVER)
+        return Limits(**{**values, "force_rate": force_rate, "torque_rate": self.torque_rate or self.torque / HANDOVER})
 
 
 class ThermometerSection(Section):

@@ -26,6 +26,8 @@ _USUAL = {
     "kg*m**2": "kg*m^2, g*cm^2",
     "A": "A, mA",
     "A/s": "A/ms, A/s",
+    "N/s": "N/s, N/ms",
+    "N*m/s": "N*m/s, mN*m/ms",
     "V": "V, mV",
     "W": "W, mW, kW",
     "ohm": "ohm, Ω, mohm",

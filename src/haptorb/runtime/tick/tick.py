@@ -31,7 +31,6 @@ from haptorb.runtime.tick.silent_row import fill_silent_row
 from haptorb.runtime.tick.tick_log import NotedLinkage, TickCommand, TickFailure, TickLog
 from haptorb.runtime.tick.trip_cause import explain_trip
 from haptorb.runtime.tick.world_budget import StepWatch, WorldBudget
-from haptorb.runtime.tick.wrench_fade import WrenchFade
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.sample import Estimate
 from haptorb.worlds.bound_world import BoundWorld, MemoryNotFinite, bind_world, check_world_period
@@ -90,7 +89,6 @@ class Tick:
         self._rendered, self._on_thing = np.zeros(6), np.zeros(6)
         self.part = RenderedPart(allocator, choice, self.protection, self._rendered)
         self.part.begin(self.world)
-        self._fade = WrenchFade()
         self._places = self.layout.places
         # Looked up once: a dictionary in every tick takes a quarter of a microsecond for all of them.
         self._cells = tuple(self.layout[name].start for name in _SINGLE)
@@ -109,7 +107,8 @@ class Tick:
         return "" if self._failure is None else explain_trip(*self._failure, self.world)
 
     def change_world(self, world: World) -> None:
-        """Render `world` from the next tick on; the guard's slew limit takes the step out of the change.
+        """Render `world` from the next tick on: another kind of world when the wrench of this one has faded to zero,
+        the same with other values without a step (`guard.pass_over`).
 
         In another kind of world the object is reset; with other parameters it stays where it is, and a world with
         memory keeps of it what its rule says.
@@ -117,7 +116,7 @@ class Tick:
         self._go_over(world)
         self._log.note(TickCommand.WORLD)
 
-    def _go_over(self, world: World) -> None:
+    def _go_over(self, world: World, *, other: bool = False) -> None:
         fitted = world.for_device(self._device)
         check_world_period(fitted, self._dt)
         restarts = type(split_remote(fitted)[0]) is not type(split_remote(self.world)[0])
@@ -126,15 +125,14 @@ class Tick:
         if restarts:
             self.linkage.restart()
         self.world, self._bound = fitted, bound
-        self.protection.change_world(passive=self.world.passive and self.linkage.passive)
+        self.protection.change_world(passive=self.world.passive and self.linkage.passive, other=other or restarts)
         self.part.begin(fitted)
         self.world_changes += 1
 
     def replace_world(self, world: World) -> None:
-        """Render another version of the world: the wrench goes over from the last one within `FADE`."""
-        self._go_over(world)
+        """Render another version of the world, when the wrench of this one has faded to zero."""
+        self._go_over(world, other=True)
         self._log.note(TickCommand.REPLACE)
-        self._fade.begin(self._rendered)
 
     def change_model(self, number: int) -> None:
         """Invert another of the device's models, counted from 0, without a step. InputError if the estimator cannot."""
@@ -208,11 +206,11 @@ class Tick:
         if estimate.valid:  # the first valid pose starts the ramp
             protection.start(estimate)
         t2 = perf_counter()
-        rendered = self._render(estimate, now)
+        rendered = self._render(estimate)
         t3 = perf_counter()
         # Modes scale what the hand feels: what a target's world holds is no measure of it.
         stored = np.nan if self._bound is None or self.linkage.modes else self._bound.energy
-        asked = protection.protect_wrench(self._rendered, estimate, sample.t, stored)
+        asked = protection.protect_wrench(self._rendered, estimate, sample.t, stored, self.client)
         allocation = self._allocate(estimate.wrench_map, asked)
         t4 = perf_counter()
         duties = protection.protect_currents(allocation.currents, estimate, sample, self._applied)
@@ -243,8 +241,9 @@ class Tick:
         self._log.fill(cells, self._log_places)
         times[6] = perf_counter() - t6
 
-    def _render(self, estimate: Estimate, now: float) -> RenderedWrench:
-        bound = self._bound
+    def _render(self, estimate: Estimate) -> RenderedWrench:
+        bound, commanded = self._bound, self.protection.commanded
+        commanded[:] = 0.0
         try:
             if bound is None:
                 rendered = self.linkage.render(self.world, estimate.state)
@@ -256,8 +255,8 @@ class Tick:
             check_wrench(rendered.wrench)
             # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.
             self._rendered[:], self._on_thing[:] = rendered.wrench, rendered.on_thing
-            if self._fade.active:
-                self._fade.mix(self._rendered, now)
+            if bound is not None and bound.takes_commands:
+                self.linkage.bring_back(bound.commanded, commanded)
             if self.part.is_open:
                 self.part.follow()
             self._last_rendered = rendered
@@ -269,8 +268,7 @@ class Tick:
             reason = Trip.MEMORY_NOT_FINITE if isinstance(cause, MemoryNotFinite) else Trip.WORLD_FAILED
             self._log.fail(TickFailure.MEMORY if reason is Trip.MEMORY_NOT_FINITE else TickFailure.WORLD)
             self._fail(reason, cause)  # safety: world-failure-trips
-            self._rendered[:] = self._on_thing[:] = 0.0
-            self._fade.end()
+            self._rendered[:] = self._on_thing[:] = commanded[:] = 0.0
             return replace(self._last_rendered, wrench=self._nothing, on_thing=self._nothing)
 
     def _allocate(self, wrench_map: WrenchMap, wrench: Array) -> Allocation:

@@ -26,7 +26,6 @@ _LONGEST: Final = 4_000_000  #: bytes of a state
 _REMEMBERED: Final[dict[str, tuple[str, ...]]] = {
     "Tick": ("_applied", "world_changes", "_last_rendered", "_model", "_rendered[]", "_on_thing[]"),
     "TickLog": ("scale",),
-    "WrenchFade": ("active", "_before", "_start"),
     "RenderedPart": ("number", "is_open", "_part", "_has_pushed"),
     "WorldBudget": ("_mean", "_calm", "_patience"),
     "Protection": ("coils[]", "state[]", "duties[]"),
@@ -47,7 +46,7 @@ _REMEMBERED: Final[dict[str, tuple[str, ...]]] = {
 _EARLIER: Final = {"_last_rendered": "_felt_last"}
 #: class → its parts that remember
 _PARTS: Final[dict[str, tuple[str, ...]]] = {
-    "Tick": ("_log", "_fade", "part", "budget", "protection", "linkage", "_bound", "estimator"),
+    "Tick": ("_log", "part", "budget", "protection", "linkage", "_bound", "estimator"),
     "TrackedPose": ("_model",),
     "HallTracker": ("_history", "_controller_model"),
     "LeastSquaresOrientation": ("_cold",),

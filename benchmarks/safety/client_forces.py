@@ -1,0 +1,318 @@
+"""Programs that command forces, in random order: how fast does the force change, and what do changes put into a hand?
+
+    python benchmarks/safety/client_forces.py [--events N] [--seed S]
+
+The real chain of a simulated Omni runs in one process on a clock that this program winds, with the memory between loop
+and servers, two clients of the `haply` service and one of a second server. A hand that only yields holds the tool. An
+event is one of: a client begins to push, pulls like a spring, falls silent, leaves and comes back, changes its own
+mapping in its messages, is moved by `set_transform`; somebody changes all mappings, or the holder's, over HTTP; what a
+client commanded waits for a stopped server; the world changes; Stop, engage, a lost pose.
+
+Checked in every tick, from outside of the guard: what is asked of the coils for clients changes by no more than
+`limits.force_rate` × the tick, except that a Stop or trip takes it away at once; a Stop leaves nothing in its own tick.
+Energy is counted from the true currents, charge by charge on the tool's magnet, and the true motion: over each change
+of client, session or mapping, what the coils put into the hand beyond what the clients' own commands would have put in.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import sys
+from collections import Counter
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from haptorb.apps.serve import served_device
+from haptorb.apps.serve.haply import service as haply_service
+from haptorb.apps.serve.haply import session as haply_session
+from haptorb.apps.serve.haply.routes import reply
+from haptorb.apps.serve.haply.service import Service
+from haptorb.apps.serve.served_device import ServedDevice
+from haptorb.control.protection.trip import GuardState
+from haptorb.devices.loader import load
+from haptorb.physics.sources import dipole
+from haptorb.physics.sources.charged_ring import ChargedRing
+from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory
+from haptorb.runtime.exchange.world_change import description
+from haptorb.runtime.row import RowLayout
+from haptorb.runtime.tick.assembly import assemble
+from haptorb.runtime.trackers.tracker import Goal, Tracker
+from haptorb.sensing.sample import Pose
+from haptorb.worlds import Dome, Fluid, Remote
+from haptorb.worlds.dynamic.remote import FADE, HOLD
+
+DT = 1e-3
+GAPS = (0, 0, 1, 1, 2, 7)  #: ticks between two events
+SETTLED = 50  #: ticks after which another world has faded
+WINDOW = 0.1  #: after a change, in which its energy is counted [s]
+RIPPLE = 0.1  #: of the true force: noise of the current readings, and what the model of the coils lacks
+MOST = 1e-3  #: energy of a change beyond the clients' own [J]
+PLACE = (0.0, 0.0, 0.052)
+WORLDS = (Remote(), Remote(), Remote(limit=0.6), Dome() + Remote(), Fluid() + Remote())
+TURNS = [(0, 0, 0, 1), (0, 0, 1, 0), (1, 0, 0, 0), (0.5, 0.5, 0.5, 0.5), (0, 0, 0.02, 1)]
+
+
+class Hand(Tracker):
+    """Rests at one place and gives way to what pushes it: it never moves the tool by itself."""
+
+    def goal(self, now: float) -> Goal:
+        return Goal(np.array(PLACE), np.array([0.0, 0.0, 0.0, 1.0]), now, False, still=True)
+
+    def pose(self, now: float) -> Pose:
+        raise NotImplementedError  # of a real device
+
+
+class Client:
+    """One program: how it pushes, and what it last commanded."""
+
+    def __init__(self) -> None:
+        self.law, self.force, self.centre = "silent", np.zeros(3), np.zeros(3)
+        self.own, self.since, self.lost = np.zeros(3), -1.0, 0.0  # as commanded, stator's frame
+
+    def wish(self, place: Any) -> list[float]:
+        return list(40.0 * (self.centre - place)) if self.law == "spring" else list(self.force)
+
+    def own_force(self, now: float) -> Any:
+        """What its own last command alone would be, for as long as a command lasts."""
+        late = max(now - self.since - HOLD, now - self.lost if self.lost else 0.0)
+        return self.own * min(max(1.0 - late / FADE, 0.0), 1.0)
+
+
+class Setting:
+    def __init__(self, seed: int) -> None:
+        self.random, self.clock = random.Random(seed), [100.0]
+        for module in (served_device, haply_service, haply_session):
+            module.monotonic = lambda: self.clock[0]  # type: ignore[attr-defined]
+        self.device = load("omni")
+        self.shared = SharedMemory.create(RowLayout.of(self.device))
+        self.shared.words[41] = Phase.RUNNING
+        facts = {"driver": "sim", "modes": [], "rate_hz": 1.0 / DT}
+        served = [ServedDevice(self.shared, n, os.getppid(), self.device, facts) for n in (0, 1)]
+        self.service, self.other = Service(served[0], lambda *event: None), served[1]
+        self.clients = [Client(), Client(), Client()]
+        self.sessions: list[Any] = [self.service.open("127.0.0.1"), self.service.open("127.0.0.1")]
+        self.other_session = self.other.open_session()
+        self.tick = assemble(self.device, WORLDS[0], "sim", 1.0 / DT, seed, None, Hand())
+        self.world = WORLDS[0]
+        self.shared.announce_world(description(self.world))
+        self.tick.driver.open()
+        self.row = self.tick.layout.empty()
+        self.simulation = self.tick.driver.simulation  # type: ignore[attr-defined]
+        tool = self.device.tool  # type: ignore[attr-defined]
+        self.ring = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, radial=3, azimuth=8)
+        self.stopped = self.waiting = False
+        self.asked, self.gain, self.before, self.alone = np.zeros(3), 0.0, False, 0
+        self.steepest = self.steepest_true = self.greatest = self.greatest_raw = 0.0
+        self.changes, self.ticks, self.faults = 0, 0, list[str]()
+        self.identity = (0.0, 0.0)
+        self.window: list[float] | None = None  # time since the change, true energy, the clients' own
+        self.true_force = np.zeros(3)
+        self.counts: Counter[str] = Counter()
+        self.deeds = [
+            (10, self.push), (6, self.spring), (4, self.fall_silent), (3, self.leave), (4, self.map_own),
+            (3, self.move_own), (4, self.map_all), (3, self.map_holder), (3, self.wait), (3, self.change_world),
+            (0.1, self.stop), (3, self.engage), (0.05, self.lose_pose),
+        ]  # fmt: skip
+
+    def close(self) -> None:
+        self.shared.unlink()
+
+    # --- events ------------------------------------------------------------------------------------------------------
+    def someone(self) -> Client:
+        return self.random.choice(self.clients)
+
+    def push(self) -> None:
+        client = self.someone()
+        client.law = "push"
+        way = np.array([self.random.gauss(0, 1) for _ in range(3)])
+        client.force = self.random.choice((0.1, 0.5, 1.0, 1.2, 30.0)) * way / np.linalg.norm(way)
+
+    def spring(self) -> None:
+        client = self.someone()
+        client.law = "spring"
+        client.centre = np.array([self.random.uniform(-0.03, 0.03) for _ in range(3)])
+
+    def fall_silent(self) -> None:
+        self.someone().law = "silent"
+
+    def leave(self) -> None:
+        number = self.random.randrange(3)
+        client, now = self.clients[number], self.clock[0]
+        client.lost = client.lost or now
+        if number < 2:
+            self.service.close(self.sessions[number])
+            self.sessions[number] = self.service.open("127.0.0.1")
+        else:
+            self.other.lose(self.other_session)
+            self.other_session = self.other.open_session()
+
+    def _say(self, number: int, entry: dict[str, Any]) -> None:
+        self.service.answer(self.sessions[number], json.dumps({"inverse3": [entry]}), self.clock[0])
+
+    def map_own(self) -> None:
+        preset = self.random.choice(("defaults", "led_front", "arm_front_centered"))
+        self._say(self.random.randrange(2), {"configure": {"preset": preset}})
+
+    def move_own(self) -> None:
+        turn = dict(zip("xyzw", self.random.choice(TURNS), strict=True))
+        self._say(self.random.randrange(2), {"commands": {"set_transform": {"transform": {"rotation": turn}}}})
+
+    def map_all(self, query: str = "") -> None:
+        turn = dict(zip("xyzw", self.random.choice(TURNS), strict=True))
+        scale = self.random.choice((1.0, -1.0, 2.0))
+        name = self.random.choice(("workspace", "mount"))
+        body = json.dumps({"rotation": turn, "scale": scale}).encode()
+        spaces = [one.space for one in self.sessions]
+        holder = self.service.served.holder
+        reply(self.service, "POST", f"/inverse3/0/config/{name}{query}", body)
+        for one, space in zip(self.sessions, spaces, strict=True):
+            if one.number == holder and one.space != space:
+                self.faults.append("the holder's mapping was changed by somebody else")
+
+    def map_holder(self) -> None:
+        self.map_all(f"?session={self.random.choice(self.sessions).number}")
+
+    def wait(self) -> None:
+        """A server is stopped for a while; what its clients sent is read afterwards."""
+        self.waiting = True
+
+    def change_world(self) -> None:
+        self.world = self.random.choice(WORLDS)
+        self.tick.change_world(self.world)
+        self.shared.announce_world(description(self.world))
+
+    def stop(self) -> None:
+        self.tick.stop()
+        self.stopped = True
+
+    def engage(self) -> None:
+        self.tick.engage()
+
+    def lose_pose(self) -> None:
+        update = self.tick.estimator.update
+        self.tick.estimator.update = lambda sample: replace(update(sample), valid=False)  # type: ignore[method-assign]
+        self.step()
+        self.tick.estimator.update = update  # type: ignore[method-assign]
+
+    # --- ticks -------------------------------------------------------------------------------------------------------
+    def command(self) -> None:
+        """Every client that is not silent commands, as in each millisecond."""
+        now = self.clock[0]
+        late = self.random.uniform(0.0, 10.0) if self.waiting else 0.0
+        self.waiting = False
+        place = self.simulation.state().p - np.array(PLACE)
+        for number, client in enumerate(self.clients):
+            if client.law == "silent":
+                continue
+            wish = client.wish(place)
+            if number < 2:
+                session = self.sessions[number]
+                force = dict(zip("xyz", wish, strict=True))
+                message = {"inverse3": [{"commands": {"set_cursor_force": {"vector": force}}}]}
+                self.service.answer(session, json.dumps(message), now - late)
+                stator = session.space.stator_force(wish)
+            else:
+                self.other.command(self.other_session, wish, arrival=now - late)
+                stator = wish
+            if late < HOLD:
+                client.own, client.since, client.lost = np.array(stator), now - late, 0.0
+
+    def step(self) -> None:
+        self.command()
+        tick, row = self.tick, self.row
+        now = self.clock[0]
+        self.shared.client_forces.fill(tick.client, now)
+        t = self.ticks * DT
+        tick.protection.coils["winding"] = 300.0  # nothing here is about heat
+        tick.driver.cool()
+        tick.prepare(t)
+        tick.step(row, t)
+        self.shared.ring.publish(row)
+        self.ticks += 1
+        self.check(now)
+        self.clock[0] += DT
+
+    def check(self, now: float) -> None:
+        row, at = self.row, self.tick.layout
+        client = self.tick.protection.state["guard"]["client"][0][:3].copy()
+        asked, gain = row[at["asked"]][:3].copy(), float(row[at["gain"]][0])
+        self.alone = self.alone + 1 if isinstance(self.world, Remote) else 0
+        pure = self.alone > SETTLED  # all that is asked is a client's
+        felt = asked if pure else gain * client
+        if self.stopped:
+            self.stopped = False
+            if asked.any() or row[at["duties"]].any():
+                self.faults.append("a Stop left a force in its own tick")
+        if gain >= self.gain and row[at["guard"]][0] != GuardState.TRIPPED and self.before is pure:
+            self.steepest = max(self.steepest, float(np.linalg.norm(felt - self.asked)) / DT)
+        self.asked, self.gain, self.before = felt, gain, pure
+        state, currents = self.simulation.state(), self.simulation._coils["current"]
+        points = self.ring.points @ state.R_SR.T + state.p
+        moment = self.device.moment_per_current @ currents  # type: ignore[attr-defined]
+        field = dipole.field(np.broadcast_to(moment, points.shape), points)
+        force = (self.ring.charges[:, None] * field).sum(axis=0)
+        if row[at["guard"]][0] == GuardState.RUNNING and pure:
+            self.steepest_true = max(self.steepest_true, float(np.linalg.norm(force - self.true_force)) / DT)
+        moved = np.zeros(3) if self.ticks == 1 else state.p - self.place
+        work = float(0.5 * (force + self.true_force) @ moved)
+        own = sum(max(float(one.own_force(now) @ moved), 0.0) for one in self.clients)
+        self.place, self.true_force = state.p.copy(), force
+        identity = float(self.tick.client["session"][0]), float(self.tick.client["mapping"][0])
+        if identity != self.identity:
+            self.identity, self.window = identity, [0.0, 0.0, 0.0]
+            self.changes += 1
+        if self.window is not None and pure:
+            self.window = [self.window[0] + DT, self.window[1] + work, self.window[2] + own]
+            self.greatest = max(self.greatest, self.window[1] - self.window[2])
+            self.greatest_raw = max(self.greatest_raw, self.window[1])
+            if self.window[0] > WINDOW:
+                self.window = None
+
+    def run(self, events: int) -> None:
+        for _ in range(400):
+            self.step()
+        weights = [weight for weight, _ in self.deeds]
+        for _ in range(events):
+            ((_, deed),) = self.random.choices(self.deeds, weights)
+            self.counts[deed.__name__] += 1
+            deed()
+            for _ in range(self.random.choice(GAPS)):
+                self.step()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
+    parser.add_argument("--events", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=1)
+    chosen = parser.parse_args()
+    setting = Setting(chosen.seed)
+    try:
+        setting.run(chosen.events)
+    finally:
+        setting.close()
+    rate = setting.device.limits.force_rate
+    print(f"{chosen.events} events, {setting.ticks} ticks of 1 ms, {setting.changes} changes of client or mapping")
+    print("events: " + ", ".join(f"{name} {count}" for name, count in sorted(setting.counts.items())))
+    print(f"asked for clients: at most {setting.steepest:.4g} N/s; limit {rate:g} N/s")
+    print(
+        f"true force of the coils: at most {setting.steepest_true:.4g} N/s from tick to tick, with the currents' ripple"
+    )
+    print(
+        f"energy of a change beyond the clients' own commands: at most {1e3 * setting.greatest:.3f} mJ (limit "
+        f"{1e3 * MOST:g} mJ); in all {1e3 * setting.greatest_raw:.3f} mJ"
+    )
+    kept = setting.steepest <= rate * (1 + 1e-6) and setting.greatest <= MOST and not setting.faults
+    kept = kept and setting.steepest_true <= rate * (1 + RIPPLE)
+    for fault, count in Counter(setting.faults).items():
+        print(f"{count} times: {fault}")
+    print("kept" if kept else "BROKEN")
+    return 0 if kept else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

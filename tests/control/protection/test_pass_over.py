@@ -1,0 +1,130 @@
+"""Who commands, and which way, changes only through zero; no force of a client jumps; nothing delays a Stop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from control.protection.protected import DT, OMNI, Loop
+from haptorb.control.protection.trip import Trip
+from haptorb.worlds.client_force import make_client_force
+
+RATE = OMNI.limits.force_rate
+NOTHING = np.zeros(6)
+
+
+class Commanded:
+    """A loop in which a client commands a part of the wrench; the guard lets everything through."""
+
+    def __init__(self) -> None:
+        self.loop = Loop().run(4)
+        self.loop.open()
+        self.client = make_client_force()
+        self._protect = self.loop.protection.protect_wrench
+        self.loop.protection.protect_wrench = self._with_client
+
+    def _with_client(self, wrench, estimate, now, stored=np.nan):
+        return self._protect(wrench, estimate, now, stored, self.client)
+
+    def ask(self, force=(0.0, 0.0, 0.0), *, world=NOTHING, session=1.0, mapping=0.0):
+        """(3,) the force that may be asked in one tick."""
+        commanded = np.array([*force, 0.0, 0.0, 0.0])
+        self.loop.protection.commanded[:] = commanded
+        self.client["session"], self.client["mapping"] = session, mapping
+        return self.loop.ask(world + commanded)[:3]
+
+    def follow(self, ticks, force, **more):
+        """(ticks, 3) the forces of so many ticks."""
+        return np.array([self.ask(force, **more) for _ in range(ticks)])
+
+
+def largest_step(forces):
+    return np.linalg.norm(np.diff(forces, axis=0), axis=1).max()
+
+
+def test_a_clients_force_changes_at_the_rate_of_the_device_file_and_no_faster():
+    rig = Commanded()
+    forces = rig.follow(20, (1.0, 0.0, 0.0))
+    assert forces[0] == pytest.approx([RATE * DT, 0, 0])
+    assert forces[-1] == pytest.approx([1.0, 0, 0])
+    back = rig.follow(30, (-1.0, 0.0, 0.0))
+    assert largest_step([forces[-1], *back]) <= RATE * DT * (1 + 1e-9)
+    assert back[-1] == pytest.approx([-1.0, 0, 0])
+
+
+def test_what_a_client_commands_beyond_the_limit_leaves_no_debt():
+    rig = Commanded()
+    rig.follow(20, (1e6, 0.0, 0.0))
+    forces = rig.follow(int(OMNI.limits.force / RATE / DT) + 2, (0.0, 0.0, 0.0))
+    assert not forces[-1].any()
+
+
+@pytest.mark.parametrize("change", [{"session": 2.0}, {"mapping": 1.0}])
+def test_another_client_and_another_mapping_are_felt_when_the_force_of_before_is_zero(change):
+    rig = Commanded()
+    rig.follow(20, (0.0, 0.0, 1.0))
+    forces = rig.follow(30, (1.0, 0.0, 0.0), **change)
+    assert largest_step([(0, 0, 1.0), *forces]) <= RATE * DT * (1 + 1e-9)
+    before, after = forces[:, 2], forces[:, 0]
+    assert not (before * after).any()  # one or the other
+    assert after[-1] == pytest.approx(1.0)
+
+
+def test_clients_in_turn_make_no_force_that_jumps():
+    rig, forces = Commanded(), [np.zeros(3)]
+    for n in range(300):
+        sign = 1.0 if n % 2 else -1.0
+        forces.append(rig.ask((sign, 0.0, 0.0), session=1.0 + n % 2))
+    assert largest_step(forces) <= RATE * DT * (1 + 1e-9)
+
+
+def test_the_contact_of_a_world_is_as_steep_as_it_is_beside_a_client_too():
+    rig = Commanded()
+    for n, push in enumerate((0.0, 0.4, -0.4, 0.4)):
+        force = rig.ask((0.0, 0.0, 0.1 * (n > 0)), world=np.array([push, 0, 0, 0, 0, 0]))
+        assert force[0] == pytest.approx(push)
+
+
+def test_another_world_is_felt_when_the_force_of_this_one_is_zero_and_then_is_free():
+    rig = Commanded()
+    rig.follow(3, (0, 0, 0), world=np.array([1.0, 0, 0, 0, 0, 0]))
+    rig.loop.protection.change_world(passive=True, other=True)
+    forces = rig.follow(20, (0, 0, 0), world=np.array([-1.0, 0, 0, 0, 0, 0]))[:, 0]
+    zero = int(np.argmin(np.abs(forces)))
+    assert forces[zero] == 0.0
+    assert np.abs(np.diff([1.0, *forces])).max() <= RATE * DT * (1 + 1e-9)
+    assert forces[-1] == -1.0
+    assert rig.ask(world=np.array([1.0, 0, 0, 0, 0, 0]))[0] == 1.0
+
+
+def test_the_same_world_with_other_values_comes_without_a_step_and_without_a_gap():
+    rig = Commanded()
+    rig.follow(3, (0, 0, 0), world=np.array([1.0, 0, 0, 0, 0, 0]))
+    rig.loop.protection.change_world(passive=True)
+    forces = rig.follow(10, (0, 0, 0), world=np.array([0.2, 0, 0, 0, 0, 0]))[:, 0]
+    assert np.abs(np.diff([1.0, *forces])).max() <= RATE * DT * (1 + 1e-9)
+    assert forces.min() == forces[-1] == pytest.approx(0.2)
+
+
+def test_a_stop_waits_for_no_rate_and_no_fade():
+    rig = Commanded()
+    rig.follow(20, (1.0, 0.0, 0.0))
+    rig.loop.protection.change_world(passive=True, other=True)
+    rig.ask((1.0, 0.0, 0.0), session=2.0)
+    rig.loop.protection.trip(Trip.STOPPED)
+    assert not rig.ask((1.0, 0.0, 0.0)).any()
+
+
+def test_after_a_stop_a_clients_force_begins_at_zero():
+    rig = Commanded()
+    rig.follow(20, (1.0, 0.0, 0.0))
+    rig.loop.protection.trip(Trip.STOPPED)
+    rig.ask((1.0, 0.0, 0.0))
+    rig.loop.open()
+    assert rig.ask((1.0, 0.0, 0.0)) == pytest.approx([RATE * DT, 0, 0])
+
+
+def test_what_is_no_number_still_trips():
+    rig = Commanded()
+    assert not rig.ask((np.nan, 0.0, 0.0)).any()
+    assert rig.loop.protection.reason is Trip.WORLD_NOT_FINITE

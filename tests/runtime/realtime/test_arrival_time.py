@@ -1,0 +1,68 @@
+"""What waited in a socket is as old as its waiting, however late it is read."""
+
+from __future__ import annotations
+
+import socket
+import time
+
+import pytest
+
+from haptorb.runtime.realtime import arrival_time
+from haptorb.runtime.realtime.arrival_time import DatagramTimes, StreamTimes
+
+WAIT = 0.3
+
+
+@pytest.fixture
+def opened():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
+        made.bind(("127.0.0.1", 0))
+        DatagramTimes.watch(made)
+        yield made
+
+
+def read(opened, times):
+    times.look()
+    return times.find(opened.recvmsg(64, DatagramTimes.room)[1])
+
+
+def test_a_datagram_is_dated_by_its_arrival(opened):
+    times = DatagramTimes()
+    sent = time.monotonic()
+    opened.sendto(b"old", opened.getsockname())
+    time.sleep(WAIT)
+    assert read(opened, times) == pytest.approx(sent, abs=0.1)
+    now = time.monotonic()
+    opened.sendto(b"new", opened.getsockname())
+    assert read(opened, times) == pytest.approx(now, abs=0.1)
+
+
+@pytest.mark.parametrize("step", [3600.0, -3600.0, 1.0, -1.0])
+def test_a_clock_that_was_set_meanwhile_makes_nothing_new(opened, monkeypatch, step):
+    times = DatagramTimes()
+    times.look()
+    looked = time.monotonic()
+    opened.sendto(b"old", opened.getsockname())
+    time.sleep(WAIT)
+    real = arrival_time.clock_gettime_ns
+    monkeypatch.setattr(arrival_time, "clock_gettime_ns", lambda clock: real(clock) + int(step * 1e9))
+    assert read(opened, times) <= looked + 0.1
+
+
+def test_a_stream_that_waited_is_old_until_it_has_been_empty():
+    first, second = socket.socketpair()
+    with first, second:
+        times = StreamTimes()
+        first.send(b"0123456789")
+        times.wait(5.0)
+        second.recv(4)
+        assert times.find(second.fileno(), 8.0) == 5.0
+        first.send(b"more")  # what the sender had still to send
+        second.recv(8)
+        times.wait(8.0)
+        assert times.find(second.fileno(), 8.1) == 5.0
+        second.recv(8)
+        assert times.find(second.fileno(), 8.2) == 5.0  # the last of it
+        first.send(b"new")
+        second.recv(8)
+        assert times.find(second.fileno(), 8.3) == 8.3

@@ -1,0 +1,90 @@
+"""Whose process is at the other end: with a really different account, and with ends that nobody has any more."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+
+import pytest
+
+from haptorb.runtime.realtime import socket_owner
+from haptorb.runtime.realtime.socket_owner import UdpOwners, is_own_account, listener_owner, tcp_owner
+from oracles.other_account import NOBODY, as_nobody, needs_root
+
+
+@pytest.fixture(params=["kernel", "table"])
+def way(request, monkeypatch):
+    """Both ways to know: the kernel is asked, or its table is read."""
+    if request.param == "table":
+
+        def refuse(*ends):
+            raise OSError
+
+        monkeypatch.setattr(socket_owner, "_find", refuse)
+
+
+@pytest.fixture(params=["127.0.0.1", "::1"])
+def listening(request):
+    family = socket.AF_INET6 if ":" in request.param else socket.AF_INET
+    with socket.socket(family) as made:
+        try:
+            made.bind((request.param, 0))
+        except OSError:
+            pytest.skip("no such loopback here")
+        made.listen()
+        yield made
+
+
+def test_a_connection_of_this_account_is_its_own_until_its_end_is_closed(listening, way):
+    with socket.create_connection(listening.getsockname()[:2]):
+        taken, peer = listening.accept()
+        assert tcp_owner(peer[:2], taken.getsockname()[:2]) == os.geteuid()
+    assert tcp_owner(peer[:2], taken.getsockname()[:2]) is None  # the kernel would say root's
+    taken.close()
+
+
+@needs_root
+def test_a_connection_of_another_account_is_seen(listening, way):
+    with as_nobody(lambda: (socket.create_connection(listening.getsockname()[:2]), time.sleep(30))):
+        taken, peer = listening.accept()
+        with taken:
+            assert tcp_owner(peer[:2], taken.getsockname()[:2]) == NOBODY
+    assert not is_own_account(NOBODY)
+
+
+def test_nobody_is_no_account():
+    assert not is_own_account(None)
+    assert is_own_account(os.geteuid())
+
+
+def test_a_port_that_no_program_has_has_no_owner():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
+        opened.bind(("127.0.0.1", 0))
+        port = opened.getsockname()[1]
+        assert UdpOwners().find("127.0.0.1", port) == os.geteuid()
+    assert UdpOwners().find("127.0.0.1", port) is None
+
+
+@needs_root
+def test_a_port_of_two_accounts_is_nobodys():
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    opened.bind(("127.0.0.1", 0))
+    port = opened.getsockname()[1]
+
+    def share():
+        other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        other.bind(("0.0.0.0", port))
+        time.sleep(30)
+
+    with opened, as_nobody(share):
+        end = time.monotonic() + 10.0
+        while UdpOwners().find("127.0.0.1", port) is not None and time.monotonic() < end:
+            time.sleep(0.01)
+        assert UdpOwners().find("127.0.0.1", port) is None
+
+
+def test_a_listener_is_known_by_its_port(listening):
+    assert listener_owner(listening.getsockname()[1]) == os.geteuid()
