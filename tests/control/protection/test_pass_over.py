@@ -17,8 +17,7 @@ class Commanded:
     """A loop in which a client commands a part of the wrench; the guard lets everything through."""
 
     def __init__(self) -> None:
-        self.loop = Loop().run(4)
-        self.loop.open()
+        self.loop = Loop().run()
         self.client = make_client_force()
         self._protect = self.loop.protection.protect_wrench
         self.loop.protection.protect_wrench = self._with_client
