@@ -52,6 +52,12 @@ FRAME_TESTS = "tests/sensing/frame/test_frame_registration.py"
 OSC_TESTS = "tests/apps/serve/osc/test_osc_session.py::test_without_the_token_nothing_happens"
 VIEWER_TESTS = "tests/apps/serve/foxglove/test_viewer_connection.py"
 SERVED_TESTS, ACCESS_TESTS = "tests/apps/serve/test_served_device.py", "tests/apps/serve/test_server_choice.py"
+OSC_LATE_TESTS = (
+    "tests/apps/serve/osc/test_osc_session.py::test_what_waited_in_the_socket_is_not_felt_and_changes_no_world"
+)
+SECRET_TESTS = "tests/runtime/trackers/test_tracker_accounts.py"
+PASS_TESTS, HANDOVER_TESTS = "tests/control/protection/test_pass_over.py", "tests/apps/serve/test_handover.py"
+ACCOUNT_TESTS, OWNER_TESTS = "tests/apps/serve/test_other_accounts.py", "tests/runtime/realtime/test_socket_owner.py"
 REMOTE_TESTS, BLOCK_TESTS = "tests/worlds/dynamic/test_remote.py", "tests/runtime/memory/test_force_block.py"
 ORIENTATION_TESTS = "tests/sensing/orientation/test_least_squares.py"
 MAP_TESTS = "tests/sensing/torque_maps/test_torque_maps.py"
@@ -258,6 +264,31 @@ RULES = [
     ("client-loss-fades", "a client whose connection is lost leaves no force", "without 2", REMOTE_TESTS),
     ("client-force-finite", "a client's force that is no number is none", "always", REMOTE_TESTS),
     ("client-force-limit", "no force of a client is greater than the world's limit", "only 1 of value", REMOTE_TESTS),
+    ("clients-pass-zero", "another client or mapping is felt after zero", "replace value.test by True", PASS_TESTS),
+    ("client-force-rate", "a client's force changes at the device's rate", "replace value.args[3] by 1e9", PASS_TESTS),
+    ("client-torque-rate", "so does the torque that it causes", "replace value.args[3] by 1e9", PASS_TESTS),
+    ("contacts-are-free", "a world's own contact has no rate limit", "never", PASS_TESTS),
+    ("worlds-pass-zero", "another world is felt after zero", "replace value by False", PASS_TESTS),
+    ("waited-is-stale", "a command that waited for its server is not felt", "never", HANDOVER_TESTS),
+    ("late-messages", "what waited for long changes nothing", "replace value by False", HANDOVER_TESTS),
+    ("late-requests", "an OSC request that waited for long changes no world", "replace value by False", OSC_LATE_TESTS),
+    ("holder-maps", "only the holder changes its mapping", "never", HANDOVER_TESTS),
+    ("mapping-counts", "the loop knows of another mapping", "drop", HANDOVER_TESTS),
+    ("own-account", "another account is not this one", "replace value by True", OWNER_TESTS),
+    ("orphaned-socket", "a connection that no program has is nobody's", "replace value by True", OWNER_TESTS),
+    ("one-owner", "a port of two accounts is nobody's", "replace value.test by True", OWNER_TESTS),
+    ("serve-account", "another account uses no server", "never", ACCESS_TESTS),
+    ("osc-account", "another account sends no OSC message", "never", ACCOUNT_TESTS),
+    ("osc-reader-account", "a port that passed to another account is sent no rows", "never", ACCOUNT_TESTS),
+    ("tracker-account", "another account says not where the tool is", "never", ACCOUNT_TESTS),
+    ("natnet-account", "a server of another account says not where the tool is", "never", SECRET_TESTS),
+    (
+        "stream-account",
+        "a stream of another account says not where the tool is",
+        "replace value.generators[0].ifs[0] by True",
+        SECRET_TESTS,
+    ),
+    ("secret-by-pipe", "no token stands in the process list", "drop", SECRET_TESTS),
     ("one-client-holds", "one server's client holds the device until its force has faded", "always", BLOCK_TESTS),
     ("watcher-commands-nothing", "a client that watches commands nothing", "never", SERVED_TESTS),
     ("served-force-finite", "a command that is no force goes nowhere", "never", SERVED_TESTS),

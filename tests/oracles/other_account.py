@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import encodings.idna  # noqa: F401  # another account may not be able to read Python's own files any more
 import os
 import signal
 from collections.abc import Callable, Iterator

@@ -182,11 +182,16 @@ def test_a_tracker_believes_no_other_account():
 
 
 @needs_root
-def test_foxglove_shows_nothing(said, bench):
+def test_foxglove_shows_nothing(said):
+    with PublishedLoop(Dome()) as loop:
+        _look_at_foxglove(said, loop)
+
+
+def _look_at_foxglove(said, loop):
     prepared = foxglove_server.prepare("0")
     number = int(prepared.address.rpartition(":")[2])
     thread = threading.Thread(
-        target=foxglove_server.serve, args=(prepared.spec, list(prepared.descriptors), bench.served)
+        target=foxglove_server.serve, args=(prepared.spec, list(prepared.descriptors), loop.served)
     )
     thread.start()
     try:
@@ -195,11 +200,11 @@ def test_foxglove_shows_nothing(said, bench):
             with connect(f"ws://127.0.0.1:{number}", subprotocols=["foxglove.sdk.v1"]) as client:
                 return client.recv()
 
+        assert "serverInfo" in look()
         with as_nobody(report(said, look)):
             assert "403" in await_text(said)
-        assert "serverInfo" in look()
     finally:
-        bench.served.ending = True
+        loop.served.ending = True
         thread.join(10.0)
 
 

@@ -348,6 +348,21 @@ def test_without_the_token_nothing_happens() -> None:
         setting.close()
 
 
+def test_what_waited_in_the_socket_is_not_felt_and_changes_no_world(setting: Setting) -> None:
+    program = setting.connect()
+    program.say("/haptorb/force", 1.0, 0.0, 0.0)
+    program.say("/haptorb/world", "magnet")
+    sleep(1.2)  # the server is stopped
+    setting.look()
+    assert setting.loop.receive() == ([0, 0, 0], 0.0)
+    setting.look()
+    assert setting.request() is None
+    assert setting.report()["stale"] == 1
+    program.say("/haptorb/force", 1.0, 0.0, 0.0)
+    setting.look()
+    assert setting.loop.receive()[0] == [1.0, 0.0, 0.0]
+
+
 @pytest.mark.parametrize(
     "where", ["127.0.0.1", "host:", "127.0.0.1:99999", "127.0.0.1:-1", "no.such.host.example:9000", "a" * 300 + ":1"]
 )

@@ -1,0 +1,259 @@
+"""Another account of this computer against a run: does it move a coil, read a pose or a token, or move the pose?
+
+    python benchmarks/safety/other_accounts.py [--attempts N]        (as root: it starts a process of the account 65534)
+
+`haptorb run` runs with console, the servers `haply`, `osc` and `foxglove`, and a tracker `osc`: once with everything on
+loopback, once with the tracker open to the network, so that there is a token. A program of this account sends poses and
+watches through `haply`. A process that has given up this account for good tries in turn: WebSockets of `haply`,
+`foxglove` and console; requests of `haply` over HTTP; forces, subscriptions, parameters and worlds by OSC; poses and
+losses for the tracker; the arguments and environments of all processes, shared memory and temporary files, where it
+looks for the tokens. Every attempt that is answered with more than a refusal counts, and so does a session that holds
+the device, a force, or a pose that is not the sender's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import encodings.idna  # noqa: F401  # another account may not be able to read Python's own files any more
+import json
+import os
+import secrets
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
+
+NOBODY = 65534
+COMMAND = "from haptorb.apps.cli import main; raise SystemExit(main())"
+PLACE = (0.001, 0.002, 0.055)
+ELSEWHERE = (0.02, 0.0, 0.06)
+MOVED = 2e-3  #: of the pose, that no noise makes [m]
+START = 240.0  #: for a run whose code must be compiled first [s]
+UPGRADE = (
+    "GET {path} HTTP/1.1\r\nHost: localhost:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n{more}\r\n"
+)
+PUSH = {"inverse3": [{"commands": {"set_cursor_force": {"vector": {"x": 0.5, "y": 0.0, "z": 0.0}}}}]}
+
+
+def osc(address: str, *values: Any) -> bytes:
+    """An OSC message of texts and floats."""
+
+    def pad(text: str) -> bytes:
+        return text.encode() + b"\0" * (4 - len(text) % 4)
+
+    kinds = "," + "".join("s" if isinstance(value, str) else "f" for value in values)
+    data = b"".join(pad(value) if isinstance(value, str) else struct.pack(">f", value) for value in values)
+    return pad(address) + pad(kinds) + data
+
+
+class Stranger:
+    """What another account tries; each attempt returns what it got, empty for nothing."""
+
+    def __init__(self, ports: dict[str, int], tokens: list[str]) -> None:
+        self.ports, self.tokens = ports, [one.encode() for one in tokens]
+        self.attempts: list[Callable[[], str]] = [
+            lambda: self.upgrade("haply"), lambda: self.upgrade("events"), lambda: self.upgrade("foxglove"),
+            lambda: self.upgrade("console", "/ws"), lambda: self.request("GET", "/devices"),
+            lambda: self.request("POST", "/inverse3/0/config/workspace", '{"scale": -1}'),
+            lambda: self.datagrams("osc", osc("/haptorb/force", 0.5, 0.0, 0.0)),
+            lambda: self.datagrams("osc", osc("/haptorb/subscribe")),
+            lambda: self.datagrams("osc", osc("/haptorb/world", "magnet")),
+            lambda: self.datagrams("osc", osc("/haptorb/force", secrets.token_urlsafe(16), 0.5, 0.0, 0.0)),
+            lambda: self.datagrams("tracker", osc("/haptorb/pose", *ELSEWHERE, 0.0, 0.0, 0.0, 1.0)),
+            lambda: self.datagrams("tracker", osc("/haptorb/lost")),
+            lambda: self.datagrams("tracker", osc("/haptorb/pose", "token", *ELSEWHERE, 0.0, 0.0, 0.0, 1.0)),
+            self.read_processes, self.read_files,
+        ]  # fmt: skip
+
+    def _exchange(self, port: int, data: str) -> bytes:
+        with socket.create_connection(("127.0.0.1", port), timeout=1.0) as client:
+            client.sendall(data.encode())
+            return client.recv(4096)
+
+    def upgrade(self, name: str, path: str = "/") -> str:
+        port = self.ports[name]
+        answer = self._exchange(port, UPGRADE.format(path=path, port=port, more="Sec-WebSocket-Protocol: haptorb\r\n"))
+        return "" if b" 101 " not in answer.splitlines()[0] + b" " else f"a WebSocket of {name}"
+
+    def request(self, method: str, path: str, body: str = "") -> str:
+        head = f"{method} {path} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\n\r\n{body}"
+        answer = self._exchange(self.ports["haply"], head)
+        return "" if b" 200 " not in answer.splitlines()[0] else f"an answer of haply to {method} {path}"
+
+    def datagrams(self, name: str, data: bytes) -> str:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            sender.settimeout(0.1)
+            for _ in range(3):
+                sender.sendto(data, ("127.0.0.1", self.ports[name]))
+            with suppress(OSError):
+                if not sender.recv(4096).startswith(b"/haptorb/error"):
+                    return f"an answer of {name}"
+        return ""
+
+    def read_processes(self) -> str:
+        for process in Path("/proc").glob("[0-9]*"):
+            for name in ("cmdline", "environ"):
+                with suppress(OSError):
+                    if any(token in (process / name).read_bytes() for token in self.tokens):
+                        return f"a token in {name} of a process"
+        return ""
+
+    def read_files(self) -> str:
+        found = [*Path("/dev/shm").glob("haptorb*"), *Path("/tmp").glob("haptorb*"), *Path("/tmp").glob("haptorb*/*")]
+        for path in found:
+            with suppress(OSError), path.open("rb") as file:
+                file.read(1)
+                if path.suffix not in (".lock",):
+                    return f"a file of the run: {path}"
+        return ""
+
+
+def attack(count: int, ports: dict[str, int], tokens: list[str], write: int) -> None:
+    """In the process of the other account: `count` attempts; what they got goes to `write` as JSON."""
+    os.setgroups([])
+    os.setresgid(NOBODY, NOBODY, NOBODY)
+    os.setresuid(NOBODY, NOBODY, NOBODY)
+    stranger, got, tried = Stranger(ports, tokens), Counter[str](), 0
+    for n in range(count):
+        try:
+            if found := stranger.attempts[n % len(stranger.attempts)]():
+                got[found] += 1
+            tried += 1
+        except (OSError, IndexError):  # closed without an answer
+            tried += 1
+    os.write(write, json.dumps({"tried": tried, "got": got}).encode())
+
+
+class Run:
+    """A run of haptorb, a program of this account that sends poses, and one that watches."""
+
+    def __init__(self, tracker_host: str) -> None:
+        names = ("console", "haply", "events", "osc", "foxglove", "tracker")
+        self.ports = {name: free_port() for name in names}
+        self.tokens = {name: secrets.token_urlsafe(16) for name in ("HAPTORB_TOKEN", "HAPTORB_TRACKER_TOKEN")}
+        self.beyond = tracker_host != "127.0.0.1"
+        ports = self.ports
+        command = [
+            sys.executable, "-c", COMMAND, "run", "omni", "--port", str(ports["console"]),
+            "--serve", f"haply:{ports['haply']}:{ports['events']}", "--serve", f"osc:{ports['osc']}",
+            "--serve", f"foxglove:{ports['foxglove']}", "--tracker", f"osc:{tracker_host}:{ports['tracker']}",
+        ]  # fmt: skip
+        self.process = subprocess.Popen(
+            command, env={**os.environ, **self.tokens}, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+        self.over, self.faults, self.looks = threading.Event(), Counter[str](), 0
+        self.threads = [threading.Thread(target=one) for one in (self.send, self.watch)]
+
+    def __enter__(self) -> Run:
+        end = time.monotonic() + START
+        while True:
+            with suppress(OSError, WebSocketException), connect(f"ws://127.0.0.1:{self.ports['haply']}"):
+                break
+            if time.monotonic() > end or self.process.poll() is not None:
+                self.process.kill()
+                raise SystemExit(f"the run did not start: {self.process.communicate()[1][-2000:]}")
+            time.sleep(0.2)
+        for thread in self.threads:
+            thread.start()
+        time.sleep(2.0)
+        return self
+
+    def send(self) -> None:
+        token = [self.tokens["HAPTORB_TRACKER_TOKEN"]] if self.beyond else []
+        data = osc("/haptorb/pose", *token, *PLACE, 0.0, 0.0, 0.0, 1.0)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            while not self.over.wait(0.005):
+                sender.sendto(data, ("127.0.0.1", self.ports["tracker"]))
+
+    def watch(self) -> None:
+        first: list[float] | None = None
+        with connect(f"ws://127.0.0.1:{self.ports['haply']}") as client:
+            client.recv()
+            begin = time.monotonic()
+            while not self.over.wait(0.005):
+                client.send("{}")
+                tool = json.loads(client.recv())["inverse3"][0]
+                place = [tool["state"]["cursor_position"][axis] for axis in "xyz"]
+                if time.monotonic() - begin < 1.0:
+                    first = place
+                    continue
+                assert first is not None
+                self.looks += 1
+                if max(abs(a - b) for a, b in zip(place, first, strict=True)) > MOVED:
+                    self.faults["the pose moved"] += 1
+                if tool["status"]["in_use"]:
+                    self.faults["a session holds the device"] += 1
+                if any(abs(force) > 0.0 for force in tool["state"]["current_cursor_force"].values()):
+                    self.faults["a force was asked"] += 1
+
+    def __exit__(self, *error: object) -> None:
+        self.over.set()
+        for thread in self.threads:
+            thread.join(10.0)
+        self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.wait(30.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+
+def free_port() -> int:
+    with socket.socket() as tcp, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        tcp.bind(("127.0.0.1", 0))
+        udp.bind(("127.0.0.1", tcp.getsockname()[1]))
+        return int(tcp.getsockname()[1])
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
+    parser.add_argument("--attempts", type=int, default=1000)
+    count = parser.parse_args().attempts
+    if os.geteuid() != 0:
+        print("only root can start a process of another account; run this as root")
+        return 2
+    tried, got = 0, Counter[str]()
+    for host in ("127.0.0.1", "0.0.0.0"):
+        with Run(host) as run:
+            read, write = os.pipe()
+            number = os.fork()
+            if number == 0:
+                try:
+                    attack(count // 2, run.ports, list(run.tokens.values()), write)
+                finally:
+                    os._exit(0)
+            os.close(write)
+            with os.fdopen(read) as file:
+                found = json.loads(file.read() or '{"tried": 0, "got": {}}')
+            os.waitpid(number, 0)
+            tried += found["tried"]
+            got.update(found["got"])
+            got.update(run.faults)
+            print(
+                f"tracker at {host}: {found['tried']} attempts, {sum(found['got'].values())} got something; "
+                f"{run.looks} looks at the device by this account"
+            )
+            if not run.looks:
+                got["this account could not watch"] += 1
+    for what, times in got.items():
+        print(f"{times} times: {what}")
+    print(f"{sum(got.values())} of {tried} attempts of another account moved a coil, read a pose or a token")
+    kept = not got and tried == count // 2 * 2
+    print("kept" if kept else "BROKEN")
+    return 0 if kept else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
