@@ -180,7 +180,26 @@ BREAKS = (
         "python benchmarks/safety/store_resets.py",
         Text("firmware/core/calibration.c", "eeprom->write(start, NO_MARK);", "eeprom->write(start, MARK);"),
     ),
-    Break("Another account of the computer", HOSTILE_WEB, "console-token", "--connections 20 --seconds 2"),
+    *(
+        Break("What changes who commands", "python benchmarks/safety/client_forces.py", change, "--events 2000")
+        for change in ("client-force-rate", "clients-pass-zero")
+    ),
+    Break("Only the client that holds", "pytest tests/apps/serve/test_handover.py", "holder-maps"),
+    Break(
+        "Another account of the computer can neither",
+        HOSTILE_WEB,
+        "console-token",
+        "--connections 20 --seconds 2",
+    ),
+    *(
+        Break(
+            "Another account of the computer moves",
+            "python benchmarks/safety/other_accounts.py",
+            change,
+            "--attempts 60",
+        )
+        for change in ("serve-account", "osc-account", "tracker-account", "secret-by-pipe")
+    ),
     Break("Hostile connections take neither", HOSTILE_WEB, "few-connections", "--connections 400 --seconds 6"),
     Break("No web message ends a task", "pytest -m slow tests/apps/web/test_hostile_messages.py", "study-message"),
     Break("No compiled kernel is loaded", "pytest tests/numerics/test_cache_folder.py", "cache-private"),

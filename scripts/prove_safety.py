@@ -288,7 +288,13 @@ RULES = [
         "replace value.generators[0].ifs[0] by True",
         SECRET_TESTS,
     ),
-    ("secret-by-pipe", "no token stands in the process list", "drop", SECRET_TESTS),
+    (
+        "secret-by-pipe",
+        "no token stands in the process list",
+        "replace value by start_module({value.args[0]}, spec, errors=self._errors, stdin=subprocess.PIPE, "
+        "descriptor=descriptor)",
+        SECRET_TESTS,
+    ),
     ("one-client-holds", "one server's client holds the device until its force has faded", "always", BLOCK_TESTS),
     ("watcher-commands-nothing", "a client that watches commands nothing", "never", SERVED_TESTS),
     ("served-force-finite", "a command that is no force goes nowhere", "never", SERVED_TESTS),

@@ -54,7 +54,7 @@ class DatagramTimes:
         for level, kind, data in notes:
             if level == socket.SOL_SOCKET and kind == _STAMPS and len(data) >= _TIME.size:
                 seconds, nanoseconds = _TIME.unpack(data[: _TIME.size])
-                return 1e-9 * min(seconds * 1_000_000_000 + nanoseconds - self._shift, monotonic_ns())
+                return 1e-9 * float(min(seconds * 1_000_000_000 + nanoseconds - self._shift, monotonic_ns()))
         return 1e-9 * self._looked
 
 

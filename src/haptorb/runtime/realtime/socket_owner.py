@@ -11,6 +11,7 @@ import ipaddress
 import os
 import socket
 import struct
+import sys
 from contextlib import suppress
 from functools import cache
 from typing import final
@@ -139,11 +140,8 @@ def _rows(lines: list[bytes], port: int | None = None) -> list[_Row]:
 def _read_end(word: bytes) -> tuple[ipaddress.IPv4Address | ipaddress.IPv6Address, int]:
     digits, _, port = word.partition(b":")
     # Words of 32 bits, each in this computer's own order.
-    raw = b"".join(int(digits[i : i + 8], 16).to_bytes(4, _ORDER) for i in range(0, len(digits), 8))
+    raw = b"".join(int(digits[i : i + 8], 16).to_bytes(4, sys.byteorder) for i in range(0, len(digits), 8))
     return _unmapped(str(ipaddress.ip_address(raw))), int(port, 16)
-
-
-_ORDER = "little" if struct.pack("=H", 1)[0] else "big"
 
 
 def _unmapped(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:

@@ -112,6 +112,7 @@ class ProcessGroup:
 
     def track(self, spec: str, descriptor: int | None) -> None:
         """Start the tracker's process with `spec` (JSON) and its open socket `descriptor`, if it has one."""
+        # safety: secret-by-pipe
         self._tracker = start_module(
             "haptorb.runtime.processes.tracker_process",
             errors=self._errors, stdin=subprocess.PIPE, descriptor=descriptor, isolated=True,
@@ -119,7 +120,7 @@ class ProcessGroup:
         assert self._tracker.stdin is not None
         # A token is in it: no argument, which every account of this computer can read.
         with suppress(BrokenPipeError), self._tracker.stdin as stdin:  # ended already: `check` reports why
-            stdin.write(spec.encode())  # safety: secret-by-pipe
+            stdin.write(spec.encode())
 
     def wait_until_running(self) -> None:
         """Return when the loop has ticked, and recorder and tracker are ready. Raises ServoError, RecordingError or
