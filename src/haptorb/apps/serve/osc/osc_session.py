@@ -138,6 +138,7 @@ class OscSession:
             del values[0]
         request = parse_request(address, values)
         self._inbox.keep(program.sender)
+        late = now - arrival > LATE  # safety: late-requests
         match request:
             case CommandForce(force):
                 return force
@@ -150,7 +151,7 @@ class OscSession:
                 self._subscribers.remove((program.sender[0], port or program.sender[1]))
             case AskParameters():
                 self._describe_world(program)
-            case SetParameter() | ChangeWorld() if now - arrival > LATE:  # safety: late-requests
+            case SetParameter() | ChangeWorld() if late:
                 raise InputError(f"{address} had waited for {now - arrival:.1f} s while the server did not read")
             case SetParameter(name, value):
                 self._world_requests.set(name, value, now)
