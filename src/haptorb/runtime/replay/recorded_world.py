@@ -111,6 +111,8 @@ class RecordedTick:
         memory = self._memory[self._at]
         for name, place in self._client.items():
             client[name] = memory[place]
+        if client["mapping"][0] != client["mapping"][0]:  # a recording from before the rows had it
+            client["mapping"] = 0.0
 
     def remember(self, memory: Records) -> None:
         """Fill `memory` (1,), in the units of its fields, with what the recorded world remembered after its step."""
