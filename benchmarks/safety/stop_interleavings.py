@@ -107,6 +107,9 @@ class Host(Commands):
     def _memory_or_none(self) -> SharedMemory:
         return self._shared
 
+    def _check_compiler(self) -> None:
+        return
+
     def _compile_world(self, name: str) -> None:
         return
 
@@ -142,7 +145,8 @@ class Sitting:
     question, over, id, code = None, False, 1, "P1"
 
     def __init__(self, engine: Any, study: Any, code: str) -> None:
-        self.study, self.number = study, 1
+        self.study, self.number, self.stored = study, 1, 0
+        self.history: list[dict[str, Any]] = []
         self.prompt = Prompt(condition=study.conditions[0].name, set_point=1)
 
     def note(self, kind: str, text: str = "", **more: Any) -> None:

@@ -189,6 +189,13 @@ class Servo:
         self.open_ = False
         self.switch_off()
 
+    def end_loop(self) -> None:
+        """Coils off; the loop ends."""
+        self.switch_off()
+
+    def pause_recording(self, paused: bool) -> None:
+        """Nothing is recorded."""
+
     def switch_off(self) -> None:
         """Coils off, without a reason that could be cleared."""
         self.guard, self.gain = GuardState.TRIPPED, 0.0
@@ -265,7 +272,8 @@ class Paper:
         world.interrupt()
         self._world, self.study = world, world.study
         self.procedure = world.procedure
-        self.number = 0
+        self.number = self.stored = 0
+        self.history: list[dict[str, Any]] = []
         self._asked = bool(world.study.questions)
 
     @property

@@ -116,7 +116,7 @@ class StudyHost:
             self.servos.append(_fake())
             return self.servos[-1]
 
-        self.manager = SessionManager(self.engine, study, start, lambda session: Path(f"session-{session}.mcap"))
+        self.manager = SessionManager(self.engine, study, start, lambda session: Path(f"session-{session.id}.mcap"))
         self.host = StudyServer(self.manager, 0, more={"database": "here"})
         self.failures: list[ServoError] = []  # with which the server ended by itself
         self._serving = threading.Thread(target=self._serve)
@@ -411,7 +411,9 @@ def test_who_does_not_agree_is_asked_nothing(host: StudyHost) -> None:
     experimenter.do("begin", code="P01")
     participant.state("consent")
     participant.do("agree", agreed=False)
-    participant.state("left")
+    participant.state("declined")
+    assert participant.view["stored"] == 0
+    experimenter.until(lambda page: [one["kind"] for one in page.view["incidents"]] == ["no consent"])
     assert host.servo.calls[-1] == "close"
     assert not [call for call in host.servo.calls if call[0] == "dome"]
 
