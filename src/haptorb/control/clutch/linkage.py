@@ -102,7 +102,7 @@ class Direct(Linkage):
         return RenderedWrench(wrench, mover, wrench, NO_CONTACTS, 0, _CLOSED, True)
 
     def bring_back(self, on_thing: Array, wrench: Array) -> None:
-        """The same: body and mover are one [N, N·m]."""
+        """`wrench` (6,) becomes `on_thing` (6,) itself [N, N·m]: body and mover are one."""
         wrench[:] = on_thing
 
     def set_mode(self, mode: Mode) -> None:
