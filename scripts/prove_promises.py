@@ -178,7 +178,11 @@ BREAKS = (
     Break(
         "Firmware: a calibration reported as stored",
         "python benchmarks/safety/store_resets.py",
-        Text("firmware/core/calibration.c", "eeprom->write(start, NO_MARK);", "eeprom->write(start, MARK);"),
+        Text(
+            "firmware/core/calibration.c",
+            "calibration->state = CALIBRATION_WRITING;\n    return REFUSED_WRITING;",
+            "calibration->state = CALIBRATION_WRITING;\n    return ACCEPTED;",
+        ),
     ),
     *(
         Break("What changes who commands", "python benchmarks/safety/client_forces.py", change, "--events 2000")

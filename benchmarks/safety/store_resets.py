@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import random
+import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -87,6 +88,9 @@ def main() -> int:
     parser.add_argument("--board", choices=("m328p", "m2560"), default="m328p")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
+    made = subprocess.run(["make", "-C", str(BUILD.parent)], capture_output=True, text=True, check=False)
+    if made.returncode:  # an older build would be tried in its place
+        sys.exit(f"the firmware cannot be built:\n{made.stdout}{made.stderr}")
     with tempfile.TemporaryDirectory() as folder:
         found = try_resets(BUILD, Path(folder) / "port", given.resets, given.seed, given.board)
     print(
