@@ -280,7 +280,9 @@ def main() -> int:
         (memory, memory_end), (files, files_end) = found["memory_mb"], found["files"]
         print(
             f"{found['minutes']:g} minutes, {found['ticks']} ticks, {found['in_time']:.4f} in time, "
-            f"{found['trips']} trips\nanswers: {answers}\nmemory {memory} to {memory_end} MB, open files {files} to {files_end}"
+            f"{found['trips']} trips\n"
+            f"answers: {answers}\n"
+            f"memory {memory} to {memory_end} MB, open files {files} to {files_end}"
         )
         print("\n".join(faults) if faults else "kept")
     return 1 if faults else 0
