@@ -87,6 +87,17 @@ BREAKS = (
         "pointer-bridged",
     ),
     Break("Study: a Stop from any page", STUDY_STOP, "study-stop-first", "--states running --repetitions 1 --lock 3"),
+    *(
+        Break(
+            "Study: real data, pilots and simulated",
+            "pytest tests/apps/study/store/test_contents.py tests/apps/study/store/test_merge.py",
+            change,
+        )
+        for change in ("study-one-kind", "study-merge-kind")
+    ),
+    Break(
+        "Study: a person who withdraws", "pytest tests/apps/study/store/test_merge.py -k withdraw", "study-withdrawn"
+    ),
     Break("Study: after a malformed message", "pytest tests/apps/study/test_stop.py", "study-fault"),
     Break(
         "No winding is hotter",
