@@ -58,6 +58,7 @@ OSC_LATE_TESTS = (
 SECRET_TESTS = "tests/runtime/trackers/test_tracker_accounts.py"
 PASS_TESTS, HANDOVER_TESTS = "tests/control/protection/test_pass_over.py", "tests/apps/serve/test_handover.py"
 ACCOUNT_TESTS, OWNER_TESTS = "tests/apps/serve/test_other_accounts.py", "tests/runtime/realtime/test_socket_owner.py"
+STARTED_TESTS = "tests/worlds/own/test_started_code.py"
 REMOTE_TESTS, BLOCK_TESTS = "tests/worlds/dynamic/test_remote.py", "tests/runtime/memory/test_force_block.py"
 ORIENTATION_TESTS = "tests/sensing/orientation/test_least_squares.py"
 MAP_TESTS = "tests/sensing/torque_maps/test_torque_maps.py"
@@ -305,6 +306,10 @@ RULES = [
     ("osc-token", "an OSC message from beyond this computer needs the token", "never", OSC_TESTS),
     ("foxglove-origin", "pages of other sites see nothing of a device", "never", VIEWER_TESTS),
     ("foxglove-host", "a name that is not this computer's reaches no live view", "never", VIEWER_TESTS),
+    ("recordings-run-no-code", "what a recording names runs only if it is on the own list", "never", STARTED_TESTS),
+    ("own-list-only", "a list that others may write is not believed", "replace value by True", STARTED_TESTS),
+    ("noted-arrays-are-numbers", "an array in a world's note is one of numbers", "never", STARTED_TESTS),
+    ("code-is-announced", "code is named before it runs", "drop", "tests/apps/test_own_code.py"),
     (
         "plain-state",
         "a state in a recording makes plain values and runs no code",

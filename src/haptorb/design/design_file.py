@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from haptorb.design.candidate import DesignCandidate
 from haptorb.design.design import Bound, Design, DesignGoal
@@ -26,16 +27,21 @@ from haptorb.files.text_file import parse_toml, read_text
 
 __all__ = ["load_design", "parse_design"]
 
+Announce: TypeAlias = Callable[[Path, str], None]
 
-def load_design(path: str | Path) -> Design:
-    """The design that the TOML file at `path` describes. Raises InputError with all mistakes of the file."""
+
+def load_design(path: str | Path, announce: Announce = lambda path, name: None) -> Design:
+    """The design that the TOML file at `path` describes. Raises InputError with all mistakes of the file.
+
+    announce  receives file and name of each function of the user's own before its code runs
+    """
     found = Path(path).expanduser()
     text = read_text(found, "design file", InputError, kind=FileKind.DESIGN)
-    return parse_design(text, str(path), found.absolute().parent)
+    return parse_design(text, str(path), found.absolute().parent, announce)
 
 
-def parse_design(text: str, name: str, folder: Path) -> Design:
-    """The design that the TOML `text` describes; `name` is the name for messages.
+def parse_design(text: str, name: str, folder: Path, announce: Announce = lambda path, name: None) -> Design:
+    """The design that the TOML `text` describes; `name` is the name for messages, `announce` as `load_design` has it.
 
     Paths in it, of a base device or a function, start at `folder`.
     """
@@ -49,7 +55,7 @@ def parse_design(text: str, name: str, folder: Path) -> Design:
     except ValueError as cause:
         raise InputError(f"design file '{name}': not a TOML file: {cause}") from cause
     try:
-        return _build(file, text, folder)
+        return _build(file, text, folder, announce)
     except HaptorbError as cause:
         if str(cause).startswith("design file"):
             raise
@@ -57,7 +63,7 @@ def parse_design(text: str, name: str, folder: Path) -> Design:
         raise InputError("\n".join(f"design file '{name}': {line}" for line in lines)) from cause
 
 
-def _build(file: DeviceDesignFile, text: str, folder: Path) -> Design:
+def _build(file: DeviceDesignFile, text: str, folder: Path, announce: Announce) -> Design:
     base = file.base
     if base.endswith(".toml") or "/" in base:
         base = str(folder / Path(base).expanduser())
@@ -67,10 +73,11 @@ def _build(file: DeviceDesignFile, text: str, folder: Path) -> Design:
     codes: dict[str, str] = {}
     parameters = [_collect(mistakes, make_parameter, key, section) for key, section in file.parameters.items()]
     goals = [
-        _collect(mistakes, _make_goal, key, section, kind, folder, codes) for key, section in file.objectives.items()
+        _collect(mistakes, _make_goal, key, section, kind, folder, codes, announce)
+        for key, section in file.objectives.items()
     ]
     quantities = {
-        key: _collect(mistakes, _find_quantity, f"constraints.{key}", key, section, kind, folder, codes)
+        key: _collect(mistakes, _find_quantity, f"constraints.{key}", key, section, kind, folder, codes, announce)
         for key, section in file.constraints.items()
     }
     whole = "\0".join((text, *codes.values(), tables.text))
@@ -106,18 +113,21 @@ def _collect(mistakes: list[str], make: Any, *arguments: Any) -> Any:
         return None
 
 
-def _make_goal(name: str, section: GoalSection, kind: str, folder: Path, codes: dict[str, str]) -> DesignGoal:
-    quantity = _find_quantity(f"objectives.{name}", name, section, kind, folder, codes)
+def _make_goal(
+    name: str, section: GoalSection, kind: str, folder: Path, codes: dict[str, str], announce: Announce
+) -> DesignGoal:
+    quantity = _find_quantity(f"objectives.{name}", name, section, kind, folder, codes, announce)
     return DesignGoal(quantity, section.sense or quantity.sense, name)
 
 
 def _find_quantity(
-    where: str, name: str, section: GoalSection | BoundSection, kind: str, folder: Path, codes: dict[str, str]
-) -> DesignQuantity:
+    where: str, name: str, section: GoalSection | BoundSection, kind: str, folder: Path, codes: dict[str, str],
+    announce: Announce,
+) -> DesignQuantity:  # fmt: skip
     """haptorb's own quantity, or one made of the user's function, whose code goes into `codes`."""
     try:
         if section.function is not None:
-            function, source = load_function(section.function, folder)
+            function, source = load_function(section.function, folder, announce)
             codes[section.function] = source
             text = (function.__doc__ or f"function {section.function}").strip().splitlines()[0]
             return DesignQuantity(name, section.unit or "", "minimise", text, (kind,), function)

@@ -9,9 +9,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from haptorb.design.own_imports import find_imports, list_modules
 from haptorb.errors import InputError, UnknownName
 from haptorb.files.file_kind import FileKind
+from haptorb.files.own_imports import find_imports, list_modules
 from haptorb.files.text_file import read_text
 
 __all__ = ["load_function", "split_function"]
@@ -31,16 +31,22 @@ def split_function(text: str, folder: Path) -> tuple[Path, str]:
     return folder / Path(path).expanduser(), name
 
 
-def load_function(text: str, folder: Path) -> tuple[Callable[..., Any], str]:
+def load_function(
+    text: str, folder: Path, announce: Callable[[Path, str], None] = lambda path, name: None
+) -> tuple[Callable[..., Any], str]:
     """The function that "file.py:name" names, and the text of its file and of what that imports from beside it.
 
-    The file is run once. Raises InputError, with file and line, if it cannot be read or fails, UnknownName if it has
-    no such function.
+    The file is run once; `announce` receives it, and the name, before that. Raises InputError, with file and line, if
+    it cannot be read or fails, UnknownName if it has no such function.
     """
     path, name = split_function(text, folder)
     source = read_text(path, "file of an objective", InputError, kind=FileKind.WORLD)
     known = _modules.get(path)
-    module = known[1] if known is not None and known[0] == source else _run(path, source)
+    if known is not None and known[0] == source:
+        module = known[1]
+    else:
+        announce(path, name)
+        module = _run(path, source)
     _modules[path] = (source, module)
     beside = find_imports(path, source)
     _send_along(module, *list_modules(beside))

@@ -21,6 +21,7 @@ from haptorb.runtime.replay.replay_file import check_replay_file
 from haptorb.runtime.tick.tick_state import pack_state, save_state
 from haptorb.worlds import Fluid, RollingBall
 from haptorb.worlds.dynamic.remote import Remote
+from haptorb.worlds.own.started_code import note_start
 from haptorb.worlds.own.world_file import WorldFile
 from oracles.made_recording import make_recording
 from oracles.recorded_chain import Deed, record_chain
@@ -122,13 +123,23 @@ def test_a_note_of_a_world_that_cannot_be_made_leaves_the_recorded_wrench(text: 
     assert any("recorded wrench" in remark for remark in replay.remarks)
 
 
-def test_a_world_of_a_file_runs_as_long_as_the_file_is_the_same(tmp_path: Path) -> None:
+def test_a_world_of_a_file_runs_if_this_account_started_it_and_the_file_is_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     file = tmp_path / "groove.py"
     file.write_text(GROOVE)
-    recording = record_chain(tmp_path / "run.mcap", world=WorldFile(file).load().replace(depth=2.0))
+    world = WorldFile(file).load().replace(depth=2.0)
+    recording = record_chain(tmp_path / "run.mcap", world=world)
+    replay = Replay(recording)
+    assert replay.run().identical
+    assert replay.recorded.code == {}
+    assert any("not executed" in remark for remark in replay.remarks)
+    note_start(world)
     replay = Replay(recording)
     assert replay.run().identical
     assert replay.remarks == []
+    assert list(replay.recorded.code.values()) == [f"{file} (Groove)"]
     file.write_text(GROOVE.replace("* 20", "* 21"))
     for word in ("changed", "missing"):
         if word == "missing":

@@ -129,7 +129,7 @@ def run(
         from haptorb.apps.serve.server_choice import add_client_force, check_servers, is_client_force_alone
         from haptorb.apps.serve.serving import Serving
         from haptorb.devices.loader import load
-        from haptorb.runtime.exchange.black_box import state_folder
+        from haptorb.files.state_folder import state_folder
         from haptorb.runtime.servo.servo import Servo
         from haptorb.runtime.tick.assembly import default_world
 

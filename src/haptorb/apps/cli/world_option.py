@@ -24,6 +24,7 @@ def choose_world_option(name: str, settings: list[str], device: Device) -> World
     """
     from dataclasses import replace
 
+    from haptorb.apps.own_code import start_world_file
     from haptorb.files.file_kind import FileKind, find_kind
     from haptorb.worlds import CATALOGUE, find_world
     from haptorb.worlds.own.failure import try_world
@@ -36,8 +37,7 @@ def choose_world_option(name: str, settings: list[str], device: Device) -> World
         kind = find_world(name)
         return kind().replace(**parse_settings(settings, parameters(kind)))
     file = parse_world_file(name)
-    with announce_wait(f"World file {file.path} has not finished loading"):
-        world = file.load()
+    world = start_world_file(file)
     values = parse_settings(settings, parameters(type(world)))
     with announce_wait(f"World '{world.name}' of {file.path} has not returned from its first call"):
         try_world(world.replace(**values), device)

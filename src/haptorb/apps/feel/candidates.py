@@ -12,6 +12,7 @@ from typing import Annotated, Any
 from pydantic import ValidationError
 
 from haptorb.apps.feel.design_file import ONLY, DesignFile, DesignTable
+from haptorb.apps.own_code import start_world_file
 from haptorb.control.clutch.gains import Gains
 from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
@@ -173,7 +174,7 @@ def own_candidate(file: WorldFile, name: str, values: dict[str, Any]) -> Candida
     It is loaded once: what is felt and rated stays what it was when the session began. Raises InputError as
     `WorldFile.load` does, and for values that cannot be.
     """
-    world = file.load()
+    world = start_world_file(file)
     known = parameters(type(world))
     title = str(values.get("title", "")) or name
     given = {key: value for key, value in values.items() if key != "title"}

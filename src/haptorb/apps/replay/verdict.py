@@ -45,6 +45,7 @@ def list_replay_facts(replay: Replay) -> list[tuple[str, str]]:
         facts.append(("first difference", _describe(first)))
     if not replay.recorded.same_software:
         facts.append(("made by", replay.recorded.describe_software()))
+    facts += [("ran code", code) for code in replay.recorded.code.values()]
     facts += [("remark", remark) for remark in replay.remarks]
     return facts
 
@@ -110,6 +111,7 @@ def list_numbers(replay: Replay, seconds: float, took: float) -> dict[str, Any]:
         "missing_fields": list(replay.missing),
         "same_software": replay.recorded.same_software,
         "software": dict(replay.recorded.software),
+        "ran_code": list(replay.recorded.code.values()),
         "remarks": list(replay.remarks),
         "duration_s": seconds,
         "took_s": took,

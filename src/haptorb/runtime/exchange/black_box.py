@@ -5,7 +5,6 @@ The heartbeat's thread detects trips; it must never wait for a disk, so another 
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Mapping
 from datetime import datetime
@@ -23,17 +22,11 @@ from haptorb.runtime.exchange.kept_state import read_state
 from haptorb.runtime.exchange.shared_memory import TRIPS, SharedMemory, Word
 from haptorb.runtime.recording.recorder import Recorder
 
-__all__ = ["TICKS", "BlackBox", "TripRecord", "state_folder"]
+__all__ = ["TICKS", "BlackBox", "TripRecord"]
 
 TICKS = 100  #: kept up to each trip
 _START = 400  #: ticks after the start, within which the file has them all
 _MOST = 50  #: files of earlier trips that stay in the folder
-
-
-def state_folder() -> Path:
-    """Folder for the state of programs: $XDG_STATE_HOME/haptorb, else ~/.local/state/haptorb."""
-    home = os.environ.get("XDG_STATE_HOME") or os.path.join(os.path.expanduser("~"), ".local", "state")
-    return Path(home) / "haptorb"
 
 
 @record

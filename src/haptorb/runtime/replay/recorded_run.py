@@ -24,6 +24,7 @@ from haptorb.runtime.tick.tick import Tick
 from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.worlds.dynamic.remote import Remote
 from haptorb.worlds.dynamic.remote_sum import join_remote, split_remote
+from haptorb.worlds.own.world_file import find_world_file
 from haptorb.worlds.own.world_note import load_noted_world
 from haptorb.worlds.world import World
 
@@ -58,6 +59,7 @@ class RecordedRun:
         self._descriptions = self._read_descriptions(recording)
         self._made = self._read_object("worlds")
         self._worlds: dict[int, World] = {}
+        self.code: dict[str, str] = {}  #: world → file and name of this account's own code that runs for it
 
     @property
     def software(self) -> Mapping[str, str]:
@@ -128,6 +130,8 @@ class RecordedRun:
             raise InputError("the recording does not state the world") from cause
         if name in self._made:
             world = load_noted_world(str(self._made[name]))
+            if found := find_world_file(world):
+                self.code[name] = f"{found[0]} ({found[1]})"
         elif name in worlds.CATALOGUE:
             world = worlds.find_world(name)()
         else:

@@ -1,7 +1,8 @@
 """A world as text, so that a recording can be replayed: package worlds by name and parameters, own code by digest.
 
-Such a text is never executed. Classes of haptorb are created again with their values; a scene's
-file, and a file of own code, is loaded only if it is byte for byte the recorded one.
+Such a text is never executed, and neither is code that it names: a file of own code runs again only if this account
+has started just that code by name (`started_code`). Classes of haptorb are created again with their values; a scene's
+file is loaded only if it is byte for byte the recorded one.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from importlib import import_module
 from pathlib import Path
@@ -18,16 +20,19 @@ from typing import Any
 import numpy as np
 
 from haptorb.errors import HaptorbError, InputError, quote
-from haptorb.files.text_file import read_text
-from haptorb.worlds.own.world_file import WorldFile
+from haptorb.files.text_file import read_bytes
+from haptorb.worlds.own.started_code import find_started
+from haptorb.worlds.own.world_file import WorldFile, find_world_file, name_code
 from haptorb.worlds.scene.scene_model import SceneModel, make_scene_model
 from haptorb.worlds.world import World
 
 __all__ = ["load_noted_world", "note_world"]
 
 _ROOM = "haptorb.worlds."
-_LOADED = "haptorb_world_"  #: begins the names of modules that `WorldFile` makes
 _DEEPEST = 12
+_LONGEST = 16 << 20  #: bytes of a world's or scene's own file
+#: of the arrays in a note
+_TYPES = frozenset({"<f8", "<f4", "<i8", "<i4", "<i2", "<u8", "<u4", "<u2", "|i1", "|u1", "|b1"})
 
 
 class _OwnCode(Exception):
@@ -74,7 +79,7 @@ def _encode(value: Any) -> Any:
         return value.item()
     if isinstance(value, tuple | list):
         return {"tuple": [_encode(one) for one in value]}
-    if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+    if isinstance(value, np.ndarray) and value.dtype.str in _TYPES:
         data = base64.b64encode(np.ascontiguousarray(value).tobytes()).decode()
         return {"array": data, "dtype": value.dtype.str, "shape": list(value.shape)}
     if isinstance(value, SceneModel) and value.file is not None:
@@ -106,10 +111,10 @@ def _decode(value: Any, depth: int) -> Any:
     if "tuple" in value:
         return tuple(_decode(one, depth + 1) for one in value["tuple"])
     if "array" in value:
-        dtype = np.dtype(str(value["dtype"]))
-        if dtype.kind not in "fiub":
+        if value["dtype"] not in _TYPES:  # safety: noted-arrays-are-numbers
             raise InputError(f"an array of {quote(value['dtype'])} is not numeric")
-        return np.frombuffer(base64.b64decode(value["array"]), dtype).reshape(value["shape"]).copy()
+        shape = tuple(map(int, value["shape"]))
+        return np.frombuffer(base64.b64decode(value["array"]), np.dtype(value["dtype"])).reshape(shape).copy()
     if "scene" in value:
         path = Path(value["scene"])
         if _digest(path) != value["digest"]:
@@ -125,37 +130,36 @@ def _decode(value: Any, depth: int) -> Any:
 
 
 def _digest(path: Path) -> str:
+    """Of a regular file of reasonable size; empty for anything else."""
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
+        return hashlib.sha256(read_bytes(path, _LONGEST, "file of a world", InputError)).hexdigest()
+    except InputError:
         return ""
 
 
 def _describe_code(world: World) -> dict[str, str]:
     """File, name and digest of the code, and whether the file is one that only defines a world."""
-    code, kind = getattr(world.wrench_code, "__code__", None), type(world)
+    code = getattr(world.wrench_code, "__code__", None)
     file = Path(code.co_filename) if isinstance(code, CodeType) else Path()
-    module = str(getattr(world.wrench_code, "__module__", ""))
-    name = kind.__qualname__ if not kind.__module__.startswith("haptorb.") else world.wrench_code.__qualname__
     return {
         "file": str(file),
-        "name": name,
+        "name": name_code(world),
         "digest": _digest(file),
-        "loaded": "yes" if module.startswith(_LOADED) else "",
+        "loaded": "yes" if find_world_file(world) else "",
         "made": repr(world)[:400],
     }
 
 
-def _load_code(code: dict[str, str]) -> World:
-    path, name = Path(code["file"]), code["name"]
+def _load_code(code: Mapping[str, Any]) -> World:
+    path, name = Path(str(code["file"])), str(code["name"])
     if not code["digest"]:
         raise InputError(f"its code was not in a file: {quote(code['made'])}")
-    found = _digest(path)
-    if not found:
-        raise InputError(f"its code was in {path}, which is missing")
-    if found != code["digest"]:
-        raise InputError(f"its code in {path} has changed")
     if not code["loaded"]:
         raise InputError(f"its code is in the program {path}, which is not executed; use --world FILE.py:NAME")
-    read_text(path, "world file", InputError)
-    return WorldFile(path, "" if "." in name or "<" in name else name).load()
+    if not path.is_file():
+        raise InputError(f"its code was in {path}, which is missing")
+    if _digest(path) != code["digest"]:
+        raise InputError(f"its code in {path} has changed")
+    plain = "" if "." in name or "<" in name else name
+    texts = find_started(path, name)
+    return WorldFile(path, plain).load(texts)

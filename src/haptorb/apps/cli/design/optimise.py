@@ -44,13 +44,14 @@ def optimise(
 
     The same command continues a run.
     """
+    from haptorb.apps.own_code import announce_code
     from haptorb.design.design_file import load_design
     from haptorb.design.search.optimise import optimise as evaluate_generations
     from haptorb.design.search.optimiser import Optimiser
     from haptorb.design.workers.open_workers import open_workers
 
     total = _count_designs(generations, evaluations, population)
-    design = load_design(file)
+    design = load_design(file, announce_code)
     optimiser = Optimiser(design, seed=seed, population=population)
     with (
         open_run(into, design, optimiser.method, seed, {"population": population}) as writer,

@@ -32,12 +32,13 @@ def sweep(
     json: JsonOption = False,
 ) -> None:
     """Evaluate many designs over the ranges of a design file. After Ctrl-C the same command continues."""
+    from haptorb.apps.own_code import announce_code
     from haptorb.design.design_file import load_design
     from haptorb.design.sampling import list_settings, sample
     from haptorb.design.sampling import sweep as evaluate_sample
     from haptorb.design.workers.open_workers import open_workers
 
-    design = load_design(file)
+    design = load_design(file, announce_code)
     values = sample(design, method, count, seed)
     with (
         open_run(into, design, method, seed, list_settings(method, values)) as writer,

@@ -52,6 +52,7 @@ class DesignChoice:
         from haptorb.apps.cli.world_option import parse_settings
         from haptorb.apps.feel import Candidates, load_designs
         from haptorb.apps.feel.candidates import own_candidate
+        from haptorb.apps.own_code import start_world_file
         from haptorb.control.clutch.gains import Gains
         from haptorb.worlds.own.world_file import parse_world_file
         from haptorb.worlds.parameter import parameters
@@ -61,7 +62,7 @@ class DesignChoice:
         designs = []
         for text in self.worlds:
             file = parse_world_file(text)
-            world = file.load()
+            world = start_world_file(file)
             values = parse_settings(list(self.settings), parameters(type(world)))
             designs.append(own_candidate(file, world.name, dict(values)))
         names = [design.name for design in designs]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from haptorb.apps.own_code import start_world_file
 from haptorb.apps.study.model.study_checks import check_study
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.terminal import announce_wait
@@ -71,7 +72,7 @@ def study_of(text: str, where: str = "study", folder: Path | None = None, *, sto
 def _load_world(study: Study, file: WorldFile) -> Study:
     """`study` with the world in `file` and the digest of its code: sessions with other code are another study's."""
     with announce_wait(f"World file {file.path} has not returned from loading and its first call"):
-        world = try_world(file.load(), study.load_device())
+        world = try_world(start_world_file(file), study.load_device())
     digest = sha256(read_bytes(file.path, _CODE, "world file", InputError)).hexdigest()
     if study.world_digest not in ("", digest):
         raise InputError(f"world_digest is not that of {file.path}: the file has changed; leave out the key")

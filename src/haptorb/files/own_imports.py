@@ -1,4 +1,4 @@
-"""What a user's function imports from beside its file: it belongs to the design as that file does."""
+"""What a user's Python file imports from the folder that it lies in: found by reading it, not by running it."""
 
 from __future__ import annotations
 
