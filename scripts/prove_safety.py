@@ -58,6 +58,7 @@ OSC_LATE_TESTS = (
 SECRET_TESTS = "tests/runtime/trackers/test_tracker_accounts.py"
 PASS_TESTS, HANDOVER_TESTS = "tests/control/protection/test_pass_over.py", "tests/apps/serve/test_handover.py"
 ACCOUNT_TESTS, OWNER_TESTS = "tests/apps/serve/test_other_accounts.py", "tests/runtime/realtime/test_socket_owner.py"
+BAD_RECORDINGS = "tests/runtime/replay/test_bad_recordings.py"
 STARTED_TESTS = "tests/worlds/own/test_started_code.py"
 REMOTE_TESTS, BLOCK_TESTS = "tests/worlds/dynamic/test_remote.py", "tests/runtime/memory/test_force_block.py"
 ORIENTATION_TESTS = "tests/sensing/orientation/test_least_squares.py"
@@ -310,12 +311,10 @@ RULES = [
     ("own-list-only", "a list that others may write is not believed", "replace value by True", STARTED_TESTS),
     ("noted-arrays-are-numbers", "an array in a world's note is one of numbers", "never", STARTED_TESTS),
     ("code-is-announced", "code is named before it runs", "drop", "tests/apps/test_own_code.py"),
-    (
-        "plain-state",
-        "a state in a recording makes plain values and runs no code",
-        "never",
-        "tests/runtime/replay/test_bad_recordings.py::test_a_state_that_is_none_is_refused_and_runs_no_code",
-    ),
+    ("state-types", "a state in a recording is arrays of numbers", "never", BAD_RECORDINGS),
+    ("state-length", "a state has all of its numbers and no more", "never", BAD_RECORDINGS),
+    ("state-shapes", "a state of another chain is refused", "never", BAD_RECORDINGS),
+    ("memory-length", "a recorded world's memory fits into rows", "never", BAD_RECORDINGS),
     ("report-token", "no token, no recording", "never", "tests/apps/study/test_trial_viewers.py"),
     ("serve-token", "from another computer a server needs the token", "never", ACCESS_TESTS),
     ("dead-sensors", "dead sensors are no weak magnets", "never", ORIENTATION_TESTS),

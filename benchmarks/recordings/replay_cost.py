@@ -19,13 +19,14 @@ from typing import Any
 import numpy as np
 
 from haptorb.devices.loader import load
+from haptorb.runtime.memory.state_slots import SLOTS
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.processes.state_keeper import EVERY
 from haptorb.runtime.tick import tick as module
 from haptorb.runtime.tick.assembly import assemble, default_world
 from haptorb.runtime.tick.tick import Tick
 from haptorb.runtime.tick.tick_log import TickLog
-from haptorb.runtime.tick.tick_state import save_state
+from haptorb.runtime.tick.tick_state import TickState
 from haptorb.worlds import find_world
 
 _BLOCK = 100  #: ticks of one kind in a row
@@ -64,14 +65,27 @@ def measure_device(name: str, ticks: int) -> dict[str, float]:
             times[whole] += time_ticks(tick, first, _BLOCK)
         for owner, attribute, works in parts:
             setattr(owner, attribute, works)
+        taken = TickState(tick)
+        memory = np.zeros((SLOTS, taken.size), dtype=np.uint8)
+        places = [taken.find_places(slot) for slot in memory]
         saved = []
-        for _ in range(500):
+        row, crowd = tick.layout.empty(), np.zeros(2_000_000)
+        for number in range(300):
+            tick.step(row, 1e-3 * (500 + 2 * ticks + number))
+            crowd += 1.0  # 16 MB: between two snapshots, others have the caches
             begin = perf_counter()
-            save_state(tick)
+            taken.copy_to(places[number % SLOTS])
             saved.append(perf_counter() - begin)
     whole, less, state = (1e6 * float(np.percentile(one, 10)) for one in (times[True], times[False], saved))
     cost = whole - less + state / EVERY
-    return {"tick_us": whole, "fields_us": whole - less, "state_us": state / EVERY, "share": cost / (whole - cost)}
+    return {
+        "tick_us": whole,
+        "fields_us": whole - less,
+        "snapshot_us": state,
+        "snapshot_bytes": taken.size,
+        "state_us": state / EVERY,
+        "share": cost / (whole - cost),
+    }
 
 
 def main() -> None:

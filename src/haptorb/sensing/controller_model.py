@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
+from haptorb.numerics.state_arrays import StateArray, Stateful, choose, make_numbers
 
 __all__ = ["FADE", "ControllerModel"]
 
@@ -14,7 +16,7 @@ __all__ = ["FADE", "ControllerModel"]
 FADE: Final = 0.05
 
 
-class ControllerModel:
+class ControllerModel(Stateful):
     """The wrench map of `device` by its model `name`; None: the device's first.
 
     After `change` the map goes over from the old model's to the new one's within `FADE`, a little in every tick, so the
@@ -30,6 +32,23 @@ class ControllerModel:
         self._asked = self._name = self._before = device.check_model(name or device.models[0])
         self._share = 1.0  # of the model `_name`; the rest is `_before`
         self._t = 0.0  # of the last map while one takes over from the other
+        self._numbers = make_numbers("asked", "model", "before", "share", "t")
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """Models by their number, from 0 on; share of the newer one; time of the last map [s]."""
+        return {"change": self._numbers[0]}
+
+    def gather_state(self) -> None:
+        """Note the models."""
+        cells, number = self._numbers[1], self._device.models.index
+        cells[0], cells[1], cells[2] = number(self._asked), number(self._name), number(self._before)
+        cells[3], cells[4] = self._share, self._t
+
+    def apply_state(self) -> None:
+        """Take them over."""
+        asked, name, before, self._share, self._t = self._numbers[1]
+        models = self._device.models
+        self._asked, self._name, self._before = (models[choose(one, len(models))] for one in (asked, name, before))
 
     @property
     def name(self) -> str:

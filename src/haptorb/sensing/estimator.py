@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,9 @@ from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import GeometryError, InputError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import tick_kernel
+from haptorb.numerics.state_arrays import StateArray, Stateful
 from haptorb.sensing.controller_model import ControllerModel
+from haptorb.sensing.kept_estimate import KeptEstimate
 from haptorb.sensing.sample import Estimate, Sample
 
 __all__ = ["Estimator", "EstimatorChoice", "EstimatorSettings", "TrackedPose", "tracker_only"]
@@ -31,8 +33,8 @@ def _is_finite(p: Array, R: Array, v: Array, w: Array) -> bool:
     return bool(np.isfinite(total))
 
 
-class Estimator(ABC):
-    """The interface of every estimator."""
+class Estimator(Stateful, ABC):
+    """The interface of every estimator. What it remembers from tick to tick, `state_arrays` names."""
 
     @abstractmethod
     def update(self, sample: Sample) -> Estimate:
@@ -60,8 +62,10 @@ class TrackedPose(Estimator):
     impossible pose (not finite, or inside the device) is replaced by the last valid pose, marked as not valid.
     """
 
+    state_kind = "tracker"
+
     def __init__(self, device: Device, model: str | None = None) -> None:
-        self._model = ControllerModel(device, model)
+        self._model, self._kept = ControllerModel(device, model), KeptEstimate(device.channels)
         nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
         self._last = Estimate(nowhere, WrenchMap(np.zeros((6, device.channels)), np.zeros(6)), False, np.inf)
 
@@ -78,6 +82,22 @@ class TrackedPose(Estimator):
             return Estimate(last.state, last.wrench_map, False, sample.t - pose.t)
         self._last = Estimate(state, wrench_map, pose.valid, sample.t - pose.t)
         return self._last
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """The last valid estimate."""
+        return self._kept.arrays
+
+    def state_parts(self) -> Mapping[str, Stateful]:
+        """The controller model."""
+        return {"model": self._model}
+
+    def gather_state(self) -> None:
+        """Copy the last estimate."""
+        self._kept.store(self._last)
+
+    def apply_state(self) -> None:
+        """Take it over."""
+        self._last = self._kept.load()
 
     @property
     def model(self) -> str:

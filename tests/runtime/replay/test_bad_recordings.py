@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-import pickle
+import zlib
+from base64 import b64encode
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,13 +15,16 @@ import numpy as np
 import pytest
 
 from haptorb import Recording
-from haptorb.errors import RecordingError
+from haptorb.errors import HaptorbError, RecordingError
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.state_arrays import StateArray
 from haptorb.runtime.recording.recorder import Recorder
+from haptorb.runtime.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays
 from haptorb.runtime.replay.parallel import replay_in_parts
+from haptorb.runtime.replay.recorded_world import list_memory_fields
 from haptorb.runtime.replay.replay import Replay
 from haptorb.runtime.replay.replay_file import check_replay_file
-from haptorb.runtime.tick.tick_state import pack_state, save_state
+from haptorb.runtime.tick.tick_state import save_state
 from haptorb.worlds import Fluid, RollingBall
 from haptorb.worlds.dynamic.remote import Remote
 from haptorb.worlds.own.started_code import note_start
@@ -26,6 +32,7 @@ from haptorb.worlds.own.world_file import WorldFile
 from oracles.made_recording import make_recording
 from oracles.recorded_chain import Deed, record_chain
 
+State = Mapping[str, StateArray]
 OLDER = Path(__file__).parents[2] / "contracts" / "older"
 GROOVE = """
 import numpy as np
@@ -150,6 +157,12 @@ def test_a_world_of_a_file_runs_if_this_account_started_it_and_the_file_is_the_s
         assert any(word in remark for remark in replay.remarks)
 
 
+@pytest.mark.parametrize("shape", [[10**12], [-1], [10**6, 10**6], [2**80]])
+def test_a_memory_longer_than_any_row_is_none(shape: list[int]) -> None:
+    field = {"name": "place", "unit": "m", "about": "of it", "shape": shape}
+    assert list_memory_fields(json.dumps({"name": "own", "memory": [field]})) == ()
+
+
 def test_another_version_is_named(tmp_path: Path) -> None:
     recording = record_chain(tmp_path / "run.mcap")
     assert Replay(recording).recorded.same_software
@@ -170,7 +183,7 @@ def test_a_device_that_has_changed_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kept", [True, False])
 def test_after_lost_ticks_it_goes_on_where_the_state_is_known(kept: bool, tmp_path: Path) -> None:
-    states: list[bytes] = []
+    states: list[State] = []
     deeds: dict[int, Deed] = {
         155: lambda tick: tick.change_world(RollingBall()),
         201: lambda tick: states.append(save_state(tick)),
@@ -184,7 +197,7 @@ def test_after_lost_ticks_it_goes_on_where_the_state_is_known(kept: bool, tmp_pa
             if (short := name.removeprefix("haptorb/")) not in ("layout", "clock"):
                 recorder.note(short, values)
         if kept:
-            recorder.note("state", {"tick": "200", "state": pack_state(states[0])})
+            note_state(recorder, 200, states[0])
         recorder.append(np.concatenate((whole.rows[:150], whole.rows[160:])))
         recorder.finish()
     replay = Replay(Recording(path))
@@ -212,15 +225,21 @@ def test_rows_too_narrow_for_what_a_client_commanded_leave_the_recorded_wrench(r
     assert "asked" not in {one.field for one in replay.run().bounds}
 
 
-def late(recording: Recording, path: Path, first: int, state: dict[str, str] | None) -> Recording:
+def note_state(recorder: Recorder, tick: int, state: State) -> None:
+    """As the recorder does."""
+    recorder.note(LAYOUT_NOTE, {"arrays": describe_arrays(state)})
+    recorder.note(STATE_NOTE, {"tick": str(tick), "arrays": pack_arrays(state)})
+
+
+def late(recording: Recording, path: Path, first: int, notes: dict[str, dict[str, str]]) -> Recording:
     """The recording from tick `first` on, as a black box."""
     with path.open("wb") as file:
         recorder = Recorder(file, recording.layout, 1000.0, 0)
         for name, values in recording.notes:
             if (short := name.removeprefix("haptorb/")) not in ("layout", "clock"):
                 recorder.note(short, values)
-        if state is not None:
-            recorder.note("state", state)
+        for name, values in notes.items():
+            recorder.note(name, values)
         recorder.append(recording.rows[first:])
         recorder.finish()
     return Recording(path)
@@ -230,41 +249,119 @@ def late(recording: Recording, path: Path, first: int, state: dict[str, str] | N
 def test_a_recording_that_begins_in_the_middle_goes_on_from_the_kept_state(
     device: str, estimator: str | None, tmp_path: Path
 ) -> None:
-    kept: list[bytes] = []
+    kept: list[State] = []
     deeds: dict[int, Deed] = {121: lambda tick: kept.append(save_state(tick)), 200: lambda tick: tick.stop()}
     if device == "omni":
         deeds[60] = lambda tick: tick.change_world(RollingBall())
     else:
         deeds[60] = lambda tick: tick.joining.set_mode("rotate")
     whole = record_chain(tmp_path / "run.mcap", device, estimator=estimator, deeds=deeds)
-    state = {"tick": "120", "state": pack_state(kept[0])}
-    replay = Replay(late(whole, tmp_path / "late.mcap", 120, state))
+    notes = {
+        LAYOUT_NOTE: {"arrays": describe_arrays(kept[0])},
+        STATE_NOTE: {"tick": "120", "arrays": pack_arrays(kept[0])},
+    }
+    replay = Replay(late(whole, tmp_path / "late.mcap", 120, notes))
     found = replay.run()
     assert found.identical, found.first
     assert not replay.approximate
-    without = Replay(late(whole, tmp_path / "without.mcap", 120, None))
+    without = Replay(late(whole, tmp_path / "without.mcap", 120, {}))
     without.run()
     assert without.approximate
 
 
-class Harm:
-    """What makes a folder when it is unpickled."""
+LAYOUTS = {
+    "none": "", "no json": "[[", "no list": "{}", "no array": "[[1, 2, 3]]", "object": '[["a", "|O", [1]]]',
+    "subarray": '[["a", "(1000000000,)<f8", [1]]]', "records": '[["a", "<f8,<f8", [1]]]', "void": '[["a", "|V8", [1]]]',
+    "text": '[["a", "<U2", [1]]]', "negative": '[["a", "<f8", [-1]]]', "huge": '[["a", "<f8", [1000000000000]]]',
+    "huge twice": '[["a", "<f8", [1000000, 1000000, 1000000, 1000000]]]', "true": '[["a", "<f8", [true]]]',
+    "fraction": '[["a", "<f8", [1.5]]]', "twice": '[["a", "<f8", [0]], ["a", "<f8", [1]]]', "deep": "[" * 100000,
+    "long": '[["a", "<f8", [7]]]', "short": '[["a", "<f8", [9]]]', "other": '[["a", "<f8", [8]]]',
+    "bools": '[["a", "|b1", [64]]]', "many": json.dumps([[str(n), "<f8", [0]] for n in range(5000)]),
+}  # fmt: skip
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
 
-    def __reduce__(self) -> tuple[object, ...]:
-        return Path.mkdir, (self.folder,)
-
-
-@pytest.mark.parametrize("text", ["", "%%%", "eJxLAQAAZQBl", "harm"])
-def test_a_state_that_is_none_is_refused_and_runs_no_code(text: str, tmp_path: Path) -> None:
-    text = pack_state(pickle.dumps(Harm(tmp_path / "made"))) if text == "harm" else text
+@pytest.mark.parametrize("kind", LAYOUTS)
+def test_a_state_that_is_none_is_refused(kind: str, tmp_path: Path) -> None:
     whole = record_chain(tmp_path / "run.mcap")
-    recording = late(whole, tmp_path / "late.mcap", 120, {"tick": "120", "state": text})
+    text = pack_arrays({"a": np.frombuffer(bytes(range(64)), np.float64)})
+    notes = {LAYOUT_NOTE: {"arrays": LAYOUTS[kind]}, STATE_NOTE: {"tick": "120", "arrays": text}}
     with pytest.raises(RecordingError, match="state"):
-        Replay(recording)
-    assert not (tmp_path / "made").exists()
+        Replay(late(whole, tmp_path / "late.mcap", 120, notes))
+
+
+@pytest.mark.parametrize("text", ["", "%%%", "AAAA", b64encode(zlib.compress(bytes(1 << 24))).decode()])
+def test_a_state_whose_numbers_are_none_is_refused(text: str, tmp_path: Path) -> None:
+    whole = record_chain(tmp_path / "run.mcap")
+    notes = {
+        LAYOUT_NOTE: {"arrays": '[["a", "<f8", [8]]]'}, STATE_NOTE: {"tick": "120", "arrays": text},
+    }  # fmt: skip
+    with pytest.raises(RecordingError, match="state"):
+        Replay(late(whole, tmp_path / "late.mcap", 120, notes))
+
+
+def spoil(state: State, name: str, value: object) -> dict[str, StateArray]:
+    """The state with another array of that name; None: without it."""
+    found = {key: one for key, one in state.items() if key != name or value is not None}
+    assert name in state
+    if value is not None:
+        found[name] = np.asarray(value)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("tick/fade/before", None), ("tick/fade/before", np.zeros(7)), ("tick/fade/before", np.zeros(6, np.int64)),
+     ("tick/protection/state/guard/state", np.array([99])), ("tick/protection/state/guard/reason", np.array([-5])),
+     ("tick/part/part/part", np.array([1e300])), ("tick/part/part/part", np.array([-1.0])),
+     ("tick/counts/world_changes", np.array([np.nan])), ("tick/counts/mode", np.array([3.0])),
+     ("tick/estimator:tracker/model/change/before", np.array([7.0])),
+     ("tick/estimator:tracker/estimate/disbelieved", np.array([np.inf]))],
+)  # fmt: skip
+def test_a_state_of_another_chain_is_refused(name: str, value: object, tmp_path: Path) -> None:
+    kept: list[State] = []
+    whole = record_chain(tmp_path / "run.mcap", deeds={121: lambda tick: kept.append(save_state(tick))})
+    state = spoil(kept[0], name, value)
+    notes = {
+        LAYOUT_NOTE: {"arrays": describe_arrays(state)}, STATE_NOTE: {"tick": "120", "arrays": pack_arrays(state)},
+    }  # fmt: skip
+    with pytest.raises(RecordingError, match="does not fit"):
+        Replay(late(whole, tmp_path / "late.mcap", 120, notes))
+
+
+def test_any_numbers_in_a_state_end_in_a_replay_or_a_message(tmp_path: Path) -> None:
+    kept: list[State] = []
+    whole = record_chain(tmp_path / "run.mcap", deeds={121: lambda tick: kept.append(save_state(tick))}, ticks=140)
+    random = np.random.default_rng(35)
+    values = np.array([np.nan, np.inf, -np.inf, 0.0, -1.0, 1e300, -(2.0**63), 2.0**62, 5e-324])
+    whole_numbers = np.array([0, 1, -1, 2**62, -(2**62), 511, 513])
+    for number in range(40):
+        state = {name: one.copy() for name, one in kept[0].items()}
+        for array in state.values():
+            if random.random() < 0.3 and array.size:
+                chosen = values if array.dtype.kind == "f" else whole_numbers
+                array.flat[random.integers(array.size)] = random.choice(chosen)
+        notes = {
+            LAYOUT_NOTE: {"arrays": describe_arrays(state)}, STATE_NOTE: {"tick": "120", "arrays": pack_arrays(state)},
+        }  # fmt: skip
+        with suppress(HaptorbError), np.errstate(all="ignore"):
+            Replay(late(whole, tmp_path / f"late{number}.mcap", 120, notes)).run()
+
+
+@pytest.mark.parametrize(("name", "near"), [("omni_pickled_states.mcap", False), ("omni_pickled_trip.mcap", True)])
+def test_pickled_states_of_an_older_version_are_not_read(
+    name: str, near: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*given: object) -> None:
+        raise AssertionError("something is unpickled")
+
+    monkeypatch.setattr("pickle.Unpickler.__init__", refuse, raising=False)
+    monkeypatch.setattr("pickle.loads", refuse)
+    replay = Replay(Recording(OLDER / name))
+    found = replay.run()
+    assert found.compared == (50 if near else 90)
+    assert replay.approximate == near
+    (remark,) = replay.remarks
+    assert "older version" in remark
 
 
 def test_a_file_is_not_replaced_by_accident(tmp_path: Path) -> None:
@@ -283,7 +380,7 @@ def test_a_file_is_not_replaced_by_accident(tmp_path: Path) -> None:
 def test_parts_at_once_find_what_one_after_the_other_does(
     planted: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kept: list[bytes] = []
+    kept: list[State] = []
     deeds: dict[int, Deed] = {
         101: lambda tick: kept.append(save_state(tick)),
         130: lambda tick: tick.change_world(RollingBall()),
@@ -302,7 +399,7 @@ def test_parts_at_once_find_what_one_after_the_other_does(
             if (short := name.removeprefix("haptorb/")) not in ("layout", "clock"):
                 recorder.note(short, values)
         for tick, state in zip((100, 150), kept, strict=True):
-            recorder.note("state", {"tick": str(tick), "state": pack_state(state)})
+            note_state(recorder, tick, state)
         recorder.append(whole.rows)
         recorder.finish()
     monkeypatch.setattr("haptorb.runtime.replay.parallel._WORTH", 100)

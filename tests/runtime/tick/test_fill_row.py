@@ -15,7 +15,9 @@ TWO = np.arange(1.0, 17.0).reshape(2, 8)
 def test_contacts_fill_their_field_and_nothing_beyond(room: int, count: int) -> None:
     layout = RowLayout(channels=3, sensors=1, contacts=room)
     row = np.full(layout.width, 7.0)
-    fill_object(row, layout.places, np.ones(2), np.ones(3), np.eye(3), np.ones(6), TWO[:count], np.empty(0))
+    fill_object(
+        row, layout.places, np.ones(2), np.ones(3), np.eye(3), np.ones(6), TWO[:count], np.empty(0), np.empty(30)
+    )
     contacts = row[layout["contacts"]].reshape(room, 8)
     there = min(room, count)
     assert (contacts[:there] == TWO[:there]).all()

@@ -14,6 +14,7 @@ from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.loader import load
 from haptorb.runtime.drivers.sim_driver import SimDriver
+from haptorb.runtime.memory.state_slots import SLOTS
 from haptorb.runtime.tick.assembly import (
     allocator_of,
     choice_of,
@@ -23,12 +24,15 @@ from haptorb.runtime.tick.assembly import (
     linkage_of,
 )
 from haptorb.runtime.tick.tick import Tick
+from haptorb.runtime.tick.tick_state import TickState
 from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.simulation.registry import simulate
 
 __all__ = ["rows"]
 
 _DT = 1e-3
+_SNAPSHOT = 10.0  #: that a snapshot may take [µs]
+_OFTEN = 16  #: ticks from one snapshot to the next
 #: device, estimator, limit of the median [µs]
 _CHAINS = (("omni", "tracker", 60.0), ("omni", "hall", 60.0), ("pmsm", "least-squares", 90.0))
 
@@ -41,19 +45,21 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
         if estimator not in estimators_of(device):
             continue
         tell(f"{name}, {estimator}")
-        whole, chain = _time_ticks(device, estimator, max(int(6000 * effort), 400))
+        whole, chain, snapshots = _time_ticks(device, estimator, max(int(6000 * effort), 400))
         out += [
             Metric("tick", f"{name}, {estimator}: estimate, world, allocate and guard, median", float(np.median(chain)),
                 "µs", limit=limit),
             Metric("tick", f"{name}, {estimator}: the same, 99 %", float(np.percentile(chain, 99)), "µs"),
             Metric("tick", f"{name}, {estimator}: whole tick, simulated device included, median",
                 float(np.median(whole)), "µs"),
+            Metric("tick", f"{name}, {estimator}: a snapshot of the chain, every 256 ticks, median",
+                float(np.median(snapshots)), "µs", limit=_SNAPSHOT),
         ]  # fmt: skip
     return out
 
 
-def _time_ticks(device: Device, estimator: str, ticks: int) -> tuple[list[float], list[float]]:
-    """[µs] of each tick, and of its stages without reading and writing."""
+def _time_ticks(device: Device, estimator: str, ticks: int) -> tuple[list[float], list[float], list[float]]:
+    """[µs] of each tick, of its stages without reading and writing, and of snapshots."""
     if estimator == "hall":
         device = without_errors(electromagnet(device))  # calibrated sensors: the tool is found in every tick
     driver = SimDriver(simulate(device, 0), _DT, seed=0)
@@ -63,7 +69,9 @@ def _time_ticks(device: Device, estimator: str, ticks: int) -> tuple[list[float]
     )  # fmt: skip
     row = tick.layout.empty()
     stages = tick.layout["stages"]
-    whole, chain = [], []
+    state = TickState(tick)
+    places = [state.find_places(np.zeros(state.size, dtype=np.uint8)) for _ in range(SLOTS)]
+    whole, chain, snapshots = [], [], []
     collecting = gc.isenabled()
     gc.disable()  # as in the loop
     try:
@@ -75,7 +83,11 @@ def _time_ticks(device: Device, estimator: str, ticks: int) -> tuple[list[float]
                 if n >= 200:  # compiled, settled
                     whole.append(1e6 * took)
                     chain.append(1e6 * float(row[stages][1:-1].sum()))
+                    if n % _OFTEN == 0:  # more often than in a loop, for a median
+                        start = perf_counter()
+                        state.copy_to(places[n // _OFTEN % SLOTS])
+                        snapshots.append(1e6 * (perf_counter() - start))
     finally:
         if collecting:
             gc.enable()
-    return whole, chain
+    return whole, chain, snapshots

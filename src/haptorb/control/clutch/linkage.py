@@ -19,6 +19,7 @@ from haptorb.devices.state import State
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.record import record
+from haptorb.numerics.state_arrays import Stateful
 
 __all__ = ["NO_CONTACTS", "Direct", "Linkage", "RenderedWrench", "WrenchSource", "make_direct_linkage"]
 
@@ -55,8 +56,8 @@ class RenderedWrench:
     engaged: bool
 
 
-class Linkage(ABC):
-    """From the mover's state to what the hand feels of a world."""
+class Linkage(Stateful, ABC):
+    """From the mover's state to what the hand feels of a world. What it remembers, `state_arrays` names."""
 
     modes: tuple[Mode, ...]  #: that can be chosen; empty for a direct linkage
     passive: bool  #: whether it gives no energy that the world did not give

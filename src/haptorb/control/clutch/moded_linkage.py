@@ -19,6 +19,7 @@ and engage again reaches as far as one likes.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, final
 
 import numpy as np
@@ -32,6 +33,7 @@ from haptorb.control.clutch.modes import MODES, Mode
 from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName, quote
 from haptorb.numerics.arrays import Array, Records
+from haptorb.numerics.state_arrays import StateArray, choose, make_numbers
 
 if TYPE_CHECKING:
     from haptorb.devices.motor.spherical_motor import SphericalMotor
@@ -66,6 +68,7 @@ class ModedLinkage(Linkage):
     """
 
     modes = MODES
+    state_kind = "modes"
 
     def __init__(
         self,
@@ -92,7 +95,27 @@ class ModedLinkage(Linkage):
         self._memory: Records = np.zeros(1, dtype=CLUTCH)  # changed in place by every tick
         self._asked = np.zeros(6)
         self._scale = self._scale_goal = 1.0
+        self._numbers = make_numbers("mode", "engaged", "t", "scale", "scale_goal")
         self.restart()
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """The clutch; mode from 0 on, whether the hand has it engaged, time [s] of the rotor's last state, torque
+        scales."""
+        return {"clutch": self._memory, "choices": self._numbers[0]}
+
+    def gather_state(self) -> None:
+        """Note the choices."""
+        cells = self._numbers[1]
+        cells[0], cells[1], cells[2] = MODES.index(self._mode), self._engaged, self._t
+        cells[3], cells[4] = self._scale, self._scale_goal
+
+    def apply_state(self) -> None:
+        """Take them over."""
+        mode, engaged, self._t, scale, goal = self._numbers[1]
+        if not (0.0 < scale < math.inf and 0.0 < goal < math.inf):
+            raise ValueError(f"{scale!r} and {goal!r} are no torque scales")
+        self._mode, self._engaged = MODES[choose(mode, len(MODES))], bool(engaged)
+        self._scale, self._scale_goal = scale, goal
 
     def restart(self) -> None:
         """The target is back at its beginning and the clutch released; mode and the hand's wish stay."""

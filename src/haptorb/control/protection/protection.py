@@ -6,6 +6,7 @@ allocator and `protect_currents` after it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from haptorb.control.protection.state import make_coils, make_state
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.device import Device
 from haptorb.numerics.arrays import Array, Records
+from haptorb.numerics.state_arrays import StateArray, Stateful
 from haptorb.worlds.client_force import make_client_force
 
 if TYPE_CHECKING:
@@ -27,7 +29,7 @@ __all__ = ["Protection"]
 _OFF, _TRIPPED = int(GuardState.OFF), int(GuardState.TRIPPED)
 
 
-class Protection:
+class Protection(Stateful):
     """Guard, heat, current check, passivity control and drive of `device`, for a loop of ticks `dt` [s] apart.
 
     Each tick: `protect_wrench`, allocation, `protect_currents`; or `skip_tick` if nothing could be read.
@@ -54,6 +56,15 @@ class Protection:
         spare = self.state.copy()  # compiled now, and not when it is needed
         protect.skip_tick(spare, 0.0)
         guard.trip(spare["guard"][0], int(Trip.NONE))
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """Guard, heat, current check, passivity control and drive."""
+        return {"state": self.state, "coils": self.coils, "duties": self.duties}
+
+    def apply_state(self) -> None:
+        """Raises ValueError for a state or reason that there is not."""
+        GuardState(int(self._guard["state"][0]))
+        Trip(int(self._guard["reason"][0]))
 
     @property
     def guard_state(self) -> GuardState:

@@ -18,9 +18,10 @@ from haptorb.control.protection.trip import Trip
 from haptorb.files.replace_file import replace_file
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.record import record
-from haptorb.runtime.exchange.kept_state import read_state
 from haptorb.runtime.exchange.shared_memory import TRIPS, SharedMemory, Word
+from haptorb.runtime.memory.state_slots import split_snapshot
 from haptorb.runtime.recording.recorder import Recorder
+from haptorb.runtime.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays
 
 __all__ = ["TICKS", "BlackBox", "TripRecord"]
 
@@ -100,9 +101,12 @@ class BlackBox:
         """Index [1] of the row with which the file of the trip at `t` [s] begins, and what the chain remembered
         then."""
         ticks = rows[:, self._shared.layout["tick"].start]
-        tick, at, state = read_state(self._shared.state)
-        if state and at == t and len(found := np.flatnonzero(ticks == tick)):
-            return int(found[0]), {"tick": str(tick), "state": state}
+        kept = self._shared.states.read_trip(t)
+        if kept is not None and len(found := np.flatnonzero(ticks == kept[0])):
+            arrays = split_snapshot(self._shared.states.layout.read()[1], kept[1])
+            return int(found[0]), {
+                "tick": str(kept[0]), "layout": describe_arrays(arrays), "arrays": pack_arrays(arrays)
+            }  # fmt: skip
         whole = len(rows) <= _START and len(rows) > 0 and ticks[0] == 0
         return (0 if whole else max(len(rows) - TICKS, 0)), {}
 
@@ -123,8 +127,9 @@ class BlackBox:
                     recorder.note("world", {"change": str(change), "tick": "", "world": text})
                 reason = {"t": repr(tripped.t), "code": trip.name, "reason": trip.text, "error": known["error"]}
                 recorder.note("trip", reason)
-                if "state" in known:
-                    recorder.note("state", {"tick": known["tick"], "state": known["state"]})
+                if "arrays" in known:
+                    recorder.note(LAYOUT_NOTE, {"arrays": known["layout"]})
+                    recorder.note(STATE_NOTE, {"tick": known["tick"], "arrays": known["arrays"]})
                 recorder.append(rows)
                 recorder.finish()
             self.files[number] = folder / name

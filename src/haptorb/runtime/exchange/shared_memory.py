@@ -24,6 +24,7 @@ from haptorb.runtime.memory.force_block import BLOCKS, ClientForces, ForceBlock
 from haptorb.runtime.memory.histogram import BINS, Histogram
 from haptorb.runtime.memory.pose_block import PoseBlock
 from haptorb.runtime.memory.ring import RingBuffer
+from haptorb.runtime.memory.state_slots import StateSlots, slots_size
 from haptorb.runtime.memory.text_slot import TextSlot
 from haptorb.runtime.pointer import pointer_block
 from haptorb.runtime.pointer.pointer_block import PointerBlock
@@ -111,10 +112,7 @@ class Word(IntEnum):
 
 _LAYOUT = [Word.CHANNELS, Word.SENSORS, Word.CONTACTS, Word.MEMORY]  #: arguments of RowLayout
 _SERVER_TEXTS = 2 * BLOCKS
-_STATE = 8 * text_slot.SIZE  #: bytes of what the chain remembered at some tick
-_LATENESS = (
-    _PAGE + (_TEXTS + WORLDS + _SERVER_TEXTS) * text_slot.SIZE + 2 * _STATE + 16 * TRIPS
-)  #: where the histograms begin
+_LATENESS = _PAGE + (_TEXTS + WORLDS + _SERVER_TEXTS) * text_slot.SIZE + 16 * TRIPS  #: where the histograms begin
 _ROWS = _LATENESS + 2 * 8 * BINS
 
 #: What the loop counts in every tick, where it lies in the memory before the rows: words of the first page, histograms.
@@ -190,9 +188,6 @@ class SharedMemory:
         for _ in range(_TEXTS + WORLDS + _SERVER_TEXTS):
             slots.append(TextSlot(memory[at : at + text_slot.SIZE]))
             at += text_slot.SIZE
-        self.state = TextSlot(memory[at : at + _STATE])  #: `kept_state` from before the last trip
-        self.regular_state = TextSlot(memory[at + _STATE : at + 2 * _STATE])  #: and the newest that is to be recorded
-        at += 2 * _STATE
         self.request, self.answer, self.reason, self.error, self.facts, self.recorder_reason = slots[:6]
         self.tracker_reason, self.tracker_facts, self.warning = slots[6:_TEXTS]
         self._worlds = slots[_TEXTS : _TEXTS + WORLDS]
@@ -202,9 +197,12 @@ class SharedMemory:
         self.trips: Array = np.frombuffer(memory[at : at + 16 * TRIPS], dtype=np.float64).reshape(TRIPS, 2)
         self.lateness = Histogram(self.counts["lateness"][0])
         self.compute = Histogram(self.counts["compute"][0])
+        rows_end = _ROWS + 8 * CAPACITY * self.layout.width
+        #: snapshots of the chain
+        self.states = StateSlots(memory[rows_end:end], self.layout.channels, self.layout.sensors)
         #: where the numbers of the host's signals are written: see `SignalStop`
         self.signals_at, self.signals = end, memory[end : end + 8].cast("q")
-        rows = np.frombuffer(memory[_ROWS:end], dtype=np.float64).reshape(CAPACITY, self.layout.width)
+        rows = np.frombuffer(memory[_ROWS:rows_end], dtype=np.float64).reshape(CAPACITY, self.layout.width)
         self.ring = RingBuffer(self.words, Word.ROWS, rows)
 
     @classmethod
@@ -289,7 +287,7 @@ def _create_file(folder: Path) -> tuple[int, str, FileLock]:
 
 
 def _size(layout: RowLayout) -> int:
-    return _ROWS + 8 * CAPACITY * layout.width
+    return _ROWS + 8 * CAPACITY * layout.width + slots_size(layout.channels, layout.sensors)
 
 
 assert Word.POINTER + pointer_block.WORDS <= Word.PID

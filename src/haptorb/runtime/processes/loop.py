@@ -35,6 +35,7 @@ from haptorb.runtime.realtime.parent_death import is_parent_gone
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.tick.chain import Chain
 from haptorb.runtime.tick.tick_log import NO_TICK
+from haptorb.runtime.tick.tick_state import TickState
 from haptorb.worlds.dynamic.remote_sum import join_remote, split_remote
 from haptorb.worlds.world import World
 
@@ -66,12 +67,12 @@ class Loop:
         *,
         own_worlds: Mapping[str, World] | None = None,
         loader: WorldLoader | None = None,
-        remember: Callable[[], bytes] | None = None,
+        state: TickState | None = None,
     ) -> None:
         self._chain = chain
         self._world = world
         self._own, self._loader = dict(own_worlds or {}), loader
-        self._states = None if remember is None else StateKeeper(remember, shared.state, shared.regular_state)
+        self._states = None if state is None else StateKeeper(state, shared.states)
         self._shared = shared
         self._parent = parent
         patient = chain.driver.simulated  # safety: host-starved-real

@@ -17,12 +17,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from haptorb.runtime.exchange.kept_state import read_state
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
+from haptorb.runtime.memory.state_slots import REGULAR, split_snapshot
 from haptorb.runtime.realtime.kill_timer import KillTimer
 from haptorb.runtime.realtime.parent_death import end_group, is_parent_gone
 from haptorb.runtime.recording.recorder import Recorder
 from haptorb.runtime.recording.recording_file import complete
+from haptorb.runtime.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays
 
 __all__ = ["main"]
 
@@ -65,7 +66,7 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
         words[Word.RECORDER] = Phase.RUNNING
         cursor = worlds = lost = errors = states = left_out = 0
         servo, timer = _ProcessExit(spec["servo"]), KillTimer()
-        last = False
+        last = described = False
         while True:
             words[Word.RECORDER_LOOKS] += 1
             timer.set(_STALLED)
@@ -77,10 +78,15 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
                 errors, text = shared.error.read()
                 if text:
                     recorder.note("error", {"tick": str(words[Word.TICKS]), "text": text})
-            if shared.regular_state.version != states and not words[Word.RECORDING_PAUSED]:
-                states = shared.regular_state.version
-                tick, _, state = read_state(shared.regular_state)
-                recorder.note("state", {"tick": str(tick), "state": state})
+            for number, tick, snapshot in shared.states.read_since(states, REGULAR):
+                states = number
+                if words[Word.RECORDING_PAUSED]:
+                    continue
+                arrays = split_snapshot(shared.states.layout.read()[1], snapshot)
+                if not described:
+                    recorder.note(LAYOUT_NOTE, {"arrays": describe_arrays(arrays)})
+                    described = True
+                recorder.note(STATE_NOTE, {"tick": str(tick), "arrays": pack_arrays(arrays)})
             before = cursor
             cursor, rows = shared.ring.read_since(cursor)
             gap = cursor - before - len(rows)

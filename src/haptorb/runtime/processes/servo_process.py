@@ -46,7 +46,7 @@ from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.tick.chain import Chain
 from haptorb.runtime.tick.compilation import find_uncompiled, list_companions, practise
 from haptorb.runtime.tick.tick import Tick
-from haptorb.runtime.tick.tick_state import save_state
+from haptorb.runtime.tick.tick_state import TickState
 from haptorb.runtime.trackers.feed_tracker import FeedTracker
 from haptorb.runtime.trackers.tracker import Tracker
 from haptorb.worlds.own.failure import keep_source, try_world
@@ -117,7 +117,7 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     timer = KillTimer()
     loop = Loop(
         chain, plan.world, shared, plan.rate, parent, timer.set, own_worlds=plan.own_worlds, loader=loader,
-        remember=partial(save_state, chain) if isinstance(chain, Tick) else None,
+        state=TickState(chain) if isinstance(chain, Tick) else None,
     )  # fmt: skip
     # What a world prints, warnings included, is the host's to show; a tick must not wait for a terminal.
     sys.stdout = sys.stderr = WorldOutput(1)

@@ -1,47 +1,45 @@
-"""What the chain remembered some time ago, so that a trip's black box can be run again from there."""
+"""Snapshots of the chain every so many ticks: from there a recording, or a trip's black box, can be run again."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable
 from typing import Final, final
 
 from haptorb.runtime.exchange.black_box import TICKS
-from haptorb.runtime.exchange.kept_state import write_state
-from haptorb.runtime.memory.text_slot import TextSlot
+from haptorb.runtime.memory.state_slots import SLOTS, StateSlots
+from haptorb.runtime.tick.tick_state import TickState
 
-__all__ = ["EVERY", "REGULAR", "StateKeeper"]
+__all__ = ["EVERY", "StateKeeper"]
 
-EVERY: Final = 256  #: ticks from one state to the next
-REGULAR: Final = 8  #: states from one that is recorded to the next
+EVERY: Final = 256  #: ticks from one snapshot to the next
 
 
 @final
 class StateKeeper:
-    """Asks `remember` for the state every 256 ticks, and writes the one that a trip's black box begins with to `slot`.
+    """Copies `state` every 256 ticks into the next of `slots`, where the recorder finds it: memory that is there.
 
-    Every 8th goes to `regular`, where the recorder finds it.
-
-    It works behind the tick, when its row is published and its duties are applied.
+    A snapshot that is too long for the slots is not taken: then recordings of a device with very many sensors replay
+    from their beginning only.
     """
 
-    def __init__(self, remember: Callable[[], bytes], slot: TextSlot, regular: TextSlot) -> None:
-        self._remember, self._slot, self._regular = remember, slot, regular
-        self._states: deque[tuple[int, bytes]] = deque(maxlen=3)
+    def __init__(self, state: TickState, slots: StateSlots) -> None:
+        self._state, self._slots = state, slots
         self._due, self._count = EVERY, 0
-        remember()  # what it loads, it loads now
+        self._fits = state.size <= slots.room and len(state.layout) <= slots.layout.room
+        if self._fits:
+            slots.layout.write(state.layout)
+            self._places = [state.find_places(body) for body in slots.bodies]
+            for places in self._places:  # what it loads, it loads now
+                state.copy_to(places)
 
     def look(self, tick: int) -> None:
         """`tick` is over, and there is time before the next."""
-        if tick >= self._due:
+        if tick >= self._due and self._fits:
             self._due = tick + EVERY
-            self._states.append((tick, self._remember()))
             self._count += 1
-            if self._count % REGULAR == 0:  # for the recorder
-                write_state(self._regular, *self._states[-1], 0.0)
+            self._slots.begin(self._count)
+            self._state.copy_to(self._places[self._count % SLOTS])
+            self._slots.end(self._count, tick)
 
     def tell(self, tick: int, t: float) -> None:
-        """`tick` at `t` [s] has tripped: the newest state from before its black box is the one to begin with."""
-        early = [one for one in self._states if one[0] <= tick - TICKS]
-        if early:
-            write_state(self._slot, *early[-1], t)
+        """`tick` at `t` [s] has tripped: the newest snapshot from before its black box is the one to begin with."""
+        self._slots.mark_trip(self._count, tick - TICKS, t)

@@ -2,25 +2,52 @@
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_left
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.state_arrays import StateArray
 from haptorb.runtime.recording.recording import Recording
+from haptorb.runtime.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, unpack_arrays
 
-__all__ = ["choose_beginnings", "find_gaps", "list_states"]
+__all__ = ["KeptStates", "choose_beginnings", "find_gaps"]
+
+_LONGEST_TICK = re.compile(r"[0-9]{1,15}")
 
 
-def list_states(recording: Recording) -> dict[float, str]:
-    """Tick → the text of the state after it, for `unpack_state`."""
-    found = {}
-    for name, values in recording.notes:
-        if name == "haptorb/state" and values.get("tick", "").isdecimal():
-            found[float(values["tick"])] = values.get("state", "")
-    return found
+@final
+class KeptStates:
+    """The states that `recording` contains, none of which is read before it is used.
+
+    older  there are some of an older version, pickled: these are not read
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self._layout, self._texts, self.older = "", dict[float, str](), False
+        for name, values in recording.notes:
+            if name == f"haptorb/{LAYOUT_NOTE}":
+                self._layout = values.get("arrays", "")
+            elif name == f"haptorb/{STATE_NOTE}" and _LONGEST_TICK.fullmatch(tick := values.get("tick", "")):
+                if "arrays" in values:
+                    self._texts[float(tick)] = values["arrays"]
+                else:
+                    self.older = True
+
+    def __contains__(self, tick: float) -> bool:
+        return tick in self._texts
+
+    def __iter__(self) -> Iterator[float]:
+        return iter(self._texts)
+
+    def read(self, tick: float) -> Mapping[str, StateArray]:
+        """Name → array of the state after `tick`, each number in its own unit. Raises RecordingError for what is
+        none."""
+        return unpack_arrays(self._layout, self._texts[tick])
 
 
 def choose_beginnings(recording: Recording, parts: int) -> list[int]:
@@ -28,7 +55,7 @@ def choose_beginnings(recording: Recording, parts: int) -> list[int]:
 
     The first is 0.
     """
-    ticks, count, states = recording["tick"], len(recording), sorted(list_states(recording))
+    ticks, count, states = recording["tick"], len(recording), sorted(KeptStates(recording))
     found = {0}
     for number in range(1, parts):
         wanted = number * count // parts
@@ -40,7 +67,7 @@ def choose_beginnings(recording: Recording, parts: int) -> list[int]:
     return sorted(found)
 
 
-def find_gaps(ticks: Array, states: Mapping[float, str]) -> tuple[NDArray[np.bool_], set[int]]:
+def find_gaps(ticks: Array, states: Iterable[float]) -> tuple[NDArray[np.bool_], set[int]]:
     """(n,) True [1] for the rows of `ticks` (n,) of which the chain cannot know what came before, after lost ticks; and
     the rows, with one of the kept `states`, at which it knows again."""
     blind, resume = np.zeros(len(ticks), dtype=np.bool_), set[int]()

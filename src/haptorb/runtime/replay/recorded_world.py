@@ -172,14 +172,17 @@ def list_memory_fields(description: str) -> tuple[MemoryField, ...]:
 
 def _memory_fields(note: Mapping[str, Any]) -> tuple[MemoryField, ...]:
     try:
-        return tuple(
+        found = tuple(
             MemoryField(str(one["name"]), str(one["unit"]), str(one["about"]), tuple(int(n) for n in one["shape"]))
             for one in note.get("memory", ())
         )
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         return ()
+    too_long = any(n < 0 for one in found for n in one.shape) or sum(one.size for one in found) > _MEMORY
+    return () if too_long else found  # safety: memory-length
 
 
+_MEMORY = 1_000_000  #: numbers of a memory, much more than a row has room for
 _KINDS: dict[tuple[str, bool], Any] = {}
 
 

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.state_arrays import StateArray
 from haptorb.runtime.exchange.world_change import description, name_of
 from haptorb.runtime.realtime.schedule import check_rate
 from haptorb.runtime.recording.recording import Recording
 from haptorb.runtime.replay.comparison import CLOCK_FIELDS, RunComparison, are_same
 from haptorb.runtime.replay.garbage import without_collection
-from haptorb.runtime.replay.kept_states import find_gaps, list_states
+from haptorb.runtime.replay.kept_states import KeptStates, find_gaps
 from haptorb.runtime.replay.played_commands import play_commands
 from haptorb.runtime.replay.played_driver import PlayedDriver
 from haptorb.runtime.replay.played_rows import PlayedRows
@@ -32,7 +33,7 @@ from haptorb.runtime.replay.replay_file import ReplayFile, write_replay
 from haptorb.runtime.replay.timetable import Timetable
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.tick.tick_log import NO_TICK, TickCommand
-from haptorb.runtime.tick.tick_state import load_state, unpack_state
+from haptorb.runtime.tick.tick_state import load_state
 from haptorb.worlds.dynamic.remote_sum import join_remote
 from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.world import World
@@ -86,7 +87,7 @@ class Replay:
         self._stand_ins: set[str] = set()
         self._recorded_tick = RecordedTick()
         self._change, self._resampled = 0, rate is not None
-        self._state: bytes | None = None
+        self._state: Mapping[str, StateArray] | None = None
         self._begin_late()
         self._has_clients = False
         first = self._choose_world(self._change)
@@ -167,23 +168,30 @@ class Replay:
         tick, change = float(block["tick"][0, 0]), np.nan_to_num(block["world"][0, 0])
         if self._state is not None or tick not in self._states or change != self._change:
             return False
-        self._first, self._state = first, unpack_state(self._states[tick])
+        self._first, self._state = first, self._states.read(tick)
         self._timetable = Timetable(self._rows.t, self._rows.commands).cut(first, last)
         self._take_state()
         return True
 
     def _begin_late(self) -> None:
         """A trip's black box begins in the middle of its run, with what the chain remembered there."""
-        self._near, self._states = bool(self._rows.missing), list_states(self._recording)
+        self._near, self._states = bool(self._rows.missing), KeptStates(self._recording)
         if self._recording.truncated:
             self.remarks.append("the recording was cut short")
         self.remarks += self._recording.damage
         block = self._rows.read_one(self._first)
         tick = float(block["tick"][0, 0])
+        if self._states.older:
+            self.remarks.append(
+                "its stored states of the loop are of an older version and are not read: the replay starts at its "
+                "first tick"
+            )
         if not tick > 0.0:
             return
         if tick in self._states:
-            self._state = unpack_state(self._states[tick])
+            self._state = self._states.read(tick)
+        elif self._states.older:
+            self._near = True
         else:
             self._near = True
             self.remarks.append(f"its first tick is {tick:.0f}, and the state of the loop at that tick is missing")
@@ -203,7 +211,7 @@ class Replay:
         """After lost ticks: remember what the recorded chain did after row `at`, tick `n` of the block."""
         self._change_world(float(block["world"][n, 0]), 0)
         memory = block.get("memory", np.empty((n + 1, 0)))[n]
-        load_state(self.tick, unpack_state(self._states[float(self._rows.ticks[at])]), memory)
+        load_state(self.tick, self._states.read(float(self._rows.ticks[at])), memory)
 
     def _take_state(self) -> None:
         """Remember what the recorded chain did after the first row, which is not run again."""

@@ -12,6 +12,7 @@ from haptorb.files.replace_file import replace_file
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.recorder import Recorder
 from haptorb.runtime.recording.recording import Recording
+from haptorb.runtime.recording.state_notes import LAYOUT_NOTE, STATE_NOTE
 from haptorb.runtime.row import RowLayout
 
 __all__ = ["ReplayFile", "check_replay_file", "write_replay"]
@@ -28,6 +29,8 @@ _OWN = frozenset(
         "haptorb/run",
     }
 )
+
+_STATES = frozenset({f"haptorb/{LAYOUT_NOTE}", f"haptorb/{STATE_NOTE}"})  #: of the recorded run, and of no other
 
 
 def check_replay_file(path: Path, *, overwrite: bool) -> Path:
@@ -49,7 +52,7 @@ class ReplayFile:
     ) -> None:
         self._recorder = recorder
         for name, values in recording.notes:
-            if name not in _OWN:
+            if name not in _OWN and not (replaced and name in _STATES):
                 recorder.note(name.removeprefix("haptorb/"), values)
         changes = {key: text for key, text in replaced.items() if key in ("estimator", "model")}
         changes |= {"rate_hz": repr(rate)} if "rate" in replaced else {}

@@ -102,15 +102,24 @@ def fill_pose(
 
 @tick_kernel
 def fill_object(
-    row: Array, places: Records, share: Array, p: Array, R: Array, wrench: Array, contacts: Array, memory: Array
+    row: Array, places: Records, share: Array, p: Array, R: Array, wrench: Array, contacts: Array, memory: Array,
+    held: Array,
 ) -> None:  # fmt: skip
     """Fill the fields of `row` (width,) that tell of what the world acts on, at the `places` of the `RowLayout`.
 
     share (2,), p (3,) [m], R (3, 3), wrench (6,) [N, N·m] and contacts (n, 8) as a `RenderedWrench` has them: the row
     takes as many as it has room for, and those that are missing are zero. memory (n,) of a world, in its own units: as
-    much as there is room for, and NaN behind it.
+    much as there is room for, and NaN behind it. held (14 + …,) becomes share, p, R and contacts.
     """
     at = places[0]
+    for i in range(2):
+        held[i] = share[i]
+    for i in range(3):
+        held[2 + i] = p[i]
+        for j in range(3):
+            held[5 + 3 * i + j] = R[i, j]
+    for i in range(held.size - 14):
+        held[14 + i] = contacts[i // 8, i % 8] if i < contacts.size else 0.0
     _copy(row, at.share, share)
     _copy(row, at.object, p)
     fill_quaternion(R, row[at.object_q : at.object_q + 4])

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import final
 
 from haptorb.control.allocation.allocator import Allocator
 from haptorb.control.allocation.wrench_choice import PART_NUMBERS, WrenchChoice
 from haptorb.control.protection.protection import Protection
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.state_arrays import StateArray, Stateful, choose, make_numbers
 from haptorb.worlds.world import World
-from haptorb.worlds.wrench_part import WrenchPart
+from haptorb.worlds.wrench_part import PARTS, WrenchPart
 
 __all__ = ["RenderedPart"]
 
@@ -17,7 +19,7 @@ _NO_CHOICE = -1.0
 
 
 @final
-class RenderedPart:
+class RenderedPart(Stateful):
     """The allocator in force and its number in the row, −1 for a device without a choice.
 
     wrench     (6,) the world's wrench of this tick [N, N·m], filled by the tick
@@ -32,6 +34,24 @@ class RenderedPart:
         self._numbers = wrench.data.cast("B").cast("d")  # single numbers come out of it ten times faster
         self._part: WrenchPart = "force"
         self._has_pushed = False
+        self._kept = make_numbers("number", "is_open", "part", "has_pushed")
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """The part by its number in the row, and in `PARTS`; whether it may still change, and has pushed."""
+        return {"part": self._kept[0]}
+
+    def gather_state(self) -> None:
+        """Note them."""
+        cells = self._kept[1]
+        cells[0], cells[1], cells[2], cells[3] = self.number, self.is_open, PARTS.index(self._part), self._has_pushed
+
+    def apply_state(self) -> None:
+        """Take them over, with the allocator of that part."""
+        self.number, is_open, part, has_pushed = self._kept[1]
+        self.is_open, self._has_pushed = bool(is_open), bool(has_pushed)
+        self._part = PARTS[choose(part, len(PARTS))]
+        if self._choice is not None:
+            self.allocator = self._choice.allocators[self._part]
 
     def begin(self, world: World) -> None:
         """Render the part that a person chose, or the one that `world` asks."""

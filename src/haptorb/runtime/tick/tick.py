@@ -5,8 +5,8 @@ The same seven lines run every device, simulated or real; nothing in them asks w
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -14,7 +14,8 @@ import numpy as np
 
 from haptorb.control.allocation.allocator import Allocation, Allocator, Saturation
 from haptorb.control.allocation.wrench_choice import WrenchChoice
-from haptorb.control.clutch.linkage import NO_CONTACTS, Direct, Linkage, RenderedWrench
+from haptorb.control.clutch.linkage import Direct, Linkage, RenderedWrench
+from haptorb.control.clutch.modes import MODES
 from haptorb.control.protection.protection import Protection
 from haptorb.control.protection.trip import Trip
 from haptorb.devices.device import Device
@@ -22,6 +23,7 @@ from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.state_arrays import StateArray, Stateful, choose, make_block
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.row import STAGES, RowLayout
@@ -45,7 +47,7 @@ __all__ = ["Tick"]
 _SINGLE = ("currents_age", "ahead", "world", "coil_state", "saturated", "part", "model", "mode", "engaged")
 
 
-class Tick:
+class Tick(Stateful):
     """The chain for one device, world and driver; `step` runs it once and fills one row.
 
     Any failure in it ends in coils off with a reason, never in an exception that leaves them on.
@@ -79,14 +81,22 @@ class Tick:
         self._failure: tuple[Trip, BaseException] | None = None  # since the last engage
         self._zeros, self._applied = np.zeros(device.channels), np.zeros(device.channels)
         self._nothing, self._no_memory = np.zeros(6), np.zeros(0)
-        nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
-        self._last_rendered = RenderedWrench(self._nothing, nowhere, self._nothing, NO_CONTACTS, 0, np.zeros(2), False)
+        #: what the world acted on in the last tick that rendered: share (2,), place (3,), R (3, 3) and contacts
+        self._kept, self._kept_cells = make_block(
+            {"applied": (device.channels,), "rendered": (6,), "on_thing": (6,),
+             "thing": (14 + 8 * self.layout.contacts,)},
+            counts=("world_changes", "model", "torque_scale", "mode", "engaged", "paused", "failed"),
+        )  # fmt: skip
+        self._held: Array = self._kept["thing"]
+        self._held[5:14] = np.eye(3).ravel()
+        self._held_mode, self._held_engaged = 0, False
         self._no_currents = Allocation(self._zeros, self._nothing, Saturation.NONE, 0.0)
         self._stages = np.zeros(len(STAGES))
         self._times: Any = self._stages.data  # single numbers go through it twice as fast
         self._ahead = 0.0  # spent in `prepare` [s]
-        self._model: float = device.models.index(estimator.model) if estimator.model else np.nan
-        self._rendered, self._on_thing = np.zeros(6), np.zeros(6)
+        self._model = float(device.models.index(estimator.model)) if estimator.model else np.nan
+        self._rendered: Array = self._kept["rendered"]
+        self._on_thing: Array = self._kept["on_thing"]
         self.part = RenderedPart(allocator, choice, self.protection, self._rendered)
         self.part.begin(self.world)
         self._places = self.layout.places
@@ -137,7 +147,7 @@ class Tick:
     def change_model(self, number: int) -> None:
         """Invert another of the device's models, counted from 0, without a step. InputError if the estimator cannot."""
         self.estimator.change_model(self._device.models[number])
-        self._model = number
+        self._model = float(number)
         self._log.note_model(number)
 
     def stop(self) -> None:
@@ -233,7 +243,10 @@ class Tick:
             row, ages, pose.R_SR, pose.p, pose.v, pose.w, pose.t, pose.valid, sample.currents_age, sample.field_age
         )
         memory = self._no_memory if self._bound is None else self._bound.numbers
-        fill_object(row, places, rendered.share, thing.p, thing.R_SR, self._on_thing, rendered.contacts, memory)
+        fill_object(
+            row, places, rendered.share, thing.p, thing.R_SR, self._on_thing, rendered.contacts, memory, self._held
+        )
+        self._held_mode, self._held_engaged = rendered.mode, rendered.engaged
         cells: Any = row.data  # single numbers, as above
         cells[ahead], cells[world], cells[coil_state] = self._ahead, self.world_changes, self.driver.coil_state
         cells[saturated], cells[part], cells[model] = allocation.saturated, self.part.number, self._model
@@ -259,7 +272,6 @@ class Tick:
                 self.linkage.bring_back(bound.commanded, commanded)
             if self.part.is_open:
                 self.part.follow()
-            self._last_rendered = rendered
             return rendered
         except TickTimeout:
             raise
@@ -269,7 +281,50 @@ class Tick:
             self._log.fail(TickFailure.MEMORY if reason is Trip.MEMORY_NOT_FINITE else TickFailure.WORLD)
             self._fail(reason, cause)  # safety: world-failure-trips
             self._rendered[:] = self._on_thing[:] = commanded[:] = 0.0
-            return replace(self._last_rendered, wrench=self._nothing, on_thing=self._nothing)
+            return self._render_nothing(now)
+
+    def _render_nothing(self, now: float) -> RenderedWrench:
+        """No wrench, on what the world acted on last."""
+        held, still = self._held.copy(), np.zeros(3)
+        thing = State(now, held[5:14].reshape(3, 3), held[2:5], still, still)
+        return RenderedWrench(
+            self._nothing, thing, self._nothing, held[14:].reshape(-1, 8), self._held_mode, held[:2],
+            self._held_engaged,
+        )  # fmt: skip
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """What was applied and rendered last [1, N, N·m]; share, place [m], rotation and contacts of what the world
+        acted on; counts and choices. The world's own memory is in the row."""
+        return self._kept
+
+    def state_parts(self) -> Mapping[str, Stateful]:
+        """All parts of the chain that remember something, in the order in which they are taken over."""
+        return {
+            "protection": self.protection, "part": self.part, "linkage": self.linkage,
+            "estimator": self.estimator,
+        }  # fmt: skip
+
+    def gather_state(self) -> None:
+        """Copy what it holds itself."""
+        self._kept["applied"][:] = self._applied
+        cells, bound = self._kept_cells, self._bound
+        cells[0], cells[1], cells[2] = self.world_changes, self._model, self._log.scale
+        cells[3], cells[4] = self._held_mode, self._held_engaged
+        cells[5], cells[6] = (0.0, 0.0) if bound is None else (bound.paused, bound.failed)
+
+    def apply_state(self) -> None:
+        """Take it over."""
+        self._applied = self._kept["applied"].copy()
+        changes, self._model, scale, mode, engaged, paused, failed = self._kept_cells
+        self.world_changes, self._held_mode = choose(changes, 1 << 53), choose(mode, 1 + len(MODES))
+        self._log.scale, self._held_engaged = scale, bool(engaged)
+        if self._bound is not None:
+            self._bound.paused, self._bound.failed = bool(paused), bool(failed)
+
+    def take_memory(self, memory: Array) -> None:
+        """Let the world remember `memory` (n,), as a row has it, in the units of its fields."""
+        if self._bound is not None:
+            self._bound.numbers[:] = memory[: self._bound.numbers.size]
 
     def _allocate(self, wrench_map: WrenchMap, wrench: Array) -> Allocation:
         try:

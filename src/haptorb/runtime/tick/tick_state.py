@@ -1,147 +1,144 @@
-"""All that a chain remembers from tick to tick, as bytes: so that a replay can begin in the middle of a run.
+"""All that a chain remembers between two ticks, as named arrays: so that a replay can begin in the middle of a run.
 
-A world's own memory is not in them: the row has it. The bytes are a pickle of plain values, and are read by a reader
-that makes nothing but these: a recording may come from anybody.
+The parts of the chain say what they remember (`haptorb.numerics.state_arrays`); where each number lies in a snapshot is
+found once. A world's own memory is not in it: the row has it.
 """
 
 from __future__ import annotations
 
-import io
-import pickle
-import zlib
-from base64 import b64decode, b64encode
-from typing import Any, Final, final
+import json
+from collections.abc import Iterator, Mapping
+from typing import Final, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptorb.errors import RecordingError
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.state_arrays import StateArray, Stateful
+from haptorb.runtime.memory.state_slots import split_snapshot
 from haptorb.runtime.tick.tick import Tick
 
-__all__ = ["load_state", "pack_state", "save_state", "unpack_state"]
+__all__ = ["STATE_TYPES", "TickState", "load_state", "save_state"]
 
-_LONGEST: Final = 4_000_000  #: bytes of a state
-
-#: class → its attributes that change; "name[]": an array that others look into, and that is filled in place
-_REMEMBERED: Final[dict[str, tuple[str, ...]]] = {
-    "Tick": ("_applied", "world_changes", "_last_rendered", "_model", "_rendered[]", "_on_thing[]"),
-    "TickLog": ("scale",),
-    "RenderedPart": ("number", "is_open", "_part", "_has_pushed"),
-    "WorldBudget": ("_mean", "_calm", "_patience"),
-    "Protection": ("coils[]", "state[]", "duties[]"),
-    "ModedLinkage": ("_memory", "_mode", "_engaged", "_t", "_scale", "_scale_goal"),
-    "Direct": (),
-    "BoundWorld": ("paused", "failed"),
-    "TrackedPose": ("_last",),
-    "ControllerModel": ("_asked", "_name", "_before", "_share", "_t"),
-    "HallTracker": ("_tracker[]", "_sensors[]", "_lagged[]", "verdict", "_found", "_t", "_searched", "_last"),
-    "CurrentHistory": ("_times[]", "_values[]", "_waiting", "_waiting_since", "field", "taken", "currents", "doubt"),
-    "LeastSquaresOrientation": (
-        "_track[]", "_slopes[]", "field[]", "usable[]", "trusted[]", "_found", "_t", "_near", "_last",
-    ),
-    "ColdStart": ("_slopes[]", "_fit[]"),
-    "FieldToTorque": ("_field[]", "_usable[]", "_single[]", "_known[]", "_t"),
-}  # fmt: skip
-#: name → what versions before called it
-_EARLIER: Final = {"_last_rendered": "_felt_last"}
-#: class → its parts that remember
-_PARTS: Final[dict[str, tuple[str, ...]]] = {
-    "Tick": ("_log", "part", "budget", "protection", "linkage", "_bound", "estimator"),
-    "TrackedPose": ("_model",),
-    "HallTracker": ("_history", "_controller_model"),
-    "LeastSquaresOrientation": ("_cold",),
-    "FieldToTorque": ("_orientation",),
-}
-_PLAIN: Final = frozenset(
-    {
-        ("numpy", "ndarray"), ("numpy", "dtype"), ("numpy.core.multiarray", "_reconstruct"),
-        ("numpy._core.multiarray", "_reconstruct"), ("numpy.core.multiarray", "scalar"),
-        ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer"),
-        ("numpy.core.numeric", "_frombuffer"),
-        ("haptorb.devices.state", "State"), ("haptorb.devices.wrench_map", "WrenchMap"),
-        ("haptorb.sensing.sample", "Estimate"), ("haptorb.control.clutch.linkage", "RenderedWrench"),
-    }
-)  # fmt: skip
-
-
-def save_state(tick: Tick) -> bytes:
-    """What `tick` remembers after a step."""
-    return pickle.dumps(_gather(tick), protocol=4)
-
-
-def pack_state(state: bytes) -> str:
-    """`state` as text, for notes."""
-    return b64encode(zlib.compress(state)).decode()
-
-
-def unpack_state(text: str) -> bytes:
-    """What was given to `pack_state`. Raises RecordingError for what is nothing like it."""
-    try:
-        return zlib.decompressobj().decompress(b64decode(text, validate=True), _LONGEST)
-    except (ValueError, zlib.error) as cause:
-        raise RecordingError(f"a state in the recording was not written by haptorb: {cause}") from cause
-
-
-def load_state(tick: Tick, state: bytes, memory: Array) -> None:
-    """Let `tick`, which has just been made, remember what another one did; memory (n,) is that of its world [SI].
-
-    Raises RecordingError for bytes that `save_state` of this version has not made for such a chain.
-    """
-    try:
-        found = _PlainReader(io.BytesIO(state)).load()
-        _restore(tick, found)
-        if tick._bound is not None:
-            tick._bound.numbers[:] = memory[: tick._bound.numbers.size]
-        choice = tick.part._choice
-        if choice is not None:
-            tick.part.allocator = choice.allocators[tick.part._part]
-    except Exception as cause:  # anybody's bytes
-        raise RecordingError(
-            "the state at the beginning of the recording does not fit this device and these parts "
-            f"({type(cause).__name__}: {cause})"
-        ) from cause
-
-
-def _gather(part: Any) -> dict[str, Any]:
-    kind = type(part).__name__
-    found: dict[str, Any] = {"kind": kind}
-    for name in _REMEMBERED.get(kind, ()):
-        value = getattr(part, name.removesuffix("[]"))
-        # Without its type: that of a record is longer than what it holds.
-        found[name] = value.tobytes() if name.endswith("[]") or _is_record(value) else value
-    for name in _PARTS.get(kind, ()):
-        below = getattr(part, name)
-        if below is not None:
-            found[f"{name}."] = _gather(below)
-    return found
-
-
-def _is_record(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype.names is not None
-
-
-def _restore(part: Any, state: dict[str, Any]) -> None:
-    kind = type(part).__name__
-    if kind != state["kind"]:
-        return  # another estimator or world replaces it: it starts from its initial state
-    for name in _REMEMBERED.get(kind, ()):
-        value, there = state[name if name in state else _EARLIER[name]], getattr(part, name.removesuffix("[]"))
-        if isinstance(value, bytes):
-            there[...] = np.frombuffer(value, dtype=there.dtype).reshape(there.shape)
-        elif not _is_record(there):  # None for a record: an earlier version, before the first tick
-            setattr(part, name, value)
-    for name in _PARTS.get(kind, ()):
-        below = getattr(part, name)
-        if below is not None:
-            _restore(below, state[f"{name}."])
+STATE_TYPES: Final = ("<f8", "<i8", "|b1")  #: of the arrays of a state
+_ALIGNED: Final = 8  #: bytes
 
 
 @final
-class _PlainReader(pickle.Unpickler):
-    """Makes arrays, numbers and the records of a tick, and nothing else."""
+class TickState:
+    """Takes snapshots of `tick`.
 
-    def find_class(self, module: str, name: str) -> Any:
-        """The class `name`, if it is one of those. Raises UnpicklingError otherwise."""
-        if (module, name) not in _PLAIN:  # safety: plain-state
-            raise pickle.UnpicklingError(f"{module}.{name} is not part of a state")
-        return super().find_class(module, name)
+    size    of a snapshot [bytes]
+    layout  JSON for `split_snapshot`: of each array its name, type, shape, first byte, and bytes from one row to the
+            next
+    """
+
+    def __init__(self, tick: Tick) -> None:
+        owners = dict(_walk("tick", tick))
+        self._gather = [one.gather_state for one in owners.values() if _overrides(one)]
+        self._arrays: list[NDArray[np.uint8]] = []
+        self._starts: list[int] = []
+        leaves, self.size = [], 0
+        for prefix, owner in owners.items():
+            for name, array in owner.state_arrays().items():
+                self._add(array)
+                for leaf, view in _leaves(f"{prefix}/{name}", array):
+                    first = self.size + view.__array_interface__["data"][0] - array.__array_interface__["data"][0]
+                    stride = view.strides[0] if view.ndim and view.size else 0
+                    leaves.append([leaf, view.dtype.str, list(view.shape), first, stride])
+                self.size += -(-array.nbytes // _ALIGNED) * _ALIGNED
+        self.layout = json.dumps(leaves)
+
+    def _add(self, array: StateArray) -> None:
+        """Copy `array` to the end of a snapshot; together with the one before, where both lie in one block."""
+        bytes_ = array.reshape(-1).view(np.uint8)
+        if self._arrays and self._arrays[-1].base is not None and self._arrays[-1].base is bytes_.base:
+            before, start, block = self._arrays[-1], self._starts[-1], bytes_.base
+            first, here = (one.__array_interface__["data"][0] for one in (before, bytes_))
+            if here == first + len(before) and self.size == start + len(before):
+                at = first - block.__array_interface__["data"][0]
+                whole = block.view(np.uint8).reshape(-1)
+                self._arrays[-1] = whole[at : at + len(before) + len(bytes_)]
+                return
+        self._arrays.append(bytes_)
+        self._starts.append(self.size)
+
+    def find_places(self, memory: NDArray[np.uint8]) -> list[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
+        """For `copy_to`: where in `memory` (size,) [1] each array goes."""
+        return [
+            (memory[start : start + len(array)], array) for start, array in zip(self._starts, self._arrays, strict=True)
+        ]
+
+    def copy_to(self, places: list[tuple[NDArray[np.uint8], NDArray[np.uint8]]]) -> None:
+        """A snapshot of what the tick remembers now, to the `places` in some memory."""
+        for gather in self._gather:
+            gather()
+        for there, here in places:
+            there[:] = here
+
+
+def save_state(tick: Tick) -> dict[str, StateArray]:
+    """Name → a copy of each array that `tick` remembers after a step."""
+    state = TickState(tick)
+    memory = np.zeros(state.size, dtype=np.uint8)
+    state.copy_to(state.find_places(memory))
+    return split_snapshot(state.layout, memory)
+
+
+def load_state(tick: Tick, arrays: Mapping[str, StateArray], memory: Array) -> None:
+    """Let `tick`, which has just been made, remember what another one did; memory (n,) is that of its world [SI].
+
+    An estimator or linkage of another kind than the one in `arrays` begins anew. Raises RecordingError for arrays that
+    are not those of such a chain: names, types and shapes must be the same.
+    """
+    try:
+        for prefix, owner in _walk("tick", tick):
+            if not _is_replaced("/".join(prefix.split("/")[:2]), arrays):
+                _fill(prefix, owner, arrays)
+        tick.take_memory(memory)
+    except (ValueError, OverflowError) as cause:  # anybody's numbers
+        raise RecordingError(
+            f"the state of the loop in the recording does not fit this device and these parts: {cause}"
+        ) from cause
+
+
+def _is_replaced(part: str, arrays: Mapping[str, StateArray]) -> bool:
+    """Whether `arrays` are of another kind of the chain's `part`, such as "tick/estimator:hall"."""
+    role, _, kind = part.partition(":")
+    known = {name.split("/")[1] for name in arrays if name.startswith(f"{role}:") and name.count("/") > 1}
+    return bool(kind) and bool(known) and part.partition("/")[2] not in known
+
+
+def _fill(prefix: str, owner: Stateful, arrays: Mapping[str, StateArray]) -> None:
+    for name, array in owner.state_arrays().items():
+        for leaf, view in _leaves(f"{prefix}/{name}", array):
+            given = arrays.get(leaf)
+            if given is None:
+                raise ValueError(f"it has no '{leaf}'")
+            if given.dtype.str != view.dtype.str or given.shape != view.shape:  # safety: state-shapes
+                raise ValueError(f"'{leaf}' must be {view.dtype.str} {view.shape}; got {given.dtype.str} {given.shape}")
+            view[...] = given
+    owner.apply_state()
+
+
+def _walk(prefix: str, owner: Stateful) -> Iterator[tuple[str, Stateful]]:
+    """All that remembers something: by its place in the chain, and its kind where there are several."""
+    yield prefix, owner
+    for name, part in owner.state_parts().items():
+        yield from _walk(f"{prefix}/{name}" + (f":{part.state_kind}" if part.state_kind else ""), part)
+
+
+def _overrides(owner: Stateful) -> bool:
+    return type(owner).gather_state is not Stateful.gather_state
+
+
+def _leaves(name: str, array: StateArray) -> Iterator[tuple[str, StateArray]]:
+    """The arrays of plain numbers that `array` of records consists of."""
+    if array.dtype.names is None:
+        if array.dtype.str not in STATE_TYPES:
+            raise TypeError(f"'{name}' is of {array.dtype.str}; a state has {', '.join(STATE_TYPES)}")
+        yield name, array
+        return
+    for field in array.dtype.names:
+        yield from _leaves(f"{name}/{field}", array[field])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
 from haptorb.numerics.rotations import rotation_from_euler
+from haptorb.numerics.state_arrays import StateArray, Stateful
 from haptorb.sensing.orientation.field_model import unpack
 from haptorb.sensing.orientation.gauss_newton import FIT, fit_orientation
 from haptorb.sensing.orientation.readings import reading_limit
@@ -35,12 +37,12 @@ class OrientationFix(NamedTuple):
     outliers: int
 
 
-class ColdStart:
+class ColdStart(Stateful):
     """A grid over the workspace and one period of spin, with the field at every node."""
 
     def __init__(self, motor: SphericalMotor, model: Array, noise: float) -> None:
         self._model = model
-        self._slopes, self._fit = np.empty((motor.sensors, 3, 3)), np.zeros(1, FIT)
+        self._slopes, self._fit = np.zeros((motor.sensors, 3, 3)), np.zeros(1, FIT)
         self._fit["noise"], self._fit["taken"] = noise, np.nan
         reach = motor.workspace_tilt + _BEYOND
         tilts = np.linspace(-reach, reach, 2 * int(np.ceil(reach / _STEP)) + 1)
@@ -52,6 +54,10 @@ class ColdStart:
         self.limit = reading_limit(motor, self._nodes, field)  #: [T]
         self._largest = float(np.sqrt((field**2).sum(axis=2).max()))
         self._fields = np.ascontiguousarray(field.reshape(len(field), -1))
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """The last fit: the next one may begin with its slopes."""
+        return {"slopes": self._slopes, "fit": self._fit}
 
     def search(self, field: Array, usable: Array, trusted: Array) -> OrientationFix | None:
         """The orientation that explains `field` (k, 3) [T], or None; arguments as for `fit_orientation`."""

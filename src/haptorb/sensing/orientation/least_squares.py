@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from haptorb.devices.motor.spherical_motor import SphericalMotor
@@ -11,7 +13,9 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, Records, fields, rotation
 from haptorb.numerics.compiled import kernel, tick_kernel
 from haptorb.numerics.so3 import correct_rotation, turn_by
+from haptorb.numerics.state_arrays import StateArray, Stateful, make_numbers
 from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.kept_estimate import KeptEstimate
 from haptorb.sensing.orientation.cold_start import ColdStart
 from haptorb.sensing.orientation.field_model import field_model, torque_per_ampere, unpack
 from haptorb.sensing.orientation.gauss_newton import FIT, fit_orientation
@@ -53,6 +57,8 @@ class LeastSquaresOrientation(Estimator):
     Raises InputError for a lag outside 0 to 1 s, or a start that is no rotation.
     """
 
+    state_kind = "least-squares"
+
     def __init__(self, motor: SphericalMotor, start: Array | None = None, lag: float = 5e-3) -> None:
         if not 0 < lag < 1:
             raise InputError(f"lag must be a time between 0 and 1 s; got {lag!r}")
@@ -74,7 +80,9 @@ class LeastSquaresOrientation(Estimator):
         self.field = np.zeros((motor.sensors, 3))
         self.usable = np.zeros(motor.sensors)
         self.trusted = np.zeros(motor.sensors)
-        self._slopes, self._rest = np.empty((motor.sensors, 3, 3)), np.zeros(3)
+        self._slopes, self._rest = np.zeros((motor.sensors, 3, 3)), np.zeros(3)
+        self._kept, self._kept_near = KeptEstimate(motor.channels), np.zeros((3, 3))
+        self._numbers = make_numbers("found", "t")
         self._forget(self._near)
         self._rehearse()
 
@@ -94,6 +102,30 @@ class LeastSquaresOrientation(Estimator):
             pose = Pose(t, np.eye(3), rest, rest, rest, False)
             self.update(Sample(t, np.zeros(self._motor.channels), np.zeros(self._motor.channels), upright, pose))
         self._forget(near)
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """The filter, the magnets' field [T], which sensors are used, and the last estimate."""
+        own = {
+            "track": self._track, "slopes": self._slopes, "field": self.field, "usable": self.usable,
+            "trusted": self.trusted, "near": self._kept_near, "found": self._numbers[0],
+        }  # fmt: skip
+        return {**own, **self._kept.arrays}
+
+    def state_parts(self) -> Mapping[str, Stateful]:
+        """The search from nothing."""
+        return {"cold": self._cold}
+
+    def gather_state(self) -> None:
+        """Copy the last estimate."""
+        self._kept.store(self._last)
+        self._kept_near[:] = self._near
+        self._numbers[1][0], self._numbers[1][1] = self._found, self._t
+
+    def apply_state(self) -> None:
+        """Take it over."""
+        self._last, self._near = self._kept.load(), self._kept_near.copy()
+        found, self._t = self._numbers[1]
+        self._found = bool(found)
 
     @property
     def model(self) -> str:

@@ -10,10 +10,13 @@ waits for the next currents, a tick long.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import final
 
 import numpy as np
 
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.state_arrays import StateArray, Stateful, make_block
 from haptorb.sensing.sample import Sample
 
 __all__ = ["CurrentHistory"]
@@ -29,7 +32,7 @@ _LATELY = 0.01  #: for so long a change of the currents spoils readings that are
 
 
 @final
-class CurrentHistory:
+class CurrentHistory(Stateful):
     """Fields, each with the currents (m,) [A] at its own time.
 
     field     (k, 3) [T] that the last `take` has ended the waiting of; NaN where there is none
@@ -40,10 +43,33 @@ class CurrentHistory:
 
     def __init__(self, channels: int, sensors: int) -> None:
         self._times, self._values = np.full(_LENGTH, -math.inf), np.zeros((_LENGTH, channels))
-        self._nothing = np.full((sensors, 3), np.nan)
+        self._nothing: Array = np.full((sensors, 3), np.nan)
         self._waiting, self._waiting_since = self._nothing, -math.inf
         self.field, self.taken = self._nothing, -math.inf
-        self.currents, self.doubt = np.zeros(channels), np.zeros(channels)
+        self.currents: Array = np.zeros(channels)
+        self.doubt: Array = np.zeros(channels)
+        self._kept, self._cells = make_block(
+            {"waiting": (sensors, 3), "field": (sensors, 3), "currents": (channels,), "doubt": (channels,)},
+            moments=("waiting_since", "taken"),
+        )
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """Measured currents [A] with their times [s]; fields [T] that wait, and that was told; and their times [s]."""
+        return {"times": self._times, "values": self._values, **self._kept}
+
+    def gather_state(self) -> None:
+        """Copy what the last samples brought."""
+        kept, cells = self._kept, self._cells
+        kept["waiting"][:], kept["field"][:] = self._waiting, self.field
+        kept["currents"][:], kept["doubt"][:] = self.currents, self.doubt
+        cells[0], cells[1] = self._waiting_since, self.taken
+
+    def apply_state(self) -> None:
+        """Take it over."""
+        kept = self._kept
+        self._waiting, self.field = kept["waiting"].copy(), kept["field"].copy()
+        self.currents, self.doubt = kept["currents"].copy(), kept["doubt"].copy()
+        self._waiting_since, self.taken = self._cells
 
     def take(self, sample: Sample) -> None:
         """The next sample. Its field waits for the next that has newer currents, and is reported then or never."""

@@ -18,6 +18,7 @@ where it should be by then, and the estimate says how old what was seen of it is
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -28,8 +29,10 @@ from haptorb.devices.state import State, rotation_to_axis
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import GeometryError, InputError
 from haptorb.numerics.arrays import Array, check_finite
+from haptorb.numerics.state_arrays import StateArray, Stateful, choose, make_numbers
 from haptorb.sensing.controller_model import ControllerModel
 from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.kept_estimate import KeptEstimate
 from haptorb.sensing.sample import Estimate, Sample
 from haptorb.sensing.tool.current_history import CurrentHistory
 from haptorb.sensing.tool.tool_field import ToolModel, coil_field, pack_model, tool_field
@@ -55,6 +58,7 @@ IN_TURNS = 30.0
 
 _PAUSE = 0.05  #: without a sample for so long the velocity says nothing any more [s]
 _CARRIED = 0.01  #: for so long the tool's motion is extrapolated while the readings contain too little [s]
+_VERDICTS = ("", "lost", "reversed")
 _WAIT = 0.02  #: between two searches from nothing [s]: a search takes longer than a tick
 
 
@@ -76,6 +80,7 @@ class HallTracker(Estimator):
     'lost'
     """
 
+    state_kind = "hall"
     LOST: Final = "lost"
     REVERSED: Final = "reversed"
 
@@ -135,6 +140,31 @@ class HallTracker(Estimator):
         self._found, self._t, self._searched = False, -math.inf, -math.inf
         nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
         self._last = Estimate(nowhere, WrenchMap(np.zeros((6, device.channels)), np.zeros(6)), False, math.inf)
+        self._kept = KeptEstimate(device.channels)
+        self._numbers = make_numbers("verdict", "found", "t", "searched")
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """Filter, sensors, lagged currents [A], the last estimate, and where the search is."""
+        own = {"tracker": self._tracker, "sensors": self._sensors, "lagged": self._lagged, "search": self._numbers[0]}
+        return {**own, **self._kept.arrays}
+
+    def state_parts(self) -> Mapping[str, Stateful]:
+        """Currents that wait for fields, and the controller model."""
+        return {"history": self._history, "model": self._controller_model}
+
+    def gather_state(self) -> None:
+        """Copy the last estimate."""
+        self._kept.store(self._last)
+        cells = self._numbers[1]
+        cells[0], cells[1], cells[2], cells[3] = (
+            _VERDICTS.index(self.verdict), self._found, self._t, self._searched
+        )  # fmt: skip
+
+    def apply_state(self) -> None:
+        """Take it over."""
+        self._last = self._kept.load()
+        verdict, found, self._t, self._searched = self._numbers[1]
+        self.verdict, self._found = _VERDICTS[choose(verdict, len(_VERDICTS))], bool(found)
 
     @property
     def residual(self) -> float:

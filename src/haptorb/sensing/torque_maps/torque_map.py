@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
+from haptorb.numerics.state_arrays import StateArray, Stateful, make_numbers
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.orientation.least_squares import LeastSquaresOrientation
 from haptorb.sensing.orientation.readings import magnet_field, reading_limit
@@ -48,6 +50,8 @@ class FieldToTorque(Estimator):
     an orientation beyond the workspace that it learnt, it is not valid.
     """
 
+    state_kind = "torque-map"
+
     def __init__(
         self, motor: SphericalMotor, torque_map: TorqueMap, orientation: LeastSquaresOrientation | None = None
     ) -> None:
@@ -63,11 +67,30 @@ class FieldToTorque(Estimator):
         coils = len(motor.electromagnets)
         self._single, self._known = np.zeros((3, coils)), np.zeros(coils)
         self._enough = max(3, motor.channels // 2)
-        self._t = -np.inf
+        self._t, self._numbers = -np.inf, make_numbers("t")
         self._turn, self._turning = np.full((3, 3), np.nan), np.full(3, np.nan)
         self._rest, self._nothing = np.zeros(3), np.zeros(6)
         magnet_field(self._field, np.zeros(motor.channels), self._per_ampere, self._limit, self._field, self._usable)
         self._torque(self._field, self._usable)  # compiled before the loop begins
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """The magnets' field [T] and what the map made of it."""
+        return {
+            "field": self._field, "usable": self._usable, "single": self._single, "known": self._known,
+            "last": self._numbers[0],
+        }  # fmt: skip
+
+    def state_parts(self) -> Mapping[str, Stateful]:
+        """What finds the orientation beside it."""
+        return {} if self._orientation is None else {"orientation": self._orientation}
+
+    def gather_state(self) -> None:
+        """Note when the map was last known."""
+        self._numbers[1][0] = self._t
+
+    def apply_state(self) -> None:
+        """Take it over."""
+        self._t = self._numbers[1][0]
 
     def update(self, sample: Sample) -> Estimate:
         """The estimate after `sample`; its `pose` is not looked at.
