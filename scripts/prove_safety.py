@@ -58,6 +58,7 @@ OSC_LATE_TESTS = (
 SECRET_TESTS = "tests/runtime/trackers/test_tracker_accounts.py"
 PASS_TESTS, HANDOVER_TESTS = "tests/control/protection/test_pass_over.py", "tests/apps/serve/test_handover.py"
 ACCOUNT_TESTS, OWNER_TESTS = "tests/apps/serve/test_other_accounts.py", "tests/runtime/realtime/test_socket_owner.py"
+FOREIGN = "tests/contracts/test_foreign_recordings.py"
 BAD_RECORDINGS = "tests/runtime/replay/test_bad_recordings.py"
 STARTED_TESTS = "tests/worlds/own/test_started_code.py"
 REMOTE_TESTS, BLOCK_TESTS = "tests/worlds/dynamic/test_remote.py", "tests/runtime/memory/test_force_block.py"
@@ -312,6 +313,8 @@ RULES = [
     ("noted-arrays-are-numbers", "an array in a world's note is one of numbers", "never", STARTED_TESTS),
     ("code-is-announced", "code is named before it runs", "drop", "tests/apps/test_own_code.py"),
     ("state-types", "a state in a recording is arrays of numbers", "never", BAD_RECORDINGS),
+    ("commands-are-flags", "commands in a row are a sum of flags", "never", FOREIGN),
+    ("changes-are-counted", "a row with any number of changes of its world ends a replay", "never", FOREIGN),
     ("state-length", "a state has all of its numbers and no more", "never", BAD_RECORDINGS),
     ("state-shapes", "a state of another chain is refused", "never", BAD_RECORDINGS),
     ("memory-length", "a recorded world's memory fits into rows", "never", BAD_RECORDINGS),

@@ -15,7 +15,7 @@ from haptorb.numerics.state_arrays import StateArray
 from haptorb.runtime.recording.recording import Recording
 from haptorb.runtime.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, unpack_arrays
 
-__all__ = ["KeptStates", "choose_beginnings", "find_gaps"]
+__all__ = ["KeptStates", "choose_beginnings", "find_gaps", "list_gaps"]
 
 _LONGEST_TICK = re.compile(r"[0-9]{1,15}")
 
@@ -67,6 +67,12 @@ def choose_beginnings(recording: Recording, parts: int) -> list[int]:
     return sorted(found)
 
 
+def list_gaps(ticks: Array) -> NDArray[np.intp]:
+    """The rows of `ticks` (n,) [1] after which others are missing."""
+    with np.errstate(invalid="ignore"):  # in a damaged file
+        return np.flatnonzero(np.diff(ticks) != 1)
+
+
 def find_gaps(ticks: Array, states: Iterable[float]) -> tuple[NDArray[np.bool_], set[int]]:
     """(n,) True [1] for the rows of `ticks` (n,) of which the chain cannot know what came before, after lost ticks; and
     the rows, with one of the kept `states`, at which it knows again."""
@@ -75,7 +81,7 @@ def find_gaps(ticks: Array, states: Iterable[float]) -> tuple[NDArray[np.bool_],
     at = np.searchsorted(ticks, at_ticks)
     there = at < len(ticks)
     rows = at[there][ticks[at[there]] == at_ticks[there]]
-    for gap in np.flatnonzero(np.diff(ticks) != 1).tolist():
+    for gap in list_gaps(ticks).tolist():
         later = rows[rows > gap]
         end = int(later[0]) if len(later) else len(ticks) - 1
         blind[gap + 1 : end + 1] = True

@@ -17,6 +17,7 @@ from haptorb.sensing.sample import Pose, Sample
 __all__ = ["PlayedDriver"]
 
 _READ, _WRITE, _ENGAGE = int(TickFailure.READ), int(TickFailure.WRITE), int(TickFailure.ENGAGE)
+_MOST = 2.0**31  #: more than all failures together
 _FAILED = "the driver failed in the recording"
 
 
@@ -46,7 +47,8 @@ class PlayedDriver(Driver):
 
         R = rows("pose_r").reshape(n, 3, 3)
         field = rows("field").reshape(n, sensors, 3) if sensors and "field" in block else np.zeros((n, sensors, 3))
-        waited = t - block["t"][:, 0]  # 0, but where the replay has another rate
+        with np.errstate(invalid="ignore"):  # in a damaged file
+            waited = t - block["t"][:, 0]  # 0, but where the replay has another rate
         ages = rows("currents_age")[:, 0] + waited, rows("field_age")[:, 0] + waited
         poses = map(
             Pose, block["pose_t"][:, 0].tolist(), R, rows("pose_p"), rows("pose_w"), rows("pose_v"),
@@ -61,7 +63,8 @@ class PlayedDriver(Driver):
         codes = block["coil_state"][:, 0].tolist()
         states = {code: _coil_state(code) for code in set(codes)}
         self._coils = [states[code] for code in codes]
-        self._failures = np.nan_to_num(block["failures"][:, 0]).astype(int).tolist()
+        failures = np.nan_to_num(block["failures"][:, 0], posinf=0.0, neginf=0.0)
+        self._failures = np.clip(failures, 0.0, _MOST).astype(int).tolist()
         self._at = 0
 
     def go_to(self, number: int) -> None:
@@ -108,5 +111,5 @@ class PlayedDriver(Driver):
 def _coil_state(code: float) -> CoilState:
     try:
         return CoilState(int(code))
-    except ValueError:
+    except (ValueError, OverflowError):
         return CoilState.UNKNOWN

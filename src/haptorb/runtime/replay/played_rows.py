@@ -15,7 +15,7 @@ from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.recording import Recording
 from haptorb.runtime.replay.unpacked_rows import UnpackedRows, count_bytes
 from haptorb.runtime.row import STAGES, Field
-from haptorb.runtime.tick.tick_log import MODEL, TickCommand, TickFailure
+from haptorb.runtime.tick.tick_log import MODEL, NO_TICK, TickCommand, TickFailure
 
 __all__ = ["SAMPLE_FIELDS", "PlayedRows"]
 
@@ -27,6 +27,7 @@ SAMPLE_FIELDS = (
 _NEEDED = ("tick", "t", "guard", "trip", "world", "valid", "age", "p", "q", "v", "w", "currents",
            "boundary", "duties")  # fmt: skip
 _PIECE = 1024  #: rows that are read at once: whole rows are unpacked
+_COMMANDS = 2.0**31  #: more than all commands together
 _ROOM = 512 * 1024 * 1024  #: bytes of rows that are unpacked once and kept; more are unpacked again, block by block
 _MODES = {MODES.index("translate") + 1: TickCommand.TRANSLATE, MODES.index("rotate") + 1: TickCommand.ROTATE}
 
@@ -86,6 +87,14 @@ class PlayedRows:
             columns = dict(zip(names, np.concatenate(pieces).T.copy(), strict=True))
         if "commands" not in columns:
             columns["commands"] = self._read_commands()
+        commands = columns["commands"]
+        whole = (commands >= NO_TICK) & (commands < _COMMANDS) & (commands == np.floor(commands))
+        if not whole.all():  # safety: commands-are-flags
+            at = int(np.argmin(whole))
+            raise RecordingError(
+                f"{self._recording.path} cannot be replayed: its row {at + 1} has the commands {commands[at]:g}, "
+                "which no loop has written"
+            )
         return columns
 
     @property

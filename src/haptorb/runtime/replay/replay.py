@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptorb.errors import HaptorbError
+from haptorb.errors import HaptorbError, RecordingError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.state_arrays import StateArray
 from haptorb.runtime.exchange.world_change import description, name_of
@@ -18,7 +18,7 @@ from haptorb.runtime.realtime.schedule import check_rate
 from haptorb.runtime.recording.recording import Recording
 from haptorb.runtime.replay.comparison import CLOCK_FIELDS, RunComparison, are_same
 from haptorb.runtime.replay.garbage import without_collection
-from haptorb.runtime.replay.kept_states import KeptStates, find_gaps
+from haptorb.runtime.replay.kept_states import KeptStates, find_gaps, list_gaps
 from haptorb.runtime.replay.played_commands import play_commands
 from haptorb.runtime.replay.played_driver import PlayedDriver
 from haptorb.runtime.replay.played_rows import PlayedRows
@@ -41,6 +41,7 @@ from haptorb.worlds.world import World
 __all__ = ["Replay"]
 
 _BLOCK = 1024  #: ticks
+_CHANGES = 1000  #: of the world, from one tick to the next, at most
 _REPLACE = int(TickCommand.REPLACE)
 
 
@@ -138,7 +139,7 @@ class Replay:
     ) -> RunComparison:
         """All ticks; `report` receives the number done, `keep` rows (n, width), each number in its unit."""
         table, layout = self._timetable, self._layout
-        with without_collection():
+        with without_collection(), np.errstate(all="ignore"):  # anybody's numbers
             for first in range(0, len(table), _BLOCK):
                 last = min(first + _BLOCK, len(table))
                 index = table.index[first:last]
@@ -201,7 +202,7 @@ class Replay:
         """Where ticks were lost, the chain's memory is unknown."""
         rows = self._rows
         self._blind, self._resume = find_gaps(rows.ticks, self._states)
-        if len(gaps := np.flatnonzero(np.diff(rows.ticks) != 1)):
+        if len(gaps := list_gaps(rows.ticks)):
             self.remarks.append(
                 f"{len(gaps)} gaps with lost ticks, first after tick {rows.ticks[gaps[0]]:.0f}: "
                 f"{int(self._blind.sum())} ticks up to the next stored state of the loop are not compared"
@@ -254,6 +255,11 @@ class Replay:
         """The world has changed up to number `change`; `command` says whether the last one was another version."""
         if not change > self._change:  # NaN: unknown
             return
+        if not change - self._change <= _CHANGES:  # safety: changes-are-counted
+            raise RecordingError(
+                f"{self._recording.path} cannot be replayed: its world changes {change - self._change:g} times from "
+                "one tick to the next"
+            )
         for number in range(self._change + 1, int(change) + 1):
             world = self._choose_world(number)
             last = number == int(change)
