@@ -281,12 +281,12 @@ class Tick(Stateful):
             self._log.fail(TickFailure.MEMORY if reason is Trip.MEMORY_NOT_FINITE else TickFailure.WORLD)
             self._fail(reason, cause)  # safety: world-failure-trips
             self._rendered[:] = self._on_thing[:] = commanded[:] = 0.0
-            return self._render_nothing(now)
+            return self._render_nothing(estimate.state.t)
 
-    def _render_nothing(self, now: float) -> RenderedWrench:
-        """No wrench, on what the world acted on last."""
+    def _render_nothing(self, t: float) -> RenderedWrench:
+        """No wrench at `t` [s], on what the world acted on last."""
         held, still = self._held.copy(), np.zeros(3)
-        thing = State(now, held[5:14].reshape(3, 3), held[2:5], still, still)
+        thing = State(t, held[5:14].reshape(3, 3), held[2:5], still, still)
         return RenderedWrench(
             self._nothing, thing, self._nothing, held[14:].reshape(-1, 8), self._held_mode, held[:2],
             self._held_engaged,
