@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import stat
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -19,7 +18,7 @@ from pathlib import Path
 from haptorb.errors import HaptorbError, InputError
 from haptorb.files.own_imports import find_imports
 from haptorb.files.state_folder import state_folder
-from haptorb.files.text_file import open_at_once, read_text
+from haptorb.files.text_file import open_regular, read_text
 from haptorb.worlds.own.world_file import find_world_file
 from haptorb.worlds.world import World
 
@@ -85,11 +84,14 @@ def _digest(path: Path, name: str, code: Mapping[Path, str]) -> str:
 def _read_list(path: Path) -> frozenset[str]:
     """The digests in it; none if somebody else could have written it."""
     try:
-        with open(path, "rb", opener=open_at_once) as file:
-            facts = os.fstat(file.fileno())
-            own = facts.st_uid == os.geteuid() and not facts.st_mode & 0o022  # safety: own-list-only
-            if not (own and stat.S_ISREG(facts.st_mode)):
-                return frozenset()
-            return frozenset(line[:64].decode("ascii", "replace") for line in file.read(_MOST).splitlines())
-    except OSError:
+        with open_regular(path, "list of started worlds", InputError) as file:
+            own = _is_own(os.fstat(file.fileno()))  # safety: own-list-only
+            lines = file.read(_MOST).splitlines() if own else []
+    except InputError:
         return frozenset()
+    return frozenset(line[:64].decode("ascii", "replace") for line in lines)
+
+
+def _is_own(facts: os.stat_result) -> bool:
+    """Whether nobody but this account can have written a file; true where the system does not say."""
+    return not hasattr(os, "geteuid") or (facts.st_uid == os.geteuid() and not facts.st_mode & 0o022)
