@@ -27,6 +27,7 @@ import sys
 import tempfile
 import threading
 import time
+from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ GROWTH_MB, GROWTH_FILES, IN_TIME = 20.0, 5, 0.99
 START_LIMIT = 120.0  #: [s]
 
 
-class Client:
+class Client(ABC):
     """A thread that talks to the run until it ends; `count` messages were answered, the last one at `last`."""
 
     def __init__(self) -> None:
@@ -48,8 +49,9 @@ class Client:
         self._thread = threading.Thread(target=self._talk, daemon=True)
         self._thread.start()
 
+    @abstractmethod
     def _talk(self) -> None:
-        raise NotImplementedError  # pragma: no cover
+        """Send and receive until `_over` is set."""
 
     def answered(self) -> None:
         """Note an answer."""
