@@ -64,7 +64,7 @@ class Hand(Tracker):
         return Goal(np.array(PLACE), np.array([0.0, 0.0, 0.0, 1.0]), now, False, still=True)
 
     def pose(self, now: float) -> Pose:
-        raise NotImplementedError  # of a real device
+        raise AssertionError("a simulated hand has a goal; only a real device is asked for its pose")
 
 
 class Client:

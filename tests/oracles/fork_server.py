@@ -47,7 +47,7 @@ class ForkServer:
 
     def start(self, command: Sequence[str], **options: Any) -> subprocess.Popen[bytes]:
         """As `subprocess.Popen(command, **options)`; a copy if the command is a module of the package."""
-        if list(command[:2]) == [sys.executable, "-m"] and command[2].startswith(PACKAGE):
+        if list(command[:3]) == [sys.executable, "-P", "-m"] and command[3].startswith(PACKAGE):
             return _ForkedProcess(self, command, **options)
         return subprocess.Popen(command, **options)
 
@@ -72,6 +72,7 @@ class ForkServer:
     def close(self) -> None:
         """End the process that is copied; its copies go on."""
         self._connection.close()
+        self._other.close()
         if self._server is not None:
             self._server.wait()
 
@@ -90,7 +91,7 @@ class _ForkedProcess(subprocess.Popen[bytes]):
         pipes = {"p2cread": 0, "c2pwrite": 1, "errwrite": 2}
         numbers = {given[end]: number for end, number in pipes.items() if given[end] >= 0}
         wanted = {
-            "words": list(given["args"])[2:], "environment": dict(given["env"] or os.environ), "folder": os.getcwd(),
+            "words": list(given["args"])[3:], "environment": dict(given["env"] or os.environ), "folder": os.getcwd(),
             "numbers": [*numbers.values(), *given["pass_fds"]], "session": given["start_new_session"],
         }  # fmt: skip
         self.pid = self._fork_server.fork(wanted, [*numbers, *given["pass_fds"]])

@@ -28,7 +28,7 @@ class FileKind(Enum):
     DEVICE = "a device file", "`haptorb inspect` and `haptorb run` read it"
     CALIBRATION = "a calibration", "`haptorb run DEVICE --calibration` reads it"
     CALIBRATION_STEPS = "an unfinished calibration", "`haptorb calibrate` continues it"
-    FRAME = "a tracker's frame", "`haptorb run DEVICE --tracker … --frame` reads it"
+    FRAME = "a tracker's frame", "`haptorb run omni --tracker osc:9000 --frame FILE` reads it"
     DESIGN = "a design file of `haptorb design`", "`haptorb design sweep` and `optimise` read it"
     RESULTS = "results of `haptorb design`", "`haptorb design report` and `show` read them"
     FELT_DESIGNS = "a design file of `haptorb feel`", "`haptorb feel` reads it"

@@ -22,6 +22,7 @@ WITHOUT_JSON = {
     "study new",
     "study simulate",
     "study export",
+    "study backup",
     "hardware emulate",
 }
 COMMAND = typer.main.get_command(app)

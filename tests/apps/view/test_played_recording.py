@@ -135,7 +135,7 @@ def test_what_is_no_recording_is_refused(tmp_path):
     path = tmp_path / "foreign.mcap"
     with pytest.raises(HaptorbError, match="No such file"):
         PlayedRecording(path)
-    path.write_bytes(b"PK\x03\x04 something else")
+    path.write_bytes(b"\x01\x02\x03\x04 something else")
     with pytest.raises(HaptorbError, match="not an MCAP file"):
         PlayedRecording(path)
     make_recording(path, 0.0)

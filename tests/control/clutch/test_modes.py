@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from copy import deepcopy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -102,7 +101,12 @@ def join(gains: Gains | None = None, q=(0.0, 0.0, 0.0), mode: str = "translate",
 
 def engage_fully(hand: Hand, mode: str) -> Hand:
     """A copy of the hand whose clutch is fully engaged in `mode`, with rotor and target where they are."""
-    other = deepcopy(hand)
+    first, gains = hand.linkage, hand.linkage.gains
+    other = Hand(ModedLinkage(gains, arm=first.arm, ramp=first.ramp, gap=first.gap), hand.t, hand.q, hand.rates)
+    first.gather_state()
+    for name, array in first.state_arrays().items():
+        other.linkage.state_arrays()[name][...] = array
+    other.linkage.apply_state()
     other.linkage.set_clutch(True)
     other.linkage.set_mode(mode)
     for _ in range(6):

@@ -311,7 +311,7 @@ def spoil(state: State, name: str, value: object) -> dict[str, StateArray]:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("tick/fade/before", None), ("tick/fade/before", np.zeros(7)), ("tick/fade/before", np.zeros(6, np.int64)),
+    [("tick/rendered", None), ("tick/rendered", np.zeros(7)), ("tick/rendered", np.zeros(6, np.int64)),
      ("tick/protection/state/guard/state", np.array([99])), ("tick/protection/state/guard/reason", np.array([-5])),
      ("tick/part/part/part", np.array([1e300])), ("tick/part/part/part", np.array([-1.0])),
      ("tick/counts/world_changes", np.array([np.nan])), ("tick/counts/mode", np.array([3.0])),

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from haptorb import Recording
 from haptorb.errors import RecordingError
@@ -23,7 +24,10 @@ def test_rows_come_from_beside_bit_for_bit_or_not_at_all(
     assert recording.long
     if damaged:
         content = bytearray(whole.path.read_bytes())
-        place = recording._source._offsets[2] + 60  # type: ignore[union-attr]
+        with whole.path.open("rb") as file:
+            summary = make_reader(file).get_summary()
+        assert summary is not None
+        place = summary.chunk_indexes[2].chunk_start_offset + 60
         content[place : place + 8] = bytes(8)
         whole.path.write_bytes(content)
         with pytest.raises(RecordingError, match="damaged"):

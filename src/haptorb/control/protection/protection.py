@@ -121,7 +121,8 @@ class Protection(Stateful):
         one at the device's rate limits; through zero, if it is an `other` world and not the same with other values."""
         restart_passivity(self.state["passivity"], passive)
         leaving = other or bool(self._guard["leaving"][0])  # safety: worlds-pass-zero
-        self._guard["leaving"], self._guard["arriving"] = leaving, not leaving
+        rendered = self.engaged or self.gain > 0.0  # nothing has to be left where nothing is rendered
+        self._guard["leaving"], self._guard["arriving"] = rendered and leaving, rendered and not leaving
 
     def change_part(self, *, pushes: bool, arm: float) -> None:
         """Another part of the wrench is rendered: force or not, and torque that a hand holds at `arm` [m], 0 for none.

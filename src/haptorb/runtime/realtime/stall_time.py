@@ -51,6 +51,7 @@ class HangWatch:
     def look(self) -> float:
         """That time [s]; to be called at least twice a second. 0 where the kernel does not say.
 
+        >>> import os
         >>> HangWatch(os.getpid()).look()
         0.0
         """

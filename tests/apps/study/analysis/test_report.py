@@ -112,5 +112,9 @@ def test_a_threshold_without_reversals_is_still_bounded_by_the_answers(tmp_path:
     assert all(math.isnan(value) for people in found.thresholds.values() for value in people.values())
     told = found.numbers()["thresholds"]["base"]["people"]
     assert {one["threshold"] for one in told.values()} == {None}
-    assert all(one["fitted_95"][0] < one["fitted"] < one["fitted_95"][1] for one in told.values())
+    for one in told.values():  # wrong as often as right: the answers set a lower limit only
+        assert one["fitted"] is None
+        assert one["fitted_95"][0] > 0
+        assert one["fitted_95"][1] is None
+        assert any("only a lower limit" in note for note in one["notes"])
     assert "too few reversals" in " ".join(text_of(found).split())

@@ -197,7 +197,7 @@ def test_a_newer_schema_is_refused_and_left_alone(identify: Study, tmp_path: Pat
 
 def test_databases_that_are_none_are_told(tmp_path: Path) -> None:
     (tmp_path / "text.db").write_text("this is no database, and long enough to look at" * 20)
-    with pytest.raises(RecordingError, match="cannot be opened"):
+    with pytest.raises(RecordingError, match="not a database"):
         database(tmp_path / "text.db")
     with pytest.raises(RecordingError, match="cannot be opened"):
         database(tmp_path / "no-such-folder" / "s.db")

@@ -183,6 +183,8 @@ def test_stops_and_repeats_are_in_every_export(identify: Study, tmp_path: Path) 
         session.note("pause", "by the participant")
         session.note("resume")
         session.note("repeat", "stopped by the participant")
+        while session.prompt is not None:
+            session.answer(Answer(1, (0.0, 0.0, 0.05), 1.0))
     export_study(engine, tmp_path / "t.csv")
     export_study(engine, tmp_path / "bids")
     rows = read(tmp_path / "t-events.csv", ",")

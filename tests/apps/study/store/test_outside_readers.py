@@ -36,7 +36,7 @@ STUDIES = {
     "forced-choice": TWO + TRIALS,
     "rating": '[rating]\nlow = 1\nhigh = 7\nquestion = "How stiff?"\n' + TWO + TRIALS,
 }
-CODES = ("P01", "vp-7", "Ä3", "SIM01")
+CODES = ("P01", "vp-7", "Ä3", "Q-04")
 #: what the validator recommends, and no program can know
 UNKNOWN = {
     "TOO_FEW_AUTHORS", "Authors", "License", "SourceDatasets", "HEDVersion", "CogAtlasID", "CogPOID", "InstitutionName",
@@ -62,7 +62,7 @@ def take_part(study: Study, folder: Path) -> tuple[Columns, dict[str, dict[str, 
     early, recordings, answers in words."""
     engine, draw = database(folder / "s.db"), np.random.default_rng(5)
     for number, code in enumerate(CODES):
-        with StoredSession(engine, study, code, simulated=code.startswith("SIM")) as session:
+        with StoredSession(engine, study, code, simulated=False) as session:
             while session.prompt is not None:
                 if session.number == 1:
                     session.note("pause", "a break")

@@ -43,8 +43,8 @@ COLUMNS = {
     "x_m": "position of the tool's magnet at the answer, stator frame [m]",
     "y_m": "position of the tool's magnet at the answer, stator frame [m]",
     "z_m": "position of the tool's magnet at the answer, stator frame [m]",
-    "distance_mm": "error: straight distance of the answered place from the set-point prompted [mm]; identification: "
-    "between the contact positions of both set-points; localisation: of the tool's magnet; else empty",
+    "distance_mm": "error: straight distance of the answered place from the set-point prompted; identification: "
+    "between the contact positions of both set-points; localisation: of the tool's magnet; else empty [mm]",
     "angle_deg": "error: angle between the directions of the answered place and of the set-point prompted [deg]",
     "pen_distance_mm": "distance of the tool's magnet at the answer from its contact position at the set-point [mm]",
     "pen_angle_deg": "angle between the directions of the tool's magnet at the answer and of the set-point [deg]",
