@@ -20,12 +20,12 @@ PATIENCE = 30.0  #: for what the event loop must do meanwhile [s]
 def _delay(monkeypatch: pytest.MonkeyPatch, name: str) -> tuple[threading.Event, threading.Event]:
     """Let `ProcessGroup.name` begin only when the second event is set; the first one tells that it wants to."""
     wants, may = threading.Event(), threading.Event()
-    method: Callable[[ProcessGroup], None] = getattr(ProcessGroup, name)
+    method: Callable[..., None] = getattr(ProcessGroup, name)
 
-    def delay(group: ProcessGroup) -> None:
+    def delay(group: ProcessGroup, *arguments: object) -> None:
         wants.set()
         assert may.wait(PATIENCE), "the event loop stands still"
-        method(group)
+        method(group, *arguments)
 
     monkeypatch.setattr(ProcessGroup, name, delay)
     return wants, may

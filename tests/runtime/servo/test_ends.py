@@ -156,6 +156,7 @@ def test_a_servo_that_was_stopped_for_a_second_waits_for_a_person():
         assert servo.latest().guard == GuardState.RAMPING
 
 
+@pytest.mark.slow  # two minutes; the others above try the same paths one by one
 def test_every_end_beside_everything_that_hangs():
     """The benchmark, on the simulated device: one end of each way and each hanging process."""
     done = subprocess.run(

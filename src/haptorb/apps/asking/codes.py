@@ -17,14 +17,14 @@ _ALIKE = str.maketrans(
     "ABEZHIKMNOPTYXCJaovpuxABESIJKMHOPCTYXYQWaeopcyxijshdqw",
 )
 _DIGITS = str.maketrans("OoIl", "0011")
-_SEPARATORS = re.compile(r"[\s_.‐‑‒–—−-]+")
+_SEPARATORS = re.compile(r"[\s_.\u2010\u2011\u2012–—−-]+")
 _ZEROS = re.compile(r"(?<![0-9])0+(?=[0-9])")
 
 
 def fold_spelling(code: str) -> str:
     """`code` without what people confuse: capitals, look-alike letters, O and 0, I, l and 1, separators, leading zeros.
 
-    >>> fold_spelling("P01") == fold_spelling("p01") == fold_spelling("Р1") == fold_spelling("PO1")
+    >>> fold_spelling("P01") == fold_spelling("p01") == fold_spelling("\u04201") == fold_spelling("PO1")
     True
     >>> fold_spelling("1-11") == fold_spelling("11-1")
     False

@@ -208,7 +208,7 @@ def test_databases_that_are_none_are_told(tmp_path: Path) -> None:
     with sqlite3.connect(tmp_path / "other.db") as raw:
         raw.execute("CREATE TABLE cats (name TEXT)")
     raw.close()
-    with pytest.raises(RecordingError, match="other tables"):
+    with pytest.raises(RecordingError, match="of another program"):
         database(tmp_path / "other.db")
 
 
