@@ -42,6 +42,6 @@ def test_the_tutorials_commands_run_as_they_stand(root: Path, tmp_path: Path) ->
     report = (tmp_path / "rehearsal" / "report.html").read_text(encoding="utf-8")
     assert "SIMULATED" in report
     header, *rows = (tmp_path / "trials.csv").read_text(encoding="utf-8").splitlines()
-    assert header.startswith("participant,simulated,simulated_device,session,trial")
+    assert header.startswith("participant,simulated,simulated_device,pilot,session,trial")
     assert len(rows) == 6 * 17
     assert (tmp_path / "trials.json").is_file()

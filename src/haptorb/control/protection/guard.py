@@ -20,6 +20,7 @@ __all__ = ["begin_tick", "check_estimate", "check_readings", "limit_currents", "
 
 _RAMP_UP = 0.3  #: from nothing to the full wrench after engaging [s]
 _RAMP_DOWN = 0.05  #: to nothing after a pose went stale [s]; the other reasons switch off at once
+_CHANGE_OVER = 0.05  #: from the greatest force or torque to nothing, and back, where worlds change [s]
 _ABSENCE = 0.5  #: of ticks, after which only a person switches on again: a process that was stopped [s]
 _COOLER = 1.0  #: below the derating temperature before the full current may flow again [K]
 
@@ -151,6 +152,8 @@ def pass_over(g: Record, wrench: Array, session: float, mapping: float) -> None:
     _approach(g.client[:3], goal[:3], g.force, force)  # safety: client-force-rate
     _approach(g.client[3:], goal[3:], g.torque, torque)  # safety: client-torque-rate
     force, torque = _steps(g, g.world)
+    share = g.dt / _CHANGE_OVER  # slower than a client may push: a person who holds the device does not expect it
+    force, torque = min(force, share * g.force), min(torque, share * g.torque)
     if g.leaving:
         goal[:] = 0.0
         there = _approach(g.world[:3], goal[:3], g.force, force)

@@ -119,7 +119,7 @@ def test_an_older_schema_is_brought_forward(fresh: str, identify: Study) -> None
     with StoredSession(engine, identify, "P01") as session:
         session.answer(Answer(1, (0.0, 0.0, 0.05)))
     with engine.begin() as connection:
-        connection.execute(text("DROP TABLE replies"))
+        connection.execute(text("DROP TABLE replies, contents, withdrawn, copies"))
         connection.execute(text("ALTER TABLE trials DROP COLUMN driver"))
         connection.execute(text("ALTER TABLE trials ALTER COLUMN answer TYPE INTEGER"))
         connection.execute(text("UPDATE haptorb_schema SET version = 1"))
