@@ -17,7 +17,9 @@ from sphinx.application import Sphinx
 
 import haptorb
 
-ROOMS = sorted(found.name for found in pkgutil.iter_modules(haptorb.__path__) if found.name != "version")
+ROOMS = sorted(
+    found.name for found in pkgutil.iter_modules(haptorb.__path__) if found.name not in ("version", "__main__")
+)
 
 
 def modules(room: str) -> list[ModuleType]:

@@ -141,8 +141,8 @@ def test_radial_force_vanishes_at_theta_1_and_everything_from_theta_2(live):
     page = screen.page
     screen.until("haptorb.control && haptorb.status === 'running'")
     # A high dome may push the stylus round its summit; a low one, of the same shape, lets the hand pass over it.
-    page.get_by_role("spinbutton", name="moment").fill("0.6")
-    page.get_by_role("spinbutton", name="moment").press("Enter")
+    page.get_by_role("textbox", name="moment").fill("0.6")
+    page.get_by_role("textbox", name="moment").press("Enter")
     screen.until("haptorb.forceAt([0, 0, 1]).force < 0.3")
     page.locator("#scene").focus()
     move_to_middle(screen)
@@ -195,7 +195,7 @@ def test_stop_button_then_two_deliberate_steps(live):
 def test_escape_stops_even_while_typing(live):
     screen, _ = live
     screen.until("haptorb.control && haptorb.status === 'running'")
-    screen.page.get_by_role("spinbutton", name="moment").focus()
+    screen.page.get_by_role("textbox", name="moment").focus()
     screen.page.keyboard.press("Escape")
     screen.until("haptorb.status === 'stopped'")
 
@@ -204,7 +204,7 @@ def test_sliders_act_at_once(live):
     screen, host = live
     page = screen.page
     screen.until("haptorb.control && haptorb.forceAt([0, 0, 1]).force > 0.2")
-    moment = page.get_by_role("spinbutton", name="moment")
+    moment = page.get_by_role("textbox", name="moment")
     moment.fill("-2")
     moment.press("Enter")
     screen.until("haptorb.forceAt([0, 0, 1]).force < -0.2")
@@ -216,10 +216,10 @@ def test_sliders_act_at_once(live):
     assert host.ask("world")[1]["moment"] == pytest.approx(4.0)
     page.get_by_role("button", name="reset", exact=True).first.click()
     screen.until("Math.abs(haptorb.forceAt([0, 0, 1]).force - 0.59) < 0.08")
-    tilted = page.get_by_role("spinbutton", name="summit tilt")
+    tilted = page.get_by_role("textbox", name="summit tilt")
     tilted.fill("30")
     tilted.press("Enter")
-    turned_to = page.get_by_role("spinbutton", name="summit azimuth")
+    turned_to = page.get_by_role("textbox", name="summit azimuth")
     turned_to.fill("90")
     turned_to.press("Enter")
     screen.until("haptorb.forceAt([0, 0.5, 0.866]).force > 0.3")
@@ -232,7 +232,7 @@ def test_sliders_act_at_once(live):
 def test_impossible_value_is_said_and_taken_back(live):
     screen, host = live
     screen.until("haptorb.control")
-    cut = screen.page.get_by_role("spinbutton", name="cut off")
+    cut = screen.page.get_by_role("textbox", name="cut off")
     cut.fill("6")
     cut.press("Enter")
     screen.page.get_by_role("alert").filter(has_text="must not be smaller").wait_for()

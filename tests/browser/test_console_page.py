@@ -96,7 +96,7 @@ def test_hand_that_holds_survives_a_silence_of_the_server(staged, fake):
 def test_word_of_the_server_leaves_what_is_being_typed(staged, fake):
     screen = staged()
     screen.until("haptorb.control && haptorb.status === 'running'")
-    tilt, moment = (screen.page.get_by_role("spinbutton", name=name) for name in ("summit tilt", "moment"))
+    tilt, moment = (screen.page.get_by_role("textbox", name=name) for name in ("summit tilt", "moment"))
     tilt.fill("30")  # not in effect before Enter
     fake.set_world("dome", {"moment": 1.0})
     end = time.monotonic() + 10

@@ -204,7 +204,7 @@ def test_late_word_of_a_change_does_not_undo_the_next(shared, monkeypatch):
 
     monkeypatch.setattr(fake, "set_world", late)
     for name, value, pause in (("moment", "2", 50), ("summit tilt", "30", 700), ("summit azimuth", "90", 0)):
-        entry = page.get_by_role("spinbutton", name=name)
+        entry = page.get_by_role("textbox", name=name)
         entry.fill(value)
         entry.press("Enter")
         page.wait_for_timeout(pause)

@@ -55,6 +55,9 @@ def _imagine() -> Any:
         def check(self) -> None:
             pass
 
+        def check_end(self) -> None:
+            pass
+
     return ImaginedServo
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import socket
 import struct
 import sys
-from time import clock_gettime_ns, monotonic_ns
+from time import monotonic_ns, time_ns
 from typing import final
 
 __all__ = ["STALL", "DatagramTimes", "StreamTimes"]
@@ -62,7 +62,7 @@ def _measure_shift() -> int:
     """By how much the clock of the kernel's time stamps is ahead of the monotonic one [ns]."""
     best, shift = 1 << 62, 0
     for _ in range(3):
-        before, real, after = monotonic_ns(), clock_gettime_ns(_REALTIME), monotonic_ns()
+        before, real, after = monotonic_ns(), time_ns(), monotonic_ns()
         if after - before < best:
             best, shift = after - before, real - (before + after) // 2
     return shift

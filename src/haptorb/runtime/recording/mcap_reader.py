@@ -223,7 +223,8 @@ class McapReader:
         take: Callable[[Array], None] | None = None,
     ) -> int:
         """Unpack the chunks that have the rows `first` up to `last` (all), and leave out those that are damaged, so
-        that later rows have lower numbers; returns how many were left out. `take` receives the rows of the others.
+        that later rows have lower numbers; returns how many were left out. `take` receives the rows (n, width) of the
+        others, each field in its unit [SI].
         """
         begin, end = 0, len(self._sound)
         if last is not None:

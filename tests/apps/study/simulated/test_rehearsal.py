@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from haptorb.apps.asking.prompt import Answer, Prompt
-from haptorb.apps.study.analysis.error_by_latitude import LatitudeError
+from haptorb.apps.study.analysis.error_by_latitude import LatitudeError, measure_tool_rings
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import page
 from haptorb.apps.study.model.set_points import PUBLISHED_ERRORS
@@ -85,8 +85,9 @@ def test_rehearsals_that_cannot_be_are_refused(
 def rings(tmp_path: Path, people: int, seed: int) -> tuple[LatitudeError, ...]:
     study = study_of(PUBLISHED)
     place = tmp_path / f"{people}-{seed}.db"
-    rehearse(database(place), study, people, seed=seed)
-    return analysis_of(place).rings
+    engine = database(place)
+    rehearse(engine, study, people, seed=seed)
+    return measure_tool_rings(tidy(engine, study))
 
 
 def test_six_simulated_participants_give_the_published_course(tmp_path: Path) -> None:

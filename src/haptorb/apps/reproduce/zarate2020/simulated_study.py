@@ -7,6 +7,7 @@ give figures that can be laid beside the published ones.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,17 +22,21 @@ _PEOPLE = 6
 @cache
 def simulate_study(seed: int = 0) -> Analysis:
     """The published study, 25 set-points asked twice, answered by six simulated participants."""
+    from haptorb.apps.study.analysis.error_by_latitude import measure_tool_rings
     from haptorb.apps.study.analysis.load_analysis import analysis_of
     from haptorb.apps.study.model.study_reader import study_of
     from haptorb.apps.study.simulated.rehearsal import rehearse
+    from haptorb.apps.study.store.columns import tidy
     from haptorb.apps.study.store.database import database
 
     with TemporaryDirectory() as folder:
         place = Path(folder, "simulated.db")
         engine = database(place)
-        rehearse(engine, study_of('name = "published"'), _PEOPLE, seed=seed)
+        study = study_of('name = "published"')
+        rehearse(engine, study, _PEOPLE, seed=seed)
+        rings = measure_tool_rings(tidy(engine, study))
         engine.dispose()
-        return analysis_of(place)
+        return replace(analysis_of(place), rings=rings)
 
 
 def draw_study(path: Path) -> Path:

@@ -11,7 +11,7 @@ import numpy as np
 from haptorb.apps.study.inference.intervals import mean_interval
 from haptorb.apps.study.store.columns import Columns
 
-__all__ = ["ERROR_MEANING", "LatitudeError", "measure_rings", "name_error"]
+__all__ = ["ERROR_MEANING", "LatitudeError", "measure_rings", "measure_tool_rings", "name_error"]
 
 #: procedure → what its error is, said below its tables
 ERROR_MEANING = {
@@ -58,3 +58,12 @@ def measure_rings(main: Columns, index: np.ndarray[Any, Any], people: int) -> tu
             LatitudeError(float(theta), len(error), float(own[counts > 0].mean()), sd, float(low), float(high))
         )
     return tuple(found)
+
+
+def measure_tool_rings(columns: Columns) -> tuple[LatitudeError, ...]:
+    """Distance of the tool at the answer from the set-point shown, by θ, whatever place was named: the error that
+    Zárate 2020 prints in Fig. 9."""
+    here = columns["phase"] == "main"
+    main = {name: values[here] for name, values in columns.items()}
+    people, index = np.unique(main["participant"], return_inverse=True)
+    return measure_rings({**main, "distance_mm": main["pen_distance_mm"]}, index, len(people))

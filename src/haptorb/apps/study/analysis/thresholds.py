@@ -149,11 +149,11 @@ def _join_group(axis: Array, likelihoods: Array, people: Collection[TrackFit]) -
     """
     own = [fit.threshold if math.isfinite(fit.threshold) else fit.fitted for fit in people]
     logs = np.log2(own)
-    low, high = mean_interval(logs)
+    mean_low, mean_high = mean_interval(logs)
     ends = np.array([fit.fitted_95 for fit in people])
     low, high = (
-        (-math.inf if (ends[:, 0] == 0).any() else float(low)),
-        (math.inf if np.isinf(ends[:, 1]).any() else float(high)),
+        (-math.inf if (ends[:, 0] == 0).any() else float(mean_low)),
+        (math.inf if np.isinf(ends[:, 1]).any() else float(mean_high)),
     )
     if math.isinf(low) or math.isinf(high):  # how much people differ depends on thresholds that nobody knows
         return NormalEffect(float(logs.mean()), (low, high), math.nan, (math.nan, math.nan))

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from itertools import count
 from typing import TYPE_CHECKING, final
 
+from haptorb.apps.study.store.database import utc_now
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
@@ -105,8 +105,3 @@ class StopSwitch:
     def take(self) -> list[StopEvent]:
         """The Stops that are to be recorded, oldest first; each is given once."""
         return [self._unrecorded.popleft() for _ in range(len(self._unrecorded))]
-
-
-def utc_now() -> str:
-    """The time of day in UTC, to the millisecond, as the database keeps it."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -20,7 +20,6 @@ from haptorb.apps.study.model.codes import check_code, is_reserved
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.model.study_parts import Question
-from haptorb.apps.study.session.halt import utc_now
 from haptorb.apps.study.store.claim import lock_session
 from haptorb.apps.study.store.contents import Kind, claim_contents
 from haptorb.apps.study.store.database import (
@@ -32,6 +31,7 @@ from haptorb.apps.study.store.database import (
     studies,
     trials,
     try_begin,
+    utc_now,
     withdrawn,
 )
 from haptorb.errors import RecordingError

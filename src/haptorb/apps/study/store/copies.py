@@ -14,8 +14,7 @@ from sqlalchemy import select
 from sqlalchemy.engine import Engine
 from sqlalchemy.exc import SQLAlchemyError
 
-from haptorb.apps.study.session.halt import utc_now
-from haptorb.apps.study.store.database import copies, database
+from haptorb.apps.study.store.database import copies, database, utc_now
 from haptorb.errors import InputError, RecordingError
 
 __all__ = ["Copy", "back_up", "list_copies", "note_copy"]

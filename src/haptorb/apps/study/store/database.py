@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 
 from sqlalchemy import (
@@ -45,6 +46,7 @@ __all__ = [
     "sessions",
     "studies",
     "trials",
+    "utc_now",
     "withdrawn",
 ]  # fmt: skip
 
@@ -183,3 +185,8 @@ def try_begin(engine: Engine) -> Iterator[Connection]:
             if sqlite:
                 connection.rollback()
                 connection.exec_driver_sql(f"PRAGMA busy_timeout = {BUSY}")
+
+
+def utc_now() -> str:
+    """The time of day in UTC, to the millisecond, as the database keeps it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

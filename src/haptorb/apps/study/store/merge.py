@@ -26,7 +26,6 @@ from haptorb.apps.asking.codes import fold_spelling
 from haptorb.apps.study.model.codes import check_code, is_reserved
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.model.study_reader import study_of
-from haptorb.apps.study.session.halt import utc_now
 from haptorb.apps.study.store.claim import lock_session
 from haptorb.apps.study.store.contents import describe_kind, read_contents
 from haptorb.apps.study.store.copies import note_copy
@@ -40,6 +39,7 @@ from haptorb.apps.study.store.database import (
     sessions,
     studies,
     trials,
+    utc_now,
     withdrawn,
 )
 from haptorb.apps.study.store.recordings import folder_of, locate_recording, name_parts, name_recording

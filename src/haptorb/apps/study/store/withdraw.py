@@ -17,7 +17,6 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from haptorb.apps.asking.codes import find_other_spelling
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.session.halt import utc_now
 from haptorb.apps.study.store.claim import lock_session
 from haptorb.apps.study.store.columns import read_study
 from haptorb.apps.study.store.contents import check_kind
@@ -30,6 +29,7 @@ from haptorb.apps.study.store.database import (
     replies,
     sessions,
     trials,
+    utc_now,
     withdrawn,
 )
 from haptorb.apps.study.store.recordings import folder_of, locate_recording
