@@ -155,7 +155,7 @@ def signals(handle: Callable[[int], None]) -> Generator[None, None, None]:
     def handler(number: int, frame: FrameType | None) -> None:
         handle(number)
 
-    ends = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if _LINUX else ()))
+    ends = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
     caught = [number for number in ends if signal.getsignal(number) is not signal.SIG_IGN]  # nohup stays nohup
     before = {number: signal.signal(number, handler) for number in caught}
     try:

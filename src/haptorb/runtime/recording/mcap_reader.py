@@ -144,6 +144,14 @@ def is_mcap(head: bytes) -> bool:
     return len(head) >= len(MAGIC) and sum(a == b for a, b in zip(head, MAGIC, strict=False)) >= len(MAGIC) - 3
 
 
+def _read_at(file: int, length: int, place: int) -> bytes:
+    """`length` bytes of the open `file` from `place`; Windows has no `pread`."""
+    if hasattr(os, "pread"):
+        return os.pread(file, length, place)
+    os.lseek(file, place, os.SEEK_SET)
+    return os.read(file, length)
+
+
 @final
 class McapReader:
     """The undamaged chunks of the recording `path`, and what else it says.
@@ -361,7 +369,7 @@ class McapReader:
     def _read_chunk(self, file: int, number: int) -> bytes:
         """The unpacked records of chunk `number`. Raises one of _DAMAGE."""
         length = int(self._lengths[number])
-        data = os.pread(file, length, int(self._places[number]))
+        data = _read_at(file, length, int(self._places[number]))
         if len(data) != length:
             raise ValueError("the file has become shorter")
         return _unpack(data) if self._packed[number] else data
