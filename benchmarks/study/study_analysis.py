@@ -81,7 +81,7 @@ def _answer(study: Study, prompt: Prompt, number: int, draw: np.random.Generator
         x, y, z = (0.05 * c for c in study.point(value).direction)
     return {
         "number": number, "prompt": json.dumps(prompt.row()), "answer": value, "x": x, "y": y, "z": z, "seconds": 1.0,
-        "safety": "[]", "recording": None, "answered": "",
+        "safety": "[]", "recording": None, "answered": "2026-01-01T00:00:00+00:00",
     }  # fmt: skip
 
 

@@ -224,25 +224,27 @@ class SlopeLikelihood:
     def spread_95(self, person: int) -> tuple[float, float]:
         """Of the spread, in units of the level; 0 and ∞ are open ends, NaN without an interval.
 
-        Where the direction is not established, keys are taken to be as instructed: the lower limit is that of b > 0.
+        Where the direction is not established, the lower limit is that of both: nobody knows how the keys were taken.
         """
         low, high = (float(end[person]) for end in self.slope_95)
         if self.too_many_lapses[person]:
             return math.nan, math.nan
-        if high < 0:
-            low, high = -high, -low
+        steep, shallow = max(high, -low), max(low, -high)
         span = self.scale[1]
-        return (span / high if high > 0 else math.inf), (span / low if low > 0 else math.inf)
+        return span / steep, (span / shallow if shallow > 0 else math.inf)
 
     def threshold_95(self, person: int) -> tuple[float, float]:
-        """Of the level where Φ = ½; −∞ and ∞ are open ends, both where the answers tell nothing of it."""
+        """Of the level where Φ = ½; −∞ and ∞ are open ends, both where the answers tell nothing of it.
+
+        Where the direction is not established and more likely rises, keys are taken to be as instructed.
+        """
         if self.too_many_lapses[person]:
             return math.nan, math.nan
         middle, span = self.scale
         sign = -1.0 if self.direction(person) == "falling" else 1.0
         b, low, high = self._outline(person)
         known = sign * b > 1e-9
-        if not known.any():
+        if not known.any() or (self.direction(person) == "unknown" and self._falls_more_likely(person)):
             return -math.inf, math.inf
         ends = np.concatenate([-low[known] / b[known], -high[known] / b[known]])
         least, most = float(ends.min()), float(ends.max())
@@ -310,6 +312,12 @@ class SlopeLikelihood:
         usual = np.append(0.0, _LAPSES[1::2])[:, None]
         found: Array = np.clip(usual + (1 - 2 * usual) * rise, _TINY, 1 - _TINY).reshape(-1, len(self.units))
         return found
+
+    def _falls_more_likely(self, person: int) -> bool:
+        """Whether a falling function explains the answers better than every rising one."""
+        slopes, value = self._dense[0][person], self._dense[1][person]
+        rising, falling = (value[side].max(initial=-np.inf) for side in (slopes >= 0, slopes < 0))
+        return bool(falling > rising + 0.1)
 
     def _outline(self, person: int) -> tuple[Array, Array, Array]:
         """Slopes, and the least and greatest intercept inside the interval at each, its two tips among them.
