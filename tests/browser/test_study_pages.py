@@ -187,9 +187,7 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
 
     # STOP stays on both screens, whatever their size, also while a field has the focus.
     assert page.evaluate("document.activeElement.id") == "typed"
-    faults = find_faults(page, {"practice": "", "mistake": "is no answer"}) + find_faults(
-        experimenter_page
-    )
+    faults = find_faults(page, {"practice": "", "mistake": "is no answer"}) + find_faults(experimenter_page)
     assert not faults, "\n".join(faults)
 
     # By pointer: the pen is dragged, a number clicked, then confirmed.
