@@ -48,9 +48,9 @@ def try_resets(build: Path, port: Path, resets: int, seed: int = 0, board: str =
         device = Board(emulator.port, 30.0, answer=5.0)
         try:
             while found.resets < resets:
-                wanted, called_kept = chance.randbytes(16), False
+                wanted = chance.randbytes(16)
                 end = float(emulator.status()["t"]) + chance.uniform(0.0, LONGEST)
-                device.store(wanted)
+                called_kept = device.store(wanted).refusal is Refusal.ACCEPTED  # the first answer counts, too
                 while float(emulator.status()["t"]) < end:
                     called_kept |= device.store(wanted).refusal is Refusal.ACCEPTED
                 emulator.tell("reset")
