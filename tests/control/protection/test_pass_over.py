@@ -127,3 +127,12 @@ def test_what_is_no_number_still_trips():
     rig = Commanded()
     assert not rig.ask((np.nan, 0.0, 0.0)).any()
     assert rig.loop.protection.reason is Trip.WORLD_NOT_FINITE
+
+
+def test_the_torque_that_a_client_causes_has_a_rate_of_its_own():
+    rig, commanded = Commanded(), np.array([0.0, 0.0, 0.0, 0.05, 0.0, 0.0])
+    rig.client["session"] = 1.0
+    rig.loop.protection.commanded[:] = commanded
+    torques = np.array([rig.loop.ask(commanded)[3:] for _ in range(20)])
+    assert torques[0] == pytest.approx([OMNI.limits.torque_rate * DT, 0, 0])
+    assert torques[-1] == pytest.approx([0.05, 0, 0])
