@@ -44,8 +44,8 @@ def test_a_clock_that_was_set_meanwhile_makes_nothing_new(opened, monkeypatch, s
     looked = time.monotonic()
     opened.sendto(b"old", opened.getsockname())
     time.sleep(WAIT)
-    real = arrival_time.clock_gettime_ns
-    monkeypatch.setattr(arrival_time, "clock_gettime_ns", lambda clock: real(clock) + int(step * 1e9))
+    real = arrival_time.time_ns
+    monkeypatch.setattr(arrival_time, "time_ns", lambda: real() + int(step * 1e9))
     assert read(opened, times) <= looked + 0.1
 
 

@@ -46,10 +46,10 @@ def test_no_token_stands_in_the_process_list(monkeypatch):
         assert find_in_arguments(TOKEN) == []
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:  # the tracker has it all the same
             end = time.monotonic() + 30.0
-            while not servo.report()["tracking"]["accepted"] and time.monotonic() < end:
+            while not servo.report()["tracking"].get("accepted") and time.monotonic() < end:
                 sender.sendto(_pose(TOKEN), ("127.0.0.1", port))
                 time.sleep(0.05)
-        assert servo.report()["tracking"]["accepted"]
+        assert servo.report()["tracking"].get("accepted")
 
 
 def _pose(token):
