@@ -134,7 +134,7 @@ def test_tick_fails(fake_servo: Any) -> None:
 
 
 def test_tick_hangs(fake_servo: Any) -> None:
-    made = fake_servo({"hang_at": 100})
+    made = fake_servo({"hang_at": 1000})
     with made.servo as servo, pytest.raises(ServoError, match="took longer than a second"):
         servo.run(10)
     assert made.words() == ["open", "close"]
