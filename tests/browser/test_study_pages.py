@@ -39,7 +39,7 @@ text = "Which hand holds the pen?"
 choices = ["left", "right"]
 """
 #: what a screen reader may stop at: it must have something to say there
-CONTROLS = {"button", "textbox", "application", "img", "image", "progressbar", "region", "group", "table"}
+CONTROLS = {"button", "textbox", "spinbutton", "application", "img", "image", "progressbar", "region", "group", "table"}
 COMMAND = [sys.executable, "-c", "import sys; from haptorb.apps.cli import main; sys.exit(main())", "study", "run"]
 
 
