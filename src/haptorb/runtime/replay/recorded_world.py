@@ -25,7 +25,6 @@ __all__ = ["PlayedBudget", "RecordedTick", "WorldFailed", "list_memory_fields", 
 
 _FAILED = int(TickFailure.WORLD)
 _DETAIL = TickFailure.LESS_DETAIL | TickFailure.MORE_DETAIL
-_DETAIL = TickFailure.LESS_DETAIL | TickFailure.MORE_DETAIL
 
 
 class WorldFailed(HaptorbError):
