@@ -81,5 +81,5 @@ $(VENV)/.test: $(BUILT_FROM) | $(BIN)/python
 clean:
 	rm -rf $(VENV) build dist notebooks docs/_build docs/gallery docs/reference/generated test-results
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .packages-missing
-	rm -rf web/node_modules src/haptorb/apps/console/static src/haptorb/apps/design/static src/haptorb/apps/study/pages/static src/haptorb/apps/view/static
+	rm -rf web/node_modules src/haptorb/web/console_static src/haptorb_design/static src/haptorb_study/static src/haptorb/web/view_static
 	if [ -d firmware ]; then $(MAKE) --no-print-directory -C firmware clean; fi

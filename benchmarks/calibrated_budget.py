@@ -20,17 +20,14 @@ from typing import Any
 import numpy as np
 from error_budget import NoWrench, Trial, find_places, run_loop, try_electromagnets
 
-from haptorb.apps.calibrate.dialog import check_steps, guide_calibration
-from haptorb.apps.calibrate.driver import hold_tool, make_driver
-from haptorb.apps.calibrate.measure import Pace
-from haptorb.apps.inspect.errors import report_errors
-from haptorb.devices.electromagnet.api import electromagnet
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.cli.calibration_dialog import Pace, check_steps, guide_calibration, hold_tool, make_driver
+from haptorb.cli.inspect import report_errors
+from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load
-from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.tick.assembly import estimator_of
-from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.estimation.calibration import Calibration
+from haptorb.runtime.assembly import estimator_of
+from haptorb.runtime.drivers.base import Driver
+from haptorb.runtime.drivers.sim import SimDriver
 
 STEPS = {
     "tracker": ("rest", "currents", "magnetic"),

@@ -7,10 +7,10 @@ from typing import final
 
 from numpy.typing import ArrayLike
 
-from haptorb.devices.state import State
-from haptorb.numerics.arrays import Array
-from haptorb.sensing.sample import Sample
-from haptorb.simulation.simulation import Simulation
+from haptorb.arrays import Array
+from haptorb.devices.base import State
+from haptorb.estimation.types import Sample
+from haptorb.simulation.base import Simulation
 
 
 @final

@@ -27,9 +27,9 @@ from typing import Any
 
 from playwright.sync_api import Browser, Error, Page, sync_playwright
 
-from haptorb.apps.console import Console
 from haptorb.devices.loader import load
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.servo import Servo
+from haptorb.web.console import Console
 
 FLAGS = (
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),

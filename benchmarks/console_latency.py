@@ -26,10 +26,10 @@ from typing import Any
 from console_drag import HOLDING, take_hold
 from playwright.sync_api import Page, sync_playwright
 
-from haptorb.apps.check.machine import StolenTimeCounter
-from haptorb.apps.console import Console
+from haptorb.cli.check_computer import StolenTimeCounter
 from haptorb.devices.loader import load
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.servo import Servo
+from haptorb.web.console import Console
 
 FLAGS = (
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),

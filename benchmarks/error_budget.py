@@ -22,28 +22,25 @@ from typing import Any
 import numpy as np
 from changed_readings import ChangedReadings
 
-from haptorb.apps.inspect.errors import report_errors
-from haptorb.apps.progress import build_tables
-from haptorb.control.budget.monte_carlo import ErrorBudget, WrenchBand
-from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.analysis.error_budget import ErrorBudget, WrenchBand
+from haptorb.arrays import Array
+from haptorb.cli.inspect import report_errors
+from haptorb.cli.progress import build_tables
+from haptorb.devices.base import Device, rotation_to_axis
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
-from haptorb.devices.motor.spherical_motor import SphericalMotor
-from haptorb.devices.state import rotation_to_axis
-from haptorb.numerics.arrays import Array
-from haptorb.numerics.quaternions import quaternion
-from haptorb.numerics.rotations import rotation_from_euler
-from haptorb.physics.sources.ring import RingMagnet
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.tick.assembly import allocator_of, estimator_of
-from haptorb.runtime.tick.tick import Tick
-from haptorb.runtime.trackers.tracker import Goal
-from haptorb.sensing.estimator import Estimator
-from haptorb.sensing.sample import Pose, Sample
-from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
-from haptorb.simulation.motor.motor import SimulatedMotor
-from haptorb.simulation.simulation import Simulation
-from haptorb.worlds.own.function_world import FunctionWorld
+from haptorb.devices.motor import SphericalMotor
+from haptorb.estimation.types import Estimator, Pose, Sample
+from haptorb.magnetics.magnets import RingMagnet
+from haptorb.rotations import quaternion, rotation_from_euler
+from haptorb.runtime.assembly import allocator_of, estimator_of
+from haptorb.runtime.drivers.sim import SimDriver
+from haptorb.runtime.tick import Tick
+from haptorb.runtime.trackers.base import Goal
+from haptorb.simulation.base import Simulation
+from haptorb.simulation.electromagnet import SimulatedElectromagnet
+from haptorb.simulation.motor import SimulatedMotor
+from haptorb.worlds.user_world import FunctionWorld
 
 RATE = 1000.0  #: of the loop [Hz]
 TICKS = 450  #: the guard's ramp takes 300; the resistances are learned in 50

@@ -26,18 +26,17 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from haptorb.apps.reproduce.zarate2020.hall_trial import clamp_tool, shell_places
-from haptorb.devices.electromagnet.api import electromagnet
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.arrays import Array
+from haptorb.devices.base import rotation_to_axis
+from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load
-from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import DriverError
-from haptorb.numerics.arrays import Array
-from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
-from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
-from haptorb.runtime.tick.assembly import estimator_of
-from haptorb.sensing.estimator import Estimator
-from haptorb.sensing.sensors.sensing_accuracy import without_errors
+from haptorb.estimation.sensor_calibration import without_errors
+from haptorb.estimation.types import Estimator
+from haptorb.runtime.assembly import estimator_of
+from haptorb.runtime.drivers.board_emulator import EmulatedDevice, Emulator
+from haptorb.runtime.drivers.serial import SerialDriver
+from haptorb_papers.reproduce.zarate2020.hall_trial import clamp_tool, shell_places
 
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
 CALIBRATED = 1e-3  #: of each entry of the moment map, as a share of its column

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from haptorb import worlds
-from haptorb.apps.terminal import Column, TextTable, make_console, print_table
 from haptorb.devices.loader import load
 from haptorb.errors import HaptorbError
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.tick.assembly import assemble
-from haptorb.worlds.world import World
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.terminal import Column, TextTable, make_console, print_table
+from haptorb.worlds.base import World
 
 RATE = 1000.0  #: [Hz]
 MOVED = 20.0  #: when every guided motion is over [s]

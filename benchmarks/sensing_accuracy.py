@@ -24,22 +24,19 @@ import numpy as np
 from changed_readings import ChangedReadings
 from scipy.spatial.transform import Rotation
 
-from haptorb.apps.calibrate.dialog import check_steps, guide_calibration
-from haptorb.apps.calibrate.driver import hold_tool
-from haptorb.apps.calibrate.measure import Pace
-from haptorb.apps.reproduce.zarate2020.hall_trial import clamp_tool, shell_places
-from haptorb.devices.electromagnet.api import electromagnet
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.arrays import Array
+from haptorb.cli.calibration_dialog import Pace, check_steps, guide_calibration, hold_tool
+from haptorb.devices.base import rotation_to_axis
+from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load
-from haptorb.devices.state import rotation_to_axis
-from haptorb.numerics.arrays import Array
-from haptorb.physics.sources import dipole
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.sensing.calibration.calibration import Calibration
-from haptorb.sensing.sample import Sample
-from haptorb.sensing.tool.tool_position import HallTracker
-from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
-from haptorb.simulation.simulation import Simulation
+from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.hall_tracker import HallTracker
+from haptorb.estimation.types import Sample
+from haptorb.magnetics import dipole
+from haptorb.runtime.drivers.sim import SimDriver
+from haptorb.simulation.base import Simulation
+from haptorb.simulation.electromagnet import SimulatedElectromagnet
+from haptorb_papers.reproduce.zarate2020.hall_trial import clamp_tool, shell_places
 
 STRONGER = 1.01  #: of the tool's magnet, relative to the file
 EARTH = 0.05e-3 * np.array([0.5, 0.0, -np.sqrt(0.75)])  #: [T]

@@ -20,13 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from haptorb.runtime.drivers.serial.board import Board
-from haptorb.runtime.drivers.serial.codes import BoardMode
-from haptorb.runtime.drivers.serial.emulator import Emulator
-from haptorb.runtime.drivers.serial.frames import Frame, encode
-from haptorb.runtime.drivers.serial.protocol import READING, set_duties
-from haptorb.runtime.drivers.serial.reading import READING_BYTES
-from haptorb.runtime.drivers.serial.serial_port import BAUD
+from haptorb.runtime.drivers.board_emulator import Emulator
+from haptorb.runtime.drivers.serial import BAUD, Board
+from haptorb.runtime.drivers.serial_protocol import READING, READING_BYTES, BoardMode, Frame, encode, set_duties
 
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
 

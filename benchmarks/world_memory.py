@@ -20,13 +20,13 @@ from time import perf_counter
 import numpy as np
 
 from haptorb import worlds
+from haptorb.arrays import Array, Records
+from haptorb.compiled import kernel
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.numerics.arrays import Array, Records
-from haptorb.numerics.compiled import kernel
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.tick.assembly import assemble
-from haptorb.runtime.tick.tick import Tick
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.tick import Tick
 from haptorb.worlds import DynamicWorld, MemoryField, World
 
 LIMIT = 5.0  #: [µs]

@@ -30,7 +30,7 @@ PUSH = 0.12  #: force along y [N]
 _ROWS = 1  #: kind of a frame that carries rows
 _HEADER = struct.Struct("<IHHIIdddd")
 _PATIENCE = 60.0  #: for the start, and for one save [s]
-_MAIN = "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))"
+_MAIN = "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))"
 _GROOVE = """
 from dataclasses import dataclass
 import numpy as np

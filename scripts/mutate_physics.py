@@ -34,7 +34,7 @@ SHOWN = ("reproduced", "contradicted")  #: classes whose rows must be able to tu
 
 _COMPUTE = """
 import json, sys
-from haptorb.apps.reproduce import find_reproduction
+from haptorb_papers.reproduce import find_reproduction
 found = {}
 for part in json.loads(sys.argv[1]):
     paper, _, name = part.partition(" ")
@@ -90,7 +90,8 @@ def copy_sources(folder: Path) -> None:
 
 def list_physics() -> list[str]:
     """The physics files, below src/haptorb; those that only name the others are left out."""
-    files = (path for path in (PACKAGE / "physics").rglob("*.py") if path.name != "__init__.py")
+    files = [path for path in (PACKAGE / "magnetics").rglob("*.py") if path.name != "__init__.py"]
+    files += [PACKAGE / "beams.py", PACKAGE / "thermal.py"]
     return sorted(str(path.relative_to(PACKAGE)) for path in files)
 
 

@@ -82,27 +82,23 @@ BREAKS = (
     Break("Every transition from off to on", INTERLEAVINGS, "engaging-ramps-from-zero", "--interleavings 500"),
     Break("The tracker cannot clear a Stop", TICK, "a-stop-before-the-first-pose-stands"),
     Break("A Stop before or during the start", "pytest tests/runtime/servo/test_servo.py -k stop", "start-stop"),
-    Break(
-        "Console: a Stop from any page", "pytest tests/apps/console/test_socket_hub.py -k stop", "console-stop-first"
-    ),
+    Break("Console: a Stop from any page", "pytest tests/web/console/test_socket_hub.py -k stop", "console-stop-first"),
     Break(
         "Console: a page that hangs",
-        "pytest tests/apps/console/test_pointer_relay.py tests/browser/test_console_drag.py",
+        "pytest tests/web/console/test_pointer_relay.py tests/browser/test_console_drag.py",
         "pointer-bridged",
     ),
     Break("Study: a Stop from any page", STUDY_STOP, "study-stop-first", "--states running --repetitions 1 --lock 3"),
     *(
         Break(
             "Study: real data, pilots and simulated",
-            "pytest tests/apps/study/store/test_contents.py tests/apps/study/store/test_merge.py",
+            "pytest tests/study/store/test_contents.py tests/study/store/test_merge.py",
             change,
         )
         for change in ("study-one-kind", "study-merge-kind")
     ),
-    Break(
-        "Study: a person who withdraws", "pytest tests/apps/study/store/test_merge.py -k withdraw", "study-withdrawn"
-    ),
-    Break("Study: after a malformed message", "pytest tests/apps/study/test_stop.py", "study-fault"),
+    Break("Study: a person who withdraws", "pytest tests/study/store/test_merge.py -k withdraw", "study-withdrawn"),
+    Break("Study: after a malformed message", "pytest tests/study/test_stop.py", "study-fault"),
     Break(
         "No winding is hotter",
         "python benchmarks/safety/coupled_heat.py",
@@ -203,7 +199,7 @@ BREAKS = (
         Break("What changes who commands", "python benchmarks/safety/client_forces.py", change, "--events 2000")
         for change in ("client-force-rate", "clients-pass-zero")
     ),
-    Break("Only the client that holds", "pytest tests/apps/serve/test_handover.py", "holder-maps"),
+    Break("Only the client that holds", "pytest tests/serve/test_handover.py", "holder-maps"),
     Break(
         "Another account of the computer can neither",
         HOSTILE_WEB,
@@ -220,7 +216,7 @@ BREAKS = (
         for change in ("serve-account", "osc-account", "tracker-account", "secret-by-pipe")
     ),
     Break("Hostile connections take neither", HOSTILE_WEB, "few-connections", "--connections 400 --seconds 6"),
-    Break("No web message ends a task", "pytest -m slow tests/apps/web/test_hostile_messages.py", "study-message"),
+    Break("No web message ends a task", "pytest -m slow tests/web/server/test_hostile_messages.py", "study-message"),
     Break("No compiled kernel is loaded", "pytest tests/numerics/test_cache_folder.py", "cache-private"),
     Break(
         "What is opened runs no code",
@@ -228,7 +224,7 @@ BREAKS = (
         "recordings-run-no-code",
     ),
     Break("A recording contains numbers", "pytest tests/runtime/replay/test_bad_recordings.py", "state-types"),
-    Break("Code of a file is named", "pytest tests/apps/test_own_code.py", "code-is-announced"),
+    Break("Code of a file is named", "pytest tests/cli/test_own_code.py", "code-is-announced"),
     Break("One sender per OSC tracker", "python scripts/prove_safety.py jump sender", "one-sender"),
     Break("Text of a file does nothing", "pytest tests/contracts/test_poisoned_files.py", "text-visible", "-k info"),
     Break("A file of another kind", "pytest tests/contracts/test_file_kinds.py", "kind-told", "-k info"),
@@ -277,7 +273,7 @@ def break_code_of(tree: Path, change: str | Text) -> tuple[Path, str]:
             raise MarkerError(f"'{change.old}' must stand once in {change.file}, not {text.count(change.old)} times")
         return path, text.replace(change.old, change.new)
     mutations = {marker: mutation for marker, _, mutation, _ in RULES}
-    marked = find_marked(tree / "src" / "haptorb")
+    marked = find_marked(tree / "src")
     if change not in marked or change not in mutations:
         raise MarkerError(f"'{change}' is no marker in the sources, or has no rule in scripts/prove_safety.py")
     return marked[change].path, break_code(marked[change], mutations[change])

@@ -21,18 +21,18 @@ sys.path.insert(0, str(Path(__file__).parent))
 from safety_markers import MarkedStatement, MarkerError, break_code, find_marked
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGE = ROOT / "src" / "haptorb"
+PACKAGE = ROOT / "src"
 
-GUIDED_TESTS = "tests/apps/calibrate/test_dialog.py"
+GUIDED_TESTS = "tests/cli/calibrate/test_dialog.py"
 POISONED, DATABASES = "tests/contracts/test_poisoned_files.py", "tests/contracts/test_strangers_databases.py"
 POISONED_TEST = f"{POISONED}::test_text_of_a_strangers_file_is_shown_and_does_nothing"
 KIND_TEST = "tests/contracts/test_file_kinds.py::test_a_file_of_another_kind_is_called_by_its_name[info FILE]"
 SCENE_TESTS = "tests/worlds/scene/test_strangers_scenes.py"
 CACHE_TESTS = "tests/numerics/test_cache_folder.py"
-CONSOLE_TESTS, PAGES_TESTS = "tests/apps/console/test_socket_hub.py", "tests/apps/study/test_pages.py"
-MERGE_TESTS = "tests/apps/study/store/test_merge.py"
-STOP_TESTS, EXPORT_TESTS = "tests/apps/study/test_stop.py", "tests/apps/study/store/test_export.py"
-TERMINAL_TESTS = "tests/apps/study/session/test_terminal_session.py"
+CONSOLE_TESTS, PAGES_TESTS = "tests/web/console/test_socket_hub.py", "tests/study/test_pages.py"
+MERGE_TESTS = "tests/study/store/test_merge.py"
+STOP_TESTS, EXPORT_TESTS = "tests/study/test_stop.py", "tests/study/store/test_export.py"
+TERMINAL_TESTS = "tests/study/session/test_terminal_session.py"
 HOSTILE, TRACKER_TESTS = "tests/contracts/test_hostile_files.py", "tests/contracts/test_trackers.py"
 DRIVE_TESTS, GUARD_TESTS = "tests/control/protection/test_drive.py", "tests/control/protection/test_guard.py"
 HEAT_TESTS = "tests/control/protection/test_heat.py"
@@ -48,22 +48,20 @@ PART_TESTS = "tests/runtime/tick/test_rendered_part.py"
 MEMORY_TESTS, TICK_TESTS = "tests/runtime/tick/test_memory.py", "tests/runtime/tick/test_tick.py"
 FEED_TESTS, FRAMED_TESTS = "tests/runtime/trackers/test_trackers.py", "tests/runtime/trackers/test_framed_feed.py"
 SENDER_TESTS = "tests/runtime/trackers/test_sender_clock.py"
-FRAME_TESTS = "tests/sensing/frame/test_frame_registration.py"
-OSC_TESTS = "tests/apps/serve/osc/test_osc_session.py::test_without_the_token_nothing_happens"
-VIEWER_TESTS = "tests/apps/serve/foxglove/test_viewer_connection.py"
-SERVED_TESTS, ACCESS_TESTS = "tests/apps/serve/test_served_device.py", "tests/apps/serve/test_server_choice.py"
-OSC_LATE_TESTS = (
-    "tests/apps/serve/osc/test_osc_session.py::test_what_waited_in_the_socket_is_not_felt_and_changes_no_world"
-)
+FRAME_TESTS = "tests/estimation/frame/test_frame_registration.py"
+OSC_TESTS = "tests/serve/osc/test_osc_session.py::test_without_the_token_nothing_happens"
+VIEWER_TESTS = "tests/serve/foxglove/test_viewer_connection.py"
+SERVED_TESTS, ACCESS_TESTS = "tests/serve/test_served_device.py", "tests/serve/test_server_choice.py"
+OSC_LATE_TESTS = "tests/serve/osc/test_osc_session.py::test_what_waited_in_the_socket_is_not_felt_and_changes_no_world"
 SECRET_TESTS = "tests/runtime/trackers/test_tracker_accounts.py"
-PASS_TESTS, HANDOVER_TESTS = "tests/control/protection/test_pass_over.py", "tests/apps/serve/test_handover.py"
-ACCOUNT_TESTS, OWNER_TESTS = "tests/apps/serve/test_other_accounts.py", "tests/runtime/realtime/test_socket_owner.py"
+PASS_TESTS, HANDOVER_TESTS = "tests/control/protection/test_pass_over.py", "tests/serve/test_handover.py"
+ACCOUNT_TESTS, OWNER_TESTS = "tests/serve/test_other_accounts.py", "tests/runtime/realtime/test_socket_owner.py"
 FOREIGN = "tests/contracts/test_foreign_recordings.py"
 BAD_RECORDINGS = "tests/runtime/replay/test_bad_recordings.py"
 STARTED_TESTS = "tests/worlds/own/test_started_code.py"
 REMOTE_TESTS, BLOCK_TESTS = "tests/worlds/dynamic/test_remote.py", "tests/runtime/memory/test_force_block.py"
-ORIENTATION_TESTS = "tests/sensing/orientation/test_least_squares.py"
-MAP_TESTS = "tests/sensing/torque_maps/test_torque_maps.py"
+ORIENTATION_TESTS = "tests/estimation/orientation/test_least_squares.py"
+MAP_TESTS = "tests/estimation/torque_maps/test_torque_maps.py"
 
 #: (marker in the code, rule, mutation, tests that must go red)
 RULES = [
@@ -213,7 +211,7 @@ RULES = [
         "pointer-bridged",
         "a page that stutters for too long loses the mover",
         "always",
-        "tests/apps/console/test_pointer_relay.py",
+        "tests/web/console/test_pointer_relay.py",
     ),
     ("cool-simulated", "real coils stay as warm as they are", "always", "tests/runtime/tick/test_cooling.py"),
     ("excuse-simulated", "a real device trips on a busy computer", "always", "tests/runtime/processes/test_loop.py"),
@@ -242,7 +240,7 @@ RULES = [
         "few-connections",
         "connections that ask for something are few",
         "never",
-        "tests/apps/console/test_hostile.py",
+        "tests/web/console/test_hostile.py",
     ),
     ("living-files", "the living keep their files", "drop", LEFTOVER_TESTS),
     (
@@ -304,21 +302,21 @@ RULES = [
     ("lost-client-told", "the loop is told of a lost connection", "drop", SERVED_TESTS),
     ("serve-origin", "pages of other sites command no device", "never", ACCESS_TESTS),
     ("serve-host", "a name that is not this computer's reaches no server", "never", ACCESS_TESTS),
-    ("osc-finite", "an OSC message's numbers are finite", "never", "tests/apps/serve/osc/test_requests.py"),
+    ("osc-finite", "an OSC message's numbers are finite", "never", "tests/serve/osc/test_requests.py"),
     ("osc-token", "an OSC message from beyond this computer needs the token", "never", OSC_TESTS),
     ("foxglove-origin", "pages of other sites see nothing of a device", "never", VIEWER_TESTS),
     ("foxglove-host", "a name that is not this computer's reaches no live view", "never", VIEWER_TESTS),
     ("recordings-run-no-code", "what a recording names runs only if it is on the own list", "never", STARTED_TESTS),
     ("own-list-only", "a list that others may write is not believed", "replace value by True", STARTED_TESTS),
     ("noted-arrays-are-numbers", "an array in a world's note is one of numbers", "never", STARTED_TESTS),
-    ("code-is-announced", "code is named before it runs", "drop", "tests/apps/test_own_code.py"),
+    ("code-is-announced", "code is named before it runs", "drop", "tests/cli/test_own_code.py"),
     ("state-types", "a state in a recording is arrays of numbers", "never", BAD_RECORDINGS),
     ("commands-are-flags", "commands in a row are a sum of flags", "never", FOREIGN),
     ("changes-are-counted", "a row with any number of changes of its world ends a replay", "never", FOREIGN),
     ("state-length", "a state has all of its numbers and no more", "never", BAD_RECORDINGS),
     ("state-shapes", "a state of another chain is refused", "never", BAD_RECORDINGS),
     ("memory-length", "a recorded world's memory fits into rows", "never", BAD_RECORDINGS),
-    ("report-token", "no token, no recording", "never", "tests/apps/study/test_trial_viewers.py"),
+    ("report-token", "no token, no recording", "never", "tests/study/test_trial_viewers.py"),
     ("serve-token", "from another computer a server needs the token", "never", ACCESS_TESTS),
     ("dead-sensors", "dead sensors are no weak magnets", "never", ORIENTATION_TESTS),
     ("readings-possible", "readings that cannot be are left out", "always", MAP_TESTS),
@@ -367,16 +365,16 @@ RULES = [
         "tool-carried",
         "a tool that is only carried on is lost soon",
         "without 3",
-        "tests/sensing/tool/test_tool_position.py",
+        "tests/estimation/tool/test_tool_position.py",
     ),
     ("waiting-heard", "who waits for an answer is not silent", "drop", SERIAL_TESTS),
     (
         "silence-forgiven",
         "only this computer's silence is forgiven while a coil is heated",
         "replace type by Exception",
-        "tests/apps/calibrate/test_heating.py",
+        "tests/cli/calibrate/test_heating.py",
     ),
-    ("heating-end", "a heated coil is not engaged again for ever", "never", "tests/apps/calibrate/test_heating.py"),
+    ("heating-end", "a heated coil is not engaged again for ever", "never", "tests/cli/calibrate/test_heating.py"),
     (
         "firmware-trip",
         "a firmware's trip latches in the driver",
@@ -394,7 +392,7 @@ RULES = [
         "study-pause",
         "a pause in a study switches the coils off",
         "drop",
-        "tests/apps/study/session/test_terminal_session.py",
+        "tests/study/session/test_terminal_session.py",
     ),
     ("study-stop-first", "a study's Stop waits for no queue and no database", "never", STOP_TESTS),
     ("study-end-first", "ending a study session waits for no database with the coils on", "never", STOP_TESTS),
@@ -412,7 +410,7 @@ RULES = [
         "study-one-kind",
         "a study's database holds one kind of data: real, pilot or simulated",
         "never",
-        "tests/apps/study/store/test_contents.py",
+        "tests/study/store/test_contents.py",
     ),
     ("study-withdrawn", "a code that was withdrawn does not return", "never", MERGE_TESTS),
     ("study-merge-kind", "real, pilot and simulated data are never merged", "never", MERGE_TESTS),
@@ -422,7 +420,7 @@ RULES = [
         "study-stop-engaging",
         "a Stop that comes while a study switches on holds",
         "without 1",
-        "tests/apps/study/test_interleavings.py",
+        "tests/study/test_interleavings.py",
     ),
     ("study-stop-starting", "a Stop while a study's device starts holds", "never", STOP_TESTS),
     (
@@ -438,7 +436,7 @@ RULES = [
         "replace value by 1",
         "tests/runtime/servo/test_servo.py::test_a_stop_that_is_given_before_or_while_the_servo_starts_holds",
     ),
-    ("console-token", "console: no token, no entry", "never", "tests/apps/web/test_token.py"),
+    ("console-token", "console: no token, no entry", "never", "tests/web/server/test_token.py"),
     ("console-engage-stops", "console: a stop takes an engage back", "replace value.args[3] by None", CONSOLE_TESTS),
     ("console-stop-cancels", "console: a stop cancels what waits", "drop", CONSOLE_TESTS),
     ("console-stop-first", "console: a stop before any check", "never", CONSOLE_TESTS),
@@ -458,7 +456,7 @@ RULES = [
     ("i2c-trigger-edge", "i2c: every trigger is an edge", "without 2 of value", I2C_TESTS),
     ("i2c-lock", "i2c: a second program is refused", "drop", LOCK_TESTS),
     ("i2c-lock-named", "i2c: a lock without a name excludes nobody", "always", LOCK_TESTS),
-    ("probe-off", "i2c: probing switches off before it enables the outputs", "drop", "tests/apps/test_hardware.py"),
+    ("probe-off", "i2c: probing switches off before it enables the outputs", "drop", "tests/cli/test_hardware.py"),
     ("serial-unknown", "serial: a board that does not answer leaves the coils' state unknown", "drop", SERIAL_TESTS),
     ("off-by-default", "off is the default", "replace value by type({value}).RUNNING", GUARD_TESTS),
     ("nan-wrench-trips", "NaN wrench trips", "never", GUARD_TESTS),
@@ -569,9 +567,9 @@ RULES = [
     ("off-means-zero-duties", "off means zero duties", "always", TICK_TESTS),
 ]
 
-GUARD, DOOR, ANSWER = "control/protection/guard_rules.py", "control/protection/guard.py", "runtime/tick/kernels.py"
-DRIVE, PASSIVITY = "control/protection/drive.py", "control/protection/passivity.py"
-TICK = "runtime/tick/tick.py"
+GUARD, DOOR, ANSWER = "control/protection/guard_rules.py", "control/guard.py", "runtime/tick/kernels.py"
+DRIVE, PASSIVITY = "control/drive.py", "control/passivity.py"
+TICK = "runtime/tick.py"
 
 RED, GREEN, ANYWAY = "red, as it must be", "STILL GREEN", "RED ANYWAY"
 _LIMIT = "timeout=1500"  # the first test of a run compiles kernels, and that must not be what makes it red
@@ -605,7 +603,7 @@ def try_tests(proof: Proof, folder: Path) -> str:
     """What becomes of the tests of `proof` when its rule is not kept: RED, GREEN, or ANYWAY.
 
     `folder` holds a copy of the sources and what is compiled of it: a kernel is compiled again where what it stands on
-    has changed (see `haptorb.numerics.compiled`), all others are there from the proofs before.
+    has changed (see `haptorb.compiled`), all others are there from the proofs before.
     """
     path, copy = folder / "src" / proof.path.relative_to(ROOT / "src"), folder / "kept"
     shutil.copy2(path, copy)

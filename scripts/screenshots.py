@@ -27,8 +27,8 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
-from haptorb.apps.console import Console
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.trips import GuardState, Trip
+from haptorb.web.console import Console
 
 ROOT = Path(__file__).resolve().parent.parent
 SIZES = {
@@ -53,7 +53,7 @@ CHOSEN = {
 
 def fake_servo() -> Any:
     """The tests' imagined servo."""
-    path = ROOT / "tests" / "apps" / "console" / "fake_servo.py"
+    path = ROOT / "tests" / "web" / "console" / "fake_servo.py"
     spec = importlib.util.spec_from_file_location("fake_servo", path)
     assert spec is not None
     assert spec.loader is not None
@@ -207,7 +207,7 @@ def take_study(wanted: list[tuple[str, str, str, Path]]) -> None:
 
 
 def _study(browser: Any, folder: Path, who: str, moment: str, theme: str, path: Path) -> None:
-    words = [sys.executable, "-c", "from haptorb.apps.cli import main; main()", "study", "run", "places.toml"]
+    words = [sys.executable, "-c", "from haptorb.cli import main; main()", "study", "run", "places.toml"]
     run = subprocess.Popen([*words, "--port", "0"], cwd=folder, stderr=subprocess.PIPE, text=True)
     assert run.stderr is not None
     urls: dict[str, str] = {}
@@ -245,7 +245,7 @@ def _study(browser: Any, folder: Path, who: str, moment: str, theme: str, path: 
 
 def _record(path: Path) -> None:
     """Twelve seconds of the simulated Omni: a stylus that wanders over the dome, a stop, another width of the dome."""
-    from haptorb.runtime.servo.servo import Servo
+    from haptorb.runtime.servo import Servo
 
     with Servo("omni", "dome", record=str(path)) as servo:
         start, done = time.monotonic(), 0
@@ -270,7 +270,7 @@ def take_view(path: Path) -> None:
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as play:
         run = Path(folder, "run.mcap")
         _record(run)
-        words = [sys.executable, "-c", "from haptorb.apps.cli import main; main()", "view", str(run), "--json"]
+        words = [sys.executable, "-c", "from haptorb.cli import main; main()", "view", str(run), "--json"]
         served = subprocess.Popen([*words, "--port", "0"], stdout=subprocess.PIPE, text=True)
         assert served.stdout is not None
         url = json.loads(served.stdout.readline())["url"]

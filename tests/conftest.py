@@ -237,7 +237,7 @@ def fork_server() -> Iterator[ForkServer]:
 def quick_starts(fork_server: ForkServer) -> Iterator[None]:
     """Processes of servos that a file's tests start are copies of one that has loaded its packages: most of a second
     less for each."""
-    from haptorb.runtime.realtime import process_starter
+    from haptorb.runtime import linux as process_starter
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(process_starter, "subprocess", SimpleNamespace(Popen=fork_server.start))
@@ -268,7 +268,7 @@ def reproduction():
     """(paper, name) → that part of `haptorb reproduce`, made once for all tests of a run."""
     from functools import cache
 
-    from haptorb.apps.reproduce import ReproductionResult, find_reproduction
+    from haptorb_papers.reproduce import ReproductionResult, find_reproduction
 
     @cache
     def make(paper: str, name: str) -> ReproductionResult:

@@ -21,10 +21,10 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
-from apps.serve.served_run import ServedRun
 from failures import FAILED
-from haptorb.apps.serve.lsl.stream_description import NAME
+from haptorb.serve.lsl import NAME
 from oracles.protobuf import Schema
+from serve.served_run import ServedRun
 
 CLIENTS = Path(__file__).resolve().parents[1] / "examples" / "clients"
 SUBPROTOCOL = [Subprotocol("foxglove.sdk.v1")]

@@ -25,11 +25,10 @@ from typing import Any
 import numpy as np
 
 from haptorb import Servo
-from haptorb.apps.console import Console
-from haptorb.apps.serve.server_choice import check_servers
-from haptorb.apps.serve.serving import Serving
-from haptorb.apps.web.server import freeze_garbage
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.trips import GuardState, Trip
+from haptorb.serve.base import Serving, check_servers
+from haptorb.web.console import Console
+from haptorb.web.server import freeze_garbage
 from haptorb.worlds import Remote
 
 CLIENTS = Path(__file__).with_name("serve_clients.py")

@@ -101,7 +101,7 @@ def read_stream(port: int, seconds: float) -> dict[str, Any]:
     """Read the stream of rows: how many came, how many are missing, how old they are."""
     import pylsl
 
-    from haptorb.runtime.trackers.lsl_feed import THIS_COMPUTER
+    from haptorb.runtime.trackers.lsl import THIS_COMPUTER
 
     pylsl.set_config_content(THIS_COMPUTER)
     inlet = pylsl.StreamInlet(pylsl.resolve_byprop("name", "haptorb-rows", timeout=5.0)[0])
@@ -193,9 +193,8 @@ def measure_phase(servo: Any, ports: dict[str, int], seconds: float, *, hostile:
 def measure(seconds: float) -> dict[str, Any]:
     """Both phases, and what the servers counted."""
     from haptorb import Servo
-    from haptorb.apps.serve.server_choice import check_servers
-    from haptorb.apps.serve.serving import Serving
-    from haptorb.apps.web.server import freeze_garbage
+    from haptorb.serve.base import Serving, check_servers
+    from haptorb.web.server import freeze_garbage
     from haptorb.worlds import Dome, Remote
 
     load = os.getloadavg()[0]

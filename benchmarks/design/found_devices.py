@@ -18,16 +18,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from haptorb.apps.reproduce.zarate2020.hall_trial import try_hall_tracker
-from haptorb.control.allocation.motor_capability import motor_capability
-from haptorb.design.candidate import DesignCandidate
-from haptorb.design.objectives import quantity
-from haptorb.design.objectives.motor_torque import motor_of
-from haptorb.design.objectives.sensing import shell_places
-from haptorb.design.objectives.tool_force import electromagnet_of
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.control.capability import motor_capability
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
-from haptorb.sensing.sensors.sensing_accuracy import without_errors
+from haptorb.estimation.sensor_calibration import without_errors
+from haptorb_design.objectives import electromagnet_of, motor_of, quantity, shell_places
+from haptorb_design.problem import DesignCandidate
+from haptorb_papers.reproduce.zarate2020.hall_trial import try_hall_tracker
 
 MOTOR = (
     *("heat_per_torque_squared", "continuous_torque", "peak_torque", "torque_isotropy", "envelope_radius", "clearance"),

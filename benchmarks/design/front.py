@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.design.results_table import ResultsColumn, ResultsTable
-from haptorb.design.store import read_results
-from haptorb.display.quantity_text import format_number
+from haptorb.display import format_number
+from haptorb_design.results_table import ResultsColumn, ResultsTable
+from haptorb_design.store import read_results
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.design.design import Bound, Design, DesignGoal
-from haptorb.design.evaluation import Evaluation, Value
-from haptorb.design.parameter import DesignParameter
-from haptorb.design.quantity import DesignQuantity
-from haptorb.design.search.optimiser import Optimiser
+from haptorb_design.problem import Bound, Design, DesignGoal, DesignParameter, DesignQuantity, Evaluation, Value
+from haptorb_design.search import Optimiser
 
 CHOICES = ("a", "b", "c")
 RANGES, STEPS = ("x0", "x1", "x2", "x3"), ("s0", "s1")

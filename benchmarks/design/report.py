@@ -21,12 +21,17 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.design.report import write_report
-from haptorb.design.design import Bound, Design, DesignGoal
-from haptorb.design.evaluation import Evaluation
-from haptorb.design.parameter import DesignParameter, ParameterPlace
-from haptorb.design.quantity import DesignQuantity
-from haptorb.design.store import open_results
+from haptorb_design.problem import (
+    Bound,
+    Design,
+    DesignGoal,
+    DesignParameter,
+    DesignQuantity,
+    Evaluation,
+    ParameterPlace,
+)
+from haptorb_design.report import write_report
+from haptorb_design.store import open_results
 
 OPENS, FOLLOWS = 3.0, 50.0  #: limits [s], [ms]
 STEPS = 200  #: of the pointer in a round

@@ -29,15 +29,13 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from haptorb.apps.design.keep import keep_candidates
-from haptorb.design.design import Design
-from haptorb.design.design_file import load_design
-from haptorb.design.evaluation import Evaluation, Value
-from haptorb.design.sampling import sample, sweep
-from haptorb.design.search.optimise import optimise
-from haptorb.design.search.optimiser import Optimiser
-from haptorb.design.store import open_results
-from haptorb.design.workers.processes import open_processes
+from haptorb_design.design_file import load_design
+from haptorb_design.problem import Design, Evaluation, Value
+from haptorb_design.results_table import keep_candidates
+from haptorb_design.sampling import sample, sweep
+from haptorb_design.search import Optimiser, optimise
+from haptorb_design.store import open_results
+from haptorb_design.workers import open_processes
 
 MANY = 10_000
 EACH, EFFICIENCY, RESUME, MEMORY = 0.15, 0.85, 5.0, 1000.0  #: limits [s], 1, [s], [MB]

@@ -19,16 +19,14 @@ from time import monotonic, perf_counter, sleep
 
 import numpy as np
 
-from haptorb.control.allocation.array.for_array import array_choice
-from haptorb.devices.coil_array import array_wrench as kernels
-from haptorb.devices.coil_array.coil_array import CoilArray
-from haptorb.devices.coil_array.parts import PlacedCoils
-from haptorb.devices.device import Coils
+from haptorb.control.array_allocation import array_choice
+from haptorb.devices import coil_array as kernels
+from haptorb.devices.base import Coils, State, rotation_to_axis
+from haptorb.devices.coil_array import CoilArray, PlacedCoils
 from haptorb.devices.loader import load
-from haptorb.devices.state import State, rotation_to_axis
-from haptorb.runtime.row import STAGES, RowLayout
-from haptorb.runtime.servo.servo import Servo
-from haptorb.worlds.basic.wall import Wall
+from haptorb.recording.row import STAGES, RowLayout
+from haptorb.runtime.servo import Servo
+from haptorb.worlds.basic import Wall
 
 SIDE, PITCH = 10, 35e-3
 MAP, ALLOCATION, IN_TIME = 150e-6, 60e-6, 0.999

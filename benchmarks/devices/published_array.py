@@ -22,16 +22,15 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.control.allocation.array.array_allocator import ArrayAllocator
-from haptorb.design.objectives.array_force import greatest_force
-from haptorb.devices.coil_array.coil_array import CoilArray, place_coils
-from haptorb.devices.device import require
+from haptorb.arrays import cap_directions
+from haptorb.control.array_allocation import ArrayAllocator
+from haptorb.devices.base import State, require
+from haptorb.devices.coil_array import CoilArray, place_coils
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.numerics.directions import cap_directions
-from haptorb.physics.interaction import wrench
-from haptorb.physics.sources.cylinder import CylinderMagnet
-from haptorb.physics.sources.placement import PlacedSource
+from haptorb.magnetics.interaction import wrench
+from haptorb.magnetics.magnets import CylinderMagnet
+from haptorb.magnetics.source import PlacedSource
+from haptorb_design.objectives import greatest_force
 
 PUBLISHED = (30e-3, 90e-3, 120e-3)  #: range up, along y, along x [m]
 DENSITY = 7500.0  #: sintered NdFeB [kg/m³]

@@ -27,7 +27,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from haptorb import Recording, Servo
-from haptorb.apps.cli import main as run_command
+from haptorb.cli import main as run_command
 from haptorb.errors import HaptorbError
 
 _SECONDS = 3.0

@@ -22,11 +22,11 @@ from pathlib import Path
 import numpy as np
 
 from haptorb import Recording, Servo
-from haptorb.runtime.recording.recorder import Recorder
+from haptorb.recording.mcap import Recorder
 
 _SAMPLE = 10.0  #: recorded [s]
 _TASKS = {
-    "import alone": "import haptorb.runtime.recording.recording",
+    "import alone": "import haptorb.recording.recording",
     "open": "Recording(path)",
     "10 s of p": "Recording(path)['p'][n // 2 : n // 2 + 10000].mean()",
     "last tick": "Recording(path)['t'][-1]",
@@ -42,7 +42,7 @@ _COMMAND_FRAME = f"""
 import contextlib, re, sys
 path = sys.argv[1]
 sys.argv = ["haptorb", *{{words}}]
-from haptorb.apps.cli import main
+from haptorb.cli import main
 with contextlib.suppress(SystemExit):
     main()
 {_MEMORY}
@@ -51,8 +51,8 @@ _FRAME = """
 import re, sys, time
 path, n = sys.argv[1], int(sys.argv[2])
 start = time.perf_counter()
-from haptorb.runtime.recording.recording import Recording
-from haptorb.runtime.recording.recording_summary import list_facts
+from haptorb.recording.recording import Recording
+from haptorb.recording.recording import list_facts
 {task}
 took = time.perf_counter() - start
 # not getrusage: that remembers the program which started this one

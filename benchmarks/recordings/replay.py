@@ -21,9 +21,9 @@ from typing import Any
 
 from haptorb.devices.loader import load
 from haptorb.errors import HaptorbError
-from haptorb.runtime.tick.assembly import check_estimator, estimators_of
+from haptorb.runtime.assembly import check_estimator, estimators_of
 
-_PROGRAM = "import sys; from haptorb.apps.cli.program import main; sys.exit(main())"
+_PROGRAM = "import sys; from haptorb.cli.program import main; sys.exit(main())"
 _HOUR = 3600.0
 
 

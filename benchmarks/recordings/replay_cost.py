@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 
 from haptorb.devices.loader import load
-from haptorb.runtime.memory.state_slots import SLOTS
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.processes.state_keeper import EVERY
-from haptorb.runtime.tick import tick as module
-from haptorb.runtime.tick.assembly import assemble, default_world
-from haptorb.runtime.tick.tick import Tick
-from haptorb.runtime.tick.tick_log import TickLog
-from haptorb.runtime.tick.tick_state import TickState
+from haptorb.runtime import tick as module
+from haptorb.runtime.assembly import assemble, default_world
+from haptorb.runtime.black_box import EVERY
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.shared_memory import SLOTS
+from haptorb.runtime.tick import Tick
+from haptorb.runtime.tick_log import TickLog
+from haptorb.runtime.tick_state import TickState
 from haptorb.worlds import find_world
 
 _BLOCK = 100  #: ticks of one kind in a row

@@ -27,7 +27,7 @@ from playwright.sync_api import Page, sync_playwright
 
 _SIZE = {"width": 1440, "height": 900}
 _SHOWN = "document.querySelector('iframe')?.contentWindow.player?.shown"
-_COMMAND = "from haptorb.apps.cli import main; raise SystemExit(main())"
+_COMMAND = "from haptorb.cli import main; raise SystemExit(main())"
 
 
 def peak_memory(process: int) -> int:

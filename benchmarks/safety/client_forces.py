@@ -27,24 +27,24 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.serve import served_device
-from haptorb.apps.serve.haply import service as haply_service
-from haptorb.apps.serve.haply import session as haply_session
-from haptorb.apps.serve.haply.routes import reply
-from haptorb.apps.serve.haply.service import Service
-from haptorb.apps.serve.served_device import ServedDevice
-from haptorb.control.protection.trip import GuardState
+from haptorb.control.trips import GuardState
 from haptorb.devices.loader import load
-from haptorb.physics.sources import dipole
-from haptorb.physics.sources.charged_ring import ChargedRing
-from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory
-from haptorb.runtime.exchange.world_change import description
-from haptorb.runtime.row import RowLayout
-from haptorb.runtime.tick.assembly import assemble
-from haptorb.runtime.trackers.tracker import Goal, Tracker
-from haptorb.sensing.sample import Pose
+from haptorb.estimation.types import Pose
+from haptorb.magnetics import dipole
+from haptorb.magnetics.magnets import ChargedRing
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.shared_memory import Phase, SharedMemory
+from haptorb.runtime.trackers.base import Goal, Tracker
+from haptorb.runtime.world_change import description
+from haptorb.serve import base as served_device
+from haptorb.serve import haply_protocol as haply_service
+from haptorb.serve import haply_protocol as haply_session
+from haptorb.serve.base import ServedDevice
+from haptorb.serve.haply import reply
+from haptorb.serve.haply_protocol import Service
 from haptorb.worlds import Dome, Fluid, Remote
-from haptorb.worlds.dynamic.remote import FADE, HOLD
+from haptorb.worlds.dynamic import FADE, HOLD
 
 DT = 1e-3
 GAPS = (0, 0, 1, 1, 2, 7)  #: ticks between two events

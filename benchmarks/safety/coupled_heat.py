@@ -19,17 +19,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from haptorb.control.protection.protection import Protection
-from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.api import electromagnet
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.endurance import endurance
+from haptorb.arrays import Array
+from haptorb.control.protection import Protection
+from haptorb.devices.base import Device, State, WrenchMap, endurance
+from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.devices.wrench_map import WrenchMap
-from haptorb.numerics.arrays import Array
-from haptorb.physics.thermal_network import ThermalNetwork
-from haptorb.sensing.sample import Estimate, Pose, Sample
+from haptorb.estimation.types import Estimate, Pose, Sample
+from haptorb.thermal import ThermalNetwork
 
 DT, BELOW = 0.01, 0.1
 SLOW = 0.02  #: a tick where nothing changes quickly [s]

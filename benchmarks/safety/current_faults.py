@@ -19,16 +19,16 @@ from dataclasses import replace
 import numpy as np
 
 from haptorb import worlds
-from haptorb.control.protection.trip import Trip
-from haptorb.devices.device import Device
+from haptorb.control.trips import Trip
+from haptorb.devices.base import Device
 from haptorb.devices.loader import load
-from haptorb.devices.motor.spherical_motor import SphericalMotor
-from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.pointer.guided_handle import HandleMotion
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.tick.assembly import allocator_of, check_estimator, estimator_of, linkage_of
-from haptorb.runtime.tick.tick import Tick
+from haptorb.devices.motor import SphericalMotor
+from haptorb.runtime.assembly import allocator_of, check_estimator, estimator_of, linkage_of
+from haptorb.runtime.drivers.base import Driver
+from haptorb.runtime.drivers.sim import SimDriver
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.tick import Tick
+from haptorb.simulation.hand import HandleMotion
 
 DT = 1e-3
 LIMIT = 0.050  #: to the trip [s]

@@ -36,10 +36,10 @@ from itertools import cycle, islice
 from pathlib import Path
 from typing import Any
 
-from haptorb.control.protection.trip import GuardState
+from haptorb.control.trips import GuardState
 from haptorb.errors import DriverError
-from haptorb.runtime.drivers.serial.emulator import Emulator
-from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
+from haptorb.runtime.drivers.board_emulator import Emulator
+from haptorb.runtime.shared_memory import Phase, SharedMemory, Word
 
 LIMIT = 20.0  #: [ms]
 BUILD = Path(__file__).resolve().parents[2] / "firmware" / "build"
@@ -48,10 +48,10 @@ ENDS = (*SIGNALS, "duration", "exception", "with", "page")
 FAULTS = ("nothing", "server", "recorder", "tracker", "compiler", "disk")
 BOARDS = ("sim", "emulated")
 MODULES = {
-    "server": "haptorb.apps.serve.server_process",
-    "recorder": "haptorb.runtime.processes.recorder_process",
-    "tracker": "haptorb.runtime.processes.tracker_process",
-    "compiler": "haptorb.runtime.processes.first_start",
+    "server": "haptorb.serve.server_process",
+    "recorder": "haptorb.runtime.recorder_process",
+    "tracker": "haptorb.runtime.tracker_process",
+    "compiler": "haptorb.runtime.first_start",
 }
 START = 90.0  #: for a program to have its coils on, on a busy computer [s]
 LASTS = 1.0  #: the run of which --duration ends, from the first tick [s]
@@ -70,9 +70,9 @@ HOST = """
 import json, os, sys, time
 from pathlib import Path
 given = json.loads(sys.argv[1])
-from haptorb.runtime.recording import recording_file
-from haptorb.runtime.servo import compiler_process
-from haptorb.runtime.servo.servo import Servo
+from haptorb.recording import destination as recording_file
+from haptorb.runtime import process_group as compiler_process
+from haptorb.runtime.servo import Servo
 if given["pipe"]:
     recording_file.create_recording = lambda path, *, overwrite: os.open(given["pipe"], os.O_WRONLY)
 if given["compiler"]:
@@ -86,9 +86,9 @@ def noted(self, seconds):
     run(self, seconds)
 Servo.run = noted
 if given["with"]:
-    from haptorb.apps.serve.server_choice import check_servers
-    from haptorb.apps.serve.serving import Serving
-    from haptorb.worlds.own.world_file import parse_world_file
+    from haptorb.serve.base import check_servers
+    from haptorb.serve.base import Serving
+    from haptorb.worlds.user_world import parse_world_file
     servo = Servo("omni", parse_world_file(given["world"]), driver=given["driver"], tracker=given["tracker"],
                   record=given["record"], overwrite=True)
     with Serving(check_servers([given["serve"]]), servo) as serving, servo:
@@ -96,7 +96,7 @@ if given["with"]:
         Path(given["noted"]).touch()
         sys.stdin.readline()
 else:
-    from haptorb.apps.cli import main
+    from haptorb.cli import main
     sys.exit(main(given["arguments"]))
 """
 

@@ -21,10 +21,10 @@ from time import monotonic, sleep
 
 import numpy as np
 
-from haptorb.control.protection.trip import Trip
+from haptorb.control.trips import Trip
 from haptorb.errors import ServoError
-from haptorb.runtime.exchange.black_box import TripRecord
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.black_box import TripRecord
+from haptorb.runtime.servo import Servo
 
 
 def compute() -> None:

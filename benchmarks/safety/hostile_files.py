@@ -37,27 +37,22 @@ import numpy as np
 import zstandard
 
 from haptorb import worlds
-from haptorb.apps.calibrate.progress_file import ProgressFile
-from haptorb.apps.calibrate.record import thermal_record
-from haptorb.apps.calibrate.steps import STEPS, calibration_of
-from haptorb.apps.cli.world_option import parse_settings
-from haptorb.apps.feel.candidates import load_designs
-from haptorb.apps.feel.session import FeelSession
-from haptorb.apps.study.model.study_reader import read_study
+from haptorb.cli.calibration_dialog import STEPS, ProgressFile, calibration_of, thermal_record
+from haptorb.cli.world_option import parse_settings
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, HaptorbError, RecordingError, RecordingWarning
-from haptorb.runtime.exchange.world_change import change_world, parse_request, request
-from haptorb.runtime.recording.recorder import Recorder
-from haptorb.runtime.recording.recording import Recording
-from haptorb.runtime.row import RowLayout
-from haptorb.runtime.trackers.replay_feed import load_poses
-from haptorb.sensing.calibration.calibration import Calibration
-from haptorb.sensing.calibration_file import read_calibration, read_frame
-from haptorb.sensing.frame.tracker_frame import TrackerFrame
-from haptorb.sensing.torque_maps.network import TrainedNetworks
-from haptorb.sensing.torque_maps.network_file import read_networks, write_networks
-from haptorb.sensing.torque_maps.perceptron import Perceptron, Scaling
-from haptorb.worlds.parameter import parameters
+from haptorb.estimation.calibration import Calibration, read_calibration, read_frame
+from haptorb.estimation.network import Perceptron, Scaling, TrainedNetworks, read_networks, write_networks
+from haptorb.estimation.tracker_frame import TrackerFrame
+from haptorb.recording.mcap import Recorder
+from haptorb.recording.recording import Recording
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.trackers.replay import load_poses
+from haptorb.runtime.world_change import change_world, parse_request, request
+from haptorb.worlds.base import parameters
+from haptorb_study.feel.designs import load_designs
+from haptorb_study.feel.session import FeelSession
+from haptorb_study.study_file import read_study
 
 SLOW = 2.0  #: of the processor's time for one file [s]
 MEMORY = 512 * 1024  #: more than before, for all files of a kind [kB]
@@ -337,7 +332,7 @@ def kinds(folder: Path) -> list[Kind]:
             raise CalibrationError(progress.left)
         return progress
 
-    designs = load_designs(Path(str(files("haptorb.apps.feel") / "example.toml")))
+    designs = load_designs(Path(str(files("haptorb_study.feel") / "example.toml")))
 
     def of_ratings(path: Path) -> object:
         (folder / "session").mkdir(exist_ok=True)
@@ -380,7 +375,7 @@ def kinds(folder: Path) -> list[Kind]:
         Kind("device", (catalogue / "omni.toml").read_bytes(), ".toml", load),
         Kind("motor", (catalogue / "pmsm.toml").read_bytes(), ".toml", load),
         Kind("variant", (catalogue / "pmsm-in-phase.toml").read_bytes(), ".toml", load),
-        Kind("design", (files("haptorb.apps.feel") / "example.toml").read_bytes(), ".toml", load_designs),
+        Kind("design", (files("haptorb_study.feel") / "example.toml").read_bytes(), ".toml", load_designs),
         Kind("study", STUDY, ".toml", read_study),
         Kind("calibration", calibration.text().encode(), ".json", of_calibration),
         Kind("frame", frame.text().encode(), ".json", of_frame),
@@ -395,7 +390,7 @@ def kinds(folder: Path) -> list[Kind]:
 
 def _seal(good: bytes, chance: random.Random) -> bytes:
     """A network file with another head, whose hash is right."""
-    from haptorb.sensing.torque_maps.network_file import _digest
+    from haptorb.estimation.network import _digest
 
     line, _, numbers = good.partition(b"\n")
     head = json.loads(line)

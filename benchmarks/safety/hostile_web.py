@@ -161,8 +161,8 @@ def _other(port: int, connections: int = 0, seconds: float = 0.0, token: str = "
 
 def serve(line: Connection) -> None:
     """The console and its servo; says where it is, and at the end how it went."""
-    from haptorb.apps.console import Console
-    from haptorb.runtime.servo.servo import Servo
+    from haptorb.runtime.servo import Servo
+    from haptorb.web.console import Console
 
     servo = Servo("omni", "dome", record=False)
     with Console(servo, 0) as console, servo:

@@ -27,8 +27,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from haptorb.errors import DriverError
-from haptorb.runtime.drivers.serial.serial_port import SerialPort
-from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
+from haptorb.runtime.drivers.serial import SerialPort
+from haptorb.runtime.shared_memory import Phase, SharedMemory, Word
 
 GONE, REPORT_TIME = 3.0, 2.0  #: limits [s]
 UNDER_WAY = 0.3  #: from the world's misbehaviour to the host's end [s]
@@ -66,7 +66,7 @@ from dataclasses import dataclass
 import numpy as np
 import haptorb
 from haptorb.errors import HaptorbError
-from haptorb.runtime.drivers.serial.serial_port import SerialPort
+from haptorb.runtime.drivers.serial import SerialPort
 from haptorb.worlds import World
 
 held, started = [], []
@@ -77,7 +77,7 @@ def misbehave():
 @dataclass(frozen=True)
 class Mine(World):
     def wrench(self, state):
-        if not held and sys.modules["__main__"].__spec__.name == "haptorb.runtime.processes.servo_process":
+        if not held and sys.modules["__main__"].__spec__.name == "haptorb.runtime.servo_process":
             held.append(SerialPort(PORT))  # as the driver of a real device does
         if os.path.exists(FLAG):
             misbehave()

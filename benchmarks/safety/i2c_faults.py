@@ -30,14 +30,13 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.control.protection.trip import CoilState
+from haptorb.control.trips import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError
-from haptorb.runtime.drivers.i2c.i2c_chips import Port
-from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
-from haptorb.runtime.drivers.i2c.i2c_guardian import Guardian, switch_off
-from haptorb.runtime.drivers.i2c.pca9685 import Pca9685
-from haptorb.runtime.realtime.kernel_requests import request_real_time
+from haptorb.runtime.drivers.i2c import I2cDriver, Port
+from haptorb.runtime.drivers.i2c_chips import Pca9685
+from haptorb.runtime.drivers.i2c_guardian import Guardian, switch_off
+from haptorb.runtime.linux import request_real_time
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))  # the chips as their data sheets have them
 
@@ -54,7 +53,7 @@ NONE = np.zeros(3)
 GUARDIAN = """
 import sys
 from multiprocessing.connection import Client
-from haptorb.runtime.drivers.i2c.i2c_guardian import serve
+from haptorb.runtime.drivers.i2c_guardian import serve
 class Bus:
     def __init__(self):
         self.line = Client(sys.argv[1], "AF_UNIX")

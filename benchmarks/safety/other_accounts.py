@@ -35,7 +35,7 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
 NOBODY = 65534
-COMMAND = "from haptorb.apps.cli import main; raise SystemExit(main())"
+COMMAND = "from haptorb.cli import main; raise SystemExit(main())"
 PLACE = (0.001, 0.002, 0.055)
 ELSEWHERE = (0.02, 0.0, 0.06)
 MOVED = 2e-3  #: of the pose, that no noise makes [m]

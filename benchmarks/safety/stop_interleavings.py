@@ -27,24 +27,24 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.asking.prompt import Prompt
-from haptorb.apps.console import socket_hub as console_room
-from haptorb.apps.study.model.study_reader import study_of
-from haptorb.apps.study.pages import socket_hub as study_room
-from haptorb.apps.study.pages.session_manager import SessionManager
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, HaptorbError
-from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.exchange.commands import Commands
-from haptorb.runtime.exchange.shared_memory import SharedMemory, Word
-from haptorb.runtime.exchange.world_change import request
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.processes.loop import Loop
-from haptorb.runtime.realtime.schedule import Schedule
-from haptorb.runtime.row import RowLayout
-from haptorb.runtime.tick.assembly import assemble
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.clock import Schedule
+from haptorb.runtime.commands import Commands
+from haptorb.runtime.drivers.base import Driver
+from haptorb.runtime.loop import Loop
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.shared_memory import SharedMemory, Word
+from haptorb.runtime.world_change import request
+from haptorb.web import console_hub as console_room
 from haptorb.worlds import find_world
+from haptorb_study import pages as study_room
+from haptorb_study.pages import SessionManager
+from haptorb_study.procedures import Prompt
+from haptorb_study.study_file import study_of
 
 RATE, START = 1000.0, 1_000_000_000
 DEEDS, GAPS = 8, (0, 0, 1, 1, 2, 7)

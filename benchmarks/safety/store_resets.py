@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from haptorb.errors import DriverError
-from haptorb.runtime.drivers.serial.board import Board
-from haptorb.runtime.drivers.serial.codes import Refusal
-from haptorb.runtime.drivers.serial.emulator import Emulator
+from haptorb.runtime.drivers.board_emulator import Emulator
+from haptorb.runtime.drivers.serial import Board
+from haptorb.runtime.drivers.serial_protocol import Refusal
 
 BUILD = Path(__file__).resolve().parents[2] / "firmware" / "build"
 LONGEST = 0.13  #: of firmware time from STORE to the reset [s]; all bytes take 0.075 s

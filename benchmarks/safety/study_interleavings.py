@@ -23,16 +23,14 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.asking.prompt import Answer
-from haptorb.apps.study.model.order import plan, procedure_of
-from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.model.study_reader import study_of
-from haptorb.apps.study.pages.session_manager import SessionManager
-from haptorb.apps.study.pages.socket_hub import StudyPage, StudySocketHub
-from haptorb.control.protection.trip import CoilState, GuardState, Trip
+from haptorb.control.trips import CoilState, GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import RecordingError, ServoError
-from haptorb.runtime.row import RowLayout
+from haptorb.recording.row import RowLayout
+from haptorb_study.order import plan, procedure_of
+from haptorb_study.pages import SessionManager, StudyPage, StudySocketHub
+from haptorb_study.procedures import Answer
+from haptorb_study.study_file import Study, study_of
 
 STEPS = 40  #: of one interleaving
 STUDY = """

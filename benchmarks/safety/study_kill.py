@@ -29,10 +29,10 @@ from typing import Any
 WORKER = """
 import os, sys
 from sqlalchemy import select, func
-from haptorb.apps.study.store.database import database, sessions
-from haptorb.apps.study.simulated.participant import Participant
-from haptorb.apps.study.session.stored_session import StoredSession
-from haptorb.apps.study.model.study_reader import study_of
+from haptorb_study.database import database, sessions
+from haptorb_study.simulated import Participant
+from haptorb_study.session import StoredSession
+from haptorb_study.study_file import study_of
 study = study_of('name = "killed"\\nprocedure = "staircase"\\n'
     '[levels]\\nreference = 1.2\\nleast = 0.02\\nmost = 1.0\\nstart = 0.5\\ntrials = 40\\n'
     '[trials]\\npractice = 3\\nbreak_every = 7\\n[[conditions]]\\nname = "a"\\n[[conditions]]\\nname = "b"\\n'

@@ -30,13 +30,11 @@ from sqlalchemy import text
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.model.study_reader import study_of
-from haptorb.apps.study.pages.server import StudyServer
-from haptorb.apps.study.pages.session_manager import SessionManager
-from haptorb.apps.study.store.database import database
-from haptorb.control.protection.trip import GuardState
-from haptorb.runtime.servo.servo import Servo
+from haptorb.control.trips import GuardState
+from haptorb.runtime.servo import Servo
+from haptorb_study.database import database
+from haptorb_study.pages import SessionManager, StudyServer
+from haptorb_study.study_file import Study, study_of
 
 LIMIT = 20.0  #: [ms]
 STATES = ("starting", "consent", "question", "running", "time is up", "pause", "break", "paused")

@@ -22,19 +22,16 @@ from time import perf_counter
 
 import numpy as np
 
-from haptorb.control.allocation.allocator import Allocator
-from haptorb.control.allocation.array.for_array import array_choice
-from haptorb.control.allocation.for_device import force_allocator, tool_choice, torque_allocator
-from haptorb.control.protection.guard import limit_currents
-from haptorb.control.protection.protection import Protection
-from haptorb.control.protection.trip import GuardState
-from haptorb.devices.coil_array.coil_array import CoilArray
-from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.api import electromagnet
+from haptorb.arrays import Array
+from haptorb.control.allocation import Allocator, force_allocator, tool_choice, torque_allocator
+from haptorb.control.array_allocation import array_choice
+from haptorb.control.guard import limit_currents
+from haptorb.control.protection import Protection
+from haptorb.control.trips import GuardState
+from haptorb.devices.base import Device, State, WrenchMap
+from haptorb.devices.coil_array import CoilArray
+from haptorb.devices.electromagnet import electromagnet
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.devices.wrench_map import WrenchMap
-from haptorb.numerics.arrays import Array
 
 PER_POSE = 500
 DIRECTION_ERROR = 1e-6

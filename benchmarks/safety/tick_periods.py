@@ -18,15 +18,15 @@ from itertools import cycle
 
 import numpy as np
 
-from haptorb.control.protection.trip import Trip
+from haptorb.arrays import Array
+from haptorb.control.trips import Trip
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.numerics.arrays import Array
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.tick.assembly import allocator_of, estimator_of, linkage_of
-from haptorb.runtime.tick.tick import Tick
-from haptorb.runtime.trackers.tracker import Goal
-from haptorb.worlds.world import World
+from haptorb.runtime.assembly import allocator_of, estimator_of, linkage_of
+from haptorb.runtime.drivers.sim import SimDriver
+from haptorb.runtime.tick import Tick
+from haptorb.runtime.trackers.base import Goal
+from haptorb.worlds.base import World
 
 MS = 1e-3
 OBSERVER_ERROR, ABOVE, SOON = 0.1, 0.0, 0.2  #: the limits [K], [K], [s]

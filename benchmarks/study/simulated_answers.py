@@ -10,12 +10,11 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
-from haptorb.apps.asking.prompt import Answer, Prompt
-from haptorb.apps.study.inference.psychometric import LevelCounts
-from haptorb.apps.study.model.order import plan, procedure_of
-from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.model.study_reader import study_of
-from haptorb.apps.study.store.columns import Columns
+from haptorb_study.columns import Columns
+from haptorb_study.order import plan, procedure_of
+from haptorb_study.procedures import Answer, Prompt
+from haptorb_study.psychometric import LevelCounts
+from haptorb_study.study_file import Study, study_of
 
 LEVELS = np.linspace(0.6, 1.4, 9)
 SPREAD, REPETITIONS = 0.12, 20

@@ -48,12 +48,9 @@ from simulated_answers import (
     draw_stored,
 )
 
-from haptorb.apps.study.analysis.analysis import analyse
-from haptorb.apps.study.inference.hierarchical import fit_group
-from haptorb.apps.study.inference.intervals import mean_interval
-from haptorb.apps.study.inference.person_fit import fit_person
-from haptorb.apps.study.inference.share_interval import share_interval
-from haptorb.apps.study.inference.slope_likelihood import SlopeLikelihood
+from haptorb_study.analysis import analyse
+from haptorb_study.psychometric import SlopeLikelihood, fit_group, fit_person
+from haptorb_study.statistics import mean_interval, share_interval
 
 _ROWS = ["group", "corners", "misfit", "door", "adaptive"]
 PEOPLE, SPREADS = (6, 12, 24), (0.0, 0.05, 0.15)

@@ -21,13 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.study.analysis.conditions import compare_conditions
-from haptorb.apps.study.inference.information import transfer_information
-from haptorb.apps.study.inference.sphere import local_axes
-from haptorb.apps.study.model.set_points import directions
-from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.model.study_reader import study_of
-from haptorb.cluster.cores import count_cores
+from haptorb.cluster import count_cores
+from haptorb_study.analysis import compare_conditions
+from haptorb_study.statistics import local_axes, transfer_information
+from haptorb_study.study_file import Study, directions, study_of
 
 BIAS, SLOPE = 2.0, 0.08  #: planted: [deg], [mm/deg]
 SPREADS = (0.0, 0.5, 1.5)  #: between people, in parts of the bias or of the slope

@@ -18,11 +18,10 @@ from multiprocessing import get_context
 import numpy as np
 from scipy.stats import nct, t
 
-from haptorb.apps.study.analysis.analysis import analyse
-from haptorb.apps.study.model.study_reader import study_of
-from haptorb.apps.study.simulated.power import power_of
-from haptorb.apps.study.simulated.power_person import answer_study, list_columns, simulate_value
-from haptorb.cluster.cores import count_cores
+from haptorb.cluster import count_cores
+from haptorb_study.analysis import analyse
+from haptorb_study.simulated import answer_study, list_columns, power_of, simulate_value
+from haptorb_study.study_file import study_of
 
 TWO = '[[conditions]]\nname = "base"\n[[conditions]]\nname = "other"\nparameters = {{ moment = {moment} }}\n'
 PLACES = "[set_points]\npoints = [{number = 1, theta_deg = 0}, {number = 2, theta_deg = 36}]\n"

@@ -37,9 +37,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.study.inference.hierarchical import fit_group
-from haptorb.apps.study.inference.psychometric import LevelCounts
-from haptorb.apps.study.inference.slope_likelihood import SlopeLikelihood
+from haptorb_study.psychometric import LevelCounts, SlopeLikelihood, fit_group
 
 LOW, HIGH = 0.6, 1.4
 SPREADS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, np.inf)  #: over the range

@@ -15,8 +15,8 @@ from time import perf_counter
 
 import numpy as np
 
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.worlds import PathGuidance
 
 TICKS, RUNS = 20_000, 5

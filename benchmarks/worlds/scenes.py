@@ -29,16 +29,16 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.console import Console
-from haptorb.control.stability.coupling_choice import CouplingSetting, measure_margin
-from haptorb.control.stability.hand_grip import GRIPS
+from haptorb.analysis.coupling import CouplingSetting, measure_margin
+from haptorb.analysis.stability import GRIPS
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.servo import Servo
+from haptorb.web.console import Console
 from haptorb.worlds import Scene
-from haptorb.worlds.bound_world import bind_world
-from haptorb.worlds.scene.scene_file import SceneFile
-from haptorb.worlds.scene.scene_model import SHIPPED, find_scene_file
+from haptorb.worlds.dynamic import bind_world
+from haptorb.worlds.scene import SceneFile
+from haptorb.worlds.scene_physics import SHIPPED, find_scene_file
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 

@@ -17,14 +17,14 @@ from sphinx.application import Sphinx
 
 import haptorb
 
-ROOMS = sorted(
-    found.name for found in pkgutil.iter_modules(haptorb.__path__) if found.name not in ("version", "__main__")
-)
+PACKAGES = ("haptorb_design", "haptorb_study")  #: beside haptorb
+_FOUND = sorted(found.name for found in pkgutil.iter_modules(haptorb.__path__))
+ROOMS = [*(name for name in _FOUND if name != "version" and not name.startswith("_")), *PACKAGES]
 
 
 def modules(room: str) -> list[ModuleType]:
     """A room's module and, if it is a package, all modules in it."""
-    top = import_module(f"haptorb.{room}")
+    top = import_module(room if room in PACKAGES else f"haptorb.{room}")
     below = pkgutil.walk_packages(getattr(top, "__path__", []), top.__name__ + ".")
     names = [found.name for found in below if not any(part.startswith("_") for part in found.name.split("."))]
     return [top, *(import_module(name) for name in names)]

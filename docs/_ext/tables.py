@@ -15,19 +15,19 @@ from sphinx.application import Sphinx
 
 import haptorb
 from haptorb import worlds
-from haptorb.apps.feel.design_file import DesignFile, DesignTable
-from haptorb.apps.serve.foxglove.row_messages import RowMessages
-from haptorb.apps.serve.osc.addresses import INCOMING, OUTGOING, REPLIES
-from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.templates.study_template import TEMPLATES, make_study_text
-from haptorb.control.protection.trip import GuardState, Trip
-from haptorb.design.file_schema import DeviceDesignFile
-from haptorb.design.objectives import quantity, quantity_names
-from haptorb.devices.kind import kind_names, kind_of_name
-from haptorb.devices.schema.key_text import list_keys
-from haptorb.physics.materials import MATERIALS
-from haptorb.runtime.row import RowLayout
-from haptorb.worlds.parameter import parameters
+from haptorb.beams import MATERIALS
+from haptorb.control.trips import GuardState, Trip
+from haptorb.devices.base import kind_names, kind_of_name
+from haptorb.devices.schema import list_keys
+from haptorb.recording.row import RowLayout
+from haptorb.serve.foxglove import RowMessages
+from haptorb.serve.osc import INCOMING, OUTGOING, REPLIES
+from haptorb.worlds.base import parameters
+from haptorb_design.design_file import DeviceDesignFile
+from haptorb_design.objectives import quantity, quantity_names
+from haptorb_study.feel.designs import DesignFile, DesignTable
+from haptorb_study.study_file import Study
+from haptorb_study.template import TEMPLATES, make_study_text
 
 
 def table(head: tuple[str, ...], rows: list[tuple[Any, ...]]) -> str:
@@ -134,7 +134,7 @@ def command_line() -> str:
     """What the commands say of themselves, in a terminal of 86 columns; a process for each would take a second."""
     from typer.main import get_command
 
-    command: Any = get_command(import_module("haptorb.apps.cli.program").app)
+    command: Any = get_command(import_module("haptorb.cli.program").app)
     environment = {"COLUMNS": "86", "NO_COLOR": "1", "TERM": "dumb", "HOME": str(Path.home())}
 
     def told(*words: str) -> str:
@@ -150,7 +150,7 @@ def command_line() -> str:
 
 def benchmarks() -> str:
     """The stored figures of `haptorb bench`."""
-    from haptorb.apps.bench import load_result
+    from haptorb_papers.bench import load_result
 
     return load_result(Path(__file__).resolve().parents[1] / "benchmarks.json").markdown()
 

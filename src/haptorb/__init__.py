@@ -12,18 +12,18 @@ from haptorb.version import __version__ as __version__
 
 #: public name → module that defines it
 _HOME = {
-    "State": "haptorb.devices.state",
-    "WrenchMap": "haptorb.devices.wrench_map",
-    "Device": "haptorb.devices.device",
-    "Servo": "haptorb.runtime.servo.servo",
-    "Recording": "haptorb.runtime.recording.recording",
+    "State": "haptorb.devices.base",
+    "WrenchMap": "haptorb.devices.base",
+    "Device": "haptorb.devices.base",
+    "Servo": "haptorb.runtime.servo",
+    "Recording": "haptorb.recording.recording",
     "load": "haptorb.devices.loader",
     "force_map": "haptorb.simulation.force_map",
     "wrench_map": "haptorb.devices.api",
-    "field": "haptorb.devices.motor.api",
-    "sensor_field": "haptorb.devices.motor.api",
-    "torque_characteristic": "haptorb.devices.motor.api",
-    "rotation_from_euler": "haptorb.numerics.rotations",
+    "field": "haptorb.devices.motor",
+    "sensor_field": "haptorb.devices.motor",
+    "torque_characteristic": "haptorb.devices.motor",
+    "rotation_from_euler": "haptorb.rotations",
 }
 
 __all__ = [
@@ -43,14 +43,12 @@ __all__ = [
 
 if TYPE_CHECKING:
     from haptorb.devices.api import wrench_map
-    from haptorb.devices.device import Device
+    from haptorb.devices.base import Device, State, WrenchMap
     from haptorb.devices.loader import load
-    from haptorb.devices.motor.api import field, sensor_field, torque_characteristic
-    from haptorb.devices.state import State
-    from haptorb.devices.wrench_map import WrenchMap
-    from haptorb.numerics.rotations import rotation_from_euler
-    from haptorb.runtime.recording.recording import Recording
-    from haptorb.runtime.servo.servo import Servo
+    from haptorb.devices.motor import field, sensor_field, torque_characteristic
+    from haptorb.recording.recording import Recording
+    from haptorb.rotations import rotation_from_euler
+    from haptorb.runtime.servo import Servo
     from haptorb.simulation.force_map import force_map
 
 

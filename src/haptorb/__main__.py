@@ -11,6 +11,6 @@ if not sys.flags.safe_path:
     del sys.path[0]
 
 if __name__ == "__main__":
-    from haptorb.apps.cli import main
+    from haptorb.cli import main
 
     sys.exit(main())

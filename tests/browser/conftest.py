@@ -19,20 +19,20 @@ import numpy as np
 import pytest
 
 from failures import FAILED
-from haptorb.apps.console import Console
-from haptorb.apps.console.force_map_process import ForceMapProcess
-from haptorb.control.protection.trip import CoilState, GuardState, Trip
+from haptorb.control.trips import CoilState, GuardState, Trip
 from haptorb.devices.loader import load
-from haptorb.runtime.row import RowLayout
-from haptorb.runtime.servo.servo import Servo
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.servo import Servo
+from haptorb.web.console import Console
+from haptorb.web.force_map_process import ForceMapProcess
 from haptorb.worlds import Dome, World
-from haptorb.worlds.parameter import values
+from haptorb.worlds.base import values
 
 DESK = {"width": 1280, "height": 800}
 
 
 def _fake() -> Any:
-    path = Path(__file__).parents[1] / "apps" / "console" / "fake_servo.py"
+    path = Path(__file__).parents[1] / "web" / "console" / "fake_servo.py"
     spec = importlib.util.spec_from_file_location("fake_servo", path)
     assert spec is not None
     assert spec.loader is not None

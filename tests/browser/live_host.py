@@ -11,11 +11,11 @@ import threading
 from dataclasses import replace
 from typing import Any
 
-from haptorb.apps.console import Console
 from haptorb.devices.loader import load
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.servo import Servo
+from haptorb.web.console import Console
 from haptorb.worlds import Dome
-from haptorb.worlds.parameter import values
+from haptorb.worlds.base import values
 
 
 def main() -> None:

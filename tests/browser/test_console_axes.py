@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from haptorb.apps.console import Console
-from haptorb.devices.kind import KINDS, register
-from haptorb.runtime.servo.servo import Servo
+from haptorb.devices.base import KINDS, register
+from haptorb.runtime.servo import Servo
+from haptorb.web.console import Console
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.servo import Servo
 from haptorb.worlds import RollingBall, Scene
 
 #: one of each shape, in a row before the dome and above it; the held body has a box beside the stylus

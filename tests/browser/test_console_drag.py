@@ -69,7 +69,7 @@ def test_a_hidden_page_lets_go_at_once(staged: Any, fake: Any) -> None:
 
 def test_what_is_waited_for_and_cooling_are_on_the_page(staged: Any, fake: Any) -> None:
     """The tracker's silence in words, in place of "off"; a button cools simulated coils."""
-    from haptorb.control.protection.trip import GuardState
+    from haptorb.control.trips import GuardState
 
     fake.guard, fake.missing_pose = GuardState.OFF, "waiting for a pose on OSC port 9109: 7 refused"
     screen = staged()

@@ -9,9 +9,9 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.trips import GuardState, Trip
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.simulation.force_map import force_map
 from haptorb.worlds import Dome
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from browser.screen_check import find_faults
-from haptorb.control.protection.trip import Trip
-from haptorb.runtime.servo.servo import Servo
+from haptorb.control.trips import Trip
+from haptorb.runtime.servo import Servo
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 

@@ -7,16 +7,15 @@ from typing import Any
 
 import pytest
 
-import haptorb.apps.feel
+import haptorb_study.feel
 from browser.screen_check import find_faults
-from haptorb.apps.console import Console
-from haptorb.apps.feel import FeelSession, load_designs
-from haptorb.apps.feel.design_panel import DesignPanel
-from haptorb.apps.feel.live_session import LiveSession
+from haptorb.web.console import Console
+from haptorb_study.feel import FeelSession, load_designs
+from haptorb_study.feel.live_session import DesignPanel, LiveSession
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
-EXAMPLE = Path(haptorb.apps.feel.__file__).with_name("example.toml")
+EXAMPLE = Path(haptorb_study.feel.__file__).with_name("example.toml")
 
 
 def test_the_panel_fits_every_screen_and_is_worked_with_keys(

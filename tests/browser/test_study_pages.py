@@ -40,7 +40,7 @@ choices = ["left", "right"]
 """
 #: what a screen reader may stop at: it must have something to say there
 CONTROLS = {"button", "textbox", "spinbutton", "application", "img", "image", "progressbar", "region", "group", "table"}
-COMMAND = [sys.executable, "-c", "import sys; from haptorb.apps.cli import main; sys.exit(main())", "study", "run"]
+COMMAND = [sys.executable, "-c", "import sys; from haptorb.cli import main; sys.exit(main())", "study", "run"]
 
 
 def nameless_roles(page: Any) -> list[str]:

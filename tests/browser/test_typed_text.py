@@ -15,11 +15,10 @@ from typing import Any
 
 import pytest
 
-from haptorb.apps.console import Console
-from haptorb.apps.study.model.study_reader import study_of
-from haptorb.apps.study.pages.server import StudyServer
-from haptorb.apps.study.pages.session_manager import SessionManager
-from haptorb.apps.study.store.database import database
+from haptorb.web.console import Console
+from haptorb_study.database import database
+from haptorb_study.pages import SessionManager, StudyServer
+from haptorb_study.study_file import study_of
 from typed_texts import TEXTS
 
 _SPEC = importlib.util.spec_from_file_location(

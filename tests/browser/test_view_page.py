@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptorb.apps.view.viewer import Viewer
-from haptorb.runtime.row import RowLayout
+from haptorb.recording.row import RowLayout
+from haptorb.web.view import Viewer
 from oracles.made_recording import TRIP, WORLD, make_recording
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime(retry=False)]

@@ -23,7 +23,8 @@ pytestmark = pytest.mark.background
 @cache
 def modules() -> list[ModuleType]:
     """All modules of the package that do not begin with an underscore."""
-    names = [found.name for found in pkgutil.walk_packages(haptorb.__path__, "haptorb.")]
+    tops = map(import_module, ("haptorb", "haptorb_design", "haptorb_papers", "haptorb_study"))
+    names = [found.name for top in tops for found in pkgutil.walk_packages(top.__path__, f"{top.__name__}.")]
     return [import_module(name) for name in names if not any(part.startswith("_") for part in name.split("."))]
 
 
@@ -110,7 +111,7 @@ def test_physics_names_its_units() -> None:
     """A function that returns numbers says in brackets what they are measured in, or that they are plain: [1]."""
     mute = []
     for module in modules():
-        if not module.__name__.startswith("haptorb.physics."):
+        if not module.__name__.startswith(("haptorb.magnetics.", "haptorb.thermal", "haptorb.beams")):
             continue
         for name, thing in public(module):
             if not inspect.isfunction(thing) or "Array" not in str(inspect.signature(thing).return_annotation):

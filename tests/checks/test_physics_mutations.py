@@ -30,7 +30,7 @@ def test_the_record_leaves_no_file_and_no_row_open() -> None:
     assert set(script.REASONS) <= set(script.list_physics())
     # a file without a row, a row without a mutation and a mutation without a row are told
     red = {name: rows for name, rows in RECORD["red"].items() if "thermal" not in name}
-    assert any("physics/thermal.py" in gap for gap in script.find_gaps(red, ROWS))
+    assert any("thermal.py" in gap for gap in script.find_gaps(red, ROWS))
     for verdict in script.SHOWN:
         assert script.find_gaps(RECORD["red"], {**ROWS, "bai2012 new": verdict}) == [
             f"bai2012 new: {verdict}, but no mutation turns it red"
@@ -69,7 +69,7 @@ def test_what_is_not_there_is_told(function: str, target: str) -> None:
 def test_two_mutations_for_real(tmp_path: Path) -> None:
     """In a copy, each in a process of its own: the record is not merely a list that somebody wrote."""
     script.copy_sources(tmp_path)
-    for name in ("physics/beams.py, appendix_b: plus_1 × 1.1", "physics/beams.py, force_ratio: angle × -1"):
+    for name in ("beams.py, appendix_b: plus_1 × 1.1", "beams.py, force_ratio: angle × -1"):
         mutation = next(one for one in script.MUTATIONS if one.name == name)
         red, failed = script.find_red(mutation, tmp_path, ROWS)
         assert failed == []

@@ -6,9 +6,8 @@ from typing import Any
 
 import pytest
 
-from haptorb.cluster import dask_cluster
-from haptorb.cluster.dask_cluster import open_cluster
-from haptorb.cluster.versions import check_versions, list_versions
+from haptorb import cluster as dask_cluster
+from haptorb.cluster import check_versions, list_versions, open_cluster
 from haptorb.errors import InputError
 
 distributed = pytest.importorskip("distributed")

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.cluster import python_process
-from haptorb.cluster.python_process import append_folders, environment, python_command
-from haptorb.cluster.spawned_process import spawn_context
+from haptorb import cluster as python_process
+from haptorb.cluster import append_folders, environment, python_command, spawn_context
 
 SOURCES = Path(python_process.__file__).resolve().parents[1]
 #: every program of this package that is started as a module
@@ -50,7 +49,7 @@ def test_a_child_runs_nothing_from_the_current_folder(poisoned: Path, module: st
 
 def test_an_isolated_child_runs_nothing_from_the_users_path_either(poisoned: Path) -> None:
     found = environment() | {"PYTHONPATH": "."}
-    command = python_command("haptorb.runtime.drivers.i2c.i2c_guardian", "nothing", isolated=True)
+    command = python_command("haptorb.runtime.drivers.i2c_guardian", "nothing", isolated=True)
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=found)
     assert not poisoned.exists(), poisoned.read_text()
     assert "invalid literal for int() with base 10: 'nothing'" in done.stderr  # it is that program
@@ -58,7 +57,7 @@ def test_an_isolated_child_runs_nothing_from_the_users_path_either(poisoned: Pat
 
 def test_an_empty_entry_of_the_path_is_not_the_current_folder(poisoned: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", f":{SOURCES.parent}")
-    _run(python_command("haptorb.runtime.processes.servo_process", "nowhere", "1"), env=environment())
+    _run(python_command("haptorb.runtime.servo_process", "nowhere", "1"), env=environment())
     assert not poisoned.exists(), poisoned.read_text()
 
 
@@ -79,7 +78,7 @@ def test_what_a_host_sends_hides_nothing(tmp_path: Path, monkeypatch: pytest.Mon
 def test_python_is_started_in_one_place() -> None:
     """A program that is started elsewhere would not be tried here."""
     # The other two with -I -S: they need the standard library only.
-    apart = {"cluster/python_process.py", "runtime/realtime/keep_core_awake.py", "files/limited_process.py"}
+    apart = {"cluster.py", "runtime/keep_core_awake.py", "limited_process.py"}
     benchmarks = "apps/bench/"  # start what a person names
     for path in SOURCES.rglob("*.py"):
         name = str(path.relative_to(SOURCES))

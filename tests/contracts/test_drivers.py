@@ -16,15 +16,15 @@ import numpy as np
 import pytest
 
 from firmware.make_firmware import make_firmware
-from haptorb.control.protection.trip import CoilState
+from haptorb.arrays import Array
+from haptorb.control.trips import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
-from haptorb.numerics.arrays import Array
-from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
-from haptorb.runtime.drivers.serial.emulator import Emulator
-from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
-from haptorb.runtime.drivers.sim_driver import SimDriver
+from haptorb.runtime.drivers.base import Driver
+from haptorb.runtime.drivers.board_emulator import Emulator
+from haptorb.runtime.drivers.i2c import I2cDriver
+from haptorb.runtime.drivers.serial import SerialDriver
+from haptorb.runtime.drivers.sim import SimDriver
 from oracles.chips import ChipBus, OpenBus, Thermometers
 
 SOME = np.array([0.05, -0.03, 0.02])

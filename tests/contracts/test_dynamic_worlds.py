@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.errors import InputError
-from haptorb.runtime.row import MEMORY_ROOM
-from haptorb.worlds.bound_world import bind_world
-from haptorb.worlds.memory import count_numbers, find_number
-from haptorb.worlds.parameter import parameters
+from haptorb.recording.row import MEMORY_ROOM
+from haptorb.worlds.base import parameters
+from haptorb.worlds.dynamic import bind_world, count_numbers, find_number
 
 DT, OMNI = 1e-3, load("omni")
 NAMES = [name for name, kind in worlds.CATALOGUE.items() if kind.remembers]

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from fuzz.good_files import NAMES, fill
-from haptorb.apps.cli import main
-from haptorb.apps.study.store.database import database
-from haptorb.files.file_kind import FileKind, find_kind
+from haptorb.cli import main
+from haptorb.file_kind import FileKind, find_kind
+from haptorb_study.database import database
 from oracles.repetitions import repetitions
 
 K = FileKind
@@ -70,7 +70,7 @@ def test_each_kind_is_recognised(made: Path) -> None:
     assert find_kind(made / "nothing") is None
     for device in (files("haptorb.devices") / "catalogue").iterdir():
         assert find_kind(str(device)) is FileKind.DEVICE, device
-    for study in (files("haptorb.apps.study") / "templates").iterdir():
+    for study in (files("haptorb_study") / "templates").iterdir():
         assert not study.name.endswith(".toml") or find_kind(str(study)) is FileKind.STUDY, study
 
 

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from haptorb import Recording
-from haptorb.apps.cli import main
-from haptorb.numerics.arrays import Array
-from haptorb.runtime.recording.recorder import Recorder
+from haptorb.arrays import Array
+from haptorb.cli import main
+from haptorb.recording.mcap import Recorder
 from oracles.recorded_chain import record_chain
 
 Notes = list[tuple[str, dict[str, str]]]
@@ -104,14 +104,14 @@ def test_a_world_that_a_recording_names_runs_nothing(
     os.mkfifo(tmp_path / "pipe")
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     code = {"file": str(file), "name": "groove", "digest": digest, "loaded": "yes", "made": ""}
-    own = "haptorb.worlds.own.world_file:WorldFile"
+    own = "haptorb.worlds.user_world:WorldFile"
     notes = {
         "code": {"code": code},
         "made": {"made": {"kind": own, "fields": {"path": str(file)}}},
-        "scene": {"made": {"kind": "haptorb.worlds.scene.scene:Scene",
+        "scene": {"made": {"kind": "haptorb.worlds.scene:Scene",
                            "fields": {"model": {"scene": str(file), "digest": digest}}}},
         "pipe": {"code": {**code, "file": str(tmp_path / "pipe")}},
-        "package": {"made": {"kind": "haptorb.worlds.own.function_world:FunctionWorld",
+        "package": {"made": {"kind": "haptorb.worlds.user_world:FunctionWorld",
                              "fields": {"function": "os.system"}}},
     }  # fmt: skip
 

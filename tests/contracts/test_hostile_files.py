@@ -16,18 +16,17 @@ import pytest
 
 from fuzz.hostile_commands import craft_files, make_ground, try_files
 from haptorb import worlds
-from haptorb.apps.study.model.study_reader import study_of
-from haptorb.apps.study.store.columns import COLUMNS
-from haptorb.apps.study.store.export import write_csv
 from haptorb.devices.loader import load, parse
-from haptorb.devices.schema.quantity import si
+from haptorb.devices.quantity import si
 from haptorb.errors import CalibrationError, DeviceError, InputError, RecordingError, UnknownName
-from haptorb.files.json_file import numbers, parse_document
-from haptorb.runtime.exchange.world_change import change_world, parse_request, request
-from haptorb.runtime.recording import recording_file
-from haptorb.runtime.recording.recording import Recording
-from haptorb.sensing.calibration.calibration import Calibration
-from haptorb.sensing.calibration_file import write_calibration
+from haptorb.estimation.calibration import Calibration, write_calibration
+from haptorb.json_file import numbers, parse_document
+from haptorb.recording import destination as recording_file
+from haptorb.recording.recording import Recording
+from haptorb.runtime.world_change import change_world, parse_request, request
+from haptorb_study.columns import COLUMNS
+from haptorb_study.export import write_csv
+from haptorb_study.study_file import study_of
 
 ROOT = Path(__file__).resolve().parents[2]
 OMNI = (files("haptorb.devices") / "catalogue" / "omni.toml").read_text(encoding="utf-8")

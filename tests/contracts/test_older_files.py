@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.apps.study.model.study_reader import read_study
 from haptorb.devices.loader import load
 from haptorb.errors import RecordingError
-from haptorb.runtime.recording.recording import Recording
-from haptorb.runtime.row import RowLayout
-from haptorb.sensing.calibration_file import read_calibration
+from haptorb.estimation.calibration import read_calibration
+from haptorb.recording.recording import Recording
+from haptorb.recording.row import RowLayout
+from haptorb_study.study_file import read_study
 
 OLDER = Path(__file__).with_name("older")
 

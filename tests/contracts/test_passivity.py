@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
-from haptorb.apps.check.pose_delay import PoseDelay
-from haptorb.control.stability.hand_grip import GRIPS
-from haptorb.devices.electromagnet.electromagnet import Hand
+from haptorb.analysis.stability import GRIPS
+from haptorb.cli.check_world import PoseDelay
+from haptorb.devices.electromagnet import Hand
 from haptorb.devices.loader import load
-from haptorb.runtime.drivers.imperfect_tracker import ImperfectTracker
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.tick.assembly import allocator_of, assemble, estimator_of
-from haptorb.runtime.tick.tick import Tick
-from haptorb.runtime.trackers.tracker import Goal
-from haptorb.worlds.world import World
+from haptorb.runtime.assembly import allocator_of, assemble, estimator_of
+from haptorb.runtime.drivers.sim import ImperfectTracker, SimDriver
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.tick import Tick
+from haptorb.runtime.trackers.base import Goal
+from haptorb.worlds.base import World
 
 HOMES = {name: "pmsm" if name in ("outlet", "outlet-published", "snap_fit") else "omni" for name in worlds.CATALOGUE}
 PASSIVE = [name for name in worlds.CATALOGUE if worlds.find_world(name).passive]

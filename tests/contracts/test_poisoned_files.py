@@ -18,17 +18,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.apps.cli import main
-from haptorb.apps.study.model.study_reader import study_of
-from haptorb.apps.study.simulated.rehearsal import rehearse
-from haptorb.apps.study.store.database import database
-from haptorb.design.evaluation import Evaluation
-from haptorb.design.store import open_results
+from haptorb.cli import main
 from haptorb.devices.loader import load
-from haptorb.runtime.recording.export import Export
-from haptorb.runtime.recording.recorder import Recorder
-from haptorb.runtime.recording.recording import Recording
-from haptorb.runtime.row import RowLayout
+from haptorb.recording.export import Export
+from haptorb.recording.mcap import Recorder
+from haptorb.recording.recording import Recording
+from haptorb.recording.row import RowLayout
+from haptorb_design.problem import Evaluation
+from haptorb_design.store import open_results
+from haptorb_study.database import database
+from haptorb_study.simulated import rehearse
+from haptorb_study.study_file import study_of
 from oracles.designs.small_design import make_design
 
 #: clear the screen, set the clipboard, set the title, 8-bit CSI, right-to-left override, an own line, a formula, a tag

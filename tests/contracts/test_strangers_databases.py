@@ -12,15 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.apps.cli import main
-from haptorb.apps.cli.study.data import _find_beside
-from haptorb.apps.study.model.study_reader import study_of
-from haptorb.apps.study.simulated.rehearsal import rehearse
-from haptorb.apps.study.store.columns import read_study
-from haptorb.apps.study.store.database import database
-from haptorb.design.evaluation import Evaluation
-from haptorb.design.store import open_results, read_results
+from haptorb.cli import main
 from haptorb.errors import InputError, RecordingError
+from haptorb_design.problem import Evaluation
+from haptorb_design.store import open_results, read_results
+from haptorb_study.cli import _find_beside
+from haptorb_study.columns import read_study
+from haptorb_study.database import database
+from haptorb_study.simulated import rehearse
+from haptorb_study.study_file import study_of
 from oracles.designs.small_design import make_design
 
 READERS = ("participants {} --json", "analyse {} --json", "figures {} --out f", "export {} t.csv")
@@ -175,7 +175,7 @@ def test_files_beside_a_database_do_nothing(folder: Path, tmp_path: Path, capsys
 def test_a_database_that_is_locked_or_read_only_says_so(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("haptorb.files.sql_engine.BUSY", 50)
+    monkeypatch.setattr("haptorb.sql.BUSY", 50)
     with closing(sqlite3.connect(folder / "study.db", isolation_level=None)) as other:
         other.execute("PRAGMA locking_mode = EXCLUSIVE")
         other.execute("BEGIN EXCLUSIVE")

@@ -14,9 +14,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from trackers import SUBJECTS, FeedSubject, NatNet, Osc, Subject, natnet_frame
 
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
-from haptorb.runtime.tick.assembly import assemble
+from haptorb.runtime.assembly import assemble
 from haptorb.runtime.trackers.feed_tracker import PREDICTION
 from haptorb.worlds import find_world
 

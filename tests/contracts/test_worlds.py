@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptorb import worlds
+from haptorb.devices.base import State
 from haptorb.devices.loader import catalogue, load
-from haptorb.devices.state import State
 from haptorb.errors import HaptorbError, InputError
-from haptorb.worlds.parameter import parameters, values
+from haptorb.worlds.base import parameters, values
 from oracles.repetitions import repetitions
 
 HOMES = {name: load(name) for name in catalogue() if name in ("omni", "pmsm")}

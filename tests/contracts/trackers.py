@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 
 from haptorb.devices.loader import load
-from haptorb.runtime.memory.pose_block import WORDS, PoseBlock
-from haptorb.runtime.pointer.pointer import PointerSource, PointerState, PointerTracker
-from haptorb.runtime.recording.recorder import Recorder
-from haptorb.runtime.row import RowLayout
-from haptorb.runtime.trackers.feed import Feed
+from haptorb.recording.mcap import Recorder
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.pointer import PointerSource, PointerState, PointerTracker
+from haptorb.runtime.shared_memory import WORDS, PoseBlock
+from haptorb.runtime.trackers.base import Feed, Tracker
 from haptorb.runtime.trackers.feed_tracker import FeedTracker
 from haptorb.runtime.trackers.pose_filter import PoseFilter
-from haptorb.runtime.trackers.tracker import Tracker
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
@@ -102,7 +101,7 @@ class Osc(FeedSubject):
     def __init__(self, tmp_path: Path, token: str = "") -> None:
         from pythonosc.osc_message_builder import OscMessageBuilder
 
-        from haptorb.runtime.trackers.osc_feed import OscFeed
+        from haptorb.runtime.trackers.osc import OscFeed
 
         self._builder = OscMessageBuilder
         receiving = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -137,7 +136,7 @@ class Lsl(FeedSubject):
     """A stream of the lab streaming layer, from this very process."""
 
     def __init__(self, tmp_path: Path, channels: int = 8) -> None:
-        from haptorb.runtime.trackers.lsl_feed import LslFeed, _library
+        from haptorb.runtime.trackers.lsl import LslFeed, _library
 
         pylsl = _library()
         name = f"haptorb-test-{time.monotonic_ns()}"
@@ -177,7 +176,7 @@ class NatNet(FeedSubject):
     def __init__(self, tmp_path: Path) -> None:
         import threading
 
-        from haptorb.runtime.trackers.natnet_feed import NatNetFeed, natnet_socket
+        from haptorb.runtime.trackers.natnet import NatNetFeed, natnet_socket
 
         self._server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._server.bind(("127.0.0.1", 0))
@@ -231,7 +230,7 @@ class Replay(FeedSubject):
 
     def __init__(self, tmp_path: Path) -> None:
         self._path, self._told = tmp_path / "replayed.mcap", [(0.0, 0.0, (0.0, 0.0, 0.05), True)]
-        from haptorb.runtime.trackers.replay_feed import ReplayFeed, load_poses
+        from haptorb.runtime.trackers.replay import ReplayFeed, load_poses
 
         self._made, self._played = ReplayFeed, load_poses
         super().__init__(ReplayFeed(np.empty((0, 10)), 0.0))

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.design.design_file import load_design
-from haptorb.design.evaluate import evaluate
 from haptorb.errors import InputError
+from haptorb_design.design_file import load_design
+from haptorb_design.evaluate import evaluate
 from oracles.designs.small_design import CODE, TEXT, make_design, write_design
 
 

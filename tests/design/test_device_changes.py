@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.design.design import Design
-from haptorb.design.design_file import parse_design
-from haptorb.design.device_changes import build_device, write_device_text
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, InputError
+from haptorb_design.design_file import parse_design
+from haptorb_design.problem import Design, build_device, write_device_text
 from oracles.designs.small_design import CODE
 
 HEAD = 'name = "d"\nbase = "{base}"\n[objectives.cost]\nfunction = "own.py:cost"\n'

@@ -9,9 +9,8 @@ from pathlib import Path
 import cloudpickle
 import pytest
 
-from haptorb.design.design import Design
-from haptorb.design.evaluate import evaluate
-from haptorb.design.evaluation import Value
+from haptorb_design.evaluate import evaluate
+from haptorb_design.problem import Design, Value
 from oracles.designs.small_design import CODE, TEXT, make_design
 
 GOOD: dict[str, Value] = {"radius": 30.0, "angle": 60.0, "shell": "thick"}
@@ -76,7 +75,7 @@ def test_a_design_travels_with_its_functions(tmp_path: Path) -> None:
     for file in tmp_path.glob("*.*"):
         file.unlink()
     program = (
-        "import sys, cloudpickle, json; from haptorb.design.evaluate import evaluate;"
+        "import sys, cloudpickle, json; from haptorb_design.evaluate import evaluate;"
         "d = cloudpickle.loads(sys.stdin.buffer.read());"
         f"print(json.dumps(dict(evaluate(d, 0, {GOOD}).objectives)))"
     )

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.design.design_file import load_design
-from haptorb.design.device_changes import write_device_text
-from haptorb.design.sampling import make_values
+from haptorb_design.design_file import load_design
+from haptorb_design.problem import write_device_text
+from haptorb_design.sampling import make_values
 
 FILES = sorted((Path(__file__).parents[2] / "examples" / "design").glob("*.toml"))
 

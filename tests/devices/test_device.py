@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import haptorb
+from haptorb.devices.base import State
 from haptorb.devices.loader import catalogue
-from haptorb.devices.state import State
 
 PROGRAM = """
 import sys, time

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.devices.electromagnet.api import electromagnet
-from haptorb.devices.kind import DeviceKind, kind_names, kind_of_name, load_part
+from haptorb.devices.base import DeviceKind, kind_names, kind_of_name, load_part
+from haptorb.devices.electromagnet import electromagnet
 from haptorb.devices.loader import load
-from haptorb.devices.motor.api import motor
+from haptorb.devices.motor import motor
 from haptorb.errors import InputError
 
 KINDS = [kind_of_name(name) for name in kind_names()]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import haptorb
-from haptorb.devices.device_text import DeviceText
+from haptorb.devices.base import DeviceText
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import DeviceError, InputError, UnknownName
 

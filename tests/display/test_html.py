@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from haptorb.display.html import curves_svg, facts_html, pre_html, table_html
+from haptorb.display import curves_svg, facts_html, pre_html, table_html
 
 
 def test_texts_are_never_html() -> None:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from haptorb.display.quantity_text import format_number, format_quantity, format_vector
+from haptorb.display import format_number, format_quantity, format_vector
 
 
 @pytest.mark.parametrize(

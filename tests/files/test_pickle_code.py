@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from haptorb.files.pickle_code import pickle_with_code
+from haptorb.own_code import pickle_with_code
 
 CODE = "def divide(x):\n    def inner():\n        return 1 / x\n    return inner()\n"
 

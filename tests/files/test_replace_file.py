@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.files.replace_file import replace_file
+from haptorb.files import replace_file
 
 
 def test_what_is_no_file_is_not_replaced(tmp_path: Path) -> None:

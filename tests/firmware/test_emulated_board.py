@@ -13,14 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptorb.apps.hardware.emulate import emulate
+from haptorb.cli.board_tools import emulate
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
-from haptorb.runtime.drivers.serial.board import Board
-from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal
-from haptorb.runtime.drivers.serial.emulator import Emulator
-from haptorb.runtime.drivers.serial.messages import refusal
-from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
+from haptorb.runtime.drivers.board_emulator import Emulator
+from haptorb.runtime.drivers.serial import Board, SerialDriver
+from haptorb.runtime.drivers.serial_protocol import BoardMode, Reason, Refusal, refusal
 
 pytestmark = [pytest.mark.firmware, pytest.mark.realtime, pytest.mark.timeout(600)]
 

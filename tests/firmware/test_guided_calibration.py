@@ -9,14 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.apps.calibrate.dialog import Dialog, check_steps, guide_calibration
-from haptorb.apps.calibrate.measure import Pace
-from haptorb.apps.calibrate.step import CalibrationEffort, Step
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.cli.calibration_dialog import CalibrationEffort, Dialog, Pace, Step, check_steps, guide_calibration
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
-from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
-from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
-from haptorb.runtime.processes.calibration_match import disagreement
+from haptorb.runtime.drivers.board_emulator import EmulatedDevice, Emulator
+from haptorb.runtime.drivers.serial import SerialDriver
+from haptorb.runtime.servo_process import disagreement
 
 pytestmark = [pytest.mark.firmware, pytest.mark.realtime, pytest.mark.timeout(900)]
 

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "tutorials" / "hardware.md"
-HAPTORB = "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))"
+HAPTORB = "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))"
 
 pytestmark = [pytest.mark.firmware, pytest.mark.realtime]
 

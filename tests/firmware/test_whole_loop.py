@@ -9,19 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.control.allocation.least_squares import LeastSquaresAllocator
-from haptorb.control.protection.trip import GuardState
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.control.allocation import LeastSquaresAllocator
+from haptorb.control.trips import GuardState
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
-from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.electronics import invalid_pose
-from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
-from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.tick.assembly import estimator_of
-from haptorb.runtime.tick.tick import Tick
-from haptorb.sensing.sensors.sensing_accuracy import without_errors
-from haptorb.worlds.maps.dome import Dome
+from haptorb.estimation.sensor_calibration import without_errors
+from haptorb.runtime.assembly import estimator_of
+from haptorb.runtime.drivers.base import Driver, invalid_pose
+from haptorb.runtime.drivers.board_emulator import EmulatedDevice, Emulator
+from haptorb.runtime.drivers.serial import SerialDriver
+from haptorb.runtime.drivers.sim import SimDriver
+from haptorb.runtime.tick import Tick
+from haptorb.worlds.dome import Dome
 
 pytestmark = [pytest.mark.firmware, pytest.mark.realtime, pytest.mark.timeout(600)]
 

@@ -9,19 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from haptorb.apps.feel.candidates import load_designs
-from haptorb.apps.study.store.database import database
-from haptorb.design.store.tables import open_database
 from haptorb.devices.loader import load
-from haptorb.files.file_kind import FileKind
-from haptorb.runtime.recording.recorder import Recorder
-from haptorb.runtime.row import RowLayout
-from haptorb.sensing.calibration.calibration import Calibration
-from haptorb.sensing.frame.tracker_frame import TrackerFrame
-from haptorb.sensing.torque_maps.network import TrainedNetworks
-from haptorb.sensing.torque_maps.network_file import write_networks
-from haptorb.sensing.torque_maps.perceptron import Perceptron, Scaling
-from haptorb.worlds.scene.scene_model import find_scene_file
+from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.network import Perceptron, Scaling, TrainedNetworks, write_networks
+from haptorb.estimation.tracker_frame import TrackerFrame
+from haptorb.file_kind import FileKind
+from haptorb.recording.mcap import Recorder
+from haptorb.recording.row import RowLayout
+from haptorb.worlds.scene_physics import find_scene_file
+from haptorb_design.store import open_database
+from haptorb_study.database import database
+from haptorb_study.feel.designs import load_designs
 
 __all__ = ["NAMES", "fill"]
 
@@ -62,7 +60,7 @@ def fill(folder: Path) -> None:
         "[objectives.heat_per_force_squared]\n"
     )
     open_database(folder / NAMES[K.RESULTS], make=True).dispose()
-    example = Path(str(files("haptorb.apps.feel") / "example.toml"))
+    example = Path(str(files("haptorb_study.feel") / "example.toml"))
     load_designs(example)
     shutil.copy(example, folder / NAMES[K.FELT_DESIGNS])
     (folder / NAMES[K.STUDY]).write_text('name = "one"\nprocedure = "identification"\n')

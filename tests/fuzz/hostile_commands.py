@@ -1,6 +1,6 @@
 """Damaged and crafted files through the commands themselves, in forked processes that are watched.
 
-A child takes one file after the other through `haptorb.apps.cli.main`. An audit hook of Python sees what it opens,
+A child takes one file after the other through `haptorb.cli.main`. An audit hook of Python sees what it opens,
 imports and starts; the parent sees how it ends. Wrong is: an exit code other than 0, 1 and 2, a traceback, the end of
 the interpreter, more than 2 s of the processor, a canary file that is opened, a canary module that is imported or run,
 a program that is started, a socket that is connected, a file that is written elsewhere.
@@ -26,8 +26,8 @@ from pathlib import Path
 from typing import Any
 
 from fuzz.good_files import NAMES, fill
-from haptorb.files.file_kind import FileKind
-from haptorb.worlds.scene.scene_model import load_engine
+from haptorb.file_kind import FileKind
+from haptorb.worlds.scene_physics import load_engine
 
 __all__ = ["COMMANDS", "Watched", "craft_files", "make_ground", "try_commands", "try_files"]
 
@@ -213,27 +213,27 @@ def _run(command: str) -> int:
     name, *words = command.split()
     try:
         if name == "VIEW":
-            from haptorb.apps.view.viewer import Viewer
+            from haptorb.web.view import Viewer
 
             Viewer([Path(words[0])], 0)
         elif name == "FEEL":
-            from haptorb.apps.feel.candidates import load_designs
+            from haptorb_study.feel.designs import load_designs
 
             load_designs(words[0])
         elif "--calibration" in words or "--frame" in words:
             from haptorb.devices.loader import load
-            from haptorb.sensing.calibration_file import read_calibration, read_frame
+            from haptorb.estimation.calibration import read_calibration, read_frame
 
             if "--frame" in words:
                 read_frame(words[-1]).check_for(load("omni"), "osc:9000")
             else:
                 read_calibration(words[-1]).apply(load("omni"))
         elif name == "check":
-            from haptorb.worlds.scene.scene import Scene
+            from haptorb.worlds.scene import Scene
 
             Scene(words[-1])
         else:
-            from haptorb.apps.cli import main
+            from haptorb.cli import main
 
             return main([name, *words])
     except HaptorbError as told:
@@ -301,8 +301,8 @@ class _Payload:
 def _craft_recordings() -> Iterator[tuple[str, str, str, bytes]]:
     import numpy as np
 
-    from haptorb.runtime.recording.recorder import Recorder
-    from haptorb.runtime.row import RowLayout
+    from haptorb.recording.mcap import Recorder
+    from haptorb.recording.row import RowLayout
 
     pickled = pickle.dumps(_Payload()).hex()
     worlds: list[tuple[str, dict[str, str]]] = [

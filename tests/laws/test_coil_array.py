@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.devices.coil_array.coil_array import CoilArray, place_coils
-from haptorb.devices.coil_array.parts import MoverMagnet
+from haptorb.devices.base import State
+from haptorb.devices.coil_array import CoilArray, MoverMagnet, place_coils
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.physics.interaction import wrench
-from haptorb.physics.sources.cylinder import CylinderMagnet
-from haptorb.physics.sources.placement import PlacedSource
-from haptorb.physics.sources.ring import RingMagnet
+from haptorb.magnetics.interaction import wrench
+from haptorb.magnetics.magnets import CylinderMagnet, RingMagnet
+from haptorb.magnetics.source import PlacedSource
 
 TURN = Rotation.from_euler("XYZ", [25, -40, 70], degrees=True).as_matrix()
 LEAN = Rotation.from_euler("XYZ", [12, -20, 30], degrees=True).as_matrix()

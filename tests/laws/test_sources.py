@@ -8,18 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.physics.interaction import wrench
-from haptorb.physics.published_multipoles import load_published
-from haptorb.physics.sources import dipole
-from haptorb.physics.sources.charged_ring import ChargedRing
-from haptorb.physics.sources.coil import Coil
-from haptorb.physics.sources.cylinder import CylinderMagnet
-from haptorb.physics.sources.dipole import Dipole
-from haptorb.physics.sources.multipole import MultipoleSource
-from haptorb.physics.sources.placement import PlacedSource
-from haptorb.physics.sources.ring import RingMagnet
-from haptorb.physics.sources.round_body import RoundBody
-from haptorb.physics.sources.source import Source
+from haptorb.magnetics import dipole
+from haptorb.magnetics.coil import Coil
+from haptorb.magnetics.dipole import Dipole
+from haptorb.magnetics.interaction import wrench
+from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet
+from haptorb.magnetics.multipole import MultipoleSource, load_published
+from haptorb.magnetics.source import PlacedSource, RoundBody, Source
 from oracles.magnetics.formulations import flux_linkage
 from oracles.magnetics.multipole_wrench import multipole_wrench
 from oracles.magnetics.source_sum import SourceSum

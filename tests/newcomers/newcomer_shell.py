@@ -10,7 +10,7 @@ import time
 import uuid
 from pathlib import Path
 
-HAPTORB = (sys.executable, "-c", "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))")
+HAPTORB = (sys.executable, "-c", "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))")
 _PATIENCE = 120.0  #: for a command [s]
 _GONE = 5.0  #: for what a command started, after it has ended [s]
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from haptorb.apps.cli import main
+from haptorb.cli import main
 
 DESIGNS = """
 title = "Battery door"
@@ -45,7 +45,7 @@ class Session:
     """`haptorb feel` in a process, its terminal and its page."""
 
     def __init__(self, folder: Path, *words: str) -> None:
-        code = "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))"
+        code = "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))"
         self.process = subprocess.Popen(
             [sys.executable, "-c", code, "feel", "door.toml", "--port", "0", *words], cwd=folder, text=True, bufsize=1,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,

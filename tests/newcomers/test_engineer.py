@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.apps.cli import main
+from haptorb.cli import main
 
-HAPTORB = "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))"
+HAPTORB = "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))"
 CHANGES = (
     ('name = "omni"', 'name = "mine"'),
     ("[80, 80, 80]", "[80, 80, 96]"),

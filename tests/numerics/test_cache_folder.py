@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.numerics.cache_folder import explain_shared, private_folder
+from haptorb.cache_folder import explain_shared, private_folder
 
 OTHER = 54_321  #: the id of another account
 
@@ -19,10 +19,10 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="no accounts o
 CALLED = """
 import sys
 from pathlib import Path
-from haptorb.numerics.cache_folder import cache_folder, private_folder
+from haptorb.cache_folder import cache_folder, private_folder
 if sys.argv[1] == "compile":
-    from haptorb.numerics import compiled, rotations
-    from haptorb.devices.schema.quantity import si
+    from haptorb import compiled, rotations
+    from haptorb.devices.quantity import si
     si("1 furlong", "m", "a length")  # pint's cache too
     print(compiled._folder(Path(rotations.__file__)))
 else:
@@ -124,8 +124,7 @@ def test_a_poisoned_pickle_in_a_shared_folder_is_not_loaded(tmp_path: Path) -> N
 def test_a_users_own_kernel_is_not_kept_beside_its_file(tmp_path: Path) -> None:
     """In a sticky folder such as /tmp, another account can make the folder `__pycache__` first."""
     (tmp_path / "mine.py").write_text(
-        "from haptorb.numerics.compiled import kernel\n\n@kernel\ndef double(x):\n    return 2.0 * x\n\n"
-        "print(double(2.0))\n"
+        "from haptorb.compiled import kernel\n\n@kernel\ndef double(x):\n    return 2.0 * x\n\nprint(double(2.0))\n"
     )
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "home")}
     environment.pop("NUMBA_CACHE_DIR", None)

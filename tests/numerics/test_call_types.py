@@ -6,7 +6,7 @@ from itertools import product
 
 import pytest
 
-from haptorb.numerics.compiled import load_compiler
+from haptorb.compiled import load_compiler
 
 TWO = (operator.add, operator.mul, operator.truediv, operator.lt, operator.eq, operator.getitem, operator.iadd,
        math.atan2, max)  # fmt: skip

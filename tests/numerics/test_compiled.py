@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptorb.devices.electromagnet import ring_tool
-from haptorb.numerics.arrays import Array
-from haptorb.numerics.compiled import PostponedKernel, kernel, load_compiler, tick_kernel
+from haptorb.arrays import Array
+from haptorb.compiled import PostponedKernel, kernel, load_compiler, tick_kernel
+from haptorb.devices import electromagnet_model as ring_tool
 
 PROGRAM = """
 import sys
 import numpy as np
-from haptorb.devices.electromagnet import ring_tool
-from haptorb.devices.electromagnet.ring_tool import dipole_per_ampere
-from haptorb.numerics.compiled import PostponedKernel
+from haptorb.devices import electromagnet_model as ring_tool
+from haptorb.devices.electromagnet_model import dipole_per_ampere
+from haptorb.compiled import PostponedKernel
 
 assert "numba" not in sys.modules
 assert type(dipole_per_ampere) is PostponedKernel
@@ -32,7 +32,7 @@ assert "numba" in sys.modules
 held = [key for module in list(sys.modules.values()) if module.__name__.startswith("haptorb")
         for key, value in vars(module).items() if type(value) is PostponedKernel]
 # What was imported before keeps its value, and so do modules that are read from here on.
-from haptorb.physics.sources import zonal
+from haptorb.magnetics import special as zonal
 dipole_per_ampere(2.407, np.array([[0.0], [0.0], [0.2077]]), np.array([0.0, 0.0, 0.05]), np.eye(3), K)
 print(round(-1e3 * float(K[2, 0]), 1), held, type(ring_tool.dipole_per_ampere).__name__, type(zonal.zonal).__name__)
 """
@@ -52,7 +52,7 @@ def test_a_source_that_is_edited_before_the_first_call_is_another_state(tmp_path
     program = """
 import sys
 from pathlib import Path
-from haptorb.numerics import compiled
+from haptorb import compiled
 compiled._PACKAGE = Path(sys.argv[1])
 sys.path.insert(0, sys.argv[1])
 import double
@@ -65,9 +65,7 @@ print(double.double(1.0))
     (tmp_path / "numerics" / "compiled.py").touch()
     for expected in ("2.0", "3.0"):
         if not source.exists():
-            source.write_text(
-                "from haptorb.numerics.compiled import kernel\n\n@kernel\ndef double(x):\n    return 2.0 * x\n"
-            )
+            source.write_text("from haptorb.compiled import kernel\n\n@kernel\ndef double(x):\n    return 2.0 * x\n")
         environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
         done = subprocess.run(
             [sys.executable, "-c", program, str(tmp_path)], env=environment, capture_output=True, text=True, check=False
@@ -76,13 +74,13 @@ print(double.double(1.0))
         assert done.stdout.strip() == expected
 
 
-@pytest.mark.parametrize("room", ["tick", "drivers", "processes.loop", "processes.tracker_process"])
+@pytest.mark.parametrize("room", ["tick", "drivers", "loop", "tracker_process"])
 def test_what_runs_beside_a_clock_has_the_compiler_loaded(room: str) -> None:
     assert output_of(f"import sys, haptorb.runtime.{room}; print('numba' in sys.modules)") == "True"
 
 
 def test_the_recorder_which_compiles_nothing_is_there_without_the_compiler() -> None:
-    program = "import sys, haptorb.runtime.processes.recorder_process; print('numba' in sys.modules)"
+    program = "import sys, haptorb.runtime.recorder_process; print('numba' in sys.modules)"
     assert output_of(program) == "False"
 
 
@@ -153,7 +151,7 @@ def test_a_tick_kernel_makes_no_array_but_may_call_one_that_does() -> None:
 LINEAR_ALGEBRA = """
 import sys
 import numba, numpy as np
-from haptorb.numerics.so3 import turn_by
+from haptorb.rotations import turn_by
 turn_by(0.1, 0.2, 0.3, np.eye(3), np.empty((3, 3)))
 before = "scipy.linalg" in sys.modules
 @numba.njit

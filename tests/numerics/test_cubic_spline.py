@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from haptorb.arrays import cubic_spline
 from haptorb.errors import InputError
-from haptorb.numerics.cubic_spline import cubic_spline
 
 
 @pytest.mark.parametrize(("count", "step"), [(4, 0.3), (5, 2.0), (257, 1e-5)])

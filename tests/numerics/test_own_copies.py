@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptorb.numerics.arrays import Array, Record
-from haptorb.numerics.compiled import load_compiler
-from haptorb.sensing.tool import place_filter
+from haptorb.arrays import Array, Record
+from haptorb.compiled import load_compiler
+from haptorb.estimation import hall_tracker as place_filter
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from haptorb.numerics.quaternions import product, quaternion, rotate
+from haptorb.rotations import product, quaternion, rotate
 
 HALF_TURNS = [Rotation.from_rotvec(np.pi * np.array(axis) / np.linalg.norm(axis)) for axis in
               [(0, 0, 1), (0, 1, 0), (1, 0, 0), (1, 1, 0), (0, 1, -1), (1, 1, 1)]]  # fmt: skip

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from haptorb.errors import InputError
-from haptorb.numerics.rotations import rotation_from_euler
+from haptorb.rotations import rotation_from_euler
 
 angle = st.floats(-np.pi, np.pi)
 

@@ -14,7 +14,7 @@ from typing import final
 
 import numpy as np
 
-from haptorb.numerics.arrays import Array
+from haptorb.arrays import Array
 
 __all__ = ["INA219", "MAX11616", "PCA9685", "TCA9534", "Chip", "ChipBus", "Monostable", "OpenBus", "Thermometers"]
 

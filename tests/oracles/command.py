@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from haptorb.apps.cli import main
+from haptorb.cli import main
 
 __all__ = ["run_command"]
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from haptorb.errors import InputError
-from haptorb.physics.thermal import TwoNode
+from haptorb.thermal import TwoNode
 
 __all__ = ["endurance_fit"]
 

@@ -26,7 +26,7 @@ from importlib import import_module
 from typing import Any, final
 
 PACKAGE = "haptorb"
-PROCESSES = tuple(f"{PACKAGE}.runtime.processes.{name}_process" for name in ("servo", "recorder", "tracker"))
+PROCESSES = tuple(f"{PACKAGE}.runtime.{name}_process" for name in ("servo", "recorder", "tracker"))
 DEVICES = ("omni", "pmsm")
 _PR_SET_CHILD_SUBREAPER = 36
 _FREE = 1000  #: above all numbers of descriptors that a process is to have
@@ -149,9 +149,9 @@ def load_devices() -> None:
     """Load the code of both devices, and of all worlds, as far as it is compiled: some ticks of each, as a start has
     them."""
     from haptorb import worlds
-    from haptorb.runtime.pointer.pointer import PointerTracker
-    from haptorb.runtime.servo.servo import Servo
-    from haptorb.runtime.tick.compilation import find_uncompiled
+    from haptorb.runtime.pointer import PointerTracker
+    from haptorb.runtime.servo import Servo
+    from haptorb.runtime.warm_up import find_uncompiled
 
     for device in DEVICES:
         servo = Servo(device, record=False)

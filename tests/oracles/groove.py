@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptorb.worlds import World
-from haptorb.worlds.parameter import parameter
+from haptorb.worlds.base import parameter
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.devices.loader import load
-from haptorb.runtime.recording.recorder import Recorder
-from haptorb.runtime.row import RowLayout
+from haptorb.recording.mcap import Recorder
+from haptorb.recording.row import RowLayout
 from haptorb.version import __version__
 
 RATE = 1000.0

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 
 from haptorb import Recording
+from haptorb.arrays import Array
 from haptorb.devices.loader import load
-from haptorb.numerics.arrays import Array
-from haptorb.runtime.exchange.world_change import description
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.recording.recorder import Recorder
-from haptorb.runtime.servo.launch import describe_choices, notes
-from haptorb.runtime.tick.assembly import assemble, check_estimator, default_world
-from haptorb.runtime.tick.tick import Tick
+from haptorb.recording.mcap import Recorder
+from haptorb.runtime.assembly import assemble, check_estimator, default_world
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.servo import describe_choices, notes
+from haptorb.runtime.tick import Tick
+from haptorb.runtime.world_change import description
 from haptorb.worlds import find_world
-from haptorb.worlds.world import World
+from haptorb.worlds.base import World
 
 RATE = 1000.0
 Deed = Callable[[Tick], Any]

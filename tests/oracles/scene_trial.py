@@ -13,26 +13,24 @@ from typing import final
 
 import numpy as np
 
-from haptorb.apps.check.pose_delay import PoseDelay
-from haptorb.apps.guidance.pose_noise import PoseNoise
-from haptorb.control.clutch.modes import MODES
-from haptorb.control.stability.coupling_choice import ASSUMED, CouplingSetting
-from haptorb.devices.coil_array.coil_array import CoilArray
-from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.electromagnet import Hand, SphericalElectromagnet
-from haptorb.devices.state import State
-from haptorb.numerics.arrays import Array
-from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.imperfect_tracker import ImperfectTracker
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.tick.assembly import allocator_of, check_estimator, estimator_of, linkage_of
-from haptorb.runtime.tick.tick import Tick
-from haptorb.runtime.tick.tick_log import TickFailure
-from haptorb.runtime.trackers.tracker import Goal
-from haptorb.sensing.sensors.sensing_accuracy import without_errors
-from haptorb.simulation.registry import simulate
-from haptorb.worlds.bound_world import BoundWorld
-from haptorb.worlds.scene.scene import Scene
+from haptorb.analysis.coupling import ASSUMED, CouplingSetting
+from haptorb.arrays import Array
+from haptorb.cli.check_world import PoseDelay
+from haptorb.control.linkage import MODES
+from haptorb.devices.base import Device, State
+from haptorb.devices.coil_array import CoilArray
+from haptorb.devices.electromagnet import Hand, SphericalElectromagnet
+from haptorb.estimation.sensor_calibration import without_errors
+from haptorb.runtime.assembly import allocator_of, check_estimator, estimator_of, linkage_of
+from haptorb.runtime.drivers.base import Driver
+from haptorb.runtime.drivers.sim import ImperfectTracker, SimDriver
+from haptorb.runtime.tick import Tick
+from haptorb.runtime.tick_log import TickFailure
+from haptorb.runtime.trackers.base import Goal
+from haptorb.simulation.base import simulate
+from haptorb.worlds.dynamic import BoundWorld
+from haptorb.worlds.scene import Scene
+from haptorb_papers.guidance.pose_noise import PoseNoise
 
 __all__ = ["SceneTrial", "find_passivity", "try_scene"]
 

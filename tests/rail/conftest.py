@@ -11,7 +11,7 @@ from types import ModuleType
 import cloudpickle
 import pytest
 
-from haptorb.devices.kind import KINDS, register
+from haptorb.devices.base import KINDS, register
 
 
 def load_rail() -> ModuleType:

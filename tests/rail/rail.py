@@ -11,16 +11,12 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from haptorb.control.allocation.allocator import Allocator
-from haptorb.control.allocation.least_squares import LeastSquaresAllocator
-from haptorb.devices.device import Device
-from haptorb.devices.kind import DeviceKind
-from haptorb.devices.schema import quantity as q
-from haptorb.devices.schema.sections import CommonFile, Positive, Section
-from haptorb.devices.state import State
-from haptorb.devices.wrench_map import WrenchMap
-from haptorb.sensing.sample import Pose, Sample
-from haptorb.simulation.simulation import Simulation
+from haptorb.control.allocation import Allocator, LeastSquaresAllocator
+from haptorb.devices import quantity as q
+from haptorb.devices.base import Device, DeviceKind, State, WrenchMap
+from haptorb.devices.schema import CommonFile, Positive, Section
+from haptorb.estimation.types import Pose, Sample
+from haptorb.simulation.base import Simulation
 
 MU0 = 4e-7 * np.pi
 STEP = 5e-4  #: of the simulation [s]

@@ -14,15 +14,14 @@ import pytest
 
 import haptorb
 from haptorb import Servo
-from haptorb.apps.console import Console
-from haptorb.apps.inspect.card import card
-from haptorb.control.clutch.gains import Gains
-from haptorb.control.protection.trip import GuardState, Trip
-from haptorb.devices.kind import DeviceKind, register
+from haptorb.cli.inspect import card
+from haptorb.control.linkage import Gains
+from haptorb.control.trips import GuardState, Trip
+from haptorb.devices.base import DeviceKind, State, register
 from haptorb.devices.loader import parse
-from haptorb.devices.state import State
 from haptorb.errors import DeviceError, InputError, UnknownName
-from haptorb.runtime.recording.recording import Recording
+from haptorb.recording.recording import Recording
+from haptorb.web.console import Console
 
 
 def run(servo: Servo, seconds: float, p: tuple[float, float, float] | None = None) -> Any:

@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 
 import haptorb
-from haptorb.control.protection.trip import GuardState, Trip
-from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.row import RowLayout
-from haptorb.runtime.servo import servo as servo_module
-from haptorb.runtime.servo.servo import Servo
-from haptorb.worlds.client_force import make_client_force
+from haptorb.control.trips import GuardState, Trip
+from haptorb.recording.row import RowLayout
+from haptorb.runtime import servo as servo_module
+from haptorb.runtime.drivers.base import Driver
+from haptorb.runtime.servo import Servo
+from haptorb.worlds.dynamic import make_client_force
 
 cloudpickle.register_pickle_by_value(sys.modules[__name__])  # the servo's process cannot import a conftest
 

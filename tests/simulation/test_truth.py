@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from haptorb.control.allocation.least_squares import LeastSquaresAllocator
+from haptorb.control.allocation import LeastSquaresAllocator
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.simulation.truth import true_wrench
 
 OMNI = load("omni")

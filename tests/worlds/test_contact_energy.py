@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from haptorb.devices.state import State
+from haptorb.devices.base import State
 from haptorb.worlds import Outlet, PublishedOutlet, SnapFit, World
 from oracles.repetitions import repetitions
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
 from haptorb.worlds import (
     DynamicSum,
@@ -20,9 +20,8 @@ from haptorb.worlds import (
     Wall,
     make_memory,
 )
-from haptorb.worlds.bound_world import bind_world
-from haptorb.worlds.memory import count_numbers, find_number
-from haptorb.worlds.own.failure import try_world
+from haptorb.worlds.dynamic import bind_world, count_numbers, find_number
+from haptorb.worlds.user_world import try_world
 
 AWAY = State.at((0.0, 0.0, 0.2))
 OMNI, HERE = load("omni"), State.at((0.01, 0.0, 0.05), v=(0.0, 0.1, 0.0))

@@ -9,7 +9,7 @@ import pytest
 
 from haptorb import worlds
 from haptorb.worlds import Dome, Nothing, Wall, World
-from haptorb.worlds.parameter import parameter, parameters
+from haptorb.worlds.base import parameter, parameters
 
 
 @pytest.mark.parametrize("name", worlds.CATALOGUE)

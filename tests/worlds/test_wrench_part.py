@@ -5,8 +5,8 @@ import pytest
 
 from haptorb import worlds
 from haptorb.errors import UnknownName
-from haptorb.worlds.own.function_world import FunctionWorld
-from haptorb.worlds.wrench_part import PARTS, check_part, find_part, join_parts
+from haptorb.worlds.base import PARTS, check_part, find_part, join_parts
+from haptorb.worlds.user_world import FunctionWorld
 
 
 def test_every_world_of_the_catalogue_for_a_tool_says_what_it_asks():

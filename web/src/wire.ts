@@ -1,4 +1,4 @@
-// The binary frames between page and server; the server's side of this is `apps/console/wire.py`.
+// The binary frames between page and server; the server's side of this is `web/wire.py`.
 
 export const MAGIC = 0x484f5242;
 export const VERSION = 1;

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from haptorb.devices.device import Device
+from haptorb.devices.base import Device, State, WrenchMap
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.devices.wrench_map import WrenchMap
 
 __all__ = ["wrench_map"]
 

@@ -8,7 +8,7 @@ from typing import final
 
 import numpy as np
 
-from haptorb.numerics.arrays import Array
+from haptorb.arrays import Array
 
 __all__ = ["Ball", "Geometry", "Reach", "Rod", "RoundPart", "Spot", "list_assumed"]
 

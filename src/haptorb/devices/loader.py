@@ -10,13 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.devices.device import Device
-from haptorb.devices.device_text import DeviceText
-from haptorb.devices.kind import kind_names, kind_of_name
-from haptorb.devices.schema.mistakes import explain_mistakes
+from haptorb.devices.base import Device, DeviceText, kind_names, kind_of_name
+from haptorb.devices.schema import explain_mistakes
 from haptorb.errors import DeviceError, InputError, UnknownName, quote
-from haptorb.files.file_kind import FileKind, find_kind
-from haptorb.files.text_file import parse_toml, read_text
+from haptorb.file_kind import FileKind, find_kind
+from haptorb.files import parse_toml, read_text
 
 __all__ = ["DeviceTables", "build_tables", "catalogue", "lay_over", "list_mistakes", "load", "parse", "read_tables"]
 

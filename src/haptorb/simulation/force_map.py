@@ -9,13 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.control.allocation.allocator import Allocator
-from haptorb.control.allocation.wrench_choice import WrenchChoice
-from haptorb.devices.device import Device
-from haptorb.devices.state import State
-from haptorb.numerics.arrays import Array, vectors
-from haptorb.worlds.world import World
-from haptorb.worlds.wrench_part import WrenchPart
+from haptorb.arrays import Array, vectors
+from haptorb.control.allocation import Allocator, WrenchChoice
+from haptorb.devices.base import Device, State
+from haptorb.worlds.base import World, WrenchPart
 
 __all__ = ["force_map"]
 

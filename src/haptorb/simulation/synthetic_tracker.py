@@ -13,11 +13,11 @@ from typing import final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.state import rotation_to_axis
+from haptorb.arrays import Array
+from haptorb.devices.base import rotation_to_axis
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array
-from haptorb.sensing.frame.touches import Touches, TouchSession
+from haptorb.estimation.tracker_frame import Touches, TouchSession
 
 __all__ = ["SimulatedPerson", "SyntheticTracker"]
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.state import State
-from haptorb.numerics.arrays import Array, check_finite
-from haptorb.physics.sources import dipole
-from haptorb.physics.sources.charged_ring import ChargedRing
-from haptorb.physics.sources.soft_sphere import SoftSphere
+from haptorb.arrays import Array, check_finite
+from haptorb.devices.base import State
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.magnetics import dipole
+from haptorb.magnetics.magnets import ChargedRing
+from haptorb.magnetics.soft_sphere import SoftSphere
 
 __all__ = ["true_wrench"]
 

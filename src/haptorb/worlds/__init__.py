@@ -6,38 +6,21 @@ To add a world, write one class with one method, and one line in `CATALOGUE`.
 from __future__ import annotations
 
 from haptorb.errors import UnknownName
-from haptorb.worlds.basic.detents import Detents
-from haptorb.worlds.basic.fluid import Fluid
-from haptorb.worlds.basic.guidance import Guidance
-from haptorb.worlds.basic.magnet import Magnet
-from haptorb.worlds.basic.nothing import Nothing
-from haptorb.worlds.basic.stick_slip import StickSlip
-from haptorb.worlds.basic.texture import Texture
-from haptorb.worlds.basic.vibration import Vibration
-from haptorb.worlds.basic.wall import Wall
-from haptorb.worlds.contact_world import ContactWorld
-from haptorb.worlds.dynamic.ball import RollingBall
-from haptorb.worlds.dynamic.button import Button
-from haptorb.worlds.dynamic.friction import Friction
-from haptorb.worlds.dynamic.remote import Remote
-from haptorb.worlds.dynamic.stirred_fluid import StirredFluid
-from haptorb.worlds.dynamic_world import DynamicSum, DynamicWorld
-from haptorb.worlds.maps.changing import ChangingTerrain, Summits
-from haptorb.worlds.maps.compass import Compass, CompassDome
-from haptorb.worlds.maps.dome import Dome
-from haptorb.worlds.maps.domes import domes_apart
-from haptorb.worlds.maps.terrain import Terrain
-from haptorb.worlds.memory import MemoryField, make_memory
-from haptorb.worlds.moving import Orbit, Varying, Wander
-from haptorb.worlds.path_guidance.guidance_path import GuidancePath, make_path
-from haptorb.worlds.path_guidance.path_file import load_path
-from haptorb.worlds.path_guidance.path_guidance import PathGuidance
-from haptorb.worlds.scene.scene import Scene
-from haptorb.worlds.shape import Shape
-from haptorb.worlds.snap_fit.outlet import Outlet
-from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
-from haptorb.worlds.snap_fit.snap_fit import SnapFit
-from haptorb.worlds.world import Sum, World
+from haptorb.worlds.ball import RollingBall
+from haptorb.worlds.base import ContactWorld, Shape, Sum, World
+from haptorb.worlds.basic import Detents, Magnet, Nothing, Texture, Vibration, Wall
+from haptorb.worlds.button import Button
+from haptorb.worlds.dome import Compass, CompassDome, Dome, domes_apart
+from haptorb.worlds.dynamic import DynamicSum, DynamicWorld, MemoryField, Remote, make_memory
+from haptorb.worlds.fluid import Fluid, StirredFluid
+from haptorb.worlds.friction import Friction, StickSlip
+from haptorb.worlds.guidance import Guidance
+from haptorb.worlds.moving import ChangingTerrain, Orbit, Summits, Varying, Wander
+from haptorb.worlds.path import GuidancePath, load_path, make_path
+from haptorb.worlds.path_guidance import PathGuidance
+from haptorb.worlds.scene import Scene
+from haptorb.worlds.snap_fit import Outlet, PublishedOutlet, SnapFit
+from haptorb.worlds.terrain import Terrain
 
 __all__ = [
     "CATALOGUE",

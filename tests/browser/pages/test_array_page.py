@@ -16,7 +16,7 @@ from haptorb.devices.loader import load
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
-COMMAND = [sys.executable, "-c", "import sys; from haptorb.apps.cli import main; sys.exit(main())", "run", "planar"]
+COMMAND = [sys.executable, "-c", "import sys; from haptorb.cli import main; sys.exit(main())", "run", "planar"]
 
 
 @pytest.fixture

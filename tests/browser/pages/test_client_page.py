@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from apps.serve.served_run import ServedRun
+from serve.served_run import ServedRun
 
 CLIENTS = Path(__file__).resolve().parents[3] / "examples" / "clients"
 

@@ -7,8 +7,8 @@ import time
 import numpy as np
 import pytest
 
-from haptorb.control.protection.trip import CoilState, GuardState, Trip
-from haptorb.runtime.trackers.pose_source import describe_trip
+from haptorb.control.trips import CoilState, GuardState, Trip
+from haptorb.runtime.trackers.pose_filter import describe_trip
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 

@@ -1,5 +1,5 @@
 """The page of `haptorb design show`: a design is chosen by keyboard, and the console of its device comes with its coils
-off. The servo behind it is imagined; `tests/apps/cli/design/test_show.py` starts a real one."""
+off. The servo behind it is imagined; `tests/design/commands/test_show.py` starts a real one."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from haptorb.apps.console import Console
-from haptorb.apps.design.results_table import ResultsTable
-from haptorb.apps.design.show import Chooser
-from haptorb.apps.design.show import chooser as chooser_module
-from haptorb.design.store import Results, Run
+from haptorb.web.console import Console
+from haptorb_design import chooser as chooser_module
+from haptorb_design.chooser import Chooser
+from haptorb_design.results_table import ResultsTable
+from haptorb_design.store import Results, Run
 from oracles.designs.made_designs import make_design, make_evaluations
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
@@ -28,7 +28,7 @@ def _paint_nothing(name: str, values: Any, model: str, points: Any) -> Any:
 
 
 def _imagine() -> Any:
-    path = Path(__file__).parents[2] / "apps" / "console" / "fake_servo.py"
+    path = Path(__file__).parents[2] / "web" / "console" / "fake_servo.py"
     spec = importlib.util.spec_from_file_location("fake_servo", path)
     assert spec is not None
     assert spec.loader is not None

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptorb.apps.design.report.best_design import BestDesign
-from haptorb.apps.design.report.page import make_page
-from haptorb.apps.design.results_table import ResultsTable
-from haptorb.design.store import Results, Run
+from haptorb_design.report import BestDesign, make_page
+from haptorb_design.results_table import ResultsTable
+from haptorb_design.store import Results, Run
 from oracles.designs.made_designs import make_design, make_evaluations
 
 #: keeps where every text was drawn, in pixels of the page: window.texts, text → [left, top, right, bottom]

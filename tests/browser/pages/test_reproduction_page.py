@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from haptorb.apps.reproduce import Item, ReproductionResult, report_page, reproductions
+from haptorb_papers.reproduce import Item, ReproductionResult, report_page, reproductions
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime(retry=False)]
 

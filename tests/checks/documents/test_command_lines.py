@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import pytest
 import typer
 
-from haptorb.apps.cli.program import app
+from haptorb.cli.program import app
 from haptorb.devices.loader import catalogue
 from haptorb.worlds import CATALOGUE
 
@@ -86,7 +86,7 @@ def find_all() -> Iterator[Mention]:
     for path in [*documents, *ROOT.glob("*.md"), *(ROOT / "firmware").glob("*.md")]:
         yield from find_in_document(path.read_text(encoding="utf-8"), str(path.relative_to(ROOT)))
     for folder, suffixes in (
-        ("src/haptorb", {".py", ".toml", ".txt"}),
+        ("src", {".py", ".toml", ".txt"}),
         ("examples", {".py", ".toml", ".rst", ".js", ".html"}),
         ("web/src", {".ts", ".html"}),
         ("docs/_ext", {".py"}),

@@ -11,10 +11,10 @@ from types import ModuleType
 
 import pytest
 
-from haptorb.apps.bench import load_result
+from haptorb_papers.bench import load_result
 from oracles.program_runner import ProgramRunner
 
-HAPTORB = "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))"
+HAPTORB = "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from haptorb.control.allocation.least_squares import LeastSquaresAllocator, least_squares_currents
-from haptorb.devices.wrench_map import WrenchMap
+from haptorb.control.allocation import LeastSquaresAllocator, least_squares_currents
+from haptorb.devices.base import WrenchMap
 from haptorb.errors import InputError
-from haptorb.physics.sources import dipole
+from haptorb.magnetics import dipole
 
 FORCE = np.array([1.0, 1, 1, 0, 0, 0])
 TORQUE = np.array([0.0, 0, 0, 1, 1, 1])

@@ -7,9 +7,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from haptorb.control.allocation.bounded_power import NOT_FINITE, solve_bounded_power
-from haptorb.control.allocation.minimum_power import MinimumPowerAllocator, minimum_power_currents
-from haptorb.devices.wrench_map import WrenchMap
+from haptorb.control.allocation import MinimumPowerAllocator, minimum_power_currents
+from haptorb.control.box_qp import NOT_FINITE, solve_bounded_power
+from haptorb.devices.base import WrenchMap
 from haptorb.errors import InputError, UnknownName
 
 KINDS = ("plain", "ill-conditioned", "degenerate", "parallel", "limits-decades-apart", "resistances-apart")

@@ -5,11 +5,11 @@ import pytest
 from scipy.optimize import linprog
 
 import haptorb
-from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
-from haptorb.control.allocation.motor_capability import motor_capability
-from haptorb.devices.state import State
+from haptorb.control.allocation import MinimumPowerAllocator
+from haptorb.control.capability import motor_capability
+from haptorb.devices.base import State
 from haptorb.errors import DeviceError, InputError
-from haptorb.numerics.rotations import rotation_from_euler
+from haptorb.rotations import rotation_from_euler
 
 
 @pytest.fixture(scope="module")

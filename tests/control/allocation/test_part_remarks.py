@@ -5,10 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from haptorb.control.allocation.for_device import tool_choice
-from haptorb.control.allocation.part_remarks import part_remarks
+from haptorb.control.allocation import part_remarks, tool_choice
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 
 
 @pytest.mark.parametrize("name", ["omni", "omni-fingertip"])

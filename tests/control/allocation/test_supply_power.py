@@ -5,15 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptorb.control.allocation.allocator import Saturation
-from haptorb.control.allocation.array.for_array import array_choice
-from haptorb.control.allocation.for_device import force_allocator, tool_choice, torque_allocator
-from haptorb.control.allocation.least_squares import LeastSquaresAllocator
-from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
-from haptorb.control.allocation.supply_power import hold_power
+from haptorb.control.allocation import (
+    LeastSquaresAllocator,
+    MinimumPowerAllocator,
+    Saturation,
+    force_allocator,
+    hold_power,
+    tool_choice,
+    torque_allocator,
+)
+from haptorb.control.array_allocation import array_choice
+from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
 
 OMNI, PMSM = load("omni"), load("pmsm")

@@ -3,13 +3,10 @@
 import numpy as np
 import pytest
 
-from haptorb.control.allocation.allocator import Saturation
-from haptorb.control.allocation.bounded_compromise import AT_CURRENT, AT_POWER, FREE, solve_compromise
-from haptorb.control.allocation.for_device import tool_choice
-from haptorb.control.allocation.whole_wrench import TORQUE_ARM, WholeWrenchAllocator, check_arm
+from haptorb.control.allocation import TORQUE_ARM, Saturation, WholeWrenchAllocator, check_arm, tool_choice
+from haptorb.control.box_qp import AT_CURRENT, AT_POWER, FREE, solve_compromise
+from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
 from oracles.magnetics.ring_torque import wrench_on_ring
 

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.control.clutch.linkage import Direct
-from haptorb.control.clutch.moded_linkage import ModedLinkage
-from haptorb.control.clutch.modes import MODES
-from haptorb.devices.state import State
+from haptorb.control.linkage import MODES, Direct, ModedLinkage
+from haptorb.devices.base import State
 from haptorb.errors import InputError
 from haptorb.worlds import Nothing, Outlet, SnapFit, Wall
 

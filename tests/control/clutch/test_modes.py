@@ -12,11 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from haptorb.control.clutch.gains import Gains
-from haptorb.control.clutch.linkage import RenderedWrench
-from haptorb.control.clutch.moded_linkage import ModedLinkage
-from haptorb.control.clutch.modes import MODES
-from haptorb.devices.state import State
+from haptorb.control.linkage import MODES, Gains, ModedLinkage, RenderedWrench
+from haptorb.devices.base import State
 from haptorb.errors import InputError
 
 SMALL = st.floats(-0.39, 0.39)

@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from haptorb.control.protection.protection import Protection
-from haptorb.control.protection.trip import GuardState
+from haptorb.control.protection import Protection
+from haptorb.control.trips import GuardState
+from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.devices.wrench_map import WrenchMap
-from haptorb.sensing.sample import Estimate, Pose, Sample
+from haptorb.estimation.types import Estimate, Pose, Sample
 
 DT = 1e-3
 OMNI = load("omni")

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from haptorb.control.protection.current_check import check_currents
-from haptorb.control.protection.state import make_coils
-from haptorb.control.protection.tick_time import make_clock
+from haptorb.control.drive import check_currents
+from haptorb.control.guard import make_clock, make_coils
 
 from .protected import DT, OMNI
 

@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptorb.control.protection.trip import Trip
+from haptorb.control.trips import Trip
+from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.devices.wrench_map import WrenchMap
-from haptorb.sensing.sample import Estimate
+from haptorb.estimation.types import Estimate
 
 from .protected import DT, FRESH, OMNI, PUSH, Loop, sample
 

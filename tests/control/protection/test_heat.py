@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptorb.control.protection.heat import observe_heat
-from haptorb.control.protection.protection import Protection
-from haptorb.control.protection.state import make_coils, make_state
+from haptorb.control.guard import make_coils, make_state
+from haptorb.control.heat import observe_heat
+from haptorb.control.protection import Protection
 from haptorb.devices.loader import load
 
 from .protected import FRESH, PUSH, sample

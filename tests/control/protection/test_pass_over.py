@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from control.protection.protected import DT, OMNI, Loop
-from haptorb.control.protection.trip import Trip
-from haptorb.worlds.client_force import make_client_force
+from haptorb.control.trips import Trip
+from haptorb.worlds.dynamic import make_client_force
 
 RATE = OMNI.limits.force_rate
 NOTHING = np.zeros(6)

@@ -5,11 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptorb.control.protection.passivity import OWN_DAMPING
-from haptorb.control.protection.state import CREDIT
-from haptorb.devices.state import State
-from haptorb.devices.wrench_map import WrenchMap
-from haptorb.sensing.sample import Estimate
+from haptorb.control.guard import CREDIT
+from haptorb.control.passivity import OWN_DAMPING
+from haptorb.devices.base import State, WrenchMap
+from haptorb.estimation.types import Estimate
 
 from .protected import DT, Loop
 

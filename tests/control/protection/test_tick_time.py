@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptorb.control.protection.tick_time import SILENCE, advance_clock, make_clock, silence_of
+from haptorb.control.guard import SILENCE, advance_clock, make_clock, silence_of
 
 DT = 1e-3
 

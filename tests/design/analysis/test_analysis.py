@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import rankdata
 
-from haptorb.design.analysis.best import choose_best
-from haptorb.design.analysis.front import find_front
-from haptorb.design.analysis.sensitivity import FEWEST, estimate_sensitivity
+from haptorb_design.analysis import FEWEST, choose_best, estimate_sensitivity, find_front
 
 
 @pytest.mark.parametrize(("count", "objectives"), [(1, 2), (200, 1), (300, 2), (300, 3)])

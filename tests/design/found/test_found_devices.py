@@ -10,14 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.design.candidate import DesignCandidate
-from haptorb.design.design_file import load_design
-from haptorb.design.evaluate import evaluate
-from haptorb.design.objectives import quantity
-from haptorb.design.objectives.motor_torque import torque_per_ampere
-from haptorb.design.objectives.orientations import find_worst
 from haptorb.devices.loader import load
-from haptorb.devices.motor.validation import workspace_sample
+from haptorb.devices.motor import workspace_sample
+from haptorb_design.design_file import load_design
+from haptorb_design.evaluate import evaluate
+from haptorb_design.objectives import find_worst, quantity, torque_per_ampere
+from haptorb_design.problem import DesignCandidate
 
 ROOT = Path(__file__).parents[3]
 EXAMPLES = ROOT / "examples" / "design"
@@ -45,8 +43,8 @@ def test_the_motor_takes_1_6_times_less_heat_with_no_more_magnet_copper_and_room
 
 def test_the_motors_heat_is_that_of_the_exact_integral_in_its_worst_orientation():
     """Independent of every table: the magnets' closed-form field over filaments of the windings, to 1e-5."""
-    from haptorb.devices.motor.models import exact_torque
-    from haptorb.numerics.rotations import rotation_from_euler
+    from haptorb.devices.motor_model import exact_torque
+    from haptorb.rotations import rotation_from_euler
 
     candidate = both("pmsm", "pmsm-three-rings")[1]
     motor, torque = candidate.device, torque_per_ampere(candidate)

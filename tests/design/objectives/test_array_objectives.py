@@ -8,25 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.control.allocation.array.array_allocator import ArrayAllocator
-from haptorb.design.candidate import DesignCandidate
-from haptorb.design.design_file import load_design
-from haptorb.design.device_changes import build_device, write_device_text
-from haptorb.design.evaluate import evaluate
-from haptorb.design.objectives import quantity, quantity_names
-from haptorb.design.objectives.array_force import greatest_force
-from haptorb.design.sampling import sample
-from haptorb.devices.coil_array.coil_array import place_coils
-from haptorb.devices.coil_array.winding_gaps import find_spacing
+from haptorb.arrays import cap_directions
+from haptorb.control.array_allocation import ArrayAllocator
+from haptorb.devices.base import State, WrenchMap
+from haptorb.devices.coil_array import find_spacing, place_coils
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
-from haptorb.numerics.directions import cap_directions
-from haptorb.physics.interaction import wrench
-from haptorb.physics.sources.cylinder import CylinderMagnet
-from haptorb.physics.sources.dipole import MU0
-from haptorb.physics.sources.placement import PlacedSource
+from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.interaction import wrench
+from haptorb.magnetics.magnets import CylinderMagnet
+from haptorb.magnetics.source import PlacedSource
+from haptorb_design.design_file import load_design
+from haptorb_design.evaluate import evaluate
+from haptorb_design.objectives import greatest_force, quantity, quantity_names
+from haptorb_design.problem import DesignCandidate, build_device, write_device_text
+from haptorb_design.sampling import sample
 
 PLANAR, TETRAHEDRON = load("planar"), load("tetrahedron")
 _DISK = PLANAR.tool.magnets[0]

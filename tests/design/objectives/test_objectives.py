@@ -5,18 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptorb.design.candidate import DesignCandidate
-from haptorb.design.objectives import quantity, quantity_names
-from haptorb.design.objectives.orientations import find_worst, spread_angles
-from haptorb.design.objectives.sensing import pen_distance
-from haptorb.design.objectives.tool_force import find_winding_force
-from haptorb.devices.coil_array.parts import PlacedCoils
-from haptorb.devices.electromagnet.shell_capability import shell_capability
+from haptorb.devices.base import State
+from haptorb.devices.coil_array import PlacedCoils
+from haptorb.devices.electromagnet import shell_capability
 from haptorb.devices.loader import load
-from haptorb.devices.motor.validation import workspace_sample
-from haptorb.devices.state import State
+from haptorb.devices.motor import workspace_sample
 from haptorb.errors import InputError, UnknownName
-from haptorb.physics.sources.coil import COPPER_DENSITY
+from haptorb.magnetics.coil import COPPER_DENSITY
+from haptorb_design.objectives import (
+    find_winding_force,
+    find_worst,
+    pen_distance,
+    quantity,
+    quantity_names,
+    spread_angles,
+)
+from haptorb_design.problem import DesignCandidate
 
 OMNI, PMSM = load("omni"), load("pmsm")
 
@@ -67,7 +71,7 @@ def test_a_narrow_valley_is_found_between_the_points_of_the_sample():
 
 
 def test_the_ball_of_torques_lies_within_what_the_axes_alone_reach():
-    from haptorb.control.allocation.motor_capability import motor_capability
+    from haptorb.control.capability import motor_capability
 
     card = motor_capability(PMSM, 5, 24)
     assert 0.6 * card.continuous.min() < of("continuous_torque", PMSM) <= card.continuous.min()

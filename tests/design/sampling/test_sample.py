@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.design.design import Design
-from haptorb.design.sampling import METHODS, list_settings, sample, sweep
 from haptorb.errors import InputError, RecordingError, UnknownName
+from haptorb_design.problem import Design
+from haptorb_design.sampling import METHODS, list_settings, sample, sweep
 from oracles.designs.small_design import TEXT, make_design
 
 
@@ -65,7 +65,7 @@ def test_what_cannot_be_sampled(design: Design) -> None:
 
 
 def test_a_run_that_goes_on_must_be_of_this_sample(design: Design) -> None:
-    from haptorb.design.workers.workers import LocalWorker
+    from haptorb_design.workers import LocalWorker
 
     values = sample(design, "sobol", 6, 1)
     worker = LocalWorker(design)

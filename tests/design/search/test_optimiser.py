@@ -10,15 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptorb.design.design import Bound, Design, DesignGoal
-from haptorb.design.evaluation import Evaluation, Value
-from haptorb.design.parameter import DesignParameter
-from haptorb.design.quantity import DesignQuantity
-from haptorb.design.search.optimise import optimise
-from haptorb.design.search.optimiser import Optimiser
-from haptorb.design.search.space import SearchSpace
-from haptorb.design.search.violation import measure_violation
 from haptorb.errors import InputError, RecordingError
+from haptorb_design.problem import Bound, Design, DesignGoal, DesignParameter, DesignQuantity, Evaluation, Value
+from haptorb_design.search import Optimiser, optimise
+from haptorb_design.search_space import SearchSpace, measure_violation
 
 
 def a_quantity(name: str) -> DesignQuantity:

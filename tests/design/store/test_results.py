@@ -15,13 +15,11 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.design.base_values import compute_base_values
-from haptorb.design.design import Design
-from haptorb.design.device_changes import build_device, write_device_text
-from haptorb.design.evaluate import evaluate
-from haptorb.design.evaluation import Evaluation
-from haptorb.design.store import open_results, read_results, results
 from haptorb.errors import RecordingError
+from haptorb_design import store as results
+from haptorb_design.evaluate import compute_base_values, evaluate
+from haptorb_design.problem import Design, Evaluation, build_device, write_device_text
+from haptorb_design.store import open_results, read_results
 from oracles.designs.small_design import TEXT, make_design, write_design
 
 
@@ -182,8 +180,8 @@ import sys
 sys.path[:0] = {paths}
 from pathlib import Path
 from oracles.designs.small_design import make_design
-from haptorb.design.evaluation import Evaluation
-from haptorb.design.store import open_results
+from haptorb_design.problem import Evaluation
+from haptorb_design.store import open_results
 with open_results({where!r}, make_design(Path({folder!r})), "sobol", 1) as writer:
     n = 0
     while True:

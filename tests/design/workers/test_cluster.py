@@ -12,16 +12,14 @@ from typing import Any
 
 import pytest
 
-from haptorb.cluster import dask_cluster, versions
-from haptorb.design.design import Design
-from haptorb.design.design_file import parse_design
-from haptorb.design.evaluate import evaluate
-from haptorb.design.evaluation import Evaluation
-from haptorb.design.search.optimise import optimise
-from haptorb.design.search.optimiser import Optimiser
-from haptorb.design.workers.cluster import open_cluster_workers
-from haptorb.design.workers.workers import Job, LocalWorker
+from haptorb import cluster as dask_cluster
+from haptorb import cluster as versions
 from haptorb.errors import InputError
+from haptorb_design.design_file import parse_design
+from haptorb_design.evaluate import evaluate
+from haptorb_design.problem import Design, Evaluation
+from haptorb_design.search import Optimiser, optimise
+from haptorb_design.workers import Job, LocalWorker, open_cluster_workers
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.filterwarnings("ignore")  # of the cluster's own sockets and loops

@@ -13,13 +13,11 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.design.evaluation import Evaluation
-from haptorb.design.sampling import sample
-from haptorb.design.search.optimise import optimise
-from haptorb.design.search.optimiser import Optimiser
-from haptorb.design.workers.processes import open_processes
-from haptorb.design.workers.workers import LocalWorker
 from haptorb.errors import InputError
+from haptorb_design.problem import Evaluation
+from haptorb_design.sampling import sample
+from haptorb_design.search import Optimiser, optimise
+from haptorb_design.workers import LocalWorker, open_processes
 from oracles.designs.small_design import CODE, make_design
 
 SLOW = CODE.replace("def reach(candidate):", "def reach(candidate):\n    import time\n    time.sleep(0.01)")
@@ -68,7 +66,7 @@ sys.path[:0] = {paths}
 from multiprocessing import active_children
 from pathlib import Path
 from oracles.designs.small_design import make_design
-from haptorb.design.workers.processes import open_processes
+from haptorb_design.workers import open_processes
 if __name__ == "__main__":
     values = {{"radius": 30.0, "angle": 60.0, "shell": "thin"}}
     design = make_design(Path({folder!r}), code={code!r})

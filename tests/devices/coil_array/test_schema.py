@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import haptorb
+from haptorb.devices.base import State
 from haptorb.devices.loader import parse
-from haptorb.devices.state import State
 from haptorb.errors import DeviceError, GeometryError
 
 CATALOGUE = files("haptorb.devices") / "catalogue"

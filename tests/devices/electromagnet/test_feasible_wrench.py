@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from haptorb.control.allocation.for_device import force_allocator
-from haptorb.devices.electromagnet.feasible_wrench import feasible_wrench
+from haptorb.control.allocation import force_allocator
+from haptorb.devices.base import State
+from haptorb.devices.electromagnet import feasible_wrench
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.errors import GeometryError
 
 OMNI = load("omni")

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptorb.devices.electromagnet.passive_pull import PassivePull
+from haptorb.devices.base import rotation_to_axis
+from haptorb.devices.electromagnet_model import PassivePull
 from haptorb.devices.loader import load
-from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import GeometryError, InputError, PrecisionError
-from haptorb.physics.sources.charged_ring import ChargedRing
-from haptorb.physics.sources.soft_sphere import SoftSphere
+from haptorb.magnetics.magnets import ChargedRing
+from haptorb.magnetics.soft_sphere import SoftSphere
 
 OMNI = {
     "core_radius": 15e-3,

@@ -4,10 +4,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptorb.devices.electromagnet.ring_tool import dipole_per_ampere, ring_per_ampere
-from haptorb.devices.state import rotation_to_axis
-from haptorb.physics.sources import dipole
-from haptorb.physics.sources.charged_ring import ChargedRing
+from haptorb.devices.base import rotation_to_axis
+from haptorb.devices.electromagnet_model import dipole_per_ampere, ring_per_ampere
+from haptorb.magnetics import dipole
+from haptorb.magnetics.magnets import ChargedRing
 
 RING = (6e-3, 2.5e-3, 24e-3, 1.348)
 ROWS = ChargedRing(*RING).rows

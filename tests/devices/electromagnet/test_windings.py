@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from haptorb.devices.electromagnet.windings import Windings
+from haptorb.devices.base import State
+from haptorb.devices.electromagnet_model import Windings
 from haptorb.devices.loader import load, parse
-from haptorb.devices.state import State
 from haptorb.errors import DeviceError
-from haptorb.physics.sources.dipole import MU0
-from haptorb.physics.sources.soft_sphere import SoftSphere
+from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.soft_sphere import SoftSphere
 
 OMNI = load("omni")
 CORE = SoftSphere(0.015)

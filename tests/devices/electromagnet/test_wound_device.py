@@ -5,7 +5,7 @@ import pytest
 
 from haptorb.devices.loader import load, parse
 from haptorb.errors import DeviceError
-from haptorb.physics.sources.dipole import MU0
+from haptorb.magnetics.dipole import MU0
 
 OMNI = load("omni")
 

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import haptorb
-from haptorb.devices.motor.validation import workspace_sample
-from haptorb.devices.state import State
+from haptorb.devices.base import State
+from haptorb.devices.motor import workspace_sample
 from haptorb.errors import DeviceError, InputError, UnknownName
-from haptorb.numerics.rotations import rotation_from_euler
+from haptorb.rotations import rotation_from_euler
 
 TILTED = rotation_from_euler(*np.radians((10.0, 5.0, 5.0)))
 
@@ -119,7 +119,7 @@ def test_no_torque_about_a_coils_own_axis(pmsm, tilted, model):
 
 def test_torque_is_the_slope_of_flux_linkage(pmsm):
     """Virtual work by finite differences of the coils' flux in the magnets' field, a different integral."""
-    from haptorb.physics.sources.placement import PlacedSource
+    from haptorb.magnetics.source import PlacedSource
     from oracles.magnetics.formulations import flux_linkage
     from oracles.magnetics.source_sum import SourceSum
 

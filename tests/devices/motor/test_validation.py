@@ -8,7 +8,7 @@ import pytest
 import haptorb
 from haptorb.devices import loader
 from haptorb.devices.loader import parse
-from haptorb.devices.motor.wiring import grouping
+from haptorb.devices.motor import grouping
 from haptorb.errors import DeviceError
 
 

@@ -8,12 +8,12 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import BaseModel, Field
 
-from haptorb.apps.feel.design_file import DesignFile, DesignTable
-from haptorb.apps.study.model.study_file import Study
-from haptorb.devices.kind import kind_names, kind_of_name
-from haptorb.devices.schema import key as m
-from haptorb.devices.schema import quantity as q
-from haptorb.devices.schema.key_text import KeyText, list_keys
+from haptorb.devices import quantity as q
+from haptorb.devices import schema as m
+from haptorb.devices.base import kind_names, kind_of_name
+from haptorb.devices.schema import KeyText, list_keys
+from haptorb_study.feel.designs import DesignFile, DesignTable
+from haptorb_study.study_file import Study
 
 
 def models() -> Iterator[type[BaseModel]]:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.apps.feel.candidates import load_designs
-from haptorb.apps.study.model.study_reader import study_of
 from haptorb.devices.loader import parse
 from haptorb.errors import DeviceError, InputError
+from haptorb_study.feel.designs import load_designs
+from haptorb_study.study_file import study_of
 
 CATALOGUE = files("haptorb.devices") / "catalogue"
 OMNI, PMSM = ((CATALOGUE / f"{name}.toml").read_text(encoding="utf-8") for name in ("omni", "pmsm"))

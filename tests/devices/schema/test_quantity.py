@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.devices.schema import quantity
+from haptorb.devices import quantity
 
 
 @pytest.fixture

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from haptorb.devices.tables.series_table import series_torque_table
+from haptorb.devices.tables import series_torque_table
 from haptorb.errors import GeometryError
-from haptorb.physics.interaction import wrench
-from haptorb.physics.sources.coil import Coil
-from haptorb.physics.sources.cylinder import CylinderMagnet
-from haptorb.physics.sources.placement import PlacedSource
+from haptorb.magnetics.coil import Coil
+from haptorb.magnetics.interaction import wrench
+from haptorb.magnetics.magnets import CylinderMagnet
+from haptorb.magnetics.source import PlacedSource
 
 
 @pytest.mark.parametrize(

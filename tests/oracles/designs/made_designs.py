@@ -6,11 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from haptorb.design.design import Bound, Design, DesignGoal
-from haptorb.design.evaluation import Evaluation
-from haptorb.design.parameter import DesignParameter, ParameterPlace
-from haptorb.design.quantity import DesignQuantity
-from haptorb.design.store import open_results
+from haptorb_design.problem import (
+    Bound,
+    Design,
+    DesignGoal,
+    DesignParameter,
+    DesignQuantity,
+    Evaluation,
+    ParameterPlace,
+)
+from haptorb_design.store import open_results
 
 
 def make_design(goals: int = 2) -> Design:

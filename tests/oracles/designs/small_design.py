@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from haptorb.design.design import Design
-from haptorb.design.design_file import load_design
+from haptorb_design.design_file import load_design
+from haptorb_design.problem import Design
 
 __all__ = ["CODE", "TEXT", "make_design", "write_design"]
 

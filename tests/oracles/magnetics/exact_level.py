@@ -11,12 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from haptorb.arrays import Array, rotation, vectors
 from haptorb.errors import GeometryError, InputError
-from haptorb.numerics.arrays import Array, rotation, vectors
-from haptorb.physics.interaction import BoundedValue, wrench
-from haptorb.physics.sources.placement import PlacedSource
-from haptorb.physics.sources.round_body import RoundBody
-from haptorb.physics.sources.source import Source
+from haptorb.magnetics.interaction import BoundedValue, wrench
+from haptorb.magnetics.source import PlacedSource, RoundBody, Source
 
 __all__ = ["exact_sensor_field", "exact_torque_characteristic"]
 
@@ -32,8 +30,8 @@ def exact_torque_characteristic(
     (..., 3, 3). Each coil's torque is reached to `precision` of its own magnitude, or PrecisionError is raised;
     GeometryError where a coil reaches into a magnet.
 
-    >>> from haptorb.physics.sources.coil import Coil
-    >>> from haptorb.physics.sources.cylinder import CylinderMagnet
+    >>> from haptorb.magnetics.coil import Coil
+    >>> from haptorb.magnetics.magnets import CylinderMagnet
     >>> magnet = PlacedSource(CylinderMagnet(5e-3, 4e-3, 1.2), (0, 0, 30e-3), np.eye(3))
     >>> coil = PlacedSource(Coil(100, 2e-3, 5e-3, 4e-3), (0, 0, 20e-3), np.eye(3))
     >>> tilt = [[1, 0, 0], [0, 0.99, -0.14106735979665885], [0, 0.14106735979665885, 0.99]]    # by 8°: pulled back

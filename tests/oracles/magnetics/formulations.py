@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.numerics.arrays import Array, vectors
-from haptorb.physics.interaction import BoundedValue, _check_outside, _pose, _refine
-from haptorb.physics.sources.coil import Coil
-from haptorb.physics.sources.cylinder import CylinderMagnet
-from haptorb.physics.sources.dipole import MU0
-from haptorb.physics.sources.ring import RingMagnet
-from haptorb.physics.sources.source import Source
+from haptorb.arrays import Array, vectors
+from haptorb.magnetics.coil import Coil
+from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.interaction import BoundedValue, _check_outside, _pose, _refine
+from haptorb.magnetics.magnets import CylinderMagnet, RingMagnet
+from haptorb.magnetics.source import Source
 
 __all__ = ["flux_linkage", "wrench_on_charges"]
 

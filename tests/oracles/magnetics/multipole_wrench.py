@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.numerics.arrays import Array, rotation, vectors
-from haptorb.physics.sources.multipole import MultipoleSource
+from haptorb.arrays import Array, rotation, vectors
+from haptorb.magnetics.multipole import MultipoleSource
 
 __all__ = ["multipole_wrench"]
 

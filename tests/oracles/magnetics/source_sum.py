@@ -8,8 +8,8 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptorb.numerics.arrays import Array, vectors
-from haptorb.physics.sources.source import Source
+from haptorb.arrays import Array, vectors
+from haptorb.magnetics.source import Source
 
 __all__ = ["SourceSum"]
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptorb.apps.check.pose_delay import PoseDelay
-from haptorb.apps.guidance.pose_noise import PoseNoise
+from haptorb.cli.check_world import PoseDelay
 from haptorb.devices.loader import load
-from haptorb.runtime.drivers.imperfect_tracker import ImperfectTracker, PoseDistortion
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.sensing.sample import Pose
+from haptorb.estimation.types import Pose
+from haptorb.runtime.drivers.sim import ImperfectTracker, PoseDistortion, SimDriver
+from haptorb_papers.guidance.pose_noise import PoseNoise
 
 DT = 1e-3
 SPEED = np.array([0.2, 0.0, 0.0])  #: of the tool [m/s]

@@ -5,9 +5,9 @@ import pytest
 
 from haptorb import worlds
 from haptorb.devices.loader import load
-from haptorb.runtime.drivers.relaxed_hand import RelaxedHand
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.tick.assembly import assemble
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.simulation.hand import RelaxedHand
 
 REST = np.array([0.03, 0.0, 0.04, 0.0, 0.0, 0.0, 1.0])
 PULL = np.array([0.0, 0.004, 0.0])

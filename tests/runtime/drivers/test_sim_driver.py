@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptorb.devices.kind import DeviceKind
+from haptorb.devices.base import DeviceKind
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.simulation.simulation import Simulation
+from haptorb.runtime.drivers.sim import SimDriver
+from haptorb.simulation.base import Simulation
 
 OMNI = load("omni")
 PERIOD = 1e-3

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from haptorb import Recording, Servo
-from haptorb.control.protection.trip import GuardState, Trip
-from haptorb.runtime.exchange.black_box import TICKS, BlackBox
-from haptorb.runtime.exchange.shared_memory import SharedMemory
-from haptorb.runtime.replay.replay import Replay
-from haptorb.runtime.row import RowLayout
+from haptorb.control.trips import GuardState, Trip
+from haptorb.recording.row import RowLayout
+from haptorb.replay.replay import Replay
+from haptorb.runtime.black_box import TICKS, BlackBox
+from haptorb.runtime.shared_memory import SharedMemory
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 
@@ -57,7 +57,7 @@ def test_a_trip_right_after_the_start_has_fewer(shared: SharedMemory) -> None:
 def test_files_are_recordings_and_the_oldest_go(
     shared: SharedMemory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("haptorb.runtime.exchange.black_box._MOST", 2)
+    monkeypatch.setattr("haptorb.runtime.black_box._MOST", 2)
     box = BlackBox(shared, "omni", 1000.0, tmp_path / "trips")
     for n in range(4):
         ticks(shared, 200 * n, 200)

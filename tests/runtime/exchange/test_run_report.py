@@ -7,7 +7,7 @@ import pickle
 from typing import Any
 from xml.etree import ElementTree
 
-from haptorb.runtime.exchange.run_report import RunReport
+from haptorb.runtime.report import RunReport
 
 FOUND: dict[str, Any] = {
     "device": "omni", "world": "dome", "driver": "sim", "tracker": "pointer", "rate_hz": 1000.0, "ticks": 5000,

@@ -15,14 +15,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptorb.control.protection.trip import CoilState
+from haptorb.control.trips import CoilState
 from haptorb.errors import InputError, ServoError
-from haptorb.runtime.exchange.report import loop_report
-from haptorb.runtime.exchange.shared_memory import CAPACITY, TRIPS, WORLDS, Phase, SharedMemory, Word
-from haptorb.runtime.memory.ring import RingBuffer
-from haptorb.runtime.memory.text_slot import SIZE, TextSlot
-from haptorb.runtime.pointer.pointer_block import PointerBlock
-from haptorb.runtime.row import RowLayout
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.report import loop_report
+from haptorb.runtime.shared_memory import (
+    CAPACITY,
+    SIZE,
+    TRIPS,
+    WORLDS,
+    Phase,
+    PointerBlock,
+    RingBuffer,
+    SharedMemory,
+    TextSlot,
+    Word,
+)
 
 LAYOUT = RowLayout(channels=3, sensors=9)
 

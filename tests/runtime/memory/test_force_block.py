@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from haptorb.runtime.memory.force_block import BLOCKS, WORDS, ClientForces, ForceBlock
-from haptorb.worlds.client_force import make_client_force
-from haptorb.worlds.dynamic.remote import FADE, HOLD
+from haptorb.runtime.shared_memory import BLOCKS, ClientForces, ForceBlock
+from haptorb.runtime.shared_memory import FORCE_BLOCK_WORDS as WORDS
+from haptorb.worlds.dynamic import FADE, HOLD, make_client_force
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.runtime.pointer.guided_handle import HandleMotion, handle_quaternion
-from haptorb.runtime.pointer.pointer import PointerSource, PointerState, PointerTracker
+from haptorb.runtime.pointer import PointerSource, PointerState, PointerTracker
+from haptorb.simulation.hand import HandleMotion, handle_quaternion
 
 
 def test_the_quaternion_is_that_of_tilt_then_spin():

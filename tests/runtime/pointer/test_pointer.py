@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptorb.devices.state import rotation_to_axis
-from haptorb.numerics.arrays import Array
-from haptorb.runtime.memory.histogram import BINS, Histogram
-from haptorb.runtime.pointer.guided_motion import DURATION, position_on_path, upright_quaternion
-from haptorb.runtime.pointer.pointer import PointerSource, PointerState, PointerTracker
+from haptorb.arrays import Array
+from haptorb.devices.base import rotation_to_axis
+from haptorb.runtime.pointer import PointerSource, PointerState, PointerTracker
+from haptorb.runtime.shared_memory import BINS, Histogram
+from haptorb.simulation.hand import DURATION, position_on_path, upright_quaternion
 
 Z = np.array([0.0, 0.0, 1.0])
 
@@ -166,8 +166,8 @@ def test_a_host_compiles_nothing_when_it_points():
     program = """
 import numpy as np
 from numba.core import event
-from haptorb.runtime.servo.servo import Servo
-from haptorb.runtime.exchange.shared_memory import SharedMemory
+from haptorb.runtime.servo import Servo
+from haptorb.runtime.shared_memory import SharedMemory
 
 servo = Servo("omni", record=False)
 servo._shared = SharedMemory.create(servo.layout)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.runtime.pointer.pointer import PointerSource, PointerState, PointerTracker
+from haptorb.runtime.pointer import PointerSource, PointerState, PointerTracker
 
 
 class Source(PointerSource):

@@ -10,16 +10,16 @@ from pathlib import Path
 import pytest
 
 from haptorb import worlds
-from haptorb.runtime.exchange import plan as plans
-from haptorb.runtime.processes.first_start import CATALOGUE, CONTROLLER
-from haptorb.runtime.processes.prestart import PLAN, WANTED, code_note, start_module
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime import plan as plans
+from haptorb.runtime.first_start import CATALOGUE, CONTROLLER
+from haptorb.runtime.prestart import PLAN, WANTED, code_note, start_module
+from haptorb.runtime.servo import Servo
 
 PROGRAM = """
 import gc, sys
 from numba.core.dispatcher import Dispatcher
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.servo import Servo
 
 servo = Servo(sys.argv[1], record=False)
 compilation = servo._plan.compilation
@@ -54,7 +54,7 @@ def test_the_controller_is_compiled_as_the_loop_uses_it(device: str) -> None:
 def test_it_is_a_program_that_ends(what: str, tmp_path: Path) -> None:
     plans.save(Servo("omni", record=False)._plan, tmp_path / PLAN)
     (tmp_path / WANTED).write_text("button", encoding="utf-8")
-    command = [sys.executable, "-m", "haptorb.runtime.processes.first_start", what, str(tmp_path)]
+    command = [sys.executable, "-m", "haptorb.runtime.first_start", what, str(tmp_path)]
     assert subprocess.run([*command, "0"], check=False, timeout=300).returncode == 1  # nobody's child
     notes = sorted(tmp_path.glob("code-*"))
     assert notes == ([code_note(tmp_path, "button")] if what == CATALOGUE else [])  # what is wanted comes first
@@ -69,8 +69,8 @@ def test_a_start_that_takes_long_is_helped_and_the_helper_goes(monkeypatch: pyte
         started.append(start_module(module, *words, errors=errors))
         return started[-1]
 
-    monkeypatch.setattr("haptorb.runtime.servo.compiler_process._USUAL", 0.0)
-    monkeypatch.setattr("haptorb.runtime.servo.compiler_process.start_module", start)
+    monkeypatch.setattr("haptorb.runtime.process_group._USUAL", 0.0)
+    monkeypatch.setattr("haptorb.runtime.prestart.start_module", start)
     with Servo("omni", record=False) as servo:
         helper, *worlds_code = started
         assert CONTROLLER in helper.args

@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 
 from haptorb.errors import ServoError
-from haptorb.runtime.processes.prestart import start_module
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.prestart import start_module
+from haptorb.runtime.servo import Servo
 
 pytestmark = pytest.mark.realtime(retry=False)
 
@@ -71,7 +71,7 @@ def test_a_world_that_does_not_return_from_its_first_call_is_told(monkeypatch: p
     def endless(state: Any) -> None:
         swallow()
 
-    monkeypatch.setattr("haptorb.runtime.servo.process_group._FIRST_CALL", 0.3)
+    monkeypatch.setattr("haptorb.runtime.process_group._FIRST_CALL", 0.3)
     servo = Servo("omni", endless, record=False)
     with pytest.raises(ServoError, match=r"world 'endless' has not returned from its first call for 0\.3 s"):
         servo.open()
@@ -171,7 +171,7 @@ def test_a_servo_that_hangs_does_not_outlive_its_host(
 
 _ENDS = """
 import ctypes, signal
-from haptorb.runtime.realtime.kill_timer import KillTimer
+from haptorb.runtime.linux import KillTimer
 timer = KillTimer()
 for _ in range(3):
     timer.set(0.3)
@@ -186,7 +186,7 @@ def test_the_timer_ends_a_process_that_hears_nothing() -> None:
 
 _ASKS = """
 import sys
-from haptorb.runtime.realtime.parent_death import die_with_parent
+from haptorb.runtime.linux import die_with_parent
 die_with_parent()
 print("asked", file=sys.stderr, flush=True)
 input()
@@ -226,7 +226,7 @@ started = []
 @dataclass(frozen=True)
 class Mine(World):
     def wrench(self, state):
-        if not started and sys.modules["__main__"].__spec__.name == "haptorb.runtime.processes.servo_process":
+        if not started and sys.modules["__main__"].__spec__.name == "haptorb.runtime.servo_process":
             started.append(subprocess.Popen(["sleep", "100"]))
             open(TOLD, "w").write(str(started[0].pid))
         return np.zeros(6)

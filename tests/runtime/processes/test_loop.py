@@ -7,22 +7,21 @@ from functools import partial
 import numpy as np
 import pytest
 
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.trips import GuardState, Trip
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.exchange.commands import Commands
-from haptorb.runtime.exchange.shared_memory import SharedMemory, Word
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.processes.loop import Loop
-from haptorb.runtime.processes.processor_wait import ProcessorWait
-from haptorb.runtime.realtime.host_heartbeat import SILENCE, STARVATION
-from haptorb.runtime.realtime.schedule import Schedule
-from haptorb.runtime.row import RowLayout
-from haptorb.runtime.tick.assembly import assemble
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.clock import Schedule
+from haptorb.runtime.commands import Commands
+from haptorb.runtime.drivers.sim import SimDriver
+from haptorb.runtime.liveness import SILENCE, STARVATION, ProcessorWait
+from haptorb.runtime.loop import Loop
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.shared_memory import SharedMemory, Word
 from haptorb.worlds import find_world
-from haptorb.worlds.own.function_world import FunctionWorld
+from haptorb.worlds.user_world import FunctionWorld
 
 RAMPING, RUNNING, TRIPPED = int(GuardState.RAMPING), int(GuardState.RUNNING), int(GuardState.TRIPPED)
 RATE = 1000.0

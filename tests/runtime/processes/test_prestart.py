@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.apps.cli import main
+from haptorb.cli import main
 from haptorb.errors import InputError, ServoError
-from haptorb.runtime.processes.prestart import PrestartedProcess
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.prestart import PrestartedProcess
+from haptorb.runtime.servo import Servo
 from haptorb.worlds import Dome
 
 pytestmark = pytest.mark.realtime(retry=False)
@@ -95,7 +95,7 @@ def test_it_may_die_before_it_is_needed(folders: Path) -> None:
 
 WAITS = """
 import sys, time
-from haptorb.runtime.processes.prestart import PrestartedProcess
+from haptorb.runtime.prestart import PrestartedProcess
 standby = PrestartedProcess()
 print(standby.process.pid, standby.folder, flush=True)
 time.sleep(60)

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 from haptorb import Recording
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.trips import GuardState, Trip
 from haptorb.errors import InputError, RecordingError, ServoError
-from haptorb.runtime.realtime import process_starter
-from haptorb.runtime.servo.process_group import ProcessGroup
+from haptorb.runtime import linux as process_starter
+from haptorb.runtime.process_group import ProcessGroup
 from haptorb.worlds import Nothing
 
 pytestmark = pytest.mark.realtime

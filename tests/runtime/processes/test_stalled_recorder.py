@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from haptorb.devices.loader import load
-from haptorb.runtime.exchange.report import count_recorded
-from haptorb.runtime.exchange.shared_memory import CAPACITY, SharedMemory, Word
-from haptorb.runtime.row import RowLayout
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.report import count_recorded
+from haptorb.runtime.shared_memory import CAPACITY, SharedMemory, Word
 
 pytestmark = pytest.mark.realtime(retry=False)
 

@@ -5,10 +5,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from haptorb.runtime.exchange.shared_memory import COUNTS, Word
-from haptorb.runtime.memory.histogram import Histogram
-from haptorb.runtime.processes.stats import count_tick, publish_row
-from haptorb.runtime.row import RowLayout
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.loop import count_tick, publish_row
+from haptorb.runtime.shared_memory import COUNTS, Histogram, Word
 
 LAYOUT = RowLayout(3, 1)
 FILLED = ("tick", "wall", "lateness", "missed")

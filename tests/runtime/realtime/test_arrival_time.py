@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from haptorb.runtime.realtime import arrival_time
-from haptorb.runtime.realtime.arrival_time import DatagramTimes, StreamTimes
+from haptorb.runtime import sockets as arrival_time
+from haptorb.runtime.sockets import DatagramTimes, StreamTimes
 
 WAIT = 0.3
 

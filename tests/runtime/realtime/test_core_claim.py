@@ -5,11 +5,11 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from haptorb.runtime.realtime import core_claim
+from haptorb.runtime import linux as core_claim
 
 FREE = (10_001, 10_002)  #: no computer has them, so no servo that runs beside this test holds them
 
-_TAKES = f"from haptorb.runtime.realtime.core_claim import claim; print(claim({FREE!r}), flush=True); input()"
+_TAKES = f"from haptorb.runtime.linux import claim; print(claim({FREE!r}), flush=True); input()"
 
 
 def test_each_takes_another_core_until_none_is_left(monkeypatch: object) -> None:

@@ -11,8 +11,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from haptorb.runtime.processes.processor_wait import ProcessorWait
-from haptorb.runtime.realtime.host_heartbeat import LATE, SILENCE, STARVATION, STOPPED, HostHeartbeat, state_of
+from haptorb.runtime.liveness import LATE, SILENCE, STARVATION, STOPPED, HostHeartbeat, ProcessorWait, state_of
 
 MS = 1_000_000
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptorb.runtime.realtime.keep_core_awake import CoreWaker, busy_share
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.keep_core_awake import CoreWaker, busy_share
+from haptorb.runtime.servo import Servo
 
 pytestmark = [pytest.mark.realtime(retry=False), pytest.mark.usefixtures("quick_starts")]
 

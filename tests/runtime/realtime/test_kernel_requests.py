@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from haptorb.runtime.realtime.kernel_requests import raise_priority
+from haptorb.runtime.linux import raise_priority
 
 
 def test_another_process_comes_first_and_not_this_one() -> None:

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from haptorb.runtime.realtime import memory_growth
-from haptorb.runtime.realtime.memory_growth import MemoryGrowth, resident_memory
+from haptorb.runtime import liveness as memory_growth
+from haptorb.runtime.liveness import MemoryGrowth, resident_memory
 
 
 def test_memory_of_a_process_and_of_one_that_has_ended() -> None:

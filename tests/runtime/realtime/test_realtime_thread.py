@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from haptorb.runtime.realtime import realtime_thread as steady_module
-from haptorb.runtime.realtime.realtime_thread import prepare_thread
+from haptorb.runtime import linux as steady_module
+from haptorb.runtime.linux import prepare_thread
 
 
 def test_what_exists_is_not_looked_through_again(monkeypatch: pytest.MonkeyPatch) -> None:

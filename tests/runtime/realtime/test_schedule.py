@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptorb.errors import InputError
-from haptorb.runtime.realtime.clock import Clock
-from haptorb.runtime.realtime.schedule import Schedule
+from haptorb.runtime.clock import Clock, Schedule
 
 MS = 1_000_000
 

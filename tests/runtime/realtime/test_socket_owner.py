@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from haptorb.runtime.realtime import socket_owner
-from haptorb.runtime.realtime.socket_owner import UdpOwners, is_own_account, listener_owner, tcp_owner
+from haptorb.runtime import sockets as socket_owner
+from haptorb.runtime.sockets import UdpOwners, is_own_account, listener_owner, tcp_owner
 from oracles.other_account import NOBODY, as_nobody, needs_root
 
 

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
+from haptorb import files as stale_files
 from haptorb.devices.loader import load
-from haptorb.runtime.exchange.shared_memory import SharedMemory
-from haptorb.runtime.processes.prestart import PrestartedProcess
-from haptorb.runtime.realtime import stale_files
-from haptorb.runtime.realtime.stale_files import FileLock, sweep
-from haptorb.runtime.recording import recording_file
-from haptorb.runtime.row import RowLayout
-from haptorb.runtime.servo.servo import Servo
+from haptorb.files import FileLock, sweep
+from haptorb.recording import destination as recording_file
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.prestart import PrestartedProcess
+from haptorb.runtime.servo import Servo
+from haptorb.runtime.shared_memory import SharedMemory
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where all that is temporary is made."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setattr(stale_files, "folders", lambda: [tmp_path])
-    monkeypatch.setattr("haptorb.runtime.exchange.shared_memory.folders", lambda: [tmp_path])
+    monkeypatch.setattr("haptorb.files.folders", lambda: [tmp_path])
     return tmp_path
 
 
@@ -34,10 +34,10 @@ import sys, time
 import tempfile
 tempfile.tempdir = sys.argv[1]
 from pathlib import Path
-from haptorb.runtime.exchange import shared_memory
-from haptorb.runtime.recording import recording_file
-from haptorb.runtime.row import RowLayout
-from haptorb.runtime.processes.prestart import _create_folder
+from haptorb.runtime import shared_memory
+from haptorb.recording import destination as recording_file
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.prestart import _create_folder
 from haptorb.devices.loader import load
 shared_memory.folders = lambda: [Path(sys.argv[1])]
 memory = shared_memory.SharedMemory.create(RowLayout.of(load("omni")))
@@ -102,7 +102,7 @@ _CRASHES = """
 import sys, tempfile
 from pathlib import Path
 tempfile.tempdir = sys.argv[1]
-from haptorb.runtime.exchange import shared_memory
+from haptorb.runtime import shared_memory
 shared_memory.folders = lambda: [Path(sys.argv[1])]
 import haptorb
 with haptorb.Servo("omni", "nothing") as servo:

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 
 from haptorb import Recording
 from haptorb.errors import RecordingError, RecordingWarning
-from haptorb.runtime.recording import recording as recording_module
+from haptorb.recording import recording as recording_module
 from oracles.command import run_command
 from oracles.made_recording import make_recording
 

@@ -12,9 +12,9 @@ import pytest
 
 from haptorb import Recording
 from haptorb.errors import InputError
-from haptorb.runtime.recording.data_frames import units_of
-from haptorb.runtime.recording.recorder import Recorder
-from haptorb.runtime.row import Field, RowLayout
+from haptorb.recording.export import units_of
+from haptorb.recording.mcap import Recorder
+from haptorb.recording.row import Field, RowLayout
 
 LAYOUT = RowLayout(channels=3, sensors=2)
 

@@ -9,9 +9,9 @@ import pytest
 
 from haptorb import Recording
 from haptorb.errors import InputError, RecordingError, UnknownName
-from haptorb.runtime.recording.export import FORMATS, Export
-from haptorb.runtime.recording.recorder import Recorder
-from haptorb.runtime.row import RowLayout
+from haptorb.recording.export import FORMATS, Export
+from haptorb.recording.mcap import Recorder
+from haptorb.recording.row import RowLayout
 from oracles.command import run_command
 
 LAYOUT = RowLayout(channels=2, sensors=1)

@@ -11,10 +11,8 @@ import pytest
 
 from haptorb import Recording
 from haptorb.errors import RecordingError
-from haptorb.runtime.recording.mcap_reader import MESSAGE_OVERHEAD
-from haptorb.runtime.recording.mcap_schema import CDR_HEADER
-from haptorb.runtime.recording.recorder import Recorder
-from haptorb.runtime.row import RowLayout
+from haptorb.recording.mcap import CDR_HEADER, MESSAGE_OVERHEAD, Recorder
+from haptorb.recording.row import RowLayout
 
 LAYOUT = RowLayout(channels=3, sensors=16)
 ROWS = 36_000

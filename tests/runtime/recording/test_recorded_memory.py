@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptorb.errors import RecordingError
-from haptorb.runtime.recording.recorded_memory import memory_columns, memory_units, split_memory
+from haptorb.recording.recording import memory_columns, memory_units, split_memory
 
 PLACE = {"name": "place", "unit": "m", "about": "of the ball", "shape": [3]}
 ENERGY = {"name": "energy", "unit": "J", "about": "held", "shape": []}

@@ -19,10 +19,9 @@ from hypothesis import strategies as st
 
 from haptorb import Recording
 from haptorb.errors import RecordingError, UnknownName
-from haptorb.runtime.recording import recording_file
-from haptorb.runtime.recording.mcap_schema import fields_of, schema
-from haptorb.runtime.recording.recorder import Recorder
-from haptorb.runtime.row import RowLayout
+from haptorb.recording import destination as recording_file
+from haptorb.recording.mcap import Recorder, fields_of, schema
+from haptorb.recording.row import RowLayout
 
 LAYOUT = RowLayout(channels=3, sensors=9)
 RATE = 1000.0

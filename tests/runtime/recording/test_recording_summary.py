@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptorb.runtime.recording.recording_summary import list_facts
-from haptorb.runtime.row import Field, RowLayout
+from haptorb.recording.recording import list_facts
+from haptorb.recording.row import Field, RowLayout
 
 FIELDS = {field.name: field for field in RowLayout(channels=3, sensors=0).fields}
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from haptorb.errors import RecordingError
-from haptorb.runtime.recording.run_recording import RunRecording
+from haptorb.recording.destination import RunRecording
 
 
 def test_a_named_file_is_kept_and_told(tmp_path: Path) -> None:

@@ -16,20 +16,17 @@ import numpy as np
 import pytest
 
 from haptorb import Recording
+from haptorb.arrays import Array, StateArray
 from haptorb.errors import HaptorbError, RecordingError
-from haptorb.numerics.arrays import Array
-from haptorb.numerics.state_arrays import StateArray
-from haptorb.runtime.recording.recorder import Recorder
-from haptorb.runtime.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays
-from haptorb.runtime.replay.parallel import replay_in_parts
-from haptorb.runtime.replay.recorded_world import list_memory_fields
-from haptorb.runtime.replay.replay import Replay
-from haptorb.runtime.replay.replay_file import check_replay_file
-from haptorb.runtime.tick.tick_state import save_state
+from haptorb.recording.mcap import Recorder
+from haptorb.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays
+from haptorb.replay.parallel import replay_in_parts
+from haptorb.replay.recorded_run import list_memory_fields
+from haptorb.replay.replay import Replay, check_replay_file
+from haptorb.runtime.tick_state import save_state
 from haptorb.worlds import Fluid, RollingBall
-from haptorb.worlds.dynamic.remote import Remote
-from haptorb.worlds.own.started_code import note_start
-from haptorb.worlds.own.world_file import WorldFile
+from haptorb.worlds.dynamic import Remote
+from haptorb.worlds.user_world import WorldFile, note_start
 from oracles.made_recording import make_recording
 from oracles.recorded_chain import Deed, record_chain
 
@@ -39,7 +36,7 @@ GROOVE = """
 import numpy as np
 from dataclasses import dataclass
 from haptorb.worlds import World
-from haptorb.worlds.parameter import parameter
+from haptorb.worlds.base import parameter
 
 @dataclass(frozen=True)
 class Groove(World):
@@ -121,7 +118,7 @@ def test_rows_of_something_else_are_refused(tmp_path: Path) -> None:
     "text",
     ["", "no json", "{}", '{"made": {"kind": "os:system", "fields": {"command": "false"}}}', '{"made": 3}', "[1]",
      '{"code": {"file": "/etc/passwd", "name": "x", "digest": "0", "loaded": "yes"}}',
-     '{"made": {"kind": "haptorb.worlds.maps.dome:Dome", "fields": {"speed": 1.0}}}'],
+     '{"made": {"kind": "haptorb.worlds.dome:Dome", "fields": {"speed": 1.0}}}'],
 )  # fmt: skip
 def test_a_note_of_a_world_that_cannot_be_made_leaves_the_recorded_wrench(text: str, tmp_path: Path) -> None:
     recording = record_chain(tmp_path / "run.mcap", world=Fluid(viscosity=3.0))
@@ -417,8 +414,8 @@ def test_parts_at_once_find_what_one_after_the_other_does(
             note_state(recorder, tick, state)
         recorder.append(whole.rows)
         recorder.finish()
-    monkeypatch.setattr("haptorb.runtime.replay.parallel._WORTH", 100)
-    monkeypatch.setattr("haptorb.runtime.recording.recording._WHOLE", 0)  # rows are unpacked beside
+    monkeypatch.setattr("haptorb.replay.parallel._WORTH", 100)
+    monkeypatch.setattr("haptorb.recording.recording._WHOLE", 0)  # rows are unpacked beside
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1, 2})
     at_once, after = replay_in_parts(Recording(path)).comparison, Replay(whole).run()
     assert (at_once.compared, at_once.differing, at_once.numbers) == (300, after.differing, after.numbers)

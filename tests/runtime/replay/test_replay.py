@@ -9,29 +9,26 @@ import numpy as np
 import pytest
 
 from haptorb import Recording, State
-from haptorb.control.clutch.gains import Gains
-from haptorb.control.protection.trip import Trip
-from haptorb.control.stability.coupling_choice import CouplingSetting
-from haptorb.control.stability.hand_grip import GRIPS
+from haptorb.analysis.coupling import CouplingSetting
+from haptorb.analysis.stability import GRIPS
+from haptorb.arrays import Array
+from haptorb.control.linkage import Gains
+from haptorb.control.trips import Trip
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError
-from haptorb.numerics.arrays import Array
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.replay.replay import Replay
-from haptorb.runtime.row import RowLayout
-from haptorb.runtime.tick.assembly import assemble, estimators_of
-from haptorb.runtime.tick.tick import Tick
-from haptorb.runtime.tick.tick_log import MODEL, TickCommand, TickFailure
-from haptorb.runtime.tick.world_budget import WorldBudget
-from haptorb.sensing import registry
-from haptorb.sensing.torque_maps import network_file
-from haptorb.sensing.torque_maps.network import train
-from haptorb.sensing.torque_maps.network_file import write_networks
+from haptorb.estimation import network as network_file
+from haptorb.estimation import registry
+from haptorb.estimation.network import train, write_networks
+from haptorb.recording.row import RowLayout
+from haptorb.replay.replay import Replay
+from haptorb.runtime.assembly import assemble, estimators_of
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.tick import Tick, WorldBudget
+from haptorb.runtime.tick_log import MODEL, TickCommand, TickFailure
 from haptorb.worlds import Dome, Fluid, Friction, Nothing, RollingBall, Sum, World, find_world
-from haptorb.worlds.bound_world import BoundWorld
-from haptorb.worlds.dynamic.remote import Remote
-from haptorb.worlds.own.function_world import FunctionWorld
-from haptorb.worlds.scene.scene_file import parse_scene_file
+from haptorb.worlds.dynamic import BoundWorld, Remote
+from haptorb.worlds.scene import parse_scene_file
+from haptorb.worlds.user_world import FunctionWorld
 from oracles.recorded_chain import Deed, record_chain
 
 OMNI = RowLayout.of(load("omni"))

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 
 from haptorb import Recording
 from haptorb.errors import RecordingError
-from haptorb.runtime.replay.unpacked_rows import UnpackedRows
+from haptorb.replay.rows import UnpackedRows
 from oracles.recorded_chain import record_chain
 
 
@@ -19,7 +19,7 @@ def test_rows_come_from_beside_bit_for_bit_or_not_at_all(
     damaged: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     whole = record_chain(tmp_path / "run.mcap", ticks=100)
-    monkeypatch.setattr("haptorb.runtime.recording.recording._WHOLE", 0)
+    monkeypatch.setattr("haptorb.recording.recording._WHOLE", 0)
     recording = Recording(whole.path)
     assert recording.long
     if damaged:

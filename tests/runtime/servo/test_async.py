@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from haptorb.errors import ServoError
-from haptorb.runtime.servo.process_group import ProcessGroup
+from haptorb.runtime.process_group import ProcessGroup
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 

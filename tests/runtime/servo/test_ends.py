@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.trips import GuardState, Trip
 from haptorb.errors import DriverError, RecordingError, ServoError
-from haptorb.runtime.exchange.shared_memory import SharedMemory
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.servo import Servo
+from haptorb.runtime.shared_memory import SharedMemory
 
 pytestmark = [pytest.mark.realtime, pytest.mark.timeout(600)]
 
@@ -177,7 +177,7 @@ def test_every_end_beside_everything_that_hangs():
 
 def _stop_at_once(monkeypatch: pytest.MonkeyPatch, module: str) -> None:
     """Whoever starts `module` gets a process that is stopped before it does anything."""
-    from haptorb.runtime.realtime import process_starter
+    from haptorb.runtime import linux as process_starter
 
     start = process_starter.start
 
@@ -191,10 +191,9 @@ def _stop_at_once(monkeypatch: pytest.MonkeyPatch, module: str) -> None:
 
 
 def test_a_server_that_hangs_while_it_starts_is_refused_in_time(monkeypatch):
-    from haptorb.apps.serve.server_choice import check_servers
-    from haptorb.apps.serve.serving import Serving
+    from haptorb.serve.base import Serving, check_servers
 
-    _stop_at_once(monkeypatch, "haptorb.apps.serve.server_process")
+    _stop_at_once(monkeypatch, "haptorb.serve.server_process")
     servo = Servo("omni", record=False)
     with Serving(check_servers(["osc:127.0.0.1:0"]), servo) as serving, servo:
         before = time.monotonic()
@@ -209,7 +208,7 @@ def test_a_server_that_hangs_while_it_starts_is_refused_in_time(monkeypatch):
 
 @pytest.mark.parametrize("module", ["recorder_process", "servo_process"])
 def test_a_process_that_hangs_while_it_starts_is_refused_in_time(monkeypatch, tmp_path, module):
-    _stop_at_once(monkeypatch, f"haptorb.runtime.processes.{module}")
+    _stop_at_once(monkeypatch, f"haptorb.runtime.{module}")
     before = time.monotonic()
     with pytest.raises((ServoError, RecordingError), match="did nothing"), Servo("omni", record=tmp_path / "a.mcap"):
         pass
@@ -219,7 +218,7 @@ def test_a_process_that_hangs_while_it_starts_is_refused_in_time(monkeypatch, tm
 
 def test_a_full_memory_is_a_refusal_that_leaves_nothing(monkeypatch, tmp_path):
     """Neither /dev/shm nor the temporary folder has room for the shared memory."""
-    from haptorb.runtime.exchange import shared_memory
+    from haptorb.runtime import shared_memory
 
     def no_room(descriptor: int, offset: int, size: int) -> None:
         raise OSError(28, "No space left on device")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from haptorb.errors import InputError, ServoError
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.servo import Servo
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from haptorb.errors import UnknownName
-from haptorb.runtime.row import RowLayout
-from haptorb.runtime.servo.latest_row import LatestRow
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.servo import LatestRow
 
 LAYOUT = RowLayout(channels=3, sensors=0)
 

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from haptorb.runtime.servo.output_reader import show
+from haptorb.runtime.world_output import show
 
 
 class _GoneTerminal(io.StringIO):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from haptorb.errors import UnknownName, WorldError
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.servo import Servo
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import time
 import numpy as np
 from haptorb.worlds import World
-from haptorb.worlds.parameter import parameter
+from haptorb.worlds.base import parameter
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ COUNTER = '''
 from dataclasses import dataclass
 import numpy as np
 from haptorb.worlds import DynamicWorld, MemoryField
-from haptorb.worlds.parameter import parameter
+from haptorb.worlds.base import parameter
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.control.protection.trip import Trip
-from haptorb.runtime.servo.servo import Servo
+from haptorb.control.trips import Trip
+from haptorb.runtime.servo import Servo
 from haptorb.worlds import Scene
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from haptorb.errors import InputError, ServoError, UnknownName
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.servo import Servo
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 
@@ -228,7 +228,7 @@ def test_interrupt_in_run_closes(fake_servo: Any, monkeypatch: pytest.MonkeyPatc
     def interrupt(seconds: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("haptorb.runtime.servo.servo_context.sleep", interrupt)
+    monkeypatch.setattr("haptorb.runtime.servo.sleep", interrupt)
     with pytest.raises(KeyboardInterrupt):
         made.servo.run(1.0)
     monkeypatch.undo()

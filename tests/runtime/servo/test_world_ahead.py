@@ -8,9 +8,9 @@ from time import monotonic, sleep
 
 import pytest
 
+from haptorb.cache_folder import cache_folder
 from haptorb.errors import InputError
-from haptorb.numerics.cache_folder import cache_folder
-from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.servo import Servo
 
 pytestmark = [pytest.mark.realtime]
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptorb.control.protection.trip import GuardState
+from haptorb.control.trips import GuardState
 from haptorb.devices.loader import load
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.tick.assembly import assemble
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.pointer import PointerTracker
 from haptorb.worlds import Fluid, Remote
 
 DT = 1e-3

@@ -5,18 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.tick.assembly import (
-    allocator_of,
-    check_estimator,
-    default_world,
-    estimator_of,
-    linkage_of,
-)
-from haptorb.runtime.tick.tick import Tick
+from haptorb.runtime.assembly import allocator_of, check_estimator, default_world, estimator_of, linkage_of
+from haptorb.runtime.drivers.sim import SimDriver
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.tick import Tick
 from haptorb.worlds import find_world
 
 DT = 1e-3

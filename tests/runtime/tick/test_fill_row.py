@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from haptorb.devices.loader import load
-from haptorb.runtime.row import RowLayout
-from haptorb.runtime.tick.fill_row import fill_object
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.tick import fill_object
 
 TWO = np.arange(1.0, 17.0).reshape(2, 8)
 

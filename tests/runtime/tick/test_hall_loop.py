@@ -5,19 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptorb.apps.calibrate import calibrate
-from haptorb.apps.calibrate.driver import make_driver
-from haptorb.control.protection.protection import Protection
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.cli.calibration_dialog import calibrate, make_driver
+from haptorb.control.protection import Protection
+from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.servo.servo import Servo
-from haptorb.runtime.tick.assembly import allocator_of, assemble, check_estimator, estimator_of
-from haptorb.runtime.tick.tick import Tick
-from haptorb.sensing.sensors.sensing_accuracy import without_errors
-from haptorb.sensing.tool.tool_position import HallTracker
+from haptorb.estimation.hall_tracker import HallTracker
+from haptorb.estimation.sensor_calibration import without_errors
+from haptorb.runtime.assembly import allocator_of, assemble, check_estimator, estimator_of
+from haptorb.runtime.drivers.sim import SimDriver
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.servo import Servo
+from haptorb.runtime.tick import Tick
 from haptorb.worlds import find_world
 
 OMNI = without_errors(load("omni"))  # sensors with noise and steps only

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.tick.assembly import assemble
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.pointer import PointerTracker
 from haptorb.worlds import DynamicWorld, MemoryField
-from haptorb.worlds.parameter import parameter
+from haptorb.worlds.base import parameter
 
 DT = 1e-3
 DEVICES = {name: load(name) for name in ("omni", "pmsm")}

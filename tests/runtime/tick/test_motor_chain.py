@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.control.clutch.gains import MOTOR_GAINS
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.linkage import MOTOR_GAINS
+from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.pointer.guided_handle import handle_quaternion
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.servo.servo import Servo
-from haptorb.runtime.tick.assembly import (
+from haptorb.runtime.assembly import (
     allocator_of,
     assemble,
     check_estimator,
@@ -24,9 +20,13 @@ from haptorb.runtime.tick.assembly import (
     linkage_of,
     modes_of,
 )
-from haptorb.runtime.tick.tick import Tick
-from haptorb.runtime.trackers.tracker import Goal
-from haptorb.simulation.motor.motor import SimulatedMotor
+from haptorb.runtime.drivers.sim import SimDriver
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.servo import Servo
+from haptorb.runtime.tick import Tick
+from haptorb.runtime.trackers.base import Goal
+from haptorb.simulation.hand import handle_quaternion
+from haptorb.simulation.motor import SimulatedMotor
 from haptorb.worlds import Nothing, Outlet, SnapFit
 
 PMSM = load("pmsm")

@@ -10,12 +10,12 @@ import gc, sys
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 from haptorb import worlds
-from haptorb.control.protection.trip import Trip
+from haptorb.control.trips import Trip
 from haptorb.errors import HaptorbError
-from haptorb.runtime.processes import servo_process
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.servo.servo import Servo
-from haptorb.runtime.exchange.shared_memory import SharedMemory
+from haptorb.runtime import servo_process
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.servo import Servo
+from haptorb.runtime.shared_memory import SharedMemory
 
 servo = Servo(sys.argv[1], sys.argv[2], record=False)
 shared = SharedMemory.create(servo.layout)

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
-from haptorb.control.allocation.allocator import Saturation
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.allocation import Saturation
+from haptorb.control.trips import GuardState, Trip
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.tick.assembly import allocator_of, choice_of
-from haptorb.runtime.tick.tick import Tick
-from haptorb.runtime.trackers.tracker import Goal
-from haptorb.sensing.estimator import TrackedPose
-from haptorb.worlds.own.function_world import FunctionWorld
-from haptorb.worlds.world import World
+from haptorb.estimation.types import TrackedPose
+from haptorb.runtime.assembly import allocator_of, choice_of
+from haptorb.runtime.drivers.sim import SimDriver
+from haptorb.runtime.tick import Tick
+from haptorb.runtime.trackers.base import Goal
+from haptorb.worlds.base import World
+from haptorb.worlds.user_world import FunctionWorld
 
 OMNI = load("omni")
 DT = 1e-3

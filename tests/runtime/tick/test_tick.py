@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
-from haptorb.control.allocation.least_squares import LeastSquaresAllocator
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.allocation import LeastSquaresAllocator
+from haptorb.control.trips import GuardState, Trip
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.errors import DriverError, InputError
-from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.realtime.tick_timeout import TickTimeout
-from haptorb.runtime.tick.tick import Tick
-from haptorb.runtime.trackers.tracker import Goal
-from haptorb.sensing.estimator import TrackedPose
-from haptorb.worlds.world import World
+from haptorb.estimation.types import TrackedPose
+from haptorb.runtime.drivers.base import Driver
+from haptorb.runtime.drivers.sim import SimDriver
+from haptorb.runtime.linux import TickTimeout
+from haptorb.runtime.tick import Tick
+from haptorb.runtime.trackers.base import Goal
+from haptorb.worlds.base import World
 
 OMNI = load("omni")
 DT = 1e-3
@@ -361,7 +361,7 @@ def test_two_runs_are_alike_to_the_bit():
 def test_every_orientation_has_its_quaternion():
     from scipy.spatial.transform import Rotation
 
-    from haptorb.runtime.tick.fill_row import fill_quaternion
+    from haptorb.runtime.tick import fill_quaternion
 
     for R in Rotation.random(200, rng=3).as_matrix():
         q = np.empty(4)

@@ -8,21 +8,20 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from haptorb.control.clutch.modes import Mode
-from haptorb.devices.device import Device
+from haptorb.arrays import Array, StateArray
+from haptorb.control.linkage import Mode
+from haptorb.devices.base import Device
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array
-from haptorb.numerics.state_arrays import StateArray
-from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.replay.comparison import CLOCK_FIELDS
-from haptorb.runtime.replay.played_driver import PlayedDriver
-from haptorb.runtime.tick.assembly import default_world, estimators_of, make_tick
-from haptorb.runtime.tick.tick import Tick
-from haptorb.runtime.tick.tick_state import load_state, save_state
-from haptorb.sensing.sample import Sample
+from haptorb.estimation.types import Sample
+from haptorb.replay.recorded_run import PlayedDriver
+from haptorb.replay.replay import CLOCK_FIELDS
+from haptorb.runtime.assembly import default_world, estimators_of, make_tick
+from haptorb.runtime.drivers.base import Driver
+from haptorb.runtime.drivers.sim import SimDriver
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.tick import Tick
+from haptorb.runtime.tick_state import load_state, save_state
 from haptorb.worlds import RollingBall, World, find_world
 from runtime.tick.memory_differences import list_differences
 

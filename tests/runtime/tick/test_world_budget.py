@@ -8,14 +8,12 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from haptorb.devices.state import State
-from haptorb.numerics.arrays import Records
-from haptorb.runtime.tick.tick_log import TickFailure
-from haptorb.runtime.tick.work_thread import WorkThread
-from haptorb.runtime.tick.world_budget import WorldBudget
+from haptorb.arrays import Records
+from haptorb.devices.base import State
+from haptorb.runtime.tick import WorkThread, WorldBudget
+from haptorb.runtime.tick_log import TickFailure
 from haptorb.worlds import RollingBall, Scene
-from haptorb.worlds.bound_world import BoundWorld
-from haptorb.worlds.dynamic_world import WorldWork
+from haptorb.worlds.dynamic import BoundWorld, WorldWork
 
 
 @pytest.fixture

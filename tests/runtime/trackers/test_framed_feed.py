@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from haptorb.arrays import Array
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError
-from haptorb.numerics.arrays import Array
-from haptorb.runtime.memory.pose_block import WORDS, PoseBlock
-from haptorb.runtime.servo.servo import Servo
-from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
+from haptorb.estimation.tracker_frame import TrackerFrame
+from haptorb.runtime.servo import Servo
+from haptorb.runtime.shared_memory import WORDS, PoseBlock
+from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.framed_feed import FramedFeed
 from haptorb.runtime.trackers.pose_filter import PoseFilter
-from haptorb.sensing.frame.tracker_frame import TrackerFrame
 from haptorb.simulation.synthetic_tracker import SyntheticTracker
 
 from .test_trackers import free_port, message, running, sending, until

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from haptorb.control.protection.trip import Trip
-from haptorb.runtime.trackers.pose_source import describe_missing_pose, describe_source, describe_trip
+from haptorb.control.trips import Trip
+from haptorb.runtime.trackers.pose_filter import describe_missing_pose, describe_source, describe_trip
 
 SOURCES = {
     "pointer": "page",

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptorb.runtime.trackers.sender_clock import SenderClock
+from haptorb.runtime.trackers.base import SenderClock
 
 
 def test_a_senders_clock_shows_what_was_held_up() -> None:

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
-from haptorb.control.allocation.array.for_array import array_allocator
-from haptorb.devices.coil_array.coil_array import BuildTolerance
+from haptorb.control.array_allocation import array_allocator
+from haptorb.devices.base import State
+from haptorb.devices.coil_array import BuildTolerance
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.errors import DriverError, InputError
-from haptorb.simulation.coil_array.coil_array import SimulatedCoilArray, draw_coils
+from haptorb.simulation.coil_array import SimulatedCoilArray, draw_coils
 from haptorb.simulation.force_map import force_map
 
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])

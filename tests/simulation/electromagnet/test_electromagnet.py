@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from haptorb.devices.kind import DeviceKind
+from haptorb.devices.base import DeviceKind
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
-from haptorb.sensing.sensors.sensing_accuracy import without_errors
-from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
-from haptorb.simulation.registry import simulate
+from haptorb.estimation.sensor_calibration import without_errors
+from haptorb.simulation.base import simulate
+from haptorb.simulation.electromagnet import SimulatedElectromagnet
 
 OMNI = without_errors(load("omni"))  # sensors with noise and steps only
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])

@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from haptorb.devices.electromagnet.core_dynamics import CoreDynamics, fit_eddy_lag, sphere_response
+from haptorb.devices.electromagnet_model import CoreDynamics, fit_eddy_lag, sphere_response
+from haptorb.devices.field_sensors import SensorErrors, draw_sensors
 from haptorb.devices.loader import load
-from haptorb.devices.sensor_errors import SensorErrors, draw_sensors
 from haptorb.errors import InputError
-from haptorb.physics.sources import dipole
-from haptorb.sensing.sensors.sensing_accuracy import without_errors
-from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
+from haptorb.estimation.sensor_calibration import without_errors
+from haptorb.magnetics import dipole
+from haptorb.simulation.electromagnet import SimulatedElectromagnet
 
 OMNI = load("omni")
 AWAY, UPRIGHT = np.array([0.0, 0.0, 0.5]), np.array([0.0, 0.0, 0.0, 1.0])

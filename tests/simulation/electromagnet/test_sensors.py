@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from haptorb.devices.loader import load
-from haptorb.physics.sources import dipole
-from haptorb.physics.sources.ring import RingMagnet
-from haptorb.physics.sources.soft_sphere import SoftSphere
-from haptorb.sensing.sensors.sensing_accuracy import without_errors
-from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
+from haptorb.estimation.sensor_calibration import without_errors
+from haptorb.magnetics import dipole
+from haptorb.magnetics.magnets import RingMagnet
+from haptorb.magnetics.soft_sphere import SoftSphere
+from haptorb.simulation.electromagnet import SimulatedElectromagnet
 
 OMNI = without_errors(load("omni"))  # sensors with noise and steps only
 REST = np.zeros(3)

@@ -10,15 +10,13 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from haptorb.devices.field_sensors import SensorErrors
 from haptorb.devices.loader import load
-from haptorb.devices.motor.api import torque_characteristic
-from haptorb.devices.motor.handle import HANDLE_LOOSE
-from haptorb.devices.motor.regulator import torque_over_sine
-from haptorb.devices.sensor_errors import SensorErrors
+from haptorb.devices.motor import HANDLE_LOOSE, torque_characteristic
+from haptorb.devices.motor_model import torque_over_sine
 from haptorb.errors import InputError, UnknownName
-from haptorb.simulation.motor.motor import SimulatedMotor
-from haptorb.simulation.motor.motor_kernels import pack_magnetics
-from haptorb.simulation.registry import simulate
+from haptorb.simulation.base import simulate
+from haptorb.simulation.motor import SimulatedMotor, pack_magnetics
 
 PMSM = load("pmsm")
 OFF = np.zeros(12)

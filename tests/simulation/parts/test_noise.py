@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from haptorb.errors import InputError
-from haptorb.simulation.parts.noise import fill_normal, quantise, seed_noise
+from haptorb.simulation.parts import fill_normal, quantise, seed_noise
 
 
 def test_it_is_standard_normal_and_white():

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from haptorb.simulation.parts.hand import fill_remaining_rotation
-from haptorb.simulation.parts.tool import GRAVITY, TOOL, contact, matrix, move
+from haptorb.simulation.parts import GRAVITY, TOOL, contact, fill_remaining_rotation, matrix, move
 
 MASS, TIP, TAIL = 0.026, 0.02, 0.012
 WEIGHT = MASS * GRAVITY

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from haptorb.devices.state import State
-from haptorb.worlds.bound_world import bind_world
+from haptorb.devices.base import State
+from haptorb.worlds.dynamic import bind_world
 
 DT = 1e-3
 

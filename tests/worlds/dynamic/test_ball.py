@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb.worlds import RollingBall
-from haptorb.worlds.bound_world import bind_world
+from haptorb.worlds.dynamic import bind_world
 from worlds.dynamic.hands import DT, feel, sum_work, wander
 
 AWAY = np.array([0.0, 0.0, 0.2])

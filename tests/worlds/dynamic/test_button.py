@@ -6,7 +6,7 @@ import pytest
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb.worlds import Button
-from haptorb.worlds.bound_world import bind_world
+from haptorb.worlds.dynamic import bind_world
 from worlds.dynamic.hands import DT, feel, sum_work, wander
 
 TRAVEL = Button().travel

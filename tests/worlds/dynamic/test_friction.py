@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from haptorb.devices.state import State
+from haptorb.devices.base import State
 from haptorb.errors import InputError
 from haptorb.worlds import Friction
-from haptorb.worlds.bound_world import bind_world
+from haptorb.worlds.dynamic import bind_world
 from worlds.dynamic.hands import feel, sum_work, wander
 
 #: Table I of Canudas de Wit et al. 1995, for a unit mass. What the paper says of its simulations are the inputs (a load

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptorb.control.stability.hand_grip import GRIPS
-from haptorb.devices.electromagnet.electromagnet import Hand
+from haptorb.analysis.stability import GRIPS
+from haptorb.devices.electromagnet import Hand
 from haptorb.devices.loader import load
-from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.tick.assembly import allocator_of, estimator_of
-from haptorb.runtime.tick.tick import Tick
-from haptorb.runtime.trackers.tracker import Goal
+from haptorb.runtime.assembly import allocator_of, estimator_of
+from haptorb.runtime.drivers.sim import SimDriver
+from haptorb.runtime.tick import Tick
+from haptorb.runtime.trackers.base import Goal
 from haptorb.worlds import Button, Friction
 
 DT = 1e-3

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptorb.devices.state import State
+from haptorb.devices.base import State
 from haptorb.worlds import Remote, Terrain, Wall
-from haptorb.worlds.bound_world import BoundWorld
-from haptorb.worlds.client_force import make_client_force
-from haptorb.worlds.dynamic.remote import FADE, HOLD
+from haptorb.worlds.dynamic import FADE, HOLD, BoundWorld, make_client_force
 
 STATE = State.at((0.0, 0.0, 0.05))
 

@@ -7,9 +7,9 @@ import json
 import pytest
 
 from haptorb.errors import InputError
-from haptorb.runtime.exchange.world_change import change_world, description, name_of, values_of
+from haptorb.runtime.world_change import change_world, description, name_of, values_of
 from haptorb.worlds import Dome, Remote, RollingBall, Wall
-from haptorb.worlds.dynamic.remote_sum import split_remote
+from haptorb.worlds.dynamic import split_remote
 
 
 def test_name_and_values_are_those_of_the_world() -> None:

@@ -7,7 +7,7 @@ from scipy.linalg import expm
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb.worlds import StirredFluid
-from haptorb.worlds.bound_world import bind_world
+from haptorb.worlds.dynamic import bind_world
 from worlds.dynamic.hands import DT, feel, sum_work, wander
 
 WIDTH = 0.05 / 8

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.errors import InputError
 
 OMNI = load("omni")

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
 from haptorb.worlds import CATALOGUE, Dome, Nothing, World, find_world
-from haptorb.worlds.parameter import parameters
+from haptorb.worlds.base import parameters
 
 MU0 = 4e-7 * np.pi
 angles = st.floats(0.0, np.pi)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.errors import InputError
 from haptorb.worlds import Terrain
 

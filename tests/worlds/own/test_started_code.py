@@ -14,11 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.devices.state import State
+from haptorb.devices.base import State
 from haptorb.errors import InputError
-from haptorb.worlds.own.started_code import list_path, note_start
-from haptorb.worlds.own.world_file import WorldFile
-from haptorb.worlds.own.world_note import load_noted_world, note_world
+from haptorb.worlds.user_world import WorldFile, list_path, load_noted_world, note_start, note_world
 
 WORLD = """
 import numpy as np
@@ -158,7 +156,7 @@ def test_a_list_that_others_may_write_or_another_name_is_not_believed(
 @pytest.mark.parametrize("dtype", ["O", "(3,)<f8", "V8", "<f16", ">f8", "f8,O", "M8[s]", "U1", "<c16"])
 def test_an_array_of_another_type_is_refused(dtype: str) -> None:
     value = {"array": "AAAAAAAAAAA=", "dtype": dtype, "shape": [1]}
-    made = {"kind": "haptorb.worlds.maps.terrain:Terrain", "fields": {"height": value}}
+    made = {"kind": "haptorb.worlds.terrain:Terrain", "fields": {"height": value}}
     with pytest.raises(InputError, match="numeric"):
         load_noted_world(json.dumps({"made": made}))
 
@@ -166,6 +164,6 @@ def test_an_array_of_another_type_is_refused(dtype: str) -> None:
 @pytest.mark.parametrize("shape", [[10**12], [-(2**70)], [1, 10**18], ["a"], None, [[1]]])
 def test_an_array_of_an_impossible_shape_is_refused(shape: object) -> None:
     value = {"array": "AAAAAAAAAAA=", "dtype": "<f8", "shape": shape}
-    made = {"kind": "haptorb.worlds.maps.terrain:Terrain", "fields": {"height": value}}
+    made = {"kind": "haptorb.worlds.terrain:Terrain", "fields": {"height": value}}
     with pytest.raises(InputError, match="cannot create"):
         load_noted_world(json.dumps({"made": made}))

@@ -7,13 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
-from haptorb.runtime.servo.servo import Servo
-from haptorb.worlds.own.failure import try_world
-from haptorb.worlds.own.function_world import make_world
-from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
+from haptorb.runtime.servo import Servo
+from haptorb.worlds.user_world import WorldFile, is_world_file, make_world, parse_world_file, try_world
 from oracles import groove
 
 GROOVE = Path(groove.__file__).read_text(encoding="utf-8")

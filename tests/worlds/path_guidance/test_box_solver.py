@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.oracles.repetitions import repetitions
 
-from haptorb.worlds.path_guidance.box_solver import solve_box
+from haptorb.worlds.path_guidance import solve_box
 
 
 def problem(seed, n, decades):

@@ -5,9 +5,7 @@ import pytest
 
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
-from haptorb.worlds.path_guidance.guidance_path import make_path
-from haptorb.worlds.path_guidance.path_file import load_path
-from haptorb.worlds.path_guidance.path_shapes import SHAPES, make_shape
+from haptorb.worlds.path import SHAPES, load_path, make_path, make_shape
 
 
 def on_dome(tilt_deg, turn_deg, radius=0.05):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from haptorb.worlds import make_path
-from haptorb.worlds.path_guidance.path_drawing import draw_path
-from haptorb.worlds.path_guidance.path_shapes import SHAPES, make_shape
+from haptorb.worlds.path import SHAPES, draw_path, make_shape
 
 UP = make_path([(0, 0, 0.05), (0, 0, 0.06)])  # straight away from the centre
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.errors import InputError
 from haptorb.worlds import CATALOGUE, PathGuidance
-from haptorb.worlds.path_guidance.path_shapes import make_shape
+from haptorb.worlds.path import make_shape
 
 DT = 1e-3
 

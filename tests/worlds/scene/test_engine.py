@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from haptorb.arrays import Array
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.numerics.arrays import Array
 from haptorb.worlds import Scene
-from haptorb.worlds.bound_world import bind_world
+from haptorb.worlds.dynamic import bind_world
 
 mujoco = pytest.importorskip("mujoco")
 

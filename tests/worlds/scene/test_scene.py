@@ -8,15 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from haptorb.arrays import Array
+from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
-from haptorb.numerics.arrays import Array
 from haptorb.worlds import Outlet, Remote, Scene
-from haptorb.worlds.bound_world import BoundWorld, MemoryNotFinite, bind_world
-from haptorb.worlds.dynamic_world import DynamicSum
-from haptorb.worlds.own.failure import try_world
-from haptorb.worlds.scene.scene_model import SHIPPED
+from haptorb.worlds.dynamic import BoundWorld, DynamicSum, MemoryNotFinite, bind_world
+from haptorb.worlds.scene_physics import SHIPPED
+from haptorb.worlds.user_world import try_world
 
 FREE = """<mujoco><option timestep="{step}" gravity="0 0 {weight}"/><worldbody>{more}
 <body name="peg"><freejoint/><geom type="sphere" size="0.01" mass="0.1"/></body></worldbody></mujoco>"""

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from haptorb.errors import InputError, UnknownName
-from haptorb.worlds.scene.scene import Scene
-from haptorb.worlds.scene.scene_file import SceneFile, parse_scene_file
-from haptorb.worlds.scene.scene_model import find_scene_file, load_engine
+from haptorb.worlds.scene import Scene, SceneFile, parse_scene_file
+from haptorb.worlds.scene_physics import find_scene_file, load_engine
 
 TEXT = """<mujoco><worldbody><include file="part.xml"/>
 <body name="peg"><freejoint/><geom size="0.01" mass="0.1"/></body></worldbody></mujoco>"""

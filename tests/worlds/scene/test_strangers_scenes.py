@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from haptorb.errors import InputError
-from haptorb.worlds.scene import scene_compiler
-from haptorb.worlds.scene.scene_model import SHIPPED, find_scene_file, make_scene_model
+from haptorb.worlds import scene_compiler
+from haptorb.worlds.scene_physics import SHIPPED, find_scene_file, make_scene_model
 
 BODY = "<body name='peg'><freejoint/><geom size='1'/></body>"
 

@@ -10,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from haptorb.devices.state import State
+from haptorb.beams import TABLE_3, appendix_b, compliance
+from haptorb.devices.base import State
 from haptorb.errors import GeometryError, InputError, UnknownName
-from haptorb.physics.beams import appendix_b, compliance
-from haptorb.physics.hook import TABLE_3
 from haptorb.worlds import CATALOGUE, Outlet, PublishedOutlet
 
 FAST = 1e4  # m/s: far above the creep speed

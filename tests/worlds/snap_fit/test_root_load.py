@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptorb.apps.console.target import world_remarks
-from haptorb.physics.beams import compliance, compute_bent_shape, root_strain
-from haptorb.physics.hook import TABLE_3
-from haptorb.physics.materials import MATERIALS
+from haptorb.beams import MATERIALS, TABLE_3, compliance, compute_bent_shape, root_strain
+from haptorb.web.session import world_remarks
 from haptorb.worlds import Outlet, SnapFit
 
 

@@ -1,5 +1,5 @@
 """Drivers of devices: simulated, behind a serial port, or on an I²C bus."""
 
-from haptorb.numerics.compiled import load_compiler
+from haptorb.compiled import load_compiler
 
 load_compiler()  # now: no device waits for the compiler to be loaded

@@ -6,12 +6,12 @@ from typing import final
 
 import numpy as np
 
+from haptorb.arrays import Array
+from haptorb.compiled import kernel
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array
-from haptorb.numerics.compiled import kernel
-from haptorb.runtime.memory.pose_block import PoseBlock
-from haptorb.runtime.trackers.tracker import Goal, Tracker
-from haptorb.sensing.sample import Pose
+from haptorb.estimation.types import Pose
+from haptorb.runtime.shared_memory import PoseBlock
+from haptorb.runtime.trackers.base import Goal, Tracker
 
 __all__ = ["FARTHEST", "PREDICTION", "FeedTracker", "check_prediction"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import final
 
-from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
-from haptorb.sensing.frame.tracker_frame import TrackerFrame
+from haptorb.estimation.tracker_frame import TrackerFrame
+from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 
 __all__ = ["FramedFeed"]
 

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from haptorb.control.allocation.allocator import Saturation
-from haptorb.control.allocation.array.array_allocator import ArrayAllocator
-from haptorb.control.allocation.array.for_array import array_choice
+from haptorb.control.allocation import Saturation
+from haptorb.control.array_allocation import ArrayAllocator, array_choice
+from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.loader import load
-from haptorb.devices.state import State
-from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
 
 SIZE = np.array([0.1, 0.1, 0.1, 3e-3, 3e-3, 3e-3])

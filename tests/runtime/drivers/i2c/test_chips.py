@@ -8,9 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptorb.errors import DriverError
-from haptorb.runtime.drivers.i2c.ina219 import Ina219
-from haptorb.runtime.drivers.i2c.max11616 import HallAdc
-from haptorb.runtime.drivers.i2c.pca9685 import ALL_OFF, Pca9685
+from haptorb.runtime.drivers.i2c_chips import ALL_OFF, HallAdc, Ina219, Pca9685
 from oracles.chips import INA219, MAX11616, PCA9685, ChipBus
 
 steps = st.lists(st.integers(-4095, 4095), min_size=3, max_size=3)

@@ -11,14 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from haptorb.arrays import Array
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError
-from haptorb.numerics.arrays import Array
-from haptorb.runtime.drivers.i2c.i2c_bus import I2cBus
-from haptorb.runtime.drivers.i2c.i2c_chips import Port, Watchdog
-from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
-from haptorb.runtime.drivers.i2c.i2c_guardian import watch
-from haptorb.runtime.drivers.i2c.w1_thermometers import W1Thermometers
+from haptorb.runtime.drivers.i2c import I2cDriver, Port, W1Thermometers, Watchdog
+from haptorb.runtime.drivers.i2c_chips import I2cBus
+from haptorb.runtime.drivers.i2c_guardian import watch
 from oracles.chips import TCA9534, ChipBus, Thermometers
 
 

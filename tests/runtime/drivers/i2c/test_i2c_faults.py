@@ -16,12 +16,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from haptorb.control.protection.trip import CoilState
+from haptorb.control.trips import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError
-from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
-from haptorb.runtime.drivers.i2c.i2c_guardian import ANSWER, Guardian, switch_off, watch
-from haptorb.runtime.drivers.i2c.pca9685 import Pca9685
+from haptorb.runtime.drivers.i2c import I2cDriver
+from haptorb.runtime.drivers.i2c_chips import Pca9685
+from haptorb.runtime.drivers.i2c_guardian import ANSWER, Guardian, switch_off, watch
 from oracles.chips import TCA9534, Thermometers
 
 ROOT = Path(__file__).resolve().parents[4]

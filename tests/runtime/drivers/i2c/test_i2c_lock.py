@@ -12,13 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.apps.hardware.probe import probe
+from haptorb.cli.board_tools import probe
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError
-from haptorb.runtime.drivers.i2c import i2c_chips
-from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
-from haptorb.runtime.drivers.i2c.i2c_guardian import Guardian
-from haptorb.runtime.drivers.i2c.i2c_lock import BusLock
+from haptorb.runtime.drivers import i2c as i2c_chips
+from haptorb.runtime.drivers.i2c import BusLock, I2cDriver
+from haptorb.runtime.drivers.i2c_guardian import Guardian
 from oracles.chips import ChipBus, Thermometers
 
 BUS = os.makedev(89, 1)
@@ -54,7 +53,7 @@ def test_another_user_can_use_the_file_that_is_left(tmp_path: Path, umask: int) 
 
 def test_a_program_that_was_killed_holds_nothing(tmp_path: Path) -> None:
     code = (
-        "import sys; from pathlib import Path; from haptorb.runtime.drivers.i2c.i2c_lock import BusLock; "
+        "import sys; from pathlib import Path; from haptorb.runtime.drivers.i2c import BusLock; "
         f"BusLock({BUS}, 0x60, 'it', Path(sys.argv[1])); print('held', flush=True); sys.stdin.read()"
     )
     with subprocess.Popen(
@@ -129,7 +128,7 @@ def test_a_file_that_is_removed_before_it_is_locked_is_not_the_lock(
             next(tmp_path.iterdir()).unlink()
         real(descriptor, how)
 
-    monkeypatch.setattr("haptorb.runtime.drivers.i2c.i2c_lock.fcntl.flock", late)
+    monkeypatch.setattr("haptorb.runtime.drivers.i2c.fcntl.flock", late)
     first = lock(tmp_path)
     with pytest.raises(DriverError, match="in use"):
         lock(tmp_path)

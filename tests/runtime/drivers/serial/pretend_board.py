@@ -8,9 +8,18 @@ import struct
 import threading
 import tty
 
-from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal
-from haptorb.runtime.drivers.serial.frames import Frame, FrameParser, encode
-from haptorb.runtime.drivers.serial.protocol import PROTOCOL_VERSION, READING, STATE, Command
+from haptorb.runtime.drivers.serial_protocol import (
+    PROTOCOL_VERSION,
+    READING,
+    STATE,
+    BoardMode,
+    Command,
+    Frame,
+    FrameParser,
+    Reason,
+    Refusal,
+    encode,
+)
 
 
 class PretendBoard:

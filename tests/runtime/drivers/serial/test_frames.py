@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptorb.errors import InputError
-from haptorb.runtime.drivers.serial.frames import PAYLOAD_MAX, SYNC, Frame, FrameParser, crc16, encode, find_frame
+from haptorb.runtime.drivers.serial_protocol import PAYLOAD_MAX, SYNC, Frame, FrameParser, crc16, encode, find_frame
 
 VECTORS = Path(__file__).resolve().parents[4] / "firmware" / "vectors" / "frames.txt"
 
@@ -96,10 +96,10 @@ def test_ten_million_random_bytes_are_no_frame_and_do_not_stop_the_parser() -> N
 def test_the_test_above_can_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     """A parser that believes every check sum, interpreted instead of compiled."""
     monkeypatch.setattr(
-        "haptorb.runtime.drivers.serial.frames._check", lambda line, first, last: line[last] | line[last + 1] << 8
+        "haptorb.runtime.drivers.serial_protocol._check", lambda line, first, last: line[last] | line[last + 1] << 8
     )
     monkeypatch.setattr(
-        "haptorb.runtime.drivers.serial.frames.find_frame",
+        "haptorb.runtime.drivers.serial_protocol.find_frame",
         lambda line, held: find_frame.py_func(line, held.view(np.recarray)),
     )
     noise = bytearray(random.Random(1).randbytes(2_000))

@@ -11,11 +11,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptorb.errors import DriverError, InputError
-from haptorb.runtime.drivers.electronics import counts
-from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal, missing_chips
-from haptorb.runtime.drivers.serial.protocol import Command, engage, set_duties
-from haptorb.runtime.drivers.serial.reading import READING_BYTES, Reading
-from haptorb.runtime.drivers.serial.replies import BoardLimits, BoardState, Identity
+from haptorb.runtime.drivers.base import counts
+from haptorb.runtime.drivers.serial_protocol import (
+    READING_BYTES,
+    BoardLimits,
+    BoardMode,
+    BoardState,
+    Command,
+    Identity,
+    Reading,
+    Reason,
+    Refusal,
+    engage,
+    missing_chips,
+    set_duties,
+)
 
 
 def reading(**changes: int) -> bytes:

@@ -15,12 +15,11 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from pretend_board import PretendBoard
 
-from haptorb.control.protection.trip import CoilState
+from haptorb.control.trips import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
-from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal
-from haptorb.runtime.drivers.serial.protocol import Command
-from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
+from haptorb.runtime.drivers.serial import SerialDriver
+from haptorb.runtime.drivers.serial_protocol import BoardMode, Command, Reason, Refusal
 
 OMNI = load("omni")
 SOME = np.array([0.1, -0.05, 0.02])

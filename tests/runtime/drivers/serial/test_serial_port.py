@@ -12,10 +12,9 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from haptorb.errors import DriverError
-from haptorb.runtime.drivers.serial import serial_port
-from haptorb.runtime.drivers.serial.board import Board
-from haptorb.runtime.drivers.serial.frames import Frame, FrameParser, encode
-from haptorb.runtime.drivers.serial.protocol import PROTOCOL_VERSION, Command
+from haptorb.runtime.drivers import serial as serial_port
+from haptorb.runtime.drivers.serial import Board
+from haptorb.runtime.drivers.serial_protocol import PROTOCOL_VERSION, Command, Frame, FrameParser, encode
 
 pytestmark = pytest.mark.realtime
 

@@ -1,0 +1,144 @@
+"""Changes to numba's undocumented internals: each with its reason."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from functools import wraps
+from importlib import import_module
+from typing import Any
+
+__all__ = ["call_own_copies", "remember_call_types"]
+
+
+# --------------------------------------------------------------------------------------------------
+# A compiled kernel calls its own copies of the kernels that it calls, independent of what has been loaded before.
+#
+# numba puts into a kernel's machine code a copy of every kernel that it calls, optimised once more at that place, and
+# leaves each visible to the loader as one of many. The loader takes the first that comes, also for code that brings
+# its
+# own. With sums that may be reordered two copies round differently; so the last bits of a result depended on the
+# order in
+# which a process had called its kernels, and were others in the process that had compiled them. A replay must not.
+
+
+_SHARED, _EXPORTED, _OWN = "linkonce_odr", "external", "internal"  #: in LLVM's words
+
+
+def call_own_copies(codegen: Any) -> None:
+    """Change `codegen`, the module `numba.core.codegen`, so that what is compiled from now on is complete in itself.
+
+    What other kernels are compiled from, and the passes of the optimiser, stay as they are.
+    """
+    library: Any = codegen.CPUCodeLibrary
+    finish = library._finalize_final_module
+
+    def finish_own(self: Any) -> None:
+        module = self._final_module
+        if self._shared_module is None and any(not one.is_declaration for one in module.functions):
+            # As `_get_module_for_linking` does, which would come too late.
+            self._shared_module = _set_linkage(module.clone(), _EXPORTED, _SHARED)
+        _set_linkage(module, _SHARED, _OWN)
+        finish(self)
+
+    library._finalize_final_module = finish_own
+
+
+def _set_linkage(module: Any, before: str, after: str) -> Any:
+    """`module`, in which the functions of one linkage have got another."""
+    for function in module.functions:
+        if not function.is_declaration and function.linkage.name == before:
+            function.linkage = after
+    return module
+
+
+# --------------------------------------------------------------------------------------------------
+# What numba finds of an operation's types, found once.
+#
+# For each `a * b` of a kernel numba tries one template of `*` after the other, for arrays, strings, lists and sets
+# too,
+# until one fits. The same few operations on numbers and arrays stand in all kernels, and this search was a seventh of
+# the time that they took to compile.
+
+
+_KNOWN = "_haptorb_call_types"  #: attribute of numba's function types: types of arguments → signature
+
+
+def remember_call_types() -> None:
+    """Have numba find the signature of a builtin operation on numbers and arrays once in a process.
+
+    Only of operations that are not compiled themselves: what is compiled depends on the kernel's own settings.
+    """
+    from numba.core import types
+    from numba.core.types.functions import BaseFunction
+
+    plain = (types.Number, types.Boolean, types.Array)
+    find = BaseFunction.get_call_type
+
+    @wraps(find)
+    def find_once(self: Any, context: Any, args: Any, kws: Any) -> Any:
+        args = tuple(args)
+        if kws or not all(isinstance(kind, plain) for kind in args):
+            return find(self, context, args, kws)
+        known = vars(self).setdefault(_KNOWN, {})
+        signature = known.get((context, args))
+        if signature is None:
+            signature = find(self, context, args, kws)
+            if self.get_impl_key(signature) == self.typing_key:
+                known[context, args] = signature
+        return signature
+
+    BaseFunction.get_call_type = find_once  # type: ignore[method-assign]
+
+
+def _silence_lock() -> None:
+    """Have numba not measure each of the ten thousands of calls of LLVM: these times are not needed."""
+    ffi: Any = import_module("llvmlite.binding.ffi")
+    register, ffi.register_lock_callback = ffi.register_lock_callback, lambda begin, end: None
+    try:
+        import_module("numba.core.base")  # where it registers
+    finally:
+        ffi.register_lock_callback = register
+
+
+def _postpone_linear_algebra() -> None:
+    """Have numba assume that scipy has a BLAS, instead of loading it to see, which is half a second of every start.
+
+    No kernel here multiplies matrices by it. One that does loads it when it is compiled, as ever.
+    """
+    from numba.np import linalg
+
+    if "numba.np.arraymath" not in sys.modules:
+        check, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+        try:
+            import_module("numba.np.arraymath")
+        finally:
+            linalg.ensure_blas = check
+
+
+def _limit_optimisation(numba: Any) -> None:
+    """Have kernels compiled without the passes that cost much and gain nothing here.
+
+    Most kernels work on three or six numbers in turn: vector code for their loops, and what the third level adds to the
+    second, took a third of the time of a first start (docs/decisions/0003). Those whose loops run over every magnet of
+    a motor have vector code nevertheless: `vector_kernel`. Not where the user chose otherwise.
+    """
+    if "NUMBA_OPT" not in os.environ:
+        numba.config.OPT = type(numba.config.OPT)(2)
+    if "NUMBA_LOOP_VECTORIZE" not in os.environ:
+        numba.config.LOOP_VECTORIZE = 0
+
+
+def _disable_gathers(numba: Any) -> None:
+    """Have tables looked up one number at a time.
+
+    The microcode against "Downfall" (Intel, 2023) makes the vector instruction for it several times slower than single
+    loads, and a guest cannot see whether its host has that microcode. Not if the user chose the features already.
+    """
+    from llvmlite.binding import llvm_version_info
+    from numba.core.codegen import get_host_cpu_features
+
+    if numba.config.CPU_FEATURES is None and platform.machine() == "x86_64" and llvm_version_info >= (18,):
+        host: str = get_host_cpu_features()  # type: ignore[no-untyped-call]
+        numba.config.CPU_FEATURES = f"{host},+prefer-no-gather"

@@ -1,0 +1,290 @@
+"""How stiff a scene's virtual coupling may be: as stiff as this loop, this hand and the body that is held allow.
+
+The hand feels the coupling, whatever the scene does behind it; in the worst case the scene does not yield. So the
+coupling is a spring and a damper against a wall, and `SampledLoop` says exactly how strong they may be. They are made
+`ENOUGH` times weaker than that. Behind the coupling the body must stay calm, too: its step is explicit, so the damper
+is at most `_SLOW` of what would stop it within one step of the scene. While the scene's time is slower, the damper may
+increase (`haptorb.worlds.scene_physics`), as far as the same loop allows.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from haptorb.analysis.stability import GRIPS, HandGrip, SampledLoop
+from haptorb.control.linkage import MOTOR_GAINS
+from haptorb.devices.base import Device
+from haptorb.devices.coil_array import CoilArray
+from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.motor import SphericalMotor
+from haptorb.display import format_number
+from haptorb.errors import InputError
+from haptorb.estimation.hall_tracker import HallTracker, memory
+from haptorb.worlds.base import Sum, World
+from haptorb.worlds.scene import Scene
+
+__all__ = [
+    "ASSUMED",
+    "ENOUGH",
+    "Coupling",
+    "CouplingSetting",
+    "HeldMover",
+    "choose_coupling",
+    "couple_world",
+    "describe_coupling",
+    "hold_mover",
+    "hold_rotor",
+    "hold_tool",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# A hand on a device's mover, as a scene's coupling meets it: one record for each kind of device.
+
+
+@dataclass(frozen=True)
+class HeldMover:
+    """Hand and mover together.
+
+    grip            where the motion of the loop is counted: of a rotor, about its centre [kg·m², N·m·s, N·m]
+    move, turn      what a stiffness along, or about, the axes of a scene counts there as; turn 0: no torque is rendered
+    strongest       force of the device on the mover, which a coupling must not reach too soon [N]; inf: does not matter
+    """
+
+    grip: HandGrip
+    move: float = 1.0
+    turn: float = 0.0
+    strongest: float = math.inf
+
+
+def hold_mover(device: Device, hand: HandGrip) -> HeldMover:
+    """`hand` on the mover of `device`. Raises InputError for a kind of device that a scene cannot be coupled to."""
+    hold = device.kind.part("hold")
+    if hold is None:
+        raise InputError(f"device '{device.name}' ({device.kind.title}) has neither a tool nor a rotor for a scene")
+    held: HeldMover = hold(device, hand)
+    return held
+
+
+def hold_tool(device: SphericalElectromagnet | CoilArray, hand: HandGrip) -> HeldMover:
+    """`hand` on a tool, on which forces are rendered."""
+    return HeldMover(hand.with_mass(device.tool.mass), strongest=device.limits.force)
+
+
+def hold_rotor(device: SphericalMotor, hand: HandGrip) -> HeldMover:
+    """`hand` on a handle, which moves a target in both modes by the default gains."""
+    arm, gains = device.rotor.handle_length, MOTOR_GAINS
+    inertia = float(device.rotor.inertia[0]) + hand.mass * arm**2
+    grip = HandGrip(inertia, hand.damping * arm**2, hand.stiffness * arm**2)
+    rendered = np.array([*gains.translate, *gains.rotate]) ** 2 * gains.torque_per_motion
+    return HeldMover(grip, float(rendered[:3].max()), float(rendered[3:].max()))
+
+
+ASSUMED = 5e-3  #: default latency of a tracker in a process of its own [s]
+ENOUGH = 1.5  #: a coupling is so many times weaker than the strongest that is stable: hands differ
+_SLOW = 0.3  #: share of a body's momentum that the damper takes in one step of the scene
+_RATIOS = (0.7, 0.4)  #: damping ratios of the body in the coupling, the calmer first
+_WORTH = 0.8  #: a calmer coupling is taken for so much of the stiffness
+_GROWTH = 2.0  #: of the damper in slow time: with more, the hand would feel each lost contact as an impact
+_SOFT = 1e-3
+_SPENT = 2e-3  #: within which a tool reaches its greatest force: stiffer would be felt as a switch [m]
+_HEAVIEST = (0.2, 2e-4)  #: that a body counts as [kg], [kg·m²]
+_STIFFEST, _TURN_STIFFEST = 5e3, 20.0  #: contacts of a scene are hardly stiffer [N/m], [N·m/rad]
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Stiffness [N/m] and damping [N·s/m] along each axis, and about it [N·m/rad], [N·m·s/rad]; 0: none.
+
+    margin   by how much both could be stronger before the loop oscillates against a wall
+    limit    what holds the stiffness back: "loop" or "body"
+    """
+
+    stiffness: float
+    damping: float
+    turn_stiffness: float
+    turn_damping: float
+    margin: float
+    limit: str
+
+
+def choose_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: HandGrip) -> Coupling:
+    """The coupling of `scene` on `device` in a loop, for `hand` alone; its mover is added here.
+
+    Raises InputError for a device of a kind that has neither tool nor rotor.
+    """
+    # A body that cannot turn, or only with others, is no reason for a damper like a wall.
+    mass, inertia = (min(one, most) for one, most in zip(scene.effective_inertia, _HEAVIEST, strict=True))
+    step = scene.model.model.opt.timestep
+    held, square = hold_mover(device, hand), scene.scale**2
+    stiffest = min(_STIFFEST, held.strongest / (_SPENT * square))
+    move = _choose(loop, held.grip, held.move * square, mass, float(step), stiffest)
+    if not held.turn:
+        return Coupling(*move[:2], 0.0, 0.0, *move[2:])
+    turn = _choose(loop, held.grip, held.turn, inertia, float(step), _TURN_STIFFEST)
+    return Coupling(*move[:2], *turn[:2], min(move[2], turn[2]), move[3])
+
+
+def couple_world(world: World, device: Device, loop: SampledLoop, hand: HandGrip = GRIPS["light"]) -> World:
+    """`world` with the coupling of every scene in it chosen, where its stiffness is 0, and the dampers for slower time;
+    every other world unchanged."""
+    if isinstance(world, Sum):
+        return replace(world, parts=tuple(couple_world(part, device, loop, hand) for part in world.parts))
+    if not isinstance(world, Scene):
+        return world
+    if not world.stiffness:
+        found = choose_coupling(world, device, loop, hand)
+        world = world.replace(
+            stiffness=_round(found.stiffness), damping=_round(found.damping),
+            turn_stiffness=_round(found.turn_stiffness), turn_damping=_round(found.turn_damping),
+        )  # fmt: skip
+    fitted, held = world.for_device(device), hold_mover(device, hand)
+    turned = (held.turn, fitted.turn_stiffness, fitted.turn_damping)
+    moved = (held.move * world.scale**2, fitted.stiffness, fitted.damping)
+    return world.replace(
+        slow_damping=world.slow_damping or _round(_find_slow_damping(loop, held.grip, *moved)),
+        slow_turn_damping=world.slow_turn_damping or _round(_find_slow_damping(loop, held.grip, *turned)),
+    )
+
+
+@lru_cache(maxsize=64)
+def _find_slow_damping(loop: SampledLoop, hand: HandGrip, square: float, stiffness: float, damping: float) -> float:
+    """The maximum damper of the coupling while a scene's time is slower, at the required margin of stability."""
+    if not (square and stiffness and damping):
+        return 0.0
+
+    def margin(factor: float) -> float:
+        return loop.largest(hand, square * stiffness, square * factor * damping)
+
+    low, high = 1.0, _GROWTH
+    enough = min(ENOUGH, margin(low))
+    if margin(high) >= enough:
+        return high * damping
+    while high > 1.01 * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if margin(middle) >= enough else (low, middle)
+    return low * damping
+
+
+def describe_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: HandGrip) -> str:
+    """One line: what couples the mover to the body, and by how much it could be stronger."""
+    fitted = scene.for_device(device)
+    text = f"body '{scene.body}' held by {fitted.stiffness:.4g} N/m and {fitted.damping:.3g} N·s/m"
+    if fitted.turn_stiffness:
+        text += f", {fitted.turn_stiffness:.3g} N·m/rad and {fitted.turn_damping:.2g} N·m·s/rad"
+    margin = measure_margin(fitted, device, loop, hand)
+    late = 1e3 * loop.lateness
+    return (
+        f"{text}; stable against a wall up to {format_number(margin)} times that "
+        f"(poses every {1e3 * loop.period:.3g} ms, forces {late:.3g} ms late, "
+        f"hand of {hand.mass:g} kg, {hand.damping:g} N·s/m, {hand.stiffness:g} N/m)"
+    )
+
+
+def measure_margin(scene: Scene, device: Device, loop: SampledLoop, hand: HandGrip) -> float:
+    """By how much the coupling of `scene` could be stronger before the loop oscillates against a wall; 1: boundary."""
+    held = hold_mover(device, hand)
+    square = held.move * scene.scale**2
+    moving = loop.largest(held.grip, square * scene.stiffness, square * scene.damping)
+    if not held.turn:
+        return moving
+    return min(moving, loop.largest(held.grip, held.turn * scene.turn_stiffness, held.turn * scene.turn_damping))
+
+
+@dataclass(frozen=True)
+class CouplingSetting:
+    """How `device` is run: at `rate` [Hz], held by `hand`, its pose from `estimator`.
+
+    fed      poses come from a tracker with a process of its own
+    latency  of that one [s]; None: `ASSUMED`
+    """
+
+    device: Device
+    rate: float
+    hand: HandGrip
+    estimator: str = "tracker"
+    fed: bool = False
+    latency: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.latency is not None and not (math.isfinite(self.latency) and 0.0 <= self.latency <= self._expiry):
+            raise InputError(
+                f"latency must be at least 0 and at most {1e3 * self._expiry:g} ms, the expiry of poses on "
+                f"'{self.device.name}'; got {1e3 * self.latency:g} ms"
+            )
+
+    @property
+    def _expiry(self) -> float:
+        return float(self.device.limits.expiry)
+
+    @property
+    def loop(self) -> SampledLoop:
+        """The loop of poses, forces and coils that a coupling is chosen for."""
+        coils = self.device.coils
+        late = self.latency if self.latency is not None else (ASSUMED if self.fed else 0.0)
+        theta = 0.0
+        if self.estimator == "hall":
+            theta = memory(2 * math.pi * HallTracker(electromagnet(self.device)).bandwidth / self.rate)
+        return SampledLoop.of(self.rate, None, late, float(np.max(coils.inductance / coils.resistance)), theta)
+
+    def couple(self, world: World) -> World:
+        """`world` with the coupling of its scenes chosen, where it is not set; every other world unchanged."""
+        return couple_world(world, self.device, self.loop, self.hand) if _has_scene(world) else world
+
+    def describe(self, world: World) -> str:
+        """What couples the mover to each scene of `world`; empty without one."""
+        parts = world.parts if isinstance(world, Sum) else (world,)
+        scenes = [one for one in parts if isinstance(one, Scene)]
+        return "; ".join(describe_coupling(one, self.device, self.loop, self.hand) for one in scenes)
+
+
+def _has_scene(world: World) -> bool:
+    return isinstance(world, Scene) or (isinstance(world, Sum) and any(map(_has_scene, world.parts)))
+
+
+@lru_cache(maxsize=64)
+def _choose(
+    loop: SampledLoop, hand: HandGrip, square: float, mass: float, step: float, stiffest: float
+) -> tuple[float, float, float, str]:
+    """Stiffness, damping, margin and what limits them, for a body of `mass` whose steps are `step` [s] long. `square`:
+    what a stiffness of 1 at the body is at the hand."""
+    found = []
+    for ratio in _RATIOS:
+        # The damper 2 ζ √(K m) takes at most `_SLOW` of the momentum in a step.
+        most = (_SLOW * mass / step / (2.0 * ratio)) ** 2 / mass
+        low, high = _SOFT, min(most, stiffest)
+        limit = "body"
+        if _margin(loop, hand, square, mass, ratio, high) < ENOUGH:
+            limit = "loop"
+            while high > 1.01 * low:
+                middle = math.sqrt(low * high)
+                if _margin(loop, hand, square, mass, ratio, middle) >= ENOUGH:
+                    low = middle
+                else:
+                    high = middle
+            high = low
+        found.append((high, ratio, limit))
+    best = max(stiffness for stiffness, _, _ in found)
+    stiffness, ratio, limit = next(one for one in found if one[0] >= _WORTH * best)
+    return (
+        stiffness,
+        2 * ratio * math.sqrt(stiffness * mass),
+        _margin(loop, hand, square, mass, ratio, stiffness),
+        limit,
+    )
+
+
+def _margin(loop: SampledLoop, hand: HandGrip, square: float, mass: float, ratio: float, stiffness: float) -> float:
+    return loop.largest(hand, square * stiffness, square * 2 * ratio * math.sqrt(stiffness * mass))
+
+
+def _round(value: float) -> float:
+    """Down to three digits: people read it."""
+    if value <= 0.0:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return round(math.floor(value / unit) * unit, 12)

@@ -1,0 +1,291 @@
+"""What an error budget needs of a device: sources of error, places and wrenches, and the error of one trial.
+
+A trial is one device as it could be, at one place. Every source draws from the standard normal distribution and changes
+the trial by its standard uncertainty times what was drawn. So a new source is one small class.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from haptorb.arrays import Array
+from haptorb.display import format_quantity
+from haptorb.errors import InputError
+
+__all__ = [
+    "COVERAGE",
+    "Component",
+    "ErrorBudget",
+    "ErrorModel",
+    "ErrorSource",
+    "P",
+    "SourceShare",
+    "T",
+    "WrenchBand",
+    "choose_size",
+    "error_budget",
+]
+
+
+T = TypeVar("T")  #: what a source changes: a device as it could be
+P = TypeVar("P")  #: where the mover is and what is asked there
+
+
+class ErrorSource(ABC, Generic[T]):
+    """One reason why the delivered wrench is not the one asked for.
+
+    name       short, as tables and JSON have it
+    standard   its standard uncertainty with unit, as text
+    origin     where that comes from: "device file", "assumed", "default", "calibration"
+    dimension  number of independent standard normal deviates that it takes
+    """
+
+    def __init__(self, name: str, standard: str, origin: str, dimension: int) -> None:
+        self.name, self.standard, self.origin, self.dimension = name, standard, origin, dimension
+
+    @abstractmethod
+    def perturb(self, deviates: Array, trial: T) -> None:
+        """Change `trial` by standard normal `deviates` (dimension,) [1] times the standard uncertainty."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """One component of the error as tables have it; several axes that are alike are taken together."""
+
+    name: str
+    axes: tuple[int, ...]
+
+
+class ErrorModel(ABC, Generic[T, P]):
+    """A device, its sources of error, and the chain from the wrench asked for to the wrench delivered.
+
+    device      its name
+    estimator   how the controller knows where the mover is
+    sources     of error, independent of each other
+    regions     names of the parts of the workspace, each with its own budget
+    components  of the error
+    unit        "N" or "N·m"
+    jnd         just-noticeable difference, relative
+    asked       magnitude of the wrench asked for [N or N·m]; its direction is drawn from all directions
+    motion      how it changes, in words
+    """
+
+    device: str
+    estimator: str
+    sources: tuple[ErrorSource[T], ...]
+    regions: tuple[str, ...]
+    components: tuple[Component, ...]
+    unit: str
+    jnd: float
+    asked: float
+    motion: str
+
+    @abstractmethod
+    def draw_point(self, region: int, rng: np.random.Generator) -> P:
+        """A place in that region and a wrench to ask for there."""
+
+    @abstractmethod
+    def make_trial(self) -> T:
+        """The device of the model."""
+
+    @abstractmethod
+    def wrench_error(self, point: P, trial: T) -> Array:
+        """(3,) what `trial` delivers at `point` less what is asked [N or N·m], along the axes of `components`."""
+
+    @property
+    def dimension(self) -> int:
+        """Number of deviates of all sources."""
+        return sum(source.dimension for source in self.sources)
+
+    def try_error(self, point: P, deviates: Array, only: int | None = None) -> Array:
+        """(3,) the error with `deviates` (dimension,), or with those of source number `only` alone [N or N·m]."""
+        trial, first = self.make_trial(), 0
+        for number, source in enumerate(self.sources):
+            last = first + source.dimension
+            if only is None or only == number:
+                source.perturb(deviates[first:last], trial)
+            first = last
+        return self.wrench_error(point, trial)
+
+
+# --------------------------------------------------------------------------------------------------
+# Propagation of distributions by Monte Carlo (JCGM 101), and which source contributes most (Sobol's indices).
+#
+# Band: the 2.5 % and 97.5 % quantiles of each component's error and the 95 % quantile of its size, over devices,
+# places
+# and directions. Shares: for every place and direction the variance over devices is split, and the variances are
+# averaged. The first-order index of a source is the part of the variance that it makes by itself, the total index the
+# part that would vanish if it were known exactly; for a chain that is nearly linear both agree, and the first-order
+# indices add up to one. The error is a vector: variances are sums over its components (Lamboni, Monod and Makowski
+# 2011). Estimators: Saltelli et al. 2010, Table 2 (b) and (f), with the place and direction kept the same in all
+# matrices.
+
+
+COVERAGE = 0.95  #: probability of the bands
+_FEWEST = 100
+_SHARED = 0.2  #: part of the samples that is used for the shares, which take many trials each
+Report = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class WrenchBand:
+    """Error of the delivered wrench in one region of the workspace.
+
+    low, high  (c,) bounds of the 95 % interval of every component [N or N·m]
+    standard   (c,) combined standard uncertainty of every component [N or N·m]
+    size       95 % of all errors are no longer than this [N or N·m]
+    """
+
+    region: str
+    low: Array
+    high: Array
+    standard: Array
+    size: float
+
+    def contains(self, component: int, error: float) -> bool:
+        """Whether `error` of that component lies in the band."""
+        return bool(self.low[component] <= error <= self.high[component])
+
+
+@dataclass(frozen=True)
+class SourceShare:
+    """What one source does.
+
+    alone        95 % of the errors are no longer than this if everything else is exact [N or N·m]
+    first_order  its share of the variance by itself: first-order Sobol index
+    total        share that would vanish if it were known exactly: total Sobol index
+    """
+
+    name: str
+    standard: str
+    origin: str
+    alone: float
+    first_order: float
+    total: float
+
+
+@dataclass(frozen=True)
+class ErrorBudget:
+    """Bands by region, the whole workspace last, and sources by their share, the greatest first."""
+
+    device: str
+    estimator: str
+    unit: str
+    jnd: float
+    asked: float
+    motion: str
+    components: tuple[str, ...]
+    samples: int
+    seed: int
+    bands: tuple[WrenchBand, ...]
+    shares: tuple[SourceShare, ...]
+
+    def count_jnd(self, size: float) -> float:
+        """An error `size` [N or N·m] in just-noticeable differences of the wrench asked for."""
+        return size / (self.jnd * self.asked)
+
+
+def error_budget(
+    model: ErrorModel[T, P], samples: int = 2000, seed: int = 0, report: Report | None = None
+) -> ErrorBudget:
+    """The budget of `model` from `samples` devices in each region; `report` receives the share that is done, 0 to 1.
+
+    Raises InputError for fewer than 100 samples or a negative seed.
+    """
+    if samples < _FEWEST or seed < 0:
+        raise InputError(f"samples must be {_FEWEST} or more and seed 0 or more; got {samples} and {seed}")
+    rng = np.random.default_rng(seed)
+    regions, pairs = len(model.regions), samples // 2
+    shared = max(int(_SHARED * pairs), _FEWEST // 2)
+    errors = np.empty((regions, 2 * pairs, 3))
+    lone, spread = [], np.zeros((2, len(model.sources)))
+    variance, count = 0.0, 0
+    for region in range(regions):
+        for pair in range(pairs):
+            point = model.draw_point(region, rng)
+            a, b = rng.standard_normal((2, model.dimension))
+            here = errors[region, 2 * pair : 2 * pair + 2]
+            here[0], here[1] = model.try_error(point, a), model.try_error(point, b)
+            if pair < shared:
+                first, total, alone = _split_error(model, point, a, b, here)
+                spread += np.stack([first, total])
+                lone.append(alone)
+                variance += 0.5 * float(((here[0] - here[1]) ** 2).sum())
+                count += 1
+            if report is not None and pair % 20 == 0:
+                report((region + pair / pairs) / regions)
+    bands = [_find_band(model, name, errors[number]) for number, name in enumerate(model.regions)]
+    whole = _find_band(model, "whole workspace", errors.reshape(-1, 3))
+    return ErrorBudget(
+        model.device, model.estimator, model.unit, model.jnd, model.asked, model.motion,
+        tuple(component.name for component in model.components), 2 * pairs * regions, seed, (*bands, whole),
+        _rank_sources(model, np.array(lone), spread / max(variance, 1e-300)),
+    )  # fmt: skip
+
+
+def _split_error(model: ErrorModel[T, P], point: P, a: Array, b: Array, errors: Array) -> tuple[Array, Array, Array]:
+    """(sources,) products whose means are the parts of the variance: first-order and total; (sources,) sizes of the
+    error of each source alone."""
+    first, total, alone = (np.empty(len(model.sources)) for _ in range(3))
+    start = 0
+    for number, source in enumerate(model.sources):
+        mixed, end = a.copy(), start + source.dimension
+        mixed[start:end] = b[start:end]
+        with_b = model.try_error(point, mixed)
+        first[number] = float(errors[1] @ (with_b - errors[0]))
+        total[number] = 0.5 * float(((errors[0] - with_b) ** 2).sum())
+        alone[number] = float(np.linalg.norm(model.try_error(point, a, number)))
+        start = end
+    return first, total, alone
+
+
+def _find_band(model: ErrorModel[T, P], region: str, errors: Array) -> WrenchBand:
+    tails = 50 * (1 - COVERAGE), 50 * (1 + COVERAGE)
+    parts = [errors[:, component.axes].ravel() for component in model.components]
+    low, high = np.array([np.percentile(part, tails) for part in parts]).T
+    standard = np.array([part.std() for part in parts])
+    size = float(np.percentile(np.linalg.norm(errors, axis=1), 100 * COVERAGE))
+    return WrenchBand(region, low, high, standard, size)
+
+
+def _rank_sources(model: ErrorModel[T, P], alone: Array, indices: Array) -> tuple[SourceShare, ...]:
+    sizes = np.percentile(alone, 100 * COVERAGE, axis=0)
+    order = np.argsort(-indices[1])
+    return tuple(
+        SourceShare(
+            model.sources[n].name, model.sources[n].standard, model.sources[n].origin, float(sizes[n]),
+            float(indices[0, n]), float(indices[1, n]),
+        )
+        for n in order
+    )  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------
+# The size of the wrench whose error is stated: one that the device can give everywhere in its workspace.
+
+
+_SHARE = 0.5  #: of the least peak wrench: the default size
+
+
+def choose_size(device: str, asked: float | None, most: float, unit: str) -> float:
+    """The size of the wrench [N or N·m] that the budget asks for; `most` can be given everywhere in every direction.
+
+    None: half of the most, to one digit. Raises InputError for none or for more than can be given.
+
+    >>> choose_size("omni", None, 0.136, "N")
+    0.07
+    """
+    if asked is None:
+        digit = 10.0 ** np.floor(np.log10(_SHARE * most))
+        return float(f"{np.round(_SHARE * most / digit) * digit:.1g}")
+    if not 0.0 < asked <= most:
+        raise InputError(
+            f"device '{device}' gives at most {format_quantity(most, unit)} in every direction everywhere in its "
+            f"workspace; an error budget needs a wrench above 0 and up to that, got {asked:g} {unit}"
+        )
+    return asked

@@ -1,0 +1,1262 @@
+"""What is not known exactly about a spherical electromagnet: one class for each source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple, Protocol, TypeVar, final
+
+import numpy as np
+from scipy.special import ndtr
+
+from haptorb.analysis.error_budget import Component, ErrorModel, ErrorSource, choose_size
+from haptorb.arrays import Array
+from haptorb.control.allocation import force_allocator, torque_allocator
+from haptorb.control.array_allocation import array_allocator
+from haptorb.control.capability import array_capability, motor_capability
+from haptorb.control.guard import make_coils
+from haptorb.devices import tables
+from haptorb.devices.base import Device, State, WrenchMap, rotation_to_axis
+from haptorb.devices.coil_array import CoilArray, array_wrench, place_coils
+from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet, shell_capability
+from haptorb.devices.electromagnet_model import CoreDynamics, pull, ring_per_ampere
+from haptorb.devices.field_sensors import FieldSensors
+from haptorb.devices.motor import SphericalMotor
+from haptorb.devices.motor_model import coils_field, torque_over_sine
+from haptorb.devices.uncertainty import ChainUncertainty
+from haptorb.display import format_quantity
+from haptorb.errors import InputError, UnknownName
+from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.hall_fit import ToolModel, coil_field, moment_field, tool_field
+from haptorb.estimation.hall_tracker import CALIBRATED
+from haptorb.magnetics import dipole
+from haptorb.magnetics.magnets import ChargedRing
+from haptorb.magnetics.soft_sphere import answer_to_source
+from haptorb.rotations import rotation_from_euler, turn_by
+
+__all__ = [
+    "ArrayErrors",
+    "ArrayPoint",
+    "ArrayTrial",
+    "ChainTrial",
+    "CurrentLoop",
+    "HallFit",
+    "HallPoint",
+    "MagnetStrength",
+    "MagnetTrial",
+    "MomentFit",
+    "MotorErrors",
+    "MotorPoint",
+    "MotorTrial",
+    "SensorPlacement",
+    "SensorTrial",
+    "ToolErrors",
+    "ToolPoint",
+    "ToolTrial",
+    "array_errors",
+    "current_sources",
+    "describe_share",
+    "find_origin",
+    "magnet_warmth",
+    "motor_errors",
+    "sensor_sources",
+    "tool_errors",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# From wanted to true currents: what current sensors, windings, supply and steps make of them.
+#
+# Above 2.5 % of its limit a coil's resistance is learned from the measured current, so that this current, and not the
+# true one, becomes the wanted one: errors of resistance and supply vanish, those of the current sensor remain. Below,
+# the resistance is taken from the device file, and it is the other way round.
+
+
+_WINDOW = 100.0  #: ticks over which the learned resistance averages, at 1 kHz
+
+
+@dataclass
+class ChainTrial:
+    """How the electronics differ from their model; all zeros: not at all."""
+
+    gain: Array  #: (m,) of the current sensors, relative
+    offset: Array  #: (m,) of the current sensors [A]
+    resistance: Array  #: (m,) relative
+    supply: float  #: relative
+    noise: Array  #: (m,) of the current itself [A]
+
+    @classmethod
+    def exact(cls, channels: int) -> ChainTrial:
+        """No error."""
+        zero = np.zeros(channels)
+        return cls(zero.copy(), zero.copy(), zero.copy(), 0.0, zero.copy())
+
+    def read_currents(self, currents: Array) -> Array:
+        """(m,) what the sensors say of true `currents` (m,) [A]."""
+        read: Array = (1 + self.gain) * currents + self.offset
+        return read
+
+
+class CurrentLoop:
+    """The loop that holds the currents of `device`."""
+
+    def __init__(self, device: Device) -> None:
+        self._learnable = np.array(make_coils(device)["learnable"])
+
+    def true_currents(self, wanted: Array, trial: ChainTrial) -> Array:
+        """(m,) [A] the currents that flow where `wanted` (m,) [A] are, after the loop has settled."""
+        learned = np.abs(wanted) > self._learnable
+        measured = (wanted - trial.offset) / (1 + trial.gain)
+        driven = wanted * (1 + trial.supply) / (1 + trial.resistance)
+        flowing: Array = np.where(learned, measured, driven) + trial.noise
+        return flowing
+
+
+C = TypeVar("C", bound=ChainTrial)
+
+
+class CurrentGain(ErrorSource[C]):
+    """Gains of the current sensors, each its own."""
+
+    def __init__(self, standard: float, origin: str, channels: int) -> None:
+        super().__init__("current sensors, gain", describe_share(standard), origin, channels)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: C) -> None:
+        """Add to the gains."""
+        trial.gain += self._standard * deviates
+
+
+class CurrentOffset(ErrorSource[C]):
+    """Offsets of the current sensors, each its own."""
+
+    def __init__(self, standard: float, origin: str, channels: int) -> None:
+        super().__init__("current sensors, offset", format_quantity(standard, "A"), origin, channels)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: C) -> None:
+        """Add to the offsets."""
+        trial.offset += self._standard * deviates
+
+
+class Resistance(ErrorSource[C]):
+    """Resistances of the windings, each its own."""
+
+    def __init__(self, standard: float, origin: str, channels: int) -> None:
+        super().__init__("resistance", describe_share(standard), origin, channels)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: C) -> None:
+        """Add to the resistances."""
+        trial.resistance += self._standard * deviates
+
+
+class SupplyVoltage(ErrorSource[C]):
+    """The voltage that all coils share."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("supply voltage", describe_share(standard), origin, 1)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: C) -> None:
+        """Add to the voltage."""
+        trial.supply += self._standard * float(deviates[0])
+
+
+class CurrentSteps(ErrorSource[C]):
+    """Steps of the duty cycle, and noise of the current readings that the learned resistance lets through."""
+
+    def __init__(self, device: Device) -> None:
+        supply = device.supply
+        step = supply.voltage / device.coils.resistance / 2**supply.duty_bits
+        read = np.hypot(supply.current_noise, supply.current_step / np.sqrt(12)) / np.sqrt(_WINDOW)
+        self._standard: Array = np.hypot(step / np.sqrt(12), read)
+        text = format_quantity(float(self._standard.max()), "A")
+        super().__init__("quantisation and noise of the currents", text, "computed", device.channels)
+
+    def perturb(self, deviates: Array, trial: C) -> None:
+        """Add to the currents."""
+        trial.noise += self._standard * deviates
+
+
+def current_sources(device: Device, known: ChainUncertainty, offset: float) -> tuple[ErrorSource[C], ...]:
+    """Those of every device; `offset` [A] of the current sensors."""
+    m = device.channels
+    return (
+        CurrentGain(known.current_gain, find_origin(device, known, "current_gain"), m),
+        CurrentOffset(offset, find_origin(device, known, "current_offset"), m),
+        Resistance(known.resistance, find_origin(device, known, "resistance"), m),
+        SupplyVoltage(known.supply, find_origin(device, known, "supply")),
+        CurrentSteps(device),
+    )
+
+
+def find_origin(device: Device, known: ChainUncertainty, key: str, section: str = "uncertainty") -> str:
+    """Where the value of `key` comes from: the device file, where it may be assumed, or the defaults of `known`."""
+    if f"{section}.{key}" in device.assumed:
+        return "assumed"
+    return "device file" if section != "uncertainty" or known.is_stated(key) else "default"
+
+
+def describe_share(share: float) -> str:
+    """A relative uncertainty as text.
+
+    >>> describe_share(0.012)
+    '1.2 %'
+    """
+    return f"{100 * share:.3g} %"
+
+
+# --------------------------------------------------------------------------------------------------
+# How strong the mover's magnets are: a relative error of all of them, of each, or by their temperature.
+
+
+class MagnetTrial(Protocol):
+    """A device with magnets in its mover."""
+
+    def strengthen(self, factors: Array) -> None:
+        """Multiply the strength of all magnets by `factors` (1,), or that of each by its own (p,)."""
+
+
+M = TypeVar("M", bound=MagnetTrial)
+
+
+class MagnetStrength(ErrorSource[M]):
+    """The strength that all magnets share, or with several deviates that of each; `relative` standard uncertainty."""
+
+    def __init__(self, name: str, relative: float, origin: str, magnets: int = 1, text: str = "") -> None:
+        super().__init__(name, text or describe_share(relative), origin, magnets)
+        self._relative = relative
+
+    def perturb(self, deviates: Array, trial: M) -> None:
+        """Change the strength of `trial` by the `deviates` (1,) [1]."""
+        trial.strengthen(1 + self._relative * deviates)
+
+
+def magnet_warmth(name: str, device: Device, known: ChainUncertainty) -> MagnetStrength[M]:
+    """The temperature that all magnets of the mover share, in a hand and over warm coils."""
+    kelvin = known.magnet_temperature
+    origin = find_origin(device, known, "magnet_temperature")
+    return MagnetStrength(name, kelvin * known.remanence_drift, origin, text=f"{kelvin:.3g} K")
+
+
+# --------------------------------------------------------------------------------------------------
+# What field sensors make of the field: gain, cross-axis, offset, noise and place, each sensor its own.
+
+
+@dataclass
+class SensorTrial(ChainTrial):
+    """How the field sensors of one device differ from ideal ones, and the electronics; zeros: not at all."""
+
+    mixing: Array  #: (k, 3, 3) what they read of a field beyond the field itself, along their own axes
+    reading: Array  #: (k, 3) what they read without a field [T]
+    placement: Array  #: (k, 3) from the nominal places [m]
+
+    def read_field(self, field: Array, frames: Array | None = None) -> Array:
+        """(k, 3) readings [T] of a true `field` (k, 3) [T]; columns of frames (k, 3, 3) are the sensors' own axes."""
+        own = field if frames is None else np.einsum("kji,kj->ki", frames, field)
+        own = own + np.einsum("kij,kj->ki", self.mixing, own) + self.reading
+        read: Array = own if frames is None else np.einsum("kij,kj->ki", frames, own)
+        return read
+
+
+S = TypeVar("S", bound=SensorTrial)
+
+
+class SensorMixing(ErrorSource[S]):
+    """Gain of each field sensor's axes, or what they read of each other."""
+
+    def __init__(self, name: str, standard: float, origin: str, sensors: int, *, across: bool) -> None:
+        super().__init__(name, describe_share(standard), origin, sensors * (6 if across else 3))
+        self._standard, self._where = standard, np.nonzero(np.eye(3) != across)
+
+    def perturb(self, deviates: Array, trial: S) -> None:
+        """Change what the sensors read of a field."""
+        rows, columns = self._where
+        trial.mixing[:, rows, columns] += self._standard * deviates.reshape(len(trial.mixing), -1)
+
+
+class SensorReading(ErrorSource[S]):
+    """What each axis of the field sensors reads without a field: its offset, or its noise."""
+
+    def __init__(self, name: str, standard: float, origin: str, sensors: int) -> None:
+        super().__init__(name, format_quantity(standard, "T"), origin, 3 * sensors)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: S) -> None:
+        """Add to the readings."""
+        trial.reading += self._standard * deviates.reshape(-1, 3)
+
+
+class SensorAngle(ErrorSource[S]):
+    """How each field sensor is turned about its axes."""
+
+    def __init__(self, standard: float, origin: str, sensors: int) -> None:
+        super().__init__("field sensors, angle", f"{np.degrees(standard):.2g}°", origin, 3 * sensors)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: S) -> None:
+        """Turn the sensors, by small angles."""
+        x, y, z = self._standard * deviates.reshape(-1, 3).T
+        for row, column, angle in ((0, 1, -z), (0, 2, y), (1, 2, -x)):
+            trial.mixing[:, row, column] += angle
+            trial.mixing[:, column, row] -= angle
+
+
+class SensorPlacement(ErrorSource[S]):
+    """Where each field sensor is."""
+
+    def __init__(self, standard: float, origin: str, sensors: int) -> None:
+        super().__init__("field sensors, position", format_quantity(standard, "m"), origin, 3 * sensors)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: S) -> None:
+        """Move the sensors of `trial`, by `deviates` (3 k,) [1] times the standard uncertainty."""
+        trial.placement += self._standard * deviates.reshape(-1, 3)
+
+
+def sensor_sources(device: Device, hall: FieldSensors, section: str, averaged: float) -> tuple[ErrorSource[S], ...]:
+    """Those of the field sensors `hall` of `device` but their places; the device file has them in `section`.
+
+    The estimator averages their noise over so many readings. All are at the temperature of their calibration.
+    """
+    errors, count = hall.errors, len(hall.positions)
+
+    def origin(key: str) -> str:
+        return "assumed" if f"{section}.{key}" in device.assumed else "device file"
+
+    noise = float(np.hypot(hall.noise, hall.step / np.sqrt(12)) / np.sqrt(averaged))
+    return (
+        SensorMixing("field sensors, gain", errors.gain, origin("gain"), count, across=False),
+        SensorMixing("field sensors, cross-axis", errors.cross, origin("cross"), count, across=True),
+        SensorReading("field sensors, offset", errors.offset, origin("offset"), count),
+        SensorReading("field sensors, noise", noise, origin("noise"), count),
+        SensorAngle(errors.angle, origin("angle"), count),
+    )
+
+
+# --------------------------------------------------------------------------------------------------
+# The Hall tracker's estimate of the tool's pose, if magnets, coils, currents and sensors differ from its model.
+#
+# One step of the tracker's own weighted least squares, from the true pose: right to first order in the errors.
+
+
+class CalibratedTrial(Protocol):
+    """What a calibration depends on."""
+
+    moments: Array
+    gain: Array
+    placement: Array
+    reading: Array
+
+    def read_field(self, field: Array, frames: Array | None = None) -> Array:
+        """What the field sensors make of a field."""
+
+
+class HallPoint(NamedTuple):
+    """The tracker's least squares about one true pose."""
+
+    field: Array  #: (k, 3) of the estimated tool at the sensors [T]
+    solve: (
+        Array  #: (5, 3 k) from what is left of the readings to the place [m/T] and the turns about R's x and y [rad/T]
+    )
+
+
+class HallFit:
+    """The Hall tracker of `device`; calibrated: the sensors' offsets were measured, and are taken off."""
+
+    def __init__(self, device: SphericalElectromagnet, *, calibrated: bool = False) -> None:
+        self._model, self._per_ampere = ToolModel.of(device), coil_field(device)
+        hall, supply = device.hall, device.supply
+        noise = np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12))
+        self._noise = float(noise if calibrated else np.hypot(noise, hall.errors.offset))
+        moments = device.moment_per_current
+        self._read = (supply.current_noise**2 + supply.current_step**2 / 12) * (moments @ moments.T)
+        self._read = self._read + device.core_dynamics.remanent_moment**2 * np.eye(3)
+        self._columns = (moments**2).sum(axis=0)
+        self._unit = moment_field(device).reshape(-1, 3)
+
+    def linearize(self, p: Array, R: Array, currents: Array) -> HallPoint:
+        """About the tool at p (3,) [m], R (3, 3); readings weighed as the tracker does under `currents` (m,) [A]."""
+        field, slopes = self._field(self._model, p, R)
+        moments = self._read + CALIBRATED**2 * float(self._columns @ currents**2) * np.eye(3)
+        spread = self._noise**2 * np.eye(len(self._unit)) + self._unit @ moments @ self._unit.T
+        design = slopes.reshape(-1, 5)
+        weighted = np.linalg.solve(spread, design).T
+        return HallPoint(field, np.linalg.solve(weighted @ design, weighted))
+
+    def _field(self, model: ToolModel, p: Array, R: Array) -> tuple[Array, Array]:
+        field, slopes = np.empty((len(model.sensors), 3)), np.empty((len(model.sensors), 3, 5))
+        tool_field(model, np.ascontiguousarray(p), np.ascontiguousarray(R), field, slopes)
+        return field, slopes
+
+    def read(self, trial: SensorTrial, tool: State, strength: float, moment: Array, currents: Array) -> Array:
+        """(k, 3) [T] the readings less what the tracker takes off for the currents.
+
+        The magnet of `tool` has `strength` times the model's remanence; the electromagnet has `moment` (3,) [A·m²]
+        under the true `currents` (m,) [A]. Core and coils are at the origin, the sensors off by their placement.
+        """
+        model = self._model._replace(sensors=np.ascontiguousarray(self._model.sensors + trial.placement))
+        field = strength * self._field(model, tool.p, tool.R_SR)[0]
+        field += dipole.field(np.broadcast_to(moment, model.sensors.shape), model.sensors)
+        left: Array = trial.read_field(field) - self._per_ampere @ trial.read_currents(currents)
+        return left
+
+
+class MomentFit:
+    """What the calibration of `device` found of the moments, by its own current and field sensors."""
+
+    def __init__(self, device: SphericalElectromagnet) -> None:
+        self._places = np.asarray(device.hall.positions, dtype=np.float64).reshape(-1, 3)
+        unit = moment_field(device).reshape(-1, 3)
+        self._solve = np.linalg.solve(unit.T @ unit, unit.T)
+
+    def find_true(self, trial: CalibratedTrial) -> Array:
+        """(3, m) [m²] the moments per true ampere that sensors with the errors of `trial` took for its moments."""
+        at = self._places + trial.placement
+        fields = [trial.read_field(dipole.field(np.broadcast_to(axis, at.shape), at)) for axis in np.eye(3)]
+        read = np.stack([field - trial.reading for field in fields], axis=2).reshape(-1, 3)
+        moments: Array = np.linalg.solve(self._solve @ read, trial.moments) * (1 + trial.gain)
+        return moments
+
+
+# --------------------------------------------------------------------------------------------------
+# The chain of a spherical electromagnet, from the force asked for to the force on the tool, with errors in it.
+#
+# The controller uses the device file and a pose; the true device has other magnets, other currents and another pose.
+# Both use the exact model: its own errors are 1e-7 and no part of the budget. The force is at rest: what the loop's
+# delay and the coils' inductance do to a force that changes is known, and not uncertain.
+
+
+REGIONS = ("in contact", "lower half of the shell", "upper half of the shell")
+COMPONENTS = (Component("radial", (2,)), Component("tangential", (0, 1)))
+
+
+@dataclass
+class ToolTrial(SensorTrial):
+    """How one device differs from its model."""
+
+    strength: float  #: remanence of the tool's magnet, true over model
+    moments: Array  #: (3, 3) true moment per ampere [m²]
+    core_radius: float  #: true minus model [m]
+    shift: Array  #: (3,) of core and coils from the frame's origin [m]
+    place: Array  #: (3,) estimated minus true position of the tool's magnet [m]
+    turn: Array  #: (3,) rotation from the tool's true to its estimated axis [rad]
+    remanent: Array  #: (3,) moment that stays in the core [A·m²]
+    lag: complex  #: what eddy currents take of a moment that turns, relative
+    turning: Array  #: (3,) any vector; its part across the force is the direction into which the force turns
+
+    def strengthen(self, factors: Array) -> None:
+        """Multiply the magnet's strength by `factors` (1,)."""
+        self.strength *= float(factors[0])
+
+
+class ToolPoint(NamedTuple):
+    """A radial tool, and the force asked for."""
+
+    p: Array  #: (3,) [m]
+    R: Array  #: (3, 3); its columns are two tangents and the radius
+    wrench: Array  #: (6,) [N, N·m]
+    hall: HallPoint | None  #: where the field sensors tell the pose
+
+
+@final
+class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
+    """The error budget of `device` for forces of `asked` [N], with `sources`.
+
+    estimator          "tracker" or "hall"
+    radius_span [m]    up to how far from the device file's the core's radius is looked up, less where the magnet is
+                       near; 0: it is exact
+    calibrated         the moments were measured with the device's own sensors, whose errors are in them
+    frequency [Hz]     at which the force turns
+    """
+
+    unit, jnd, regions, components = "N", FORCE_JND, REGIONS, COMPONENTS
+
+    def __init__(
+        self,
+        device: SphericalElectromagnet,
+        asked: float,
+        sources: tuple[ErrorSource[ToolTrial], ...],
+        estimator: str,
+        radius_span: float,
+        *,
+        calibrated: bool = False,
+        frequency: float = 0.0,
+    ) -> None:
+        self.device, self.estimator, self.asked, self.sources = device.name, estimator, asked, sources
+        self._device = device
+        self._allocator, self._loop = force_allocator(device), CurrentLoop(device)
+        # After a self-calibration it is known how well the sensors tell the pose.
+        senses = estimator == "hall" and device.hall.correction is None
+        self._hall = HallFit(device, calibrated=calibrated) if senses else None
+        self._calibrated = MomentFit(device) if calibrated else None
+        self.motion = f"turning at {frequency:g} Hz" if frequency else "at rest"
+        tool = device.tool
+        self._rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence).rows
+        self._moments = np.array(device.moment_per_current, dtype=np.float64, order="C")
+        self._pull = device.passive_pull
+        air = self._pull.nearest - self._pull.core_radius - max(tool.length / 2, tool.outer_radius)
+        self._span = max(min(radius_span, 0.3 * air, 0.5 * device.core_radius), 1e-9)
+        self._tables = [self._tabulate(k * self._span) if radius_span else self._pull.table for k in (-1, 0, 1)]
+
+    def _tabulate(self, more: float) -> Array:
+        """The core's pull if its radius were `more` [m] larger than in the model."""
+        known = self._pull
+        return replace(known, core_radius=known.core_radius + more).table
+
+    def draw_point(self, region: int, rng: np.random.Generator) -> ToolPoint:
+        """Anywhere in the region, spread evenly over the dome; the tool is radial, the force in any direction."""
+        device = self._device
+        cosine = rng.uniform(np.cos(device.workspace_half_angle), 1.0)
+        azimuth, height = rng.uniform(0, 2 * np.pi), rng.uniform(0.5 * region - 0.5, 0.5 * region)
+        flat = np.sqrt(1 - cosine * cosine)
+        axis = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), cosine])
+        distance = device.contact_distance + max(height, 0.0) * device.shell_thickness
+        wrench = np.zeros(6)
+        direction = rng.standard_normal(3)
+        wrench[:3] = self.asked * direction / np.linalg.norm(direction)
+        p, R = distance * axis, rotation_to_axis(axis)
+        if self._hall is None:
+            return ToolPoint(p, R, wrench, None)
+        state = State(0.0, R, p, np.zeros(3), np.zeros(3))
+        currents = self._allocator.allocate(device.wrench_map(state, "exact"), wrench).currents
+        return ToolPoint(p, R, wrench, self._hall.linearize(p, R, currents))
+
+    def make_trial(self) -> ToolTrial:
+        """The device of the model."""
+        exact, k = ChainTrial.exact(self._device.channels), self._device.sensors
+        return ToolTrial(
+            **vars(exact), mixing=np.zeros((k, 3, 3)), reading=np.zeros((k, 3)), placement=np.zeros((k, 3)),
+            strength=1.0, moments=self._moments.copy(), core_radius=0.0, shift=np.zeros(3), place=np.zeros(3),
+            turn=np.zeros(3), remanent=np.zeros(3), lag=0.0, turning=np.zeros(3),
+        )  # fmt: skip
+
+    def wrench_error(self, point: ToolPoint, trial: ToolTrial) -> Array:
+        """(3,) along two tangents and the radius [N]."""
+        if self._calibrated is not None:
+            trial.moments = self._calibrated.find_true(trial)
+        place, turn = trial.place, trial.turn
+        currents, extra = np.zeros(self._device.channels), np.zeros(3)
+        # Currents follow from the pose, and the pose from readings with the coils' field in them: the third time all
+        # agree, and the first pose of a tracker is its last.
+        for _ in range(1 if point.hall is None else 3):
+            if self._hall is not None and point.hall is not None:
+                place, turn = self._locate(self._hall, point, trial, trial.moments @ currents + extra, currents)
+            R = np.empty((3, 3))
+            turn_by(float(turn[0]), float(turn[1]), float(turn[2]), point.R, R)
+            believed = self._device.wrench_map(State(0.0, R, point.p + place, np.zeros(3), np.zeros(3)), "exact")
+            wanted = self._allocator.allocate(believed, point.wrench).currents
+            currents = self._loop.true_currents(wanted, trial)
+            extra = trial.remanent - self._lag(point, trial, believed.force)
+        error: Array = point.R.T @ (self._deliver(point, trial, currents, extra) - point.wrench[:3])
+        return error
+
+    def _locate(
+        self, hall: HallFit, point: ToolPoint, trial: ToolTrial, moment: Array, currents: Array
+    ) -> tuple[Array, Array]:
+        """(3,) estimated minus true position [m], and rotation from the true to the estimated axis [rad].
+
+        Core and coils are off their place by `trial.shift`, which the tracker does not know: for them, tool and
+        sensors are off, the other way.
+        """
+        assert point.hall is not None
+        still = np.zeros(3)
+        tool = State(0.0, point.R, point.p - trial.shift, still, still)
+        seen_from_core = replace(trial, placement=trial.placement - trial.shift)
+        left = hall.read(seen_from_core, tool, trial.strength, moment, currents)
+        fit = point.hall.solve @ (left - point.hall.field).ravel()
+        return fit[:3], point.R[:, :2] @ fit[3:]
+
+    def _lag(self, point: ToolPoint, trial: ToolTrial, force_per_ampere: Array) -> Array:
+        """(3,) what is missing of the moment because the force turns, and the core is late [A·m²]."""
+        if trial.lag == 0:
+            return np.zeros(3)
+        force = point.wrench[:3]
+        across = trial.turning - force * (trial.turning @ force) / (force @ force)
+        across *= self.asked / np.linalg.norm(across)
+        both = np.stack([force, across], axis=1)
+        moments = trial.moments @ np.linalg.solve(force_per_ampere, both)
+        missing: Array = trial.lag.real * moments[:, 0] + trial.lag.imag * moments[:, 1]
+        return missing
+
+    def _deliver(self, point: ToolPoint, trial: ToolTrial, currents: Array, extra: Array) -> Array:
+        """(3,) the true force [N]: of the coils and the moment `extra` (3,) [A·m²] with the magnet's strength, of the
+        core with its square."""
+        matrix, passive, still = np.empty((6, 3)), np.zeros(6), np.zeros(6)
+        p, per_moment = point.p - trial.shift, np.eye(3)
+        ring_per_ampere(self._rows, self._tables[1], self._pull.nearest, per_moment, p, point.R, matrix, passive)
+        low, middle, high = self._tables
+        x = trial.core_radius / self._span
+        table = middle + 0.5 * x * (high - low) + 0.5 * x * x * (high - 2 * middle + low)
+        pull(table, self._pull.nearest, p, np.ascontiguousarray(point.R[:, 2]), still)
+        force: Array = (
+            trial.strength * (matrix[:3] @ (trial.moments @ currents + extra)) + trial.strength**2 * still[:3]
+        )
+        return force
+
+
+ESTIMATORS = ("tracker", "hall")
+_TOOL_SOURCES_AVERAGED = 3.3  #: readings that the Hall tracker's filter is worth, at 1 kHz: it leaves 0.55 of the noise
+_SPAN = 3.0  #: standard uncertainties up to which the core's radius is looked up; beyond, the parabola continues
+
+
+class Moments(ErrorSource[ToolTrial]):
+    """The moments per ampere, every component of every coil."""
+
+    def __init__(self, standard: Array, share: str, origin: str) -> None:
+        super().__init__("moments per ampere", share, origin, standard.size)
+        self._standard = standard  # (3, m) [m²]
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Change the moments."""
+        trial.moments += self._standard * deviates.reshape(self._standard.shape)
+
+
+class TrackedPlace(ErrorSource[ToolTrial]):
+    """The position from the tracker."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("tracked position", format_quantity(standard, "m"), origin, 3)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Move the estimated position."""
+        trial.place += self._standard * deviates
+
+
+class TrackedAxis(ErrorSource[ToolTrial]):
+    """The direction from the tracker."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("tracked axis", f"{np.degrees(standard):.3g}°", origin, 3)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Turn the estimated axis."""
+        trial.turn += self._standard * deviates
+
+
+class CorePlace(ErrorSource[ToolTrial]):
+    """Where core and coils are."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("position of core and coils", format_quantity(standard, "m"), origin, 3)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Move core and coils."""
+        trial.shift += self._standard * deviates
+
+
+class CoreRadius(ErrorSource[ToolTrial]):
+    """How large the core is: its pull follows, the moments are measured with it."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("radius of the core", format_quantity(standard, "m"), origin, 1)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Change the radius."""
+        trial.core_radius += self._standard * float(deviates[0])
+
+
+class CoreRemanence(ErrorSource[ToolTrial]):
+    """The moment that stays in the core: along every axis anywhere between its greatest values."""
+
+    def __init__(self, core: CoreDynamics, origin: str) -> None:
+        super().__init__("remanence of the core", f"{1e3 * core.remanent_moment / np.sqrt(3):.2g} mA·m²", origin, 4)
+        self._core = core
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Add to the moment."""
+        most = self._core.remanent_moment * np.exp(np.log1p(self._core.spread) * deviates[3])
+        trial.remanent += most * (2 * ndtr(deviates[:3]) - 1)
+
+
+class EddyLag(ErrorSource[ToolTrial]):
+    """Eddy currents in the core, while the force turns at `frequency` [Hz] into any direction across it."""
+
+    def __init__(self, core: CoreDynamics, frequency: float, origin: str) -> None:
+        text = f"{100 * core.lag(frequency):.2g} % at {frequency:g} Hz"
+        super().__init__("eddy currents in the core", text, origin, 5)
+        self._core, self._turn = core, 2 * np.pi * frequency
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Let the core be late."""
+        share, time = np.exp(np.log1p(self._core.spread) * deviates[:2])
+        x = 1j * self._turn * time * self._core.eddy_time
+        trial.lag = complex(share * self._core.eddy_share * x / (1 + x))
+        trial.turning = deviates[2:]
+
+
+def tool_errors(
+    device: SphericalElectromagnet,
+    asked: float | None = None,
+    estimator: str | None = None,
+    calibration: Calibration | None = None,
+    frequency: float = 10.0,
+) -> ToolErrors:
+    """The error model of `device` for forces of `asked` [N]; None: half of the least peak force in its shell.
+
+    The force turns at `frequency` [Hz]; 0: it is at rest. With a `calibration` the moments are as uncertain as it says
+    and as the field sensors are with which it was made; the gains of the current sensors cancel.
+
+    Raises InputError for a force that the coils cannot give in every direction, UnknownName for another estimator than
+    "tracker" and, where the device has field sensors enough, "hall".
+    """
+    known_estimators = ESTIMATORS if device.sensors > 1 else ESTIMATORS[:1]
+    chosen = ESTIMATORS[0] if estimator is None else estimator
+    if chosen not in known_estimators:
+        raise UnknownName(f"estimator of the error budget of '{device.name}'", chosen, known_estimators)
+    believed = device if calibration is None else calibration.apply(device)
+    known, core = believed.uncertainty, believed.core_dynamics
+
+    def origin(key: str, section: str = "uncertainty") -> str:
+        return find_origin(device, known, key, section)
+
+    sources: list[ErrorSource[ToolTrial]] = [
+        MagnetStrength("remanence", known.remanence, origin("remanence")),
+        magnet_warmth("temperature of the magnet", device, known),
+        _moments(believed, calibration),
+        *_tool_sources_pose_sources(believed, chosen, calibration),
+        CorePlace(known.core_place, origin("core_place")),
+        CoreRadius(known.core_radius, origin("core_radius")),
+        *current_sources(device, known, known.current_offset),
+    ]
+    if core.remanent_moment:
+        sources.append(CoreRemanence(core, origin("remanent_moment", "core_dynamics")))
+    if core.eddy_share and frequency:
+        sources.append(EddyLag(core, frequency, origin("eddy_share", "core_dynamics")))
+    force = _check_force(believed, asked)
+    return ToolErrors(
+        believed, force, tuple(sources), chosen, _SPAN * known.core_radius, calibrated=calibration is not None,
+        frequency=frequency,
+    )  # fmt: skip
+
+
+def _tool_sources_pose_sources(
+    device: SphericalElectromagnet, estimator: str, calibration: Calibration | None
+) -> tuple[ErrorSource[ToolTrial], ...]:
+    """How the pose is known, and how well; and the field sensors, where the moments were measured with them."""
+    known, found = device.uncertainty, None if calibration is None else calibration.sensors
+    pose: tuple[ErrorSource[ToolTrial], ...] = ()
+    if estimator == "tracker":
+        pose = (
+            TrackedPlace(known.place, find_origin(device, known, "place")),
+            TrackedAxis(known.axis, find_origin(device, known, "axis")),
+        )
+    elif found is not None:  # what is stated are lengths of errors over all axes
+        pose = (
+            TrackedPlace(found.place / np.sqrt(3), "calibration"),
+            TrackedAxis(found.axis / np.sqrt(2), "calibration"),
+        )
+    if estimator == "tracker" and calibration is None:
+        return pose
+    placement = SensorPlacement[ToolTrial](
+        device.hall.errors.placement, find_origin(device, known, "placement", "hall"), device.sensors
+    )
+    return (*pose, *sensor_sources(device, device.hall, "hall", _TOOL_SOURCES_AVERAGED), placement)
+
+
+def _moments(device: SphericalElectromagnet, calibration: Calibration | None) -> Moments:
+    sizes = np.linalg.norm(device.moment_per_current, axis=0)
+    if calibration is not None:
+        share = float((calibration.uncertainty / sizes).max())
+        return Moments(calibration.uncertainty, describe_share(share), "calibration")
+    share = device.uncertainty.moments
+    spread = np.broadcast_to(share * sizes, (3, device.channels))
+    return Moments(spread, describe_share(share), find_origin(device, device.uncertainty, "moments"))
+
+
+def _check_force(device: SphericalElectromagnet, asked: float | None) -> float:
+    layers = shell_capability(device, points=24).layers
+    most = min(min(layer.peak_radial, layer.peak_tangential) for layer in layers)
+    return choose_size(device.name, asked, most, "N")
+
+
+# --------------------------------------------------------------------------------------------------
+# The chain of a spherical motor, from the torque asked for to the torque on the rotor, with errors in it.
+#
+# The true motor has other magnets, coils and currents than the device file says; the controller knows the
+# orientation,
+# and how strong the magnets are, from field sensors with errors of their own. Their fit is taken as linear about the
+# truth: one Gauss–Newton step from there. The torque is at rest, and both sides use the table of the exact model.
+
+
+TORQUE_JND = 0.127  #: just-noticeable difference of a torque of 60 mN·m, relative
+MOTOR_ERRORS_REGIONS = ("tilt below a third", "tilt of a third to two thirds", "tilt above two thirds")
+MOTOR_ERRORS_COMPONENTS = (Component("about X", (0,)), Component("about Y", (1,)), Component("about Z", (2,)))
+
+
+@dataclass
+class MotorTrial(SensorTrial):
+    """How one motor differs from its model."""
+
+    polarization: Array  #: (p,) of each magnet, true over model
+    coils: Array  #: (c,) torque per ampere and field of each coil, true over model
+    regulator: float  #: its torque, true over model
+    weight: float  #: torque of the rotor's weight, true over model
+    turn: Array  #: (3,) rotation from the true to the tracked orientation [rad]
+
+    def strengthen(self, factors: Array) -> None:
+        """Multiply the strength of all magnets by `factors` (1,), or that of each by its own (p,)."""
+        self.polarization *= factors
+
+
+class MotorPoint(NamedTuple):
+    """An orientation of the rotor, and the torque asked for."""
+
+    R: Array  #: (3, 3)
+    wrench: Array  #: (6,) [N, N·m]
+    field: Array  #: (k, 3) of the model's magnets at the sensors [T]
+    solve: Array  #: (4, 3 k) from what is left of the readings to the rotation [rad/T] and the strength [1/T]
+
+
+@final
+class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
+    """The error budget of `device` for torques of `asked` [N·m], with `sources`.
+
+    estimator: "least-squares" (the field sensors) or "tracker".
+    """
+
+    unit, jnd, regions, components, motion = "N·m", TORQUE_JND, MOTOR_ERRORS_REGIONS, MOTOR_ERRORS_COMPONENTS, "at rest"
+
+    def __init__(
+        self, device: SphericalMotor, asked: float, sources: tuple[ErrorSource[MotorTrial], ...], estimator: str
+    ) -> None:
+        self.device, self.estimator, self.asked, self.sources = device.name, estimator, asked, sources
+        self._device, self._senses = device, estimator != "tracker"
+        self._allocator, self._loop = torque_allocator(device), CurrentLoop(device)
+        self._polarity = np.array(device.polarity, dtype=np.float64)
+        self._frames = device.sensor_layout.frames
+
+    @cached_property
+    def _coil_field(self) -> Array:
+        """(c, 3 k) [T/A] of each single coil at the sensors."""
+        places = self._device.sensor_layout.positions
+        one = np.eye(len(self._device.electromagnets))
+        return np.stack([coils_field(self._device, places, row).ravel() for row in one])
+
+    def draw_point(self, region: int, rng: np.random.Generator) -> MotorPoint:
+        """A tilt in that third of the workspace's tilts, any spin; the torque in any direction."""
+        device = self._device
+        while True:
+            psi, lam = rng.uniform(-1.0, 1.0, 2)
+            if region / 3 <= max(abs(psi), abs(lam)) < (region + 1) / 3:
+                break
+        tilt = device.workspace_tilt
+        R = np.ascontiguousarray(rotation_from_euler(psi * tilt, lam * tilt, rng.uniform(0, 2 * np.pi)))
+        wrench = np.zeros(6)
+        direction = rng.standard_normal(3)
+        wrench[3:] = self.asked * direction / np.linalg.norm(direction)
+        field, solve = self._linearize(R) if self._senses else (np.empty((0, 3)), np.empty((4, 0)))
+        return MotorPoint(R, wrench, field, solve)
+
+    def _linearize(self, R: Array) -> tuple[Array, Array]:
+        """(k, 3) field of the model's magnets at R [T], and the (4, 3 k) least-squares solution about it."""
+        device, pair = self._device, self._device.tables.field_pair
+        sensors = device.sensor_layout.directions
+        field, slopes = np.empty((len(sensors), 3)), np.empty((1, len(sensors), 3, 3))
+        tables.sensor_field_gradient(
+            pair.cells, pair.scale, device.magnets.directions, self._polarity, sensors, R.reshape(1, 3, 3), field[None],
+            slopes,
+        )  # fmt: skip
+        design = np.column_stack([slopes.reshape(-1, 3), field.ravel()])
+        return field, np.asarray(np.linalg.solve(design.T @ design, design.T), dtype=np.float64)
+
+    def make_trial(self) -> MotorTrial:
+        """The motor of the model."""
+        device = self._device
+        exact = ChainTrial.exact(device.channels)
+        return MotorTrial(
+            **vars(exact), polarization=np.ones(len(device.magnets)), coils=np.ones(len(device.electromagnets)),
+            regulator=1.0, weight=1.0, turn=np.zeros(3), mixing=np.zeros((device.sensors, 3, 3)),
+            reading=np.zeros((device.sensors, 3)),
+            placement=np.zeros((device.sensors, 3)),
+        )  # fmt: skip
+
+    def wrench_error(self, point: MotorPoint, trial: MotorTrial) -> Array:
+        """(3,) about the stator's axes [N·m]."""
+        device, R = self._device, np.empty((3, 3))
+        turn, strength, currents = trial.turn, 1.0, np.zeros(device.channels)
+        believed = point.R
+        # The currents follow from the orientation, and the orientation from readings with the coils' field in them,
+        # which is small: the second time both agree.
+        for _ in range(2 if self._senses else 1):
+            if self._senses:
+                turn, strength = self._fit_readings(point, trial, currents)
+            turn_by(float(turn[0]), float(turn[1]), float(turn[2]), point.R, R)
+            believed = R
+            matrix = np.zeros((6, device.channels))
+            matrix[3:] = strength * self._torque(believed, self._polarity) @ device.groups
+            wanted = self._allocator.allocate(WrenchMap(matrix, device.passive(believed)), point.wrench).currents
+            currents = self._loop.true_currents(wanted, trial)
+        torque = self._torque(point.R, self._polarity * trial.polarization) @ (trial.coils * (device.groups @ currents))
+        error: Array = torque + self._passive(point.R, trial) - point.wrench[3:]
+        return error
+
+    def _torque(self, R: Array, polarity: Array) -> Array:
+        """(3, c) torque per ampere of every coil at R [N·m/A]."""
+        device, pair = self._device, self._device.tables.torque_pair
+        out = np.empty((1, 3, len(device.electromagnets)))
+        tables.torque_characteristic(
+            pair.cells, pair.scale, device.magnets.directions, polarity, device.electromagnets.directions,
+            np.ascontiguousarray(R).reshape(1, 3, 3), out,
+        )  # fmt: skip
+        torque: Array = out[0]
+        return torque
+
+    def _fit_readings(self, point: MotorPoint, trial: MotorTrial, currents: Array) -> tuple[Array, float]:
+        """(3,) rotation from the true to the estimated orientation [rad], and the estimated strength of the magnets."""
+        device, pair = self._device, self._device.tables.field_pair
+        sensors = device.sensor_layout.directions
+        field = np.empty((1, len(sensors), 3))
+        tables.sensor_field(
+            pair.cells, pair.scale, device.magnets.directions, self._polarity * trial.polarization, sensors,
+            point.R.reshape(1, 3, 3), field,
+        )  # fmt: skip
+        true = field[0] + ((trial.coils * (device.groups @ currents)) @ self._coil_field).reshape(-1, 3)
+        read = trial.read_field(true, self._frames)
+        read -= (trial.read_currents(currents) @ device.sensor_field_per_ampere).reshape(-1, 3)
+        fit = point.solve @ (read - point.field).ravel()
+        return fit[:3] / (1 + fit[3]), 1.0 + float(fit[3])
+
+    def _passive(self, R: Array, trial: MotorTrial) -> Array:
+        """(3,) true torque of weight and regulator at R [N·m]."""
+        device = self._device
+        coefficients, least = device.tilt_torque
+        own = coefficients.copy()
+        own[0] += device.weight_torque  # the regulator alone
+        back = trial.regulator * torque_over_sine(float(R[2, 2]), own, least) - trial.weight * device.weight_torque
+        return np.array([back * R[1, 2], -back * R[0, 2], 0.0])
+
+
+# --------------------------------------------------------------------------------------------------
+# What is not known exactly about a spherical motor: one class for each source.
+
+
+MOTOR_SOURCES_ESTIMATORS = ("least-squares", "tracker")
+_MOTOR_SOURCES_AVERAGED = (
+    2.4  #: readings that the filter of the orientation is worth, at 1 kHz: 1/0.42, for its memory of 2.5 ms
+)
+
+
+class CoilStrength(ErrorSource[MotorTrial]):
+    """What each coil gives per ampere."""
+
+    def __init__(self, standard: float, origin: str, coils: int) -> None:
+        super().__init__("torque per ampere of each coil", describe_share(standard), origin, coils)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: MotorTrial) -> None:
+        """Change each coil."""
+        trial.coils *= 1 + self._standard * deviates
+
+
+class RegulatorTorque(ErrorSource[MotorTrial]):
+    """What holds the rotor up."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("torque of the regulator", describe_share(standard), origin, 1)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: MotorTrial) -> None:
+        """Change the regulator."""
+        trial.regulator += self._standard * float(deviates[0])
+
+
+class RotorWeight(ErrorSource[MotorTrial]):
+    """What the rotor weighs, and where."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("weight of the rotor", describe_share(standard), origin, 1)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: MotorTrial) -> None:
+        """Change the weight."""
+        trial.weight += self._standard * float(deviates[0])
+
+
+class TrackedOrientation(ErrorSource[MotorTrial]):
+    """The orientation from a tracker."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("tracked orientation", f"{np.degrees(standard):.3g}°", origin, 3)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: MotorTrial) -> None:
+        """Turn the estimated rotor."""
+        trial.turn += self._standard * deviates
+
+
+def motor_errors(
+    device: SphericalMotor,
+    asked: float | None = None,
+    estimator: str | None = None,
+    calibration: Calibration | None = None,
+) -> MotorErrors:
+    """The error model of `device` for torques of `asked` [N·m]; None: half of the least peak torque in its workspace.
+
+    Raises InputError for a torque that the coils cannot give everywhere, and for a calibration, which motors do not
+    have; UnknownName for another estimator.
+    """
+    if calibration is not None:
+        raise InputError(f"device '{device.name}' is a {device.kind.title}; a calibration is for electromagnets")
+    chosen = MOTOR_SOURCES_ESTIMATORS[0] if estimator is None else estimator
+    if chosen not in MOTOR_SOURCES_ESTIMATORS:
+        raise UnknownName(f"estimator of the error budget of '{device.name}'", chosen, MOTOR_SOURCES_ESTIMATORS)
+    known = device.uncertainty
+
+    def origin(key: str) -> str:
+        return find_origin(device, known, key)
+
+    sources: tuple[ErrorSource[MotorTrial], ...] = (
+        MagnetStrength("polarization of all magnets", known.polarization, origin("polarization")),
+        magnet_warmth("temperature of the magnets", device, known),
+        MagnetStrength(
+            "polarization from magnet to magnet",
+            known.polarization_spread,
+            origin("polarization_spread"),
+            len(device.magnets),
+        ),
+        CoilStrength(known.coil, origin("coil"), len(device.electromagnets)),
+        RegulatorTorque(known.regulator, origin("regulator")),
+        RotorWeight(known.weight, origin("weight")),
+        *_motor_sources_pose_sources(device, chosen),
+        *current_sources(device, known, known.current_offset),
+    )
+    most = float(motor_capability(device, 5, 20).peak.min())
+    return MotorErrors(device, choose_size(device.name, asked, most, "N·m"), sources, chosen)
+
+
+def _motor_sources_pose_sources(device: SphericalMotor, estimator: str) -> tuple[ErrorSource[MotorTrial], ...]:
+    """How the orientation is known, and how well."""
+    if estimator == "tracker":
+        known = device.uncertainty
+        return (TrackedOrientation(known.axis, find_origin(device, known, "axis")),)
+    return sensor_sources(device, device.hall, "sensors", _MOTOR_SOURCES_AVERAGED)
+
+
+# --------------------------------------------------------------------------------------------------
+# The chain of a coil array, from the force asked for to the force on the tool, with errors in it.
+#
+# The controller uses the device file and a pose; the true device has other magnets, other currents, another pose, and
+# coils that are off their places, askew and stronger or weaker. Both use the exact model. A soft core's answer to a
+# coil
+# that is elsewhere is taken from its slope, in every component of the coil's place and axis. The force is at rest.
+
+
+_STEP = (1e-4, 2e-3)  #: of a coil's place [m] and axis [rad], for the slopes of a core's answer
+_STILL = np.zeros(3)
+
+
+@dataclass
+class ArrayTrial(ChainTrial):
+    """How one device differs from its model."""
+
+    strength: float  #: remanence of the tool's magnets, true over model
+    shift: Array  #: (m, 3) true less stated place of each coil [m]
+    lean: Array  #: (m, 3) rotation from the stated to the true axis of each coil [rad]
+    turns: Array  #: (m,) relative error of each coil's field
+    place: Array  #: (3,) estimated minus true position of the tool [m]
+    turn: Array  #: (3,) rotation from the tool's true to its estimated orientation [rad]
+
+    def strengthen(self, factors: Array) -> None:
+        """Multiply the magnets' strength by `factors` (1,)."""
+        self.strength *= float(factors[0])
+
+
+class ArrayPoint(NamedTuple):
+    """A tool, upright over a plate or radial over a dome, and the force asked for."""
+
+    p: Array  #: (3,) [m]
+    R: Array  #: (3, 3); its columns are two tangents of the surface and what is normal to it
+    wrench: Array  #: (6,) [N, N·m]
+
+
+@final
+class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
+    """The error budget of `device` for forces of `asked` [N], with `sources`; a tracker measures the pose."""
+
+    unit, jnd, motion, estimator = "N", FORCE_JND, "at rest", "tracker"
+    regions = ("in contact", "lower half of the space", "upper half of the space")
+
+    def __init__(self, device: CoilArray, asked: float, sources: tuple[ErrorSource[ArrayTrial], ...]) -> None:
+        self.device, self.asked, self.sources = device.name, asked, sources
+        normal, level = ("radial", "tangential") if device.surface.is_dome else ("upwards", "along the plate")
+        self.components = (Component(normal, (2,)), Component(level, (0, 1)))
+        self._device, self._allocator, self._loop = device, array_allocator(device), CurrentLoop(device)
+        self._known = device.magnetics
+
+    def draw_point(self, region: int, rng: np.random.Generator) -> ArrayPoint:
+        """Anywhere in the region, spread evenly over the surface; the force in any direction."""
+        surface, near = self._device.surface, self._device.contact_height
+        height = surface.thickness * max(rng.uniform(0.5 * region - 0.5, 0.5 * region), 0.0)
+        if surface.is_dome:
+            cosine, around = rng.uniform(np.cos(surface.half_angle), 1.0), rng.uniform(0, 2 * np.pi)
+            flat = np.sqrt(1 - cosine * cosine)
+            axis = np.array([flat * np.cos(around), flat * np.sin(around), cosine])
+            p, R = (near + height) * axis, rotation_to_axis(axis)
+        else:
+            side = np.array(surface.half_width)
+            p, R = np.array([*rng.uniform(-side, side), near + height]), np.eye(3)
+        direction, wrench = rng.standard_normal(3), np.zeros(6)
+        wrench[:3] = self.asked * direction / np.linalg.norm(direction)
+        return ArrayPoint(p, R, wrench)
+
+    def make_trial(self) -> ArrayTrial:
+        """The device of the model."""
+        m = self._device.channels
+        return ArrayTrial(
+            **vars(ChainTrial.exact(m)), strength=1.0, shift=np.zeros((m, 3)), lean=np.zeros((m, 3)),
+            turns=np.zeros(m), place=np.zeros(3), turn=np.zeros(3),
+        )  # fmt: skip
+
+    def wrench_error(self, point: ArrayPoint, trial: ArrayTrial) -> Array:
+        """(3,) along two tangents of the surface and its normal [N]."""
+        R = np.empty((3, 3))
+        x, y, z = trial.turn.tolist()
+        turn_by(x, y, z, np.ascontiguousarray(point.R), R)
+        believed = self._device.wrench_map(State(0.0, R, point.p + trial.place, _STILL, _STILL), "exact")
+        currents = self._loop.true_currents(self._allocator.allocate(believed, point.wrench).currents, trial)
+        error: Array = point.R.T @ (self._deliver(point, trial, currents) - point.wrench[:3])
+        return error
+
+    def _deliver(self, point: ArrayPoint, trial: ArrayTrial, currents: Array) -> Array:
+        """(3,) the true force [N]: of the coils with the magnets' strength, of the core with its square."""
+        known = self._known
+        coils = known.coils.copy()
+        coils["centre"] += trial.shift
+        axis = coils["axis"] + np.cross(trial.lean, coils["axis"])
+        coils["axis"] = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+        coils["turns"] *= 1 + trial.turns
+        answers = known.answers
+        if known.core_radius > 0.0:
+            off = np.concatenate([trial.shift, trial.lean], axis=1)
+            answers = answers + np.einsum("ji,ijkc->jkc", off, self._slopes)
+            answers *= (1 + trial.turns)[:, None, None]
+        pose, matrix, passive = np.empty((4, 3)), np.empty((6, len(coils))), np.empty(6)
+        pose[:3], pose[3] = point.R, point.p
+        array_wrench(known._replace(coils=coils, answers=answers), pose, matrix, passive)
+        force: Array = trial.strength * (matrix[:3] @ currents) + trial.strength**2 * passive[:3]
+        return force
+
+    @cached_property
+    def _slopes(self) -> Array:
+        """(6, m, k, 2) of the core's answer to each coil, by its place [1/m] and by turns of its axis [1/rad]."""
+        windings, core, order, slopes = self._device.windings, self._device.core, self._known.order, []
+        assert core is not None
+        for number in range(6):
+            along, step = np.eye(3)[number % 3], _STEP[number // 3]
+            if number < 3:
+                moved = replace(windings, position=windings.position + step * along)
+            else:
+                moved = replace(windings, axis=windings.axis + step * np.cross(along, windings.axis))
+            answers = np.stack([answer_to_source(core, placed, order) for placed in place_coils(moved)])
+            slopes.append((answers - self._known.answers) / step)
+        return np.stack(slopes)
+
+
+# --------------------------------------------------------------------------------------------------
+# What is not known exactly about a coil array: one class for each source.
+
+
+ARRAY_SOURCES_ESTIMATORS = ("tracker",)
+
+
+class CoilPlaces(ErrorSource[ArrayTrial]):
+    """Where each coil is."""
+
+    def __init__(self, standard: float, origin: str, coils: int) -> None:
+        super().__init__("positions of the coils", format_quantity(standard, "m"), origin, 3 * coils)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
+        """Move each coil."""
+        trial.shift += self._standard * deviates.reshape(trial.shift.shape)
+
+
+class CoilAxes(ErrorSource[ArrayTrial]):
+    """Where each coil's axis points."""
+
+    def __init__(self, standard: float, origin: str, coils: int) -> None:
+        super().__init__("axes of the coils", f"{np.degrees(standard):.3g}°", origin, 3 * coils)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
+        """Tilt each coil."""
+        trial.lean += self._standard * deviates.reshape(trial.lean.shape)
+
+
+class CoilStrengths(ErrorSource[ArrayTrial]):
+    """What each coil's field is per ampere."""
+
+    def __init__(self, standard: float, origin: str, coils: int) -> None:
+        super().__init__("field per ampere of the coils", describe_share(standard), origin, coils)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
+        """Change each coil."""
+        trial.turns += self._standard * deviates
+
+
+class ToolPlace(ErrorSource[ArrayTrial]):
+    """The position from the tracker."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("tracked position", format_quantity(standard, "m"), origin, 3)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
+        """Move the estimated position."""
+        trial.place += self._standard * deviates
+
+
+class ToolOrientation(ErrorSource[ArrayTrial]):
+    """The orientation from the tracker."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("tracked orientation", f"{np.degrees(standard):.3g}°", origin, 3)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
+        """Turn the estimated tool."""
+        trial.turn += self._standard * deviates
+
+
+def array_errors(
+    device: CoilArray,
+    asked: float | None = None,
+    estimator: str | None = None,
+    calibration: Calibration | None = None,
+) -> ArrayErrors:
+    """The error model of `device` for forces of `asked` [N]; None: half of the least peak force in its workspace.
+
+    Raises InputError for a force that the coils cannot give everywhere, and for a calibration, which arrays do not
+    have; UnknownName for another estimator than "tracker".
+    """
+    if calibration is not None:
+        raise InputError(f"device '{device.name}' is a {device.kind.title}; a calibration is for electromagnets")
+    if estimator not in (None, *ARRAY_SOURCES_ESTIMATORS):
+        raise UnknownName(f"estimator of the error budget of '{device.name}'", str(estimator), ARRAY_SOURCES_ESTIMATORS)
+    known, built, m = device.uncertainty, device.tolerance, device.channels
+
+    def origin(key: str) -> str:
+        return find_origin(device, known, key)
+
+    def origin_of_build(key: str) -> str:
+        return find_origin(device, known, key, "tolerance")
+
+    sources: tuple[ErrorSource[ArrayTrial], ...] = (
+        MagnetStrength("remanence", known.remanence, origin("remanence")),
+        magnet_warmth("temperature of the magnets", device, known),
+        CoilPlaces(built.position, origin_of_build("position"), m),
+        CoilAxes(built.tilt, origin_of_build("tilt"), m),
+        CoilStrengths(built.strength, origin_of_build("strength"), m),
+        ToolPlace(known.place, origin("place")),
+        ToolOrientation(known.axis, origin("axis")),
+        *current_sources(device, known, known.current_offset),
+    )
+    most = min(layer.weakest for layer in array_capability(device))
+    return ArrayErrors(device, choose_size(device.name, asked, most, "N"), sources)

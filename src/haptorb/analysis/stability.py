@@ -1,0 +1,438 @@
+"""How stiff a sampled, late loop may be: the passivity bound, the delay bound, and the exact boundary for a hand.
+
+A hand (mass m, damping b, stiffness k) in a world of stiffness K and damping B: m ẍ + b ẋ + k x = f. Poses are taken
+every `period`, become a force `delay` later, and that force is held. Three answers to how great K may be:
+
+1. passive with any hand if b > K T/2 + |B| (Colgate and Schenkel 1997): a bound, not a boundary, and without delay;
+2. stable, roughly, if K < (b + B)/(T/2 + t_d) (Gil et al. 2009): holds while the oscillation is slow against the delay;
+3. stable if no eigenvalue of the loop over one period leaves the unit circle: exact for this hand, with the sampling,
+   the delay as any part of a period, the velocity from the difference of two poses, and the currents' own course.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptorb.arrays import Array
+from haptorb.errors import InputError, UnknownName
+
+__all__ = ["GRIPS", "Field", "HandGrip", "SampledLoop", "Steepest", "Steepness", "check_grip", "steepest"]
+
+
+# --------------------------------------------------------------------------------------------------
+# Hands as the stability of a loop meets them: a mass on a spring and a damper, per axis.
+#
+# What a hand is, is measured by pushing it: Hogan 1989 and Hajian and Howe 1997 report 0.1 to 0.8 kg, 2 to 10 N·s/m
+# and
+# 100 to 500 N/m, from a pen held lightly to one held firmly. A tool that is not held has hardly any damping.
+
+
+@dataclass(frozen=True)
+class HandGrip:
+    """One axis of a hand with what it holds: m ẍ + b ẋ + k x = force.
+
+    >>> HandGrip(0.1, -1.0, 0.0)
+    Traceback (most recent call last):
+    haptorb.errors.InputError: a grip needs mass > 0 kg, damping ≥ 0 N·s/m and stiffness ≥ 0 N/m; got 0.1, -1, 0
+    """
+
+    mass: float  #: [kg]
+    damping: float  #: [N·s/m]
+    stiffness: float  #: [N/m]
+
+    def __post_init__(self) -> None:
+        values = (self.mass, self.damping, self.stiffness)
+        if not (all(map(math.isfinite, values)) and self.mass > 0 and min(values) >= 0):
+            raise InputError(
+                "a grip needs mass > 0 kg, damping ≥ 0 N·s/m and stiffness ≥ 0 N/m; "
+                f"got {', '.join(f'{value:g}' for value in values)}"
+            )
+
+    def with_mass(self, mass: float) -> HandGrip:
+        """The same hand with an object of `mass` [kg] in it."""
+        return HandGrip(self.mass + mass, self.damping, self.stiffness)
+
+
+#: name → hand. `loose` is assumed: fingers that only guide, with the least damping that any hand is assumed to have
+GRIPS = {
+    "loose": HandGrip(0.1, 1.0, 20.0),
+    "light": HandGrip(0.1, 2.0, 100.0),
+    "firm": HandGrip(0.8, 10.0, 500.0),
+}
+
+
+def check_grip(text: str) -> HandGrip:
+    """The grip called `text`, or the one that its three numbers MASS,DAMPING,STIFFNESS describe.
+
+    Raises UnknownName for what is neither.
+
+    >>> check_grip("firm").damping, check_grip("0.2,3,50").mass
+    (10.0, 0.2)
+    """
+    if text in GRIPS:
+        return GRIPS[text]
+    try:
+        mass, damping, stiffness = (float(part) for part in text.split(","))
+    except ValueError:
+        raise UnknownName("grip", text, (*GRIPS, "MASS,DAMPING,STIFFNESS")) from None
+    return HandGrip(mass, damping, stiffness)
+
+
+_SOFT, _HARD = 1e-2, 1e7  #: between these a largest stiffness is sought [N/m]
+_LONGEST = 64  #: a delay of more periods is refused
+
+
+@dataclass(frozen=True)
+class SampledLoop:
+    """When poses are taken and when their forces act.
+
+    period         between two poses that are used: of the tracker, or of the servo if that is slower [s]
+    delay          from the moment of a pose to the beginning of its force [s]
+    ramp           in which the drive brings a current from one wanted value to the next: a tick of the servo [s]
+    time_constant  L/R of the coils, after which the ramp is shaped [s]; 0: currents jump
+    memory         θ of the filter that makes place and velocity of a pose (`sensing.place_filter`); 0: none
+
+    >>> SampledLoop(1e-3).delay_bound(1.0), round(SampledLoop(1 / 240, 5e-3).delay_bound(1.0), 1)
+    (2000.0, 141.2)
+    """
+
+    period: float
+    delay: float = 0.0
+    ramp: float = 0.0
+    time_constant: float = 0.0
+    memory: float = 0.0
+
+    def __post_init__(self) -> None:
+        values = (self.period, self.delay, self.ramp, self.time_constant)
+        if not (all(map(math.isfinite, values)) and self.period > 0 and min(values) >= 0):
+            raise InputError(f"a loop needs a period above 0 and times of at least 0 [s]; got {values}")
+        if not 0.0 <= self.memory < 1.0:
+            raise InputError(f"a filter's memory is at least 0 and below 1; got {self.memory:g}")
+        if self.ramp > self.period * (1 + 1e-9):
+            raise InputError(f"ramp {self.ramp:g} s must not be longer than the period {self.period:g} s")
+        if self.delay > _LONGEST * self.period:
+            raise InputError(
+                f"a delay of {1e3 * self.delay:g} ms is more than {_LONGEST} periods of {1e3 * self.period:g} ms: "
+                "with this delay no world can be rendered"
+            )
+
+    @classmethod
+    def of(
+        cls, rate: float, tracker_rate: float | None = None, latency: float = 0.0, time_constant: float = 0.0,
+        memory: float = 0.0,
+    ) -> SampledLoop:  # fmt: skip
+        """The loop of a servo at `rate` [Hz] with a tracker at `tracker_rate` [Hz], its poses `latency` [s] old.
+
+        None: the pose is read in every tick. A tracker with a clock of its own makes its pose wait for the next tick,
+        at worst the shorter of the two periods.
+
+        Raises InputError for a rate that is not above zero.
+        """
+        rates = [rate] if tracker_rate is None else [rate, tracker_rate]
+        if not all(math.isfinite(one) and one > 0 for one in rates):
+            raise InputError(f"rates must be above 0 Hz; got {', '.join(f'{one:g}' for one in rates)}")
+        wait = 0.0 if tracker_rate is None else 1 / max(rates)
+        return cls(1 / min(rates), latency + wait, 1 / rate, time_constant, memory)
+
+    @property
+    def lateness(self) -> float:
+        """t_d [s]: the delay, and how late the current's area is on its ramp."""
+        return self.delay + self._ramp_area
+
+    @property
+    def _ramp_area(self) -> float:
+        if self.time_constant == 0.0 or self.ramp == 0.0:
+            return 0.0
+        x = self.ramp / self.time_constant
+        return self.ramp * (1 + 1 / x + 1 / math.expm1(-x))
+
+    def passive_bound(self, damping: float, world_damping: float = 0.0) -> float:
+        """Greatest K [N/m] with which the sampled world is passive, if nothing is late: 2 (b − |B|)/T."""
+        return max(2 * (damping - abs(world_damping)) / self.period, 0.0)
+
+    def delay_bound(self, damping: float, world_damping: float = 0.0) -> float:
+        """Greatest K [N/m] by the rough condition with delay: (b + B)/(T/2 + t_d)."""
+        return max((damping + world_damping) / (self.period / 2 + self.lateness), 0.0)
+
+    def growth(self, grip: HandGrip, stiffness: complex, world_damping: float = 0.0) -> float:
+        """The magnitude of the largest eigenvalue of one period: below 1 the loop is stable.
+
+        A complex stiffness stands for a pair of eigenvalues of a force field that is no gradient.
+        """
+        return float(np.abs(np.linalg.eigvals(self._map(grip, stiffness, world_damping))).max())
+
+    def largest(self, grip: HandGrip, stiffness: complex = 1.0, world_damping: float = 0.0) -> float:
+        """The factor by which a world of `stiffness` and `world_damping` may be multiplied: 1 is the boundary.
+
+        With stiffness 1 and no damping it is the largest stiffness itself [N/m]; inf where none is too large.
+        """
+        scale = max(abs(stiffness), abs(world_damping) * 10.0)  # a damper at 10 rad/s is as strong as a spring of 10 B
+        if scale == 0.0:
+            return math.inf
+
+        def is_unstable(factor: float) -> bool:
+            return self.growth(grip, factor * stiffness, factor * world_damping) >= 1.0 + 1e-12
+
+        low = 0.3 * self.delay_bound(grip.damping) / scale  # a good guess; if not stable there, begin from next to none
+        if low < _SOFT / scale or is_unstable(low):
+            low = _SOFT / scale
+            if is_unstable(low):
+                return 0.0
+        high = low
+        while not is_unstable(high):
+            low, high = high, 1.5 * high
+            if high > _HARD / scale:
+                return math.inf
+        while high - low > 1e-4 * high:
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if is_unstable(middle) else (middle, high)
+        return low
+
+    def _map(self, grip: HandGrip, K: complex, B: float) -> NDArray[Any]:
+        """One period, from one force's beginning to the next; (n, n).
+
+        The state is x, v, the force that acted until now, the last pose, the forces that are on their way, and the
+        filter's place and velocity. Without a filter the velocity is the difference of two poses.
+        """
+        late = math.ceil(self.delay / self.period - 1e-9)
+        sampled = max(late * self.period - self.delay, 0.0)  # when in the period the pose is taken
+        n = 6 + late
+        state = np.eye(n, dtype=np.complex128)  # columns: where every part of the state goes
+        x, v, before, pose = state[0], state[1], state[2], state[3]
+        if late:
+            force = state[4]
+        else:
+            force, place, rate = self._answer(K, B, x, pose, state[-2], state[-1])
+        taken = x if sampled <= 0.0 else None
+        share = 1.0 if self._ramp_area == 0.0 else -1 / math.expm1(-self.ramp / self.time_constant)
+        current, t = (force if self._ramp_area == 0.0 else before), 0.0
+        ends = sorted({sampled, self.ramp if self._ramp_area else 0.0, self.period} - {0.0})
+        for end in ends:
+            ramping = t < self.ramp and self._ramp_area > 0.0
+            goal = before + (force - before) * share if ramping else force
+            step = _transition(grip, self.time_constant if self._ramp_area else 0.0, end - t)
+            x, v, current = (row @ np.stack([x, v, current, goal]) for row in step)
+            if not ramping:
+                current = force
+            t = end
+            if taken is None and end == sampled:
+                taken = x
+        assert taken is not None
+        if late:
+            new, place, rate = self._answer(K, B, taken, pose, state[-2], state[-1])
+        rows = [x, v, force, taken, *([*state[5:-2], new] if late else []), place, rate]
+        return np.stack(rows)
+
+    def _answer(
+        self, K: complex, B: float, taken: NDArray[Any], before: NDArray[Any], place: NDArray[Any], rate: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """The force to a pose that was taken, and the filter's place and velocity after it."""
+        if self.memory == 0.0:
+            return -K * taken - B * (taken - before) / self.period, 0.0 * place, 0.0 * rate
+        ahead = place + self.period * rate
+        place = ahead + (1 - self.memory**2) * (taken - ahead)
+        rate = rate + (1 - self.memory) ** 2 / self.period * (taken - ahead)
+        return -K * place - B * rate, place, rate
+
+
+@lru_cache(maxsize=4096)
+def _transition(grip: HandGrip, time_constant: float, dt: float) -> Array:
+    """(3, 4) x, v and current after `dt` from x, v, current and the current's goal (all forces, in newtons)."""
+    from scipy.linalg import expm
+
+    m, b, k = grip.mass, grip.damping, grip.stiffness
+    A = np.zeros((4, 4))
+    A[0, 1] = 1.0
+    A[1, :2] = -k / m, -b / m
+    if time_constant > 0.0:
+        A[1, 2] = 1 / m
+        A[2, 2:] = -1 / time_constant, 1 / time_constant
+    else:
+        A[1, 3] = 1 / m
+    out: Array = expm(A * dt)[:3]
+    return out
+
+
+# --------------------------------------------------------------------------------------------------
+# How steep a world is: how its wrench changes with place and with velocity, by differences all over a workspace.
+#
+# A spring that pulls back counts as positive stiffness: it is what sampling and delay can make oscillate. Negative
+# stiffness pushes away, as from the top of a dome; that a hand can slip off there is what such a world is for.
+
+
+#: (3,) force at a place (3,), with a velocity (3,), at a time [s]
+Field = Callable[[Array, Array, float], Array]
+
+_STEP = 2e-5  #: of the differences [m]
+_SPEED = 0.05  #: of the differences by velocity [m/s]
+_JUMP = 0.6  #: share of a change that is left over a quarter of the step: below for slopes, above for jumps
+_WAYS = 150  #: on so many ways jumps are sought
+_NOTHING = 1e-3  #: a smaller jump is nothing to be felt [N]
+
+
+@dataclass(frozen=True)
+class Steepness:
+    """At one place, along one direction: stiffness and damping as the hand meets them.
+
+    A complex stiffness is an eigenvalue of a force field that is no gradient: it also turns what it pushes.
+    """
+
+    stiffness: complex  #: [N/m]
+    damping: float  #: [N·s/m]
+    place: tuple[float, float, float]  #: [m]
+
+
+@dataclass(frozen=True)
+class Steepest:
+    """What is steepest anywhere.
+
+    candidates   where the loop may be nearest to its limits: the strongest springs, dampers and pushing dampers
+    away         the greatest stiffness that pushes away [N/m]
+    jump         the greatest jump of the force [N]: there no gradient exists
+    """
+
+    candidates: tuple[Steepness, ...]
+    away: float
+    jump: float
+
+    @property
+    def stiffness(self) -> float:
+        """The greatest that pulls back [N/m]."""
+        return max((one.stiffness.real for one in self.candidates), default=0.0) + 0.0
+
+    @property
+    def damping(self) -> float:
+        """The greatest magnitude of the world's own damping [N·s/m]."""
+        return max((abs(one.damping) for one in self.candidates), default=0.0)
+
+
+def steepest(
+    field: Field, places: Array, inside: Callable[[Array], bool] = lambda p: True, *, seed: int = 0, keep: int = 12
+) -> Steepest:
+    """Look at `places` (n, 3) [m], climb from the steepest as far as `inside`, and keep the `keep` most critical.
+
+    Where `field` jumps the change is no slope; jumps are measured, also between the places, and left out.
+    """
+    rng = np.random.default_rng(seed)
+    times = rng.uniform(0.0, 10.0, len(places))
+    found: list[Steepness] = []
+    away, jump = 0.0, _greatest_jump(field, places, times, inside)
+
+    def look(p: Array, t: float, moving: bool) -> float:
+        """The steepness at `p`; its strongest spring [N/m]."""
+        nonlocal away, jump
+        G, leap = _position_gradient(field, p, t)
+        jump = max(jump, leap)
+        at = (float(p[0]), float(p[1]), float(p[2]))
+        pull, u = np.linalg.eigh(-0.5 * (G + G.T))
+        away = max(away, -float(pull[0]))
+        for D in _velocity_gradient(field, p, t) if moving else (np.zeros((3, 3)),):
+            for j in range(3):
+                found.append(Steepness(float(pull[j]), float(u[:, j] @ D @ u[:, j]), at))
+        for gamma in np.linalg.eigvals(-G):
+            if abs(gamma.imag) > 1e-6 * abs(gamma) and gamma.imag > 0:
+                found.append(Steepness(complex(gamma), 0.0, at))
+        return float(np.abs(pull).max())
+
+    sizes = [look(p, t, True) for p, t in zip(places, times, strict=True)]
+    scale = float(np.abs(places).max())
+    for n in np.argsort(sizes)[::-1][:6]:
+        p, best, reach, t = places[n].copy(), sizes[n], 0.05 * scale, float(times[n])
+        while reach > _STEP:
+            tried = [q for q in p + 0.5 * reach * rng.normal(size=(8, 3)) if inside(q)]
+            grown = [look(q, t, False) for q in tried]
+            m = int(np.argmax(grown)) if grown else -1
+            if grown and grown[m] > best:
+                p, best = tried[m], grown[m]
+            else:
+                reach *= 0.5
+        look(p, t, True)
+    return Steepest(_select_critical(found, keep), away, jump)
+
+
+def _select_critical(found: list[Steepness], keep: int) -> tuple[Steepness, ...]:
+    """The strongest springs, the strongest dampers and the strongest pushing dampers, each only once."""
+    by: tuple[Callable[[Steepness], float], ...] = (
+        lambda one: one.stiffness.real,
+        lambda one: abs(one.stiffness) if one.stiffness.imag else 0.0,
+        lambda one: one.damping,
+        lambda one: -one.damping,
+    )
+    chosen: dict[Steepness, None] = {}
+    for key in by:
+        for one in sorted(found, key=key, reverse=True)[: keep // len(by)]:
+            if key(one) > 1e-9:
+                chosen[one] = None
+    return tuple(chosen)
+
+
+def _position_gradient(field: Field, p: Array, t: float) -> tuple[Array, float]:
+    """(3, 3) ∂F/∂p [N/m], columns that jump left out, and the greatest jump [N]."""
+    G, jump, still = np.zeros((3, 3)), 0.0, np.zeros(3)
+    for j in range(3):
+        step = np.zeros(3)
+        step[j] = _STEP
+        wide = field(p + step, still, t) - field(p - step, still, t)
+        near = field(p + step / 4, still, t) - field(p - step / 4, still, t)
+        whole, part = float(np.linalg.norm(wide)), float(np.linalg.norm(near))
+        if whole > _NOTHING and (part > _JUMP * whole or part == 0.0):  # else the force follows the step
+            beside = 1.25 * step if part == 0.0 else step
+            leap = _find_jump(field, p - beside, p + beside, t)
+            if leap > _NOTHING:
+                jump = max(jump, leap)
+                continue
+        G[:, j] = near / (_STEP / 2)
+    return G, jump
+
+
+def _greatest_jump(field: Field, places: Array, times: Array, inside: Callable[[Array], bool]) -> float:
+    """The greatest jump [N] on straight ways from each place to the next: the steepest piece, halved until it shows."""
+    still, jump = np.zeros(3), 0.0
+    ways = []
+    for a, b, t in list(zip(places, np.roll(places, 1, axis=0), times, strict=True))[:_WAYS]:
+        forces = np.array([field(a + s * (b - a), still, t) for s in np.linspace(0, 1, 33)])
+        change = np.linalg.norm(np.diff(forces, axis=0), axis=1)
+        n = int(change.argmax())
+        ways.append((float(change[n]), a + n / 32 * (b - a), a + (n + 1) / 32 * (b - a), t))
+    for change, low, high, t in sorted(ways, key=lambda way: -way[0])[:40]:
+        if change <= max(jump, _NOTHING):
+            break
+        if inside(low) and inside(high):
+            jump = max(jump, _find_jump(field, low, high, t))
+    return jump
+
+
+def _find_jump(field: Field, low: Array, high: Array, t: float) -> float:
+    """The jump [N] somewhere between two places: the half that changes more is halved until a slope would be gone."""
+    still = np.zeros(3)
+    while np.linalg.norm(high - low) > 1e-9:
+        middle = 0.5 * (low + high)
+        f = field(middle, still, t)
+        first = np.linalg.norm(f - field(low, still, t)) > np.linalg.norm(field(high, still, t) - f)
+        low, high = (low, middle) if first else (middle, high)
+    leap = float(np.linalg.norm(field(high, still, t) - field(low, still, t)))
+    return leap if leap > _NOTHING else 0.0
+
+
+def _velocity_gradient(field: Field, p: Array, t: float) -> tuple[Array, Array]:
+    """(3, 3) −∂F/∂v [N·s/m], symmetric: the one that brakes most and the one that pushes most, of standing still and of
+    moving either way along each axis."""
+    found = []
+    for at in (np.zeros(3), *(_SPEED * np.eye(3)), *(-_SPEED * np.eye(3))):
+        D = np.zeros((3, 3))
+        for j in range(3):
+            step = np.zeros(3)
+            step[j] = 1e-4
+            D[:, j] = -(field(p, at + step, t) - field(p, at - step, t)) / 2e-4
+        found.append(0.5 * (D + D.T))
+    spread = [np.linalg.eigvalsh(D) for D in found]
+    most = max(range(len(found)), key=lambda n: float(spread[n][-1]))
+    least = min(range(len(found)), key=lambda n: float(spread[n][0]))
+    return found[most], found[least]

@@ -1,0 +1,402 @@
+"""Where a device's mover can be, and what a world asks of it there, in the coordinates in which a hand holds it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from haptorb.analysis.stability import Field, HandGrip, Steepest, Steepness
+from haptorb.arrays import Array
+from haptorb.control.linkage import MOTOR_GAINS
+from haptorb.devices.base import Device, State, rotation_to_axis
+from haptorb.devices.coil_array import CoilArray
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.motor import SphericalMotor
+from haptorb.errors import InputError
+from haptorb.rotations import turn_by
+from haptorb.worlds.base import World, WrenchPart, find_part, join_parts
+from haptorb.worlds.dynamic import BoundWorld, DynamicWorld
+
+__all__ = [
+    "UNJUDGED",
+    "Workspace",
+    "array_workspace",
+    "find_asked_part",
+    "list_quick_steepness",
+    "shell_workspace",
+    "steepest_turn",
+    "tilt_workspace",
+    "turn",
+    "turning_workspace",
+    "workspace",
+]
+
+
+_WORKSPACE_PLACES = 400
+_POSES = 200
+_LEAN = np.radians(70.0)  #: of a tool from how it mostly stands
+_UPRIGHT, _WORKSPACE_STILL = np.eye(3), np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """What the analysis needs of a device.
+
+    places   (n, 3) all over the workspace: [m] of a tool, ψ, λ, φ [rad] of a rotor
+    inside   whether a place belongs to it
+    force    "N" or "N·m"
+    length   "m" or "rad"
+    grip     a grip as it is met in these coordinates, with the mover in it
+    field    what a world asks at a place
+    poses    () → places (3,) [m] and rotations (3, 3) of a tool that leans any way, where a world's torque is looked at
+    turning_grip
+             a grip as a tool meets it that turns about its magnet: at the arm at which its fingers hold it
+    """
+
+    places: Array
+    inside: Callable[[Array], bool]
+    force: str
+    length: str
+    grip: Callable[[HandGrip], HandGrip]
+    field: Callable[[World], Field]
+    poses: Callable[[], list[tuple[Array, Array]]] | None = None
+    turning_grip: Callable[[HandGrip], HandGrip] | None = None
+
+
+def workspace(device: Device) -> Workspace:
+    """The workspace of `device`; InputError where its kind does not say it."""
+    found: Workspace = device.kind.require_part("workspace", device.name, "`haptorb check --world`")(device)
+    return found
+
+
+def shell_workspace(device: SphericalElectromagnet) -> Workspace:
+    """The shell over a dome, where a hand moves a tool [m]."""
+    return _go_over_dome(device, device.contact_distance, device.shell_thickness, device.workspace_half_angle)
+
+
+def array_workspace(device: CoilArray) -> Workspace:
+    """Where a hand moves the tool of a coil array [m]: over its dome, radially, or over its plate, upright."""
+    surface, near = device.surface, device.contact_height
+    if surface.is_dome:
+        return _go_over_dome(device, near, surface.thickness, surface.half_angle)
+    rng = np.random.default_rng(0)
+    side, far = np.array(surface.half_width), near + surface.thickness
+    places = np.column_stack(
+        [rng.uniform(-side, side, (_WORKSPACE_PLACES, 2)), rng.uniform(near, far, _WORKSPACE_PLACES)]
+    )
+    places[::4, 2] = near  # a tool mostly touches
+
+    def contains(p: Array) -> bool:
+        return bool((np.abs(p[:2]) <= side).all() and near <= p[2] <= far)
+
+    def poses() -> list[tuple[Array, Array]]:
+        draw = np.random.default_rng(0)
+        return [(p.copy(), turn(_draw_lean(draw), _UPRIGHT)) for p in places[:_POSES]]
+
+    def field(world: World) -> Field:
+        return _ask_force(world, device, lambda p: _UPRIGHT)
+
+    return Workspace(places, contains, "N", "m", _hold(device), field, poses, _hold_turning(device))
+
+
+def _go_over_dome(
+    device: SphericalElectromagnet | CoilArray, near: float, thickness: float, half_angle: float
+) -> Workspace:
+    """A radial tool at `near` to `near` + `thickness` [m] from the centre, up to `half_angle` [rad] from the summit."""
+    rng = np.random.default_rng(0)
+    far, lowest = near + thickness, float(np.cos(half_angle))
+    z, around = rng.uniform(lowest, 1.0, _WORKSPACE_PLACES), rng.uniform(0, 2 * np.pi, _WORKSPACE_PLACES)
+    flat = np.sqrt(1 - z * z)
+    directions = np.column_stack([flat * np.cos(around), flat * np.sin(around), z])
+    distances = np.where(
+        np.arange(_WORKSPACE_PLACES) % 4 == 0, near, rng.uniform(near, far, _WORKSPACE_PLACES)
+    )  # a tool mostly touches
+
+    def contains(p: Array) -> bool:
+        d = float(np.linalg.norm(p))
+        return near <= d <= far and p[2] >= lowest * d
+
+    def poses() -> list[tuple[Array, Array]]:
+        draw, found = np.random.default_rng(0), []
+        for n in range(_POSES):
+            u = draw.normal(size=3)
+            u[2] = abs(u[2])
+            u /= np.linalg.norm(u)
+            if u[2] < lowest:
+                u = np.array([0.0, 0.0, 1.0])
+            above = 0.0 if n % 2 == 0 else draw.uniform(0.0, thickness)
+            found.append(((near + above) * u, turn(_draw_lean(draw), rotation_to_axis(u))))
+        return found
+
+    def field(world: World) -> Field:
+        return _ask_force(world, device, rotation_to_axis)
+
+    places = directions * distances[:, None]
+    return Workspace(places, contains, "N", "m", _hold(device), field, poses, _hold_turning(device))
+
+
+def turn(q: Array, R: Array) -> Array:
+    """(3, 3): R turned by the rotation vector q (3,) [rad]."""
+    out = np.empty((3, 3))
+    turn_by(float(q[0]), float(q[1]), float(q[2]), np.ascontiguousarray(R), out)
+    return out
+
+
+def _draw_lean(draw: np.random.Generator) -> Array:
+    lean = draw.normal(size=3)
+    lean *= draw.uniform(0.0, _LEAN) / np.linalg.norm(lean)
+    return lean
+
+
+def _ask_force(world: World, device: Device, stand: Callable[[Array], Array]) -> Field:
+    """The force of `world` on a tool that stands at each place as `stand` says."""
+    fitted = world.for_device(device)
+
+    def force(p: Array, v: Array, t: float) -> Array:
+        out: Array = fitted.wrench(State(t, stand(p), p, _WORKSPACE_STILL, v))[:3]
+        return out
+
+    return force
+
+
+def _hold(device: SphericalElectromagnet | CoilArray) -> Callable[[HandGrip], HandGrip]:
+    return lambda grip: grip.with_mass(device.tool.mass)
+
+
+def _hold_turning(device: SphericalElectromagnet | CoilArray) -> Callable[[HandGrip], HandGrip]:
+    """Damping and stiffness of a grip times the square of the arm at which fingers hold the tool."""
+    hand = device.hand
+    square = hand.turn_damping / hand.damping if hand.damping > 0.0 else 0.0
+    inertia = float(device.tool.inertia[0])
+    return lambda grip: HandGrip(inertia + grip.mass * square, grip.damping * square, grip.stiffness * square)
+
+
+def tilt_workspace(device: SphericalMotor) -> Workspace:
+    """Translational mode with the default gains, eq. (6b): the target moves with the tilts, its force comes back."""
+    rng = np.random.default_rng(0)
+    tilt = device.workspace_tilt
+    zeta, (eta_psi, eta_lam, eta_phi) = MOTOR_GAINS.translate, MOTOR_GAINS.translate_torque or (0.0, 0.0, 0.0)
+    arm = device.rotor.handle_length
+    inertia = float(device.rotor.inertia[0])
+
+    def field(world: World) -> Field:
+        fitted = world.for_device(device)
+
+        def torque(q: Array, rate: Array, t: float) -> Array:
+            """(3,) about ψ, λ, φ [N·m]."""
+            at, moving = (np.array([zeta[0] * x[1], zeta[1] * x[0], zeta[2] * x[2]]) for x in (q, rate))
+            x, y, z = fitted.wrench(State(t, _UPRIGHT, at, _WORKSPACE_STILL, moving))[:3]
+            return np.array([eta_psi * y, eta_lam * x, eta_phi * z])
+
+        return torque
+
+    def grip_of(hand: HandGrip) -> HandGrip:
+        return HandGrip(inertia + hand.mass * arm**2, hand.damping * arm**2, hand.stiffness * arm**2)
+
+    def contains(q: Array) -> bool:
+        return bool((np.abs(q) <= tilt).all())
+
+    return Workspace(rng.uniform(-tilt, tilt, (_WORKSPACE_PLACES, 3)), contains, "N·m", "rad", grip_of, field)
+
+
+# --------------------------------------------------------------------------------------------------
+# How steep a world with memory is to a small quick motion: bristles bend, a ball stays where it is.
+#
+# Looked at from its beginning such a world may have no slope at all. So it is held at a place until it has settled,
+# and
+# then moved a little from there, again and again with the same memory.
+
+
+_QUICK_STEEPNESS_PLACES = 120  #: of the workspace, from its first on: they are in no order
+_HOLD = 5  #: ticks at a place before it is moved
+_QUICK_STEEPNESS_STEP = 2e-5  #: of the differences [m] or [rad]
+
+
+@final
+@dataclass(frozen=True)
+class _SettledWorld(World):
+    """A world with memory that is moved from where it was held; `Workspace.field` takes it for a world without."""
+
+    bound_world: BoundWorld | None = None
+
+    def hold(self, state: State) -> None:
+        """Begin, and stay at `state` for a while."""
+        assert self.bound_world is not None
+        self.bound_world.restart()
+        for _ in range(_HOLD):
+            self.bound_world.wrench(state)
+
+    def wrench(self, state: State) -> Array:
+        """(6,) at `state` [N, N·m], one tick after the place where it is held now; that memory comes back."""
+        assert self.bound_world is not None
+        before = self.bound_world.numbers.copy()
+        try:
+            self.bound_world.wrench(state)
+            return self.bound_world.wrench(state).copy()
+        finally:
+            self.bound_world.numbers[:] = before
+
+
+class _Holder:
+    """Stands for the world when `Workspace.field` asks at a place: hold it there."""
+
+    def __init__(self, settled: _SettledWorld) -> None:
+        self._settled = settled
+
+    def for_device(self, device: Device) -> _Holder:
+        return self
+
+    def wrench(self, state: State) -> Array:
+        self._settled.hold(state)
+        return np.zeros(6)
+
+
+def list_quick_steepness(device: Device, world: DynamicWorld, place: Workspace, dt: float) -> list[Steepness]:
+    """The principal stiffnesses of `world` at places all over the workspace of `device`, against a motion within one
+    tick of `dt` [s]; in the workspace's own coordinates, as `steepest` has them."""
+    fitted = world.for_device(device)
+    assert isinstance(fitted, DynamicWorld)
+    settled = _SettledWorld(BoundWorld(fitted, dt))
+    hold, field = place.field(_Holder(settled)), place.field(settled)  # type: ignore[arg-type]
+    still, found = np.zeros(3), []
+    for p in place.places[:_QUICK_STEEPNESS_PLACES]:
+        hold(p, still, 0.0)
+        gradient = np.zeros((3, 3))
+        for j in range(3):
+            step = np.zeros(3)
+            step[j] = _QUICK_STEEPNESS_STEP
+            gradient[:, j] = (field(p + step, still, 0.0) - field(p - step, still, 0.0)) / (2 * _QUICK_STEEPNESS_STEP)
+        pulls = np.linalg.eigvalsh(-0.5 * (gradient + gradient.T))
+        at = (float(p[0]), float(p[1]), float(p[2]))
+        found += [Steepness(float(pull), 0.0, at) for pull in pulls if pull > 1e-9]
+    return sorted(found, key=lambda one: -one.stiffness.real)
+
+
+# --------------------------------------------------------------------------------------------------
+# A torque on a tool, as the stability of a loop meets it: how steeply it changes with the tool's orientation.
+#
+# At each of many poses the coordinates are small turns of the tool about its magnet.
+
+
+#: what the analysis of a world that asks torque leaves out
+UNJUDGED = (
+    "the force that accompanies a torque, and the errors of a compromise between force and torque",
+    "a torque that changes with position, and a force that changes with orientation",
+)
+
+_CLIMBS, _MOST = 4, 4  #: of the steepest poses, from which it climbs on; of candidates of each kind
+_TURNING_STEP = 2e-4  #: of the differences [rad]
+_RATE = 1e-2  #: of the differences by angular velocity [rad/s]
+_NOTHING = 1e-5  #: a smaller jump is nothing to be felt [N·m]
+_TURNING_STILL = np.zeros(3)
+
+
+def turning_workspace(device: Device) -> Workspace:
+    """Small turns of a tool about its magnet [rad]: units and grip; the poses are those of `steepest_turn`.
+
+    A hand is met at the arm at which its fingers hold the tool: damping and stiffness times the arm squared.
+    InputError for a kind of device whose workspace contains no poses of a tool.
+    """
+    grip = workspace(device).turning_grip
+    if grip is None:
+        raise _refuse(device)
+    return Workspace(np.zeros((0, 3)), lambda q: True, "N·m", "rad", grip, _no_field)
+
+
+def _refuse(device: Device) -> InputError:
+    return InputError(
+        f"device '{device.name}' is a {device.kind.title}; the rotational grip of a hand on its mover is not known"
+    )
+
+
+def _no_field(world: World) -> Field:
+    raise InputError("the torque of a world is looked at pose by pose: `steepest_turn`")
+
+
+def steepest_turn(device: Device, world: World) -> Steepest:
+    """What is steepest of the torque of `world` in all orientations; the places are directions of the tool's axis.
+
+    Differences at many poses, and from the steepest on by random steps for as long as it grows.
+    """
+    fitted, rng = world.for_device(device), np.random.default_rng(1)
+    found: list[Steepness] = []
+    away, jump = 0.0, 0.0
+
+    def look(p: Array, R: Array, t: float, moving: bool) -> float:
+        """The steepness at a pose; its strongest spring [N·m/rad]."""
+        nonlocal away, jump
+
+        def torque(q: Array, rate: Array) -> Array:
+            out: Array = fitted.wrench(State(t, turn(q, R), p, rate, _TURNING_STILL))[3:]
+            return out
+
+        G, leap = _turn_gradient(torque)
+        jump = max(jump, leap)
+        pull, u = np.linalg.eigh(-0.5 * (G + G.T))
+        away = max(away, -float(pull[0]))
+        D = np.zeros((3, 3))
+        for j in range(3 if moving else 0):
+            D[:, j] = (torque(_TURNING_STILL, -_RATE * np.eye(3)[j]) - torque(_TURNING_STILL, _RATE * np.eye(3)[j])) / (
+                2 * _RATE
+            )
+        x, y, z = R[:, 2].tolist()
+        for j in range(3):
+            found.append(Steepness(float(pull[j]), float(u[:, j] @ D @ u[:, j]), (x, y, z)))
+        return float(np.abs(pull).max())
+
+    poses = _list_poses(device)
+    times = rng.uniform(0.0, 10.0, len(poses)).tolist()
+    sizes = [look(p, R, t, True) for (p, R), t in zip(poses, times, strict=True)]
+    for n in np.argsort(sizes)[::-1][:_CLIMBS].tolist():
+        (p, R), best, reach = poses[n], sizes[n], 0.3
+        while reach > _TURNING_STEP:
+            tried = [turn(reach * rng.normal(size=3), R) for _ in range(6)]
+            grown = [look(p, turned, times[n], False) for turned in tried]
+            m = int(np.argmax(grown))
+            if grown[m] > best * (1 + 1e-3):
+                R, best = tried[m], grown[m]
+            else:
+                reach *= 0.5
+        look(p, R, times[n], True)
+    keys: tuple[Callable[[Steepness], float], ...] = (
+        lambda one: one.stiffness.real,
+        lambda one: one.damping,
+        lambda one: -one.damping,
+    )
+    chosen = {one: None for key in keys for one in sorted(found, key=key, reverse=True)[:_MOST] if key(one) > 1e-9}
+    return Steepest(tuple(chosen), away, jump)
+
+
+def _turn_gradient(torque: Callable[[Array, Array], Array]) -> tuple[Array, float]:
+    """(3, 3) ∂T/∂angle [N·m/rad], axes about which it jumps left out, and the greatest jump [N·m]."""
+    G, jump = np.zeros((3, 3)), 0.0
+    for j in range(3):
+        step = _TURNING_STEP * np.eye(3)[j]
+        wide = torque(step, _TURNING_STILL) - torque(-step, _TURNING_STILL)
+        near = torque(step / 4, _TURNING_STILL) - torque(-step / 4, _TURNING_STILL)
+        if np.linalg.norm(near) > 0.6 * np.linalg.norm(wide) > _NOTHING:
+            jump = max(jump, float(np.linalg.norm(wide)))
+        else:
+            G[:, j] = near / (_TURNING_STEP / 2)
+    return G, jump
+
+
+def find_asked_part(device: Device, world: World) -> WrenchPart:
+    """What `world` asks: as it says, or what its wrenches show at many poses."""
+    if world.asks is not None:
+        return world.asks
+    fitted = world.for_device(device)
+    poses = _list_poses(device)
+    parts = [find_part(fitted.wrench(State(0.0, R, p, _TURNING_STILL, _TURNING_STILL))) for p, R in poses]
+    moving = [find_part(fitted.wrench(State(0.0, R, p, np.ones(3), 0.1 * np.ones(3)))) for p, R in poses]
+    return join_parts(part for part in parts + moving if part is not None) or "force"
+
+
+def _list_poses(device: Device) -> list[tuple[Array, Array]]:
+    poses = workspace(device).poses
+    if poses is None:
+        raise _refuse(device)
+    return poses()

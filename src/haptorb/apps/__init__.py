@@ -1,1 +1,0 @@
-"""Programs that people start. They do not import each other."""

@@ -1,7 +1,0 @@
-"""This library against its peers and its own promises: same run, same problem, one table."""
-
-from haptorb.apps.bench.magnetics import magnetics
-from haptorb.apps.bench.result import BENCHMARKS, BenchResult, load_result, run_benchmarks
-from haptorb.apps.bench.row import Metric
-
-__all__ = ["BENCHMARKS", "BenchResult", "Metric", "load_result", "magnetics", "run_benchmarks"]

@@ -1,7 +1,0 @@
-"""The command line: `haptorb`. Each command is one file that imports what it needs when it runs."""
-
-from __future__ import annotations
-
-from haptorb.apps.cli.program import main
-
-__all__ = ["main"]

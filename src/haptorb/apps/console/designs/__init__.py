@@ -1,1 +1,0 @@
-"""Sessions in which designs are felt and rated, as the console shows them."""

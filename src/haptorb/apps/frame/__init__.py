@@ -1,1 +1,0 @@
-"""`haptorb frame`: registration of a tracker's frame, step by step."""

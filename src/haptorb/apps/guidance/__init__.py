@@ -1,6 +1,0 @@
-"""Guidance along a path, compared: simulated persons, kinds of guidance, tables and figure."""
-
-from haptorb.apps.guidance.comparison import WAYS, GuidanceComparison, compare_guidance
-from haptorb.apps.guidance.show import plot_guidance, print_guidance
-
-__all__ = ["WAYS", "GuidanceComparison", "compare_guidance", "plot_guidance", "print_guidance"]

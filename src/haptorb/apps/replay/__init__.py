@@ -1,1 +1,0 @@
-"""`haptorb replay`: what a replay found, in words, numbers and one picture."""

@@ -1,1 +1,0 @@
-"""`haptorb run --serve foxglove`: a live view of the device in Foxglove."""

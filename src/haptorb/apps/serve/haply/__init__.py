@@ -1,1 +1,0 @@
-"""`--serve haply`: the Inverse Service's protocol, so that programs written for that service feel this device."""

@@ -1,1 +1,0 @@
-"""What the answers say: statistics, figures, report."""

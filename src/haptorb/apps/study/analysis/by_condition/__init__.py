@@ -1,1 +1,0 @@
-"""What every condition shows by itself: response times, scales of magnitude."""

@@ -1,1 +1,0 @@
-"""Figures of a study for a paper: vector, in millimetres, for every eye, with their fonts inside."""

@@ -1,1 +1,0 @@
-"""What holds over people: one number per person, errors on the sphere."""

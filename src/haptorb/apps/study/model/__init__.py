@@ -1,1 +1,0 @@
-"""The study file: set-points, trials, order, and adaptive procedures."""

@@ -1,1 +1,0 @@
-"""The study in the browser: a page for the participant and one for the experimenter, apart."""

@@ -1,1 +1,0 @@
-"""A session as it runs: trials on the device, stop and resume, the terminal."""

@@ -1,1 +1,0 @@
-"""Simulated participants: rehearsal, power, duration and heat in advance."""

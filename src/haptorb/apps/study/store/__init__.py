@@ -1,1 +1,0 @@
-"""The study database: tables, migrations, claims, tidy columns, export."""

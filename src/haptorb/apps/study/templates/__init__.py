@@ -1,1 +1,0 @@
-"""Study files to begin with, and the comments that explain their keys."""

@@ -1,0 +1,393 @@
+"""How a cantilever hook bends: the published compliances (Bai 2012, eqs. 12–13, appendix B) and a beam that is right.
+
+Everything is normalised as in the paper: Δ = δ/h₀, F = f/(E w h₀), lengths by h₀. A contact at x pushes the hook
+sideways with f_y and pulls it along with f_x (tension positive); it gives way by
+
+    Δ = Ω₊ F_y + Ω₋ F_x                                                                                       Eq. (10)
+
+(the paper's s is the sign of that pull). In newtons and metres: f_y = E w δ / (Ω₊ + (f_x/f_y) Ω₋).
+
+Two models, one interface: `paper` is (12) and (13), which load the uniform part of the beam at its end ℓ_b wherever the
+contact is; `timoshenko` loads the beam where the contact is (erratum E11: 4.8 times softer for Table 3). Small
+deflections; a tapered part is a stack of slices, each bending as a uniform beam; axial strain is left out in both.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.arrays import Array, check_finite
+from haptorb.errors import GeometryError, InputError, UnknownName, quote
+
+__all__ = [
+    "MATERIALS",
+    "METALS_FROM",
+    "MODELS",
+    "SHEAR_COEFFICIENT",
+    "TABLE_3",
+    "Appendix",
+    "Compliance",
+    "Hook",
+    "Material",
+    "Model",
+    "appendix_b",
+    "compliance",
+    "compute_bent_shape",
+    "force_ratio",
+    "root_strain",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# A cantilever hook of a snap-fit: its sizes, its angles, its material, and whether such a hook can exist.
+#
+# Side view, x along the hook from its root, the wedge on the side that meets the other part:
+#
+#       root ├────────── base_length ──┐  rear   peak  front
+#            │ thickness               └──/‾‾‾‾‾‾‾‾‾‾\── tip        height is the wedge's, above the base beam
+#
+# Insertion slides over the front face (angle α), pulling apart over the rear face (angle β), both measured from the
+# hook's length. Bai 2012, Fig. 6 and Table 3.
+
+
+_LARGEST = 1e15  #: in SI units
+METALS_FROM = 10e9  #: [Pa] no engineering metal is softer (lead: 16 GPa); what is, was probably misprinted
+
+
+@dataclass(frozen=True)
+class Hook:
+    """Sizes [m], angles [rad], Young's modulus [Pa]; checked when made.
+
+    Raises InputError for a number out of range, GeometryError for a wedge whose sizes contradict each other, saying by
+    how much (erratum E8: β, h_b and ℓ_m − ℓ_b of Table 3 cannot all hold).
+
+    >>> TABLE_3.ramp_end < TABLE_3.peak         # a flat top joins the ramp to the peak
+    True
+    """
+
+    base_length: float  #: ℓ_b, root to the foot of the rear face [m]
+    peak: float  #: ℓ_m, root to the start of the front face [m]
+    thickness: float  #: h₀ of the base beam [m]
+    height: float  #: h_b of the wedge above the base beam [m]
+    width: float  #: w [m]
+    front: float  #: α, insertion angle [rad]
+    rear: float  #: β, retention angle [rad]
+    youngs_modulus: float  #: E [Pa]
+    poisson_ratio: float  #: ν
+    flat_top: bool = False  #: a flat top may join the end of the rear face to the peak
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if item.name == "flat_top":
+                continue
+            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
+                raise InputError(f"hook.{item.name} must be a finite number; got {quote(value)}")
+            if item.name != "poisson_ratio" and value <= 0.0:
+                raise InputError(f"hook.{item.name} must be greater than zero; got {value:g}")
+        if not 0.0 <= self.poisson_ratio < 0.5:
+            raise InputError(
+                f"hook.poisson_ratio must lie from 0 up to, not including, 0.5 (incompressible); "
+                f"got {self.poisson_ratio:g}"
+            )
+        for name in ("front", "rear"):
+            if getattr(self, name) >= math.pi / 2:
+                raise InputError(
+                    f"hook.{name} must be less than 90°: a vertical face cannot slide; "
+                    f"got {math.degrees(getattr(self, name)):.4g}°"
+                )
+        if self.peak <= self.base_length:
+            raise GeometryError(
+                f"hook.peak ({self.peak * 1e3:.4g} mm) must lie beyond hook.base_length "
+                f"({self.base_length * 1e3:.4g} mm): there is no room for the rear face"
+            )
+        self._check_ramp()
+
+    def _check_ramp(self) -> None:
+        room, needed = self.peak - self.base_length, self.height / math.tan(self.rear)
+        reached = room * math.tan(self.rear)
+        if abs(needed - room) <= 0.005 * room or (self.flat_top and needed < room):
+            return
+        beta, mm = math.degrees(self.rear), 1e3
+        facts = (
+            f"a rear face of {beta:.4g}° over {room * mm:.4g} mm rises {reached * mm:.4g} mm, but hook.height is "
+            f"{self.height * mm:.4g} mm: {abs(reached - self.height) * mm:.4g} mm too "
+        )
+        ways = (
+            f"set the rear angle to {math.degrees(math.atan(self.height / room)):.4g}°, or the peak to "
+            f"{(self.base_length + needed) * mm:.4g} mm"
+        )
+        if needed > room:
+            raise GeometryError(f"{facts}little; {ways}")
+        flat = (room - needed) * mm
+        raise GeometryError(f"{facts}much (erratum E8); {ways}, or allow a flat top of {flat:.4g} mm (flat_top)")
+
+    @property
+    def ramp_end(self) -> float:
+        """Where the rear face reaches the wedge's height [m]: ℓ_b + h_b / tan β."""
+        return min(self.base_length + self.height / math.tan(self.rear), self.peak)
+
+    @property
+    def tip(self) -> float:
+        """ℓ_t, where the front face comes down to the base beam [m]."""
+        return self.peak + self.height / math.tan(self.front)
+
+    @property
+    def shear_ratio(self) -> float:
+        """E/G = 2 (1 + ν) of an isotropic material; (B.2c) prints 2.6, which is ν = 0.3 and not Table 3's 0.41."""
+        return 2.0 * (1.0 + self.poisson_ratio)
+
+    def ramp_to_peak(self) -> Hook:
+        """The same hook with its rear face straight to the peak: the other way out of erratum E8.
+
+        >>> round(math.degrees(TABLE_3.ramp_to_peak().rear), 1)
+        23.2
+        """
+        return replace(self, rear=math.atan(self.height / (self.peak - self.base_length)), flat_top=False)
+
+    def section(self, x: ArrayLike) -> Array:
+        """h(x), thickness of the hook at `x` (...) [m] from the root, same shape [m]; edges sharp.
+
+        >>> (TABLE_3.section([0.0, 0.0054, 0.0096]) * 1e3).round(6).tolist()
+        [0.6, 0.6, 2.4]
+        """
+        at = check_finite(x, "x")
+        knots = [0.0, self.base_length, self.ramp_end, self.peak, self.tip]
+        above = [0.0, 0.0, self.height, self.height, 0.0]
+        if self.ramp_end >= self.peak:  # no flat top: one knot less
+            del knots[3], above[3]
+        out: Array = self.thickness + np.interp(at, knots, above)
+        return out
+
+    def remarks(self, metal: bool) -> tuple[str, ...]:
+        """Warnings about a hook that can exist; `metal` names its material.
+
+        >>> [remark[:14] for remark in replace(TABLE_3, youngs_modulus=1.13e9).remarks(metal=True)]
+        ['youngs_modulus']
+        """
+        texts = []
+        if metal and self.youngs_modulus < METALS_FROM:
+            texts.append(
+                f"youngs_modulus {self.youngs_modulus / 1e9:.4g} GPa is far too low for a metal (copper alloys: about "
+                f"100 GPa). Bai 2012's Table 3 has this misprint (erratum E7: 1.13 GPa for 113 GPa)"
+            )
+        return tuple(texts)
+
+
+#: The socket of Bai 2012, Table 3, with E = 113 GPa (erratum E7) and a flat top (E8). α is not given: 30° assumed, the
+#: usual lead-in of a hook; the outlet never touches the front face.
+TABLE_3 = Hook(
+    base_length=5.4e-3,
+    peak=9.6e-3,
+    thickness=0.6e-3,
+    height=1.8e-3,
+    width=8e-3,
+    front=math.radians(30.0),
+    rear=math.radians(58.8),
+    youngs_modulus=113e9,
+    poisson_ratio=0.41,
+    flat_top=True,
+)
+
+
+Model = Literal["paper", "timoshenko"]
+MODELS: tuple[Model, ...] = ("paper", "timoshenko")
+SHEAR_COEFFICIENT = 1.2  #: p of eq. (12): a rectangular section
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
+
+
+class Compliance(NamedTuple):
+    """Ω₊ and Ω₋ at some contact points, both of the points' shape, without dimension."""
+
+    plus: Array
+    minus: Array
+
+
+class Appendix(NamedTuple):
+    """The five terms of appendix B, (B.3)–(B.5c), in the order printed."""
+
+    plus_1: float
+    plus_2: float
+    plus_3: float
+    minus_1: float
+    minus_2: float
+
+    @property
+    def plus(self) -> float:
+        """Ω₊, (B.1)."""
+        return self.plus_1 + self.plus_2 + self.plus_3
+
+    @property
+    def minus(self) -> float:
+        """Ω₋, (B.1)."""
+        return self.minus_1 + self.minus_2
+
+
+def appendix_b(hook: Hook, *, deflection: float | None = None, shear_ratio: float = 2.6) -> Appendix:
+    """The closed forms of appendix B for contact on the top of `hook`.
+
+    deflection    None: H_x = h(x)/h₀ − 1 as (13) demands (erratum E9). A deflection [m]: the printed H_x = 1 + δ/h₀.
+    shear_ratio   E/G; (B.2c) prints 2.6
+
+    The ramp ends at L_b + H_b/tan β (E8); a flat top beyond it is not counted, as printed.
+
+    >>> from haptorb.beams import TABLE_3
+    >>> [round(term, 2) for term in appendix_b(TABLE_3)]
+    [2944.08, 299.16, 2.62, 3024.0, 95.39]
+    """
+    h0 = hook.thickness
+    L_b, L_m, H_b, tan = hook.base_length / h0, hook.peak / h0, hook.height / h0, math.tan(hook.rear)
+    rho = 1.0 / (1.0 + H_b)  # (B.2a)
+    H_x = H_b if deflection is None else 1.0 + float(check_finite(deflection, "deflection")) / h0  # (13), or (B.2b)
+    a = 1.0 - L_b * tan
+    return Appendix(
+        plus_1=4.0 * (1.0 + 0.3 / L_b**2 * shear_ratio) * L_b**3,  # (B.3)
+        plus_2=6.0 / tan**3 * (-2.0 * math.log(rho) - 4.0 * H_b * rho * a + H_b * (2.0 + H_b) * a**2 * rho**2),  # (B.4)
+        plus_3=-SHEAR_COEFFICIENT * shear_ratio * math.log(rho) / tan,  # (B.5a)
+        minus_1=3.0 * L_m * (2.0 * H_x + 1.0) * L_b,  # (B.5b)
+        minus_2=3.0 * L_m / (2.0 * tan) * (2.0 * H_x + 1.0) * (1.0 - rho**2),  # (B.5c)
+    )
+
+
+def _moments(hook: Hook, x: Array) -> Array:
+    """(6, n): ∫₀ˣ of 12/h³, 12ξ/h³, 12ξ²/h³, 12/h², 12ξ/h², 1/h over the hook, normalised, edges sharp."""
+    h0 = hook.thickness
+    knots = np.array([0.0, hook.base_length, hook.ramp_end, hook.peak, hook.tip]) / h0
+    total = np.zeros((6, len(x)))
+    for start, end in pairwise(knots):  # within a piece the section is straight: Gauss is exact
+        beyond, inside = x >= end, (x > start) & (x < end)
+        half = 0.5 * (np.append(x[inside], end) - start)  # the last: all of the piece, for every place beyond it
+        xi = start + half[:, None] * (1.0 + _NODES)
+        h = hook.section(xi * h0) / h0
+        bend, lever = 12.0 / h**3, 12.0 / h**2
+        for row, value in enumerate((bend, bend * xi, bend * xi**2, lever, lever * xi, 1.0 / h)):
+            parts = (value @ _WEIGHTS) * half
+            total[row, inside] += parts[:-1]
+            total[row, beyond] += parts[-1]
+    return total
+
+
+def compliance(
+    hook: Hook, x: ArrayLike, model: Model = "timoshenko", *, shear_ratio: float | None = None
+) -> Compliance:
+    """Ω₊ and Ω₋ of `hook` for a contact at `x` (...) [m] from the root, up to the tip.
+
+    paper        (12) and (13) with the section as it is, flat top included
+    timoshenko   bending and shear of the beam from the root to the contact; the pull acts at the wedge's surface, h(x)
+                 above the back of the hook, about the middle h(ξ)/2 of each section ξ
+
+    shear_ratio  E/G, else from Poisson's ratio. Raises UnknownName for a model, InputError for x off the hook.
+
+    >>> from haptorb.beams import TABLE_3
+    >>> round(float(compliance(TABLE_3.ramp_to_peak(), 9.6e-3, shear_ratio=2.6).plus))
+    15490
+    """
+    if model not in MODELS:
+        raise UnknownName("beam model", str(model), MODELS)
+    at = check_finite(x, "x")
+    h0 = hook.thickness
+    if at.size and (at.min() < 0.0 or at.max() > hook.tip * (1 + 1e-9)):
+        raise InputError(
+            f"x must lie on the hook, 0 to {hook.tip * 1e3:.4g} mm; got {at.min():.4g} to {at.max():.4g} m"
+        )
+    X = np.ravel(at) / h0
+    shear = SHEAR_COEFFICIENT * (hook.shear_ratio if shear_ratio is None else shear_ratio)
+    b0, b1, b2, l0, l1, area = _moments(hook, X)
+    h = hook.section(X * h0) / h0
+    if model == "timoshenko":
+        plus = X * X * b0 - 2.0 * X * b1 + b2 + shear * area
+        minus = h * (X * b0 - b1) - 0.5 * (X * l0 - l1)
+    else:
+        plus = b2 + shear * area  # Eq. (12): up to ℓ_b its integrand gives 4 X³, so one integral serves both terms
+        minus = 6.0 * X * (h - 0.5) * b0 / 12.0  # Eq. (13)
+    return Compliance(plus.reshape(at.shape), minus.reshape(at.shape))
+
+
+def root_strain(hook: Hook, x: ArrayLike, deflection: ArrayLike, plus: ArrayLike) -> Array:
+    """Greatest bending strain at the root of `hook`, bent by `deflection` (...) [m] under a contact at `x` (...) [m].
+
+    ε = 6 X Δ/Ω₊ with `plus` Ω₊ there: the moment F_y X at the root, where the beam has its full thickness h₀. The
+    pull's moment, some 3 % with friction on a flat top, is left out.
+
+    >>> from haptorb.beams import TABLE_3
+    >>> float(root_strain(TABLE_3, TABLE_3.peak, 0.75e-3, compliance(TABLE_3, TABLE_3.peak).plus).round(5))
+    0.00789
+    """
+    bent = check_finite(deflection, "deflection") / hook.thickness
+    strain: Array = 6.0 * check_finite(x, "x") / hook.thickness * bent / check_finite(plus, "plus")
+    return strain
+
+
+def force_ratio(slope: ArrayLike, friction: float, loading: bool) -> Array:
+    """f_x/f_y on a face of true angle `slope` (...) [rad], friction μ: tan(γ' ± arctan μ).                 Eq. (11)
+
+    `loading` is sliding uphill, the hook bending further (insertion over the front face, pulling apart over the rear
+    one): friction adds. Downhill it subtracts. Eq. (11) prints the minus for retention altogether: then pulling apart
+    would take less work than the hook stores, so it holds for the hook snapping home and not for the pull.
+
+    >>> float(force_ratio(0.0, 0.134, loading=True).round(3))        # dwelling: μ itself
+    0.134
+    """
+    angle = math.atan(float(check_finite(friction, "friction")))
+    out: Array = np.tan(check_finite(slope, "slope") + (angle if loading else -angle))
+    return out
+
+
+def compute_bent_shape(hook: Hook, x: float, deflection: float, points: int = 33) -> Array:
+    """(points, 2): places along the hook's base [m] and how far each is bent [m], for `deflection` under a load at `x`.
+
+    Timoshenko's shape (sideways load only), straight beyond the load: for drawing, and for reading off the slope.
+
+    Raises InputError for a load off the hook.
+
+    >>> from haptorb.beams import TABLE_3
+    >>> shape = compute_bent_shape(TABLE_3, TABLE_3.tip, 1e-3)
+    >>> shape[0].tolist(), bool(abs(shape[-1, 1] - 1e-3) < 1e-12)
+    ([0.0, 0.0], True)
+    """
+    if not 0.0 < x <= hook.tip:
+        raise InputError(f"x must lie on the hook, 0 to {hook.tip * 1e3:.4g} mm; got {x * 1e3:.4g} mm")
+    h0 = hook.thickness
+    at = np.linspace(0.0, hook.tip, points) / h0
+    X, inside = x / h0, np.minimum(at, x / h0)
+    shear = SHEAR_COEFFICIENT * hook.shear_ratio
+    b0, b1, b2, _, _, area = _moments(hook, inside)
+    # a unit load at X bends section s by ∫₀ˢ 12 (X − ξ)(s − ξ)/h³ dξ; beyond X the slope stays
+    bent = X * inside * b0 - (X + inside) * b1 + b2 + shear * area + (at - inside) * (X * b0 - b1)
+    whole = compliance(hook, x, "timoshenko").plus
+    return np.column_stack([at * h0, bent / whole * deflection])
+
+
+# --------------------------------------------------------------------------------------------------
+# Materials of hooks: round handbook values at room temperature, for a first comparison of designs.
+#
+# The yield strength is that of tension: for metals the 0.2 % proof stress of the spring or hard temper that hooks are
+# made of, for polymers the stress at yield in a short pull, dry. A polymer bent often, warm or for long bears less.
+
+
+class Material(NamedTuple):
+    """What a hook's stiffness and strength follow from."""
+
+    youngs_modulus: float  #: E [Pa]
+    poisson_ratio: float  #: ν
+    metal: bool
+    yield_strength: float  #: [Pa]
+
+
+MATERIALS = {
+    "ABS": Material(2.3e9, 0.35, False, 40e6),
+    "PA6": Material(2.8e9, 0.39, False, 75e6),
+    "PC": Material(2.3e9, 0.37, False, 62e6),
+    "POM": Material(2.8e9, 0.35, False, 65e6),
+    "PP": Material(1.4e9, 0.42, False, 33e6),
+    "brass": Material(93e9, 0.35, True, 300e6),  # CuZn37, hard
+    "phosphor bronze": Material(113e9, 0.41, True, 550e6),  # CuSn6, spring temper
+    "spring steel": Material(206e9, 0.29, True, 1.2e9),  # hardened and tempered
+}

@@ -1,0 +1,400 @@
+"""What is connected to this computer, and what answers. Nothing is switched on."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import monotonic, sleep
+from typing import Any
+
+import numpy as np
+
+from haptorb.arrays import Array
+from haptorb.control.trips import CoilState
+from haptorb.devices.base import Device
+from haptorb.devices.electromagnet import electromagnet
+from haptorb.errors import DriverError, InputError, UnknownName
+from haptorb.estimation.types import Sample
+from haptorb.runtime.drivers import i2c_chips
+from haptorb.runtime.drivers.base import Driver
+from haptorb.runtime.drivers.board_emulator import EmulatedDevice, Emulator
+from haptorb.runtime.drivers.i2c import LinuxPort
+from haptorb.runtime.drivers.i2c_chips import HallSelect, I2cBus, Pca9685, bus_list
+from haptorb.runtime.drivers.serial import Board, port_list
+from haptorb.runtime.drivers.serial_protocol import missing_chips
+from haptorb.simulation.electromagnet import SimulatedElectromagnet
+from haptorb.simulation.hand import lead_tool
+
+__all__ = [
+    "GENTLE_CURRENT",
+    "GENTLE_DUTY",
+    "Finding",
+    "Jog",
+    "chips_on",
+    "emulate",
+    "jog",
+    "line",
+    "monitor",
+    "numbers",
+    "probe",
+    "state_words",
+]
+
+
+_SELECT = i2c_chips.TCA9534_ADDRESS
+
+#: address → what should answer there
+_CHIPS = {
+    i2c_chips.ADDRESS: "PWM driver PCA9685",
+    **{
+        address: f"current sensor INA219 of coil {coil}"
+        for address, coil in zip(i2c_chips.ADDRESSES, "xyz", strict=True)
+    },
+    i2c_chips.MAX11616_ADDRESS: "Hall converter MAX11616",
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One place where a device might be; `driver` is the value for `--driver`, empty if no usable device is there."""
+
+    place: str
+    answers: bool
+    about: tuple[str, ...]
+    driver: str = ""
+
+
+def probe(ports: Sequence[str] | None = None, buses: Sequence[int] | None = None) -> Iterator[Finding]:
+    """Every serial port and I²C bus (or those given), one finding each, as soon as it is known.
+
+    Asking an Arduino restarts it, which takes up to two seconds.
+    """
+    for path in [one for one, _ in port_list()] if ports is None else ports:
+        yield _port(path)
+    for number in bus_list() if buses is None else buses:
+        port = LinuxPort(number)
+        try:
+            bus = port.open()
+        except DriverError as cause:  # also if another program drives it: it is asked nothing then
+            yield Finding(port.name, False, (str(cause),))
+            continue
+        with closing(port):
+            yield chips_on(bus, port.name)
+
+
+def _port(path: str) -> Finding:
+    try:
+        board = Board(path)
+    except DriverError as cause:
+        return Finding(path, False, (str(cause),))
+    try:
+        who, limits = board.identity, board.limits
+        reading = board.read()
+        missing = missing_chips(reading.missing)
+        calibrated = f"calibration {who.calibration.hex()}" if any(who.calibration) else "no calibration stored"
+        about = (
+            f"haptorb firmware {who.version[0]}.{who.version[1]} on {who.board}, protocol {who.protocol}, {calibrated}",
+            f"limits: {limits.current:g} A, coils off after {limits.silence * 1e3:g} ms of silence; "
+            f"last restart: {who.reset.text}",
+            *(f"missing: {part}" for part in missing),
+        )
+        return Finding(path, True, about, f"serial:{path}")
+    except DriverError as cause:
+        return Finding(path, False, (str(cause),))
+    finally:
+        board.close()
+
+
+def chips_on(bus: I2cBus, place: str, clock: Callable[[], float] = monotonic) -> Finding:
+    """Which of the device's chips acknowledge on `bus`, and how its monostable fares; outputs are switched off first.
+
+    `clock` [s] is that of the bus.
+    """
+    there, missing = [], []
+    for address, part in _CHIPS.items():
+        try:
+            bus.transfer([(address, 1)])
+        except OSError:
+            missing.append(f"missing: {part} at {address:#04x}")
+        else:
+            there.append(f"{part} at {address:#04x}")
+    if not there:
+        return Finding(place, False, ("none of the device's chips responds",))
+    about = (*there, *missing, *_probe_hall_select(bus, clock))
+    return Finding(place, True, about, "" if missing else place)
+
+
+def _probe_hall_select(bus: I2cBus, clock: Callable[[], float]) -> Iterator[str]:
+    """What there is to say of the chip with the Hall sensors' axes and the trigger, and of OE."""
+    select, where = HallSelect(bus), f"TCA9534 (axes of the Hall sensors, trigger of the monostable) at {_SELECT:#04x}"
+    if not select.present():
+        yield f"missing: {where}: Hall sensors of one axis only, and no monostable: coils need --no-watchdog"
+        return
+    yield where
+    try:
+        # safety: probe-off
+        Pca9685(bus).setup()  # all off: the test enables its outputs
+        select.setup()
+        held = i2c_chips.pulse(select, clock)
+    except (DriverError, OSError) as cause:
+        yield f"monostable not verified: {cause}"
+    else:
+        yield f"monostable: outputs disabled {1e3 * held:.1f} ms after the last trigger"
+
+
+# --------------------------------------------------------------------------------------------------
+# An emulated device for everybody: the real firmware, its chips and a simulated electromagnet on a serial port.
+
+
+def emulate(
+    device: Device,
+    build: Path,
+    port: Path,
+    board: str = "m328p",
+    duration: float = float("inf"),
+    ready: Callable[[], None] = lambda: None,
+    height: float | None = None,
+    *,
+    led: bool = False,
+    dead: int | None = None,
+) -> None:
+    """Emulate `device` behind the pseudo-terminal `port` for `duration` [s]; `ready` is called when it answers.
+
+    The simulated tool stands upright on the axis, its magnet `height` [m] above the centre (None: above the summit, as
+    the simulation begins): where a pointer is, the emulated device cannot know. With `led` a hand leads it over the
+    whole dome, as the calibration's step 'sensors' wants it. Field sensor number `dead`, from 1, has failed.
+
+    Raises InputError for a height inside the dome or above 2 m, for a height of a tool that is led, and for a sensor
+    that is not there.
+    """
+    known = electromagnet(device, "the emulated firmware")
+    if height is not None and not known.contact_distance <= height <= 2.0:
+        raise InputError(
+            f"height of the tool's magnet must be from {1e3 * known.contact_distance:g} mm, the dome, to 2000 mm; got "
+            f"{1e3 * height:g} mm"
+        )
+    if led and height is not None:
+        raise InputError("a tool moved by --led has no fixed height: use --led or --height")
+    if dead is not None and not 1 <= dead <= known.sensors:
+        raise InputError(f"the failed field sensor must be 1 to {known.sensors}; got {dead}")
+    with tempfile.TemporaryDirectory() as folder:
+        goal = (lambda t: lead_tool(known, t)) if led else None if height is None else _rest_pose(height)
+        physics = EmulatedDevice(known, Path(folder, "physics"), goal)
+        if dead is not None:
+            assert isinstance(physics.simulation, SimulatedElectromagnet)
+            physics.simulation.fail([dead - 1])
+        if goal is not None:
+            physics.place(*goal(0.0))
+        try:
+            with Emulator(build, port, board, physics) as emulator:
+                ready()
+                end = monotonic() + duration
+                while monotonic() < end and emulator.alive:
+                    sleep(0.05)
+        finally:
+            physics.close()
+
+
+def _rest_pose(height: float) -> Callable[[float], tuple[Array, Array]]:
+    p, q = np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 0.0, 1.0])
+    return lambda t: (p, q)
+
+
+# --------------------------------------------------------------------------------------------------
+# One coil, gently: up a ramp, a moment there, down again; and what its current says about coil, sensor and wiring.
+
+
+GENTLE_DUTY = 0.2  #: nothing above this is gentle [1]
+GENTLE_CURRENT = 5.3  #: continuous current of every coil: 17 W in 0.6 Ω [A]
+
+_RATE = 250.0  #: of the duties [Hz]: the firmware switches off after 15 ms of silence
+_RAMP = 0.4  #: of the time goes up, as much down
+_ENOUGH = 0.1  #: current from which a resistance can be measured [A]
+_FACTOR = 1.6  #: resistance may be off by this before something is wrong
+
+
+@dataclass(frozen=True)
+class Jog:
+    """What was seen at the top.
+
+    duty        what was applied there [1]
+    currents    (m,) measured there [A]
+    resistance  supply times duty over current [Ω]; NaN if there was too little current to tell
+    verdict     sentences; empty if all is as the device file says
+    """
+
+    coil: str
+    duty: float
+    currents: tuple[float, ...]
+    resistance: float
+    verdict: tuple[str, ...]
+
+
+def jog(
+    device: Device,
+    driver: Driver,
+    coil: str,
+    duty: float = 0.05,
+    seconds: float = 1.0,
+    current_limit: float = GENTLE_CURRENT,
+    clock: Callable[[], float] = monotonic,
+    wait: Callable[[float], None] = sleep,
+) -> Jog:
+    """Move `coil` of `device` to `duty` and back within `seconds` through `driver` (not open yet).
+
+    Raises InputError for what is not gentle, DriverError if the current exceeds `current_limit` [A] or the device
+    stops; the coils are off afterwards in any case.
+    """
+    names = device.coils.names
+    if coil not in names:
+        raise UnknownName("coil", coil, names)
+    if not 0.0 < abs(duty) <= GENTLE_DUTY:
+        raise InputError(f"duty must be nonzero and at most {GENTLE_DUTY} in size for jogging; got {duty}")
+    if not 0.2 <= seconds <= 10.0:
+        raise InputError(
+            f"seconds must be 0.2 to 10; got {seconds:g}", command=f"--duration must be 0.2 to 10 s; got {seconds:g}"
+        )
+    if not 0.0 < current_limit <= GENTLE_CURRENT:
+        raise InputError(f"current_limit must be above 0 and at most {GENTLE_CURRENT} A; got {current_limit} A")
+    which = names.index(coil)
+    duties = np.zeros(device.channels)
+    tops: list[tuple[float, np.ndarray]] = []
+    with driver:
+        start = clock()
+        count = 0
+        while (passed := clock() - start) < seconds:
+            currents = driver.read(passed).currents
+            if np.abs(currents).max() > current_limit:
+                over = names[int(np.argmax(np.abs(currents)))]
+                raise DriverError(
+                    f"coil {over} carries {np.abs(currents).max():.2f} A with coil {coil} at a duty of "
+                    f"{duties[which]:.3f}, above {current_limit:g} A: switched off. Check its resistance and the "
+                    "shunt's value"
+                )
+            share = passed / seconds
+            up = min(share / _RAMP, (1 - share) / _RAMP, 1.0)
+            duties[which] = duty * up
+            applied = driver.write(duties)
+            if 0.5 <= share < 1 - _RAMP:
+                tops.append((float(applied[which]), currents.copy()))
+            count += 1
+            wait(max(0.0, start + count / _RATE - clock()))
+        driver.write(np.zeros(device.channels))
+    if not tops:
+        raise DriverError("the computer was too busy: no reading at the top of the ramp; try again")
+    return _judge(device, which, tops)
+
+
+def _judge(device: Device, which: int, tops: list[tuple[float, np.ndarray]]) -> Jog:
+    duty = float(np.mean([one for one, _ in tops]))
+    currents = np.mean([one for _, one in tops], axis=0)
+    names = device.coils.names
+    own = float(currents[which])
+    expected = float(device.coils.resistance[which])
+    verdict = []
+    resistance = float("nan")
+    strongest = int(np.argmax(np.abs(currents)))
+    if duty == 0.0:
+        verdict.append("the device applied no duty: it was not engaged")
+    elif np.abs(currents).max() < _ENOUGH:
+        verdict.append(f"no coil carries current: check the supply, the driver of coil {names[which]} and its wires")
+    elif strongest != which:
+        verdict.append(f"coil {names[strongest]} responded instead of {names[which]}: their wires are swapped")
+    else:
+        resistance = device.supply.voltage * abs(duty) / abs(own)
+        if own * duty < 0:
+            verdict.append(f"the current of coil {names[which]} is negative for a positive duty: swap its two wires")
+        ratio = resistance / expected
+        if not 1 / _FACTOR < ratio < _FACTOR:
+            ten = 6 < max(ratio, 1 / ratio) < 16
+            verdict.append(
+                f"coil {names[which]} measures {resistance:.3g} Ω, the device file has {expected:g} Ω: "
+                + ("the shunt's value is wrong by a factor of ten" if ten else "check coil and contacts")
+            )
+    return Jog(names[which], duty, tuple(currents.tolist()), resistance, tuple(verdict))
+
+
+# --------------------------------------------------------------------------------------------------
+# The readings of a real device, live, with its coils off.
+
+
+_STATES = {
+    CoilState.OFF: "off",
+    CoilState.ON: "on",
+    CoilState.UNKNOWN: "COIL STATE UNKNOWN: switch the supply off",
+}
+
+_TURNS = 24  #: readings at most for all field sensors; three axes in two blocks need six of them, with luck
+
+
+def monitor(
+    driver: Driver,
+    rate: float = 10.0,
+    duration: float = float("inf"),
+    clock: Callable[[], float] = monotonic,
+    wait: Callable[[float], None] = sleep,
+) -> Iterator[Sample]:
+    """Samples of `driver` (not open yet) at `rate` [Hz] for `duration` [s]; nothing is ever switched on.
+
+    A driver that reads its field sensors in turns is read as often as they need; each sample has the last of every one.
+    """
+    if not 0.0 < rate <= 200.0:
+        raise InputError(f"rate must be above 0 and at most 200 Hz; got {rate} Hz")
+    with driver:
+        start = clock()
+        count = 0
+        while clock() - start < duration:
+            yield _read_whole(driver, clock() - start)
+            count += 1
+            wait(max(0.0, start + count / rate - clock()))
+
+
+def _read_whole(driver: Driver, now: float) -> Sample:
+    sample = driver.read(now)
+    field = sample.field.copy()
+    for _ in range(_TURNS):
+        if np.isfinite(field).all():
+            break
+        part = driver.read(now).field
+        field = np.where(np.isfinite(part), part, field)
+    return replace(sample, field=field)
+
+
+def state_words(state: CoilState) -> str:
+    """Whether current can flow, for people.
+
+    >>> state_words(CoilState.OFF), state_words(CoilState.UNKNOWN)
+    ('off', 'COIL STATE UNKNOWN: switch the supply off')
+    """
+    return _STATES[state]
+
+
+def numbers(sample: Sample, state: CoilState = CoilState.OFF) -> dict[str, Any]:
+    """The same as plain JSON types; what a sensor did not tell is null."""
+
+    def to_json(values: Array) -> list[Any]:
+        return [float(one) if np.isfinite(one) else None for one in values]
+
+    return {
+        "t_s": sample.t, "currents_a": to_json(sample.currents),
+        "temperatures_degc": to_json(sample.temperatures - 273.15),
+        "field_t": [to_json(one) for one in sample.field], "coil_state": state.name.lower(),
+    }  # fmt: skip
+
+
+def line(sample: Sample, state: CoilState = CoilState.OFF) -> str:
+    """One line for people: time, currents, temperatures, and the field's size at every sensor; and the coils' `state`,
+    if they are not off.
+
+    >>> from haptorb.runtime.drivers.base import invalid_pose
+    >>> line(Sample(1.5, np.array([1.0, -2, 0]), np.full(3, 300.0), np.eye(3) * 1e-3, invalid_pose(0.0)))
+    '   1.50 s   +1.000  -2.000  +0.000 A    26.9  26.9  26.9 °C   1.00 1.00 1.00 mT'
+    """
+    currents = "  ".join(f"{one:+.3f}" for one in sample.currents)
+    heat = "  ".join(f"{one - 273.15:.1f}" for one in sample.temperatures)
+    field = " ".join(f"{one * 1e3:.2f}" for one in np.linalg.norm(sample.field, axis=1))
+    text = f"{sample.t:7.2f} s   {currents} A    {heat} °C   {field} mT"
+    return text if state is CoilState.OFF else f"{text}   coils: {state_words(state)}"

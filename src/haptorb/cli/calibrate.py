@@ -1,0 +1,108 @@
+"""`haptorb calibrate`: what this very device does per ampere and per watt, step by step, into a file that names it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from haptorb.errors import InputError
+from haptorb.terminal import Column, TextTable, make_console, print_json, print_table, say, tell
+
+if TYPE_CHECKING:
+    from haptorb.cli.calibration_dialog import Step
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `app`."""
+    app.command()(calibrate)
+
+
+def calibrate(
+    device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")] = "omni",
+    driver: Annotated[str, typer.Option(help="Driver: sim, serial:PORT or i2c:BUS.")] = "sim",
+    out: Annotated[Path | None, typer.Option(help="File to write (default: DEVICE.calibration.json).")] = None,
+    steps: Annotated[
+        str | None,
+        typer.Option(help="Only these steps, comma-separated: rest, currents, magnetic, fields, heat, tool, sensors."),
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not prompt; the device is ready.")] = False,
+    thermal: Annotated[
+        Path | None,
+        typer.Option(help="Thermal record instead of the heat step: an MCAP recording, or CSV with t_s, power_w, "
+                          "winding_degc, boundary_degc; for coupled coils power_NAME_w and so on."),
+    ] = None,
+    restart: Annotated[bool, typer.Option("--restart", help="Repeat steps that are already done.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    no_watchdog: Annotated[
+        bool,
+        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; nobody may touch the device."),
+    ] = False,
+    seed: Annotated[int, typer.Option(help="Seed of the simulated noise.")] = 0,
+    json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,
+) -> None:  # fmt: skip
+    """Calibrate a device: current sensing, field per ampere, heat, tool and field sensors. It can be resumed."""
+    import numpy as np
+
+    from haptorb.cli.calibration_dialog import Dialog, check_steps, guide_calibration, make_driver, thermal_record
+    from haptorb.cli.progress import time_bar
+    from haptorb.devices.electromagnet import electromagnet
+    from haptorb.devices.loader import load
+    from haptorb.estimation.calibration import check_writable
+    from haptorb.runtime.linux import prepare_thread
+
+    found = electromagnet(load(device), "`haptorb calibrate`")
+    if not found.sensors:
+        raise InputError(f"device '{found.name}' has no field sensors; `haptorb calibrate` needs them")
+    names = None if steps is None else [name.strip() for name in steps.split(",")]
+    chosen = check_steps(names, () if thermal is None else ("heat",))
+    path = check_writable(out or Path(f"{found.name}.calibration.json"), overwrite=force)
+    heat = None if thermal is None else thermal_record(thermal, found).measure()
+    through, pace = make_driver(driver, found, seed, watchdog=not no_watchdog)
+    asks = not (yes or through.simulated)
+    if asks and not sys.stdin.isatty():
+        raise InputError(
+            "calibrating a real device prompts before every step, and there is no terminal: add --yes if the "
+            "device is ready for all of them (--steps selects some)"
+        )
+    if not through.simulated:
+        prepare_thread()  # a firmware switches off after 15 ms of silence, however busy this computer is
+    result = guide_calibration(
+        found, through, path, steps=chosen, heat=heat, pace=pace, restart=restart, overwrite=force,
+        guide=Dialog(say, _ask if asks else lambda step: True, lambda step, seconds: time_bar(step.title, seconds)),
+    )  # fmt: skip
+    if result is None:
+        raise typer.Exit(1)
+    if json:
+        from json import loads
+
+        print_json(loads(result.text()))
+        return
+    columns = (Column("axis", kind="key"), *(Column(f"coil {name}", "m²") for name in found.coils.names))
+    table = TextTable(columns, "Moment per ampere, ± standard deviation")
+    for axis, row, spread in zip("xyz", result.moment_per_current, result.uncertainty, strict=True):
+        table.add_row(axis, *(f"{value:+.5f} ± {s:.5f}" for value, s in zip(row, spread, strict=True)))
+    print_table(make_console(), table)
+    tell(f"residual {result.residual * 1e6:.1f} µT rms, condition {result.condition:.1f}, repeatable to "
+         f"{100 * result.repeatability:.2f} %")  # fmt: skip
+    tell("coils: " + ", ".join(f"{name} {r:.4f} Ω" for name, r in zip(found.coils.names, result.resistance,
+                                                                     strict=True)))  # fmt: skip
+    if result.heat is not None:
+        values = result.heat.apply(found)
+        network, rise = values.network(found.channels), values.derate - values.ambient
+        alone = np.arange(found.channels) == int(network.rise_per_watt.diagonal().argmax())
+        hot, half = network.time_to(rise, 240.0 * alone), network.time_to(rise, 60.0 * alone)
+        tell(f"heat of one coil: {rise / network.rise_per_watt.diagonal().max():.1f} W continuous, 240 W for {hot:.1f} "
+             f"s, 60 W for {half:.0f} s")  # fmt: skip
+        if values.coupling is not None:
+            tell(f"heat of all coils together: {rise / network.rise_per_watt.sum(axis=1).max():.1f} W continuous in "
+                 "each")  # fmt: skip
+    tell(f"written: {path}{' (simulated)' if result.simulated else ''}, id {result.id.hex()}")
+
+
+def _ask(step: Step) -> bool:
+    return typer.confirm("    ready", default=True, err=True)

@@ -1,0 +1,331 @@
+"""From what was measured to a verdict, and to advice where the verdict is no."""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from time import monotonic, sleep
+from typing import TYPE_CHECKING, Any, ClassVar, final
+
+import numpy as np
+
+from haptorb.arrays import Array
+from haptorb.errors import InputError
+from haptorb.notebook import NotebookReport
+from haptorb.runtime.servo import Servo
+from haptorb.terminal import Column, TextTable, make_console, make_progress, print_table, print_text
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+__all__ = [
+    "LATENESS",
+    "SUCCESS",
+    "Fitness",
+    "Machine",
+    "StolenTime",
+    "StolenTimeCounter",
+    "Verdict",
+    "drag_position",
+    "measure_fitness",
+    "print_fitness",
+    "this_machine",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# What is known about this computer, and what it did while the loop ran.
+
+
+#: fields of /proc/PID/stat behind the program's name: user and system time, scheduling policy
+_USER, _POLICY = 11, 38
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Facts that matter to a real-time loop."""
+
+    processor: str
+    cores: int  #: that this process may use
+    kernel: str
+    preemptible: bool
+    virtual: bool
+    governor: str  #: of the processor's clock; empty where the kernel does not tell
+    python: str
+
+
+@dataclass(frozen=True)
+class StolenTime:
+    """What others took from the loop while it was measured."""
+
+    preempted: int  #: times that the kernel gave the servo's processor to another process
+    stolen: float  #: share of all processor time that a virtual machine's host kept for itself
+    others: float  #: cores that were busy, the servo's own work included, but not what only keeps a core awake
+
+
+def this_machine() -> Machine:
+    """The computer that this runs on."""
+    processor = ""
+    flags = ""
+    for line in _text("/proc/cpuinfo").splitlines():
+        key, _, value = line.partition(":")
+        if key.strip() == "model name":
+            processor = processor or value.strip()
+        elif key.strip() == "flags":
+            flags = flags or value
+    return Machine(
+        processor or platform.machine(),
+        len(os.sched_getaffinity(0)),
+        f"{platform.release()} {platform.version()}",
+        "PREEMPT" in platform.version(),
+        "hypervisor" in flags.split(),
+        _text("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").strip(),
+        platform.python_version(),
+    )
+
+
+@final
+class StolenTimeCounter:
+    """Looks at the kernel's counters when it is made, and again in `took`."""
+
+    def __init__(self, pid: int) -> None:
+        self._pid = pid
+        self._times = _times()
+        self._preempted = _count_preemptions(pid)
+        self._awake = _count_idle_ticks(pid)
+
+    def measure(self) -> StolenTime:
+        """What was taken since the beginning."""
+        passed = [now - then for now, then in zip(_times(), self._times, strict=True)]
+        total = max(sum(passed), 1)
+        idle = passed[3] + passed[4] + max(_count_idle_ticks(self._pid) - self._awake, 0)
+        return StolenTime(
+            max(_count_preemptions(self._pid) - self._preempted, 0),
+            passed[7] / total,
+            max((os.cpu_count() or 1) * (total - idle - passed[7]) / total, 0.0),
+        )
+
+
+def _times() -> list[int]:
+    """user, nice, system, idle, iowait, irq, softirq, steal of all processors together, in the kernel's ticks."""
+    fields = _text("/proc/stat").partition("\n")[0].split()[1:9]
+    return [int(field) for field in fields] or [0] * 8
+
+
+def _count_preemptions(pid: int) -> int:
+    for line in _text(f"/proc/{pid}/status").splitlines():
+        if line.startswith("nonvoluntary_ctxt_switches:"):
+            return int(line.split()[1])
+    return 0
+
+
+def _count_idle_ticks(pid: int) -> int:
+    """Processor time of the children of `pid` that run only on an idle core, in the kernel's ticks."""
+    ticks = 0
+    for child in _text(f"/proc/{pid}/task/{pid}/children").split():
+        fields = _text(f"/proc/{child}/stat").rpartition(")")[2].split()
+        if len(fields) > _POLICY and int(fields[_POLICY]) == os.SCHED_IDLE:
+            ticks += int(fields[_USER]) + int(fields[_USER + 1])
+    return ticks
+
+
+def _text(path: str) -> str:
+    try:
+        return Path(path).read_text()
+    except OSError:
+        return ""
+
+
+SUCCESS = 0.999  #: share of ticks that must begin and end within their period
+LATENESS = 150.0  #: 99 of 100 ticks must begin less than this after their deadline [µs]
+
+_NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One threshold: the measured value, the required one, and whether it is met."""
+
+    what: str
+    measured: str
+    wanted: str
+    fit: bool
+
+
+@final
+@dataclass(frozen=True)
+class Fitness(NotebookReport):
+    """A run's report, the machine it ran on, and what the machine did meanwhile."""
+
+    report: Mapping[str, Any]
+    machine: Machine
+    took: StolenTime
+    duration: float  #: [s]
+    dragging: bool
+
+    printer: ClassVar[str] = "haptorb.cli.check_computer:print_fitness"
+
+    def _summarize(self) -> str:
+        verdicts = ", ".join(f"{verdict.what} {verdict.measured}" for verdict in self.verdicts)
+        return f"<Fitness: this computer is {'fit' if self.fit else 'not fit'}: {verdicts}>"
+
+    @cached_property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Every threshold in turn."""
+        success, late = _number(self.report["success_rate"]), _number(self.report["lateness_us"]["p99"])
+        trips = [trip["code"] for trip in self.report["trips"]]
+        return (
+            Verdict("ticks on time", f"{100 * success:.3f} %", f"at least {100 * SUCCESS:g} %", success >= SUCCESS),
+            Verdict("lateness, 99 %", f"{late:.0f} µs", f"at most {LATENESS:g} µs", late <= LATENESS),
+            Verdict("trips", ", ".join(trips) or "none", "none", not trips),
+        )
+
+    @property
+    def fit(self) -> bool:
+        """Whether every verdict is yes."""
+        return all(verdict.fit for verdict in self.verdicts)
+
+    @cached_property
+    def advice(self) -> tuple[str, ...]:
+        """What to do, most promising first; empty for a computer that is fit."""
+        if self.fit:
+            return ()
+        scheduler = self.report["scheduler"]
+        period = 1e6 / self.report["rate_hz"]
+        busy = _number(self.report["compute_us"]["p99"])
+        late = _number(self.report["lateness_us"]["p99"])
+        found = []
+        if scheduler.get("policy") != "SCHED_FIFO":
+            found.append(
+                "Allow a real-time scheduler: put '@USER - rtprio 50' and '@USER - memlock unlimited' (with your group "
+                "for USER) into /etc/security/limits.d/haptorb.conf and log in again."
+            )
+        if busy > 0.6 * period:
+            slower = max(50.0, 0.5e6 / busy)
+            found.append(
+                f"A tick takes {busy:.0f} of {period:.0f} µs: use --rate {slower:.0f} or less on this computer."
+            )
+        if self.took.stolen > 0.01 or (self.machine.virtual and self.report["missed"] > 2 * self.took.preempted):
+            found.append(
+                "This is a virtual machine, and its host interrupts ticks: assign dedicated processors to it, or "
+                "use a physical computer."
+            )
+        if self.took.others > 0.5 * self.machine.cores and scheduler.get("policy") != "SCHED_FIFO":
+            found.append(f"Other programs kept {self.took.others:.1f} of {self.machine.cores} cores busy: close some.")
+        if self.machine.cores < 2:
+            found.append("One core is not enough for a loop and a console: use two or more.")
+        if self.machine.governor not in ("", "performance"):
+            found.append(f"The processor's clock follows '{self.machine.governor}': set it to 'performance'.")
+        if not self.machine.preemptible and late > LATENESS:
+            found.append("This kernel cannot be interrupted everywhere: use one with PREEMPT or PREEMPT_RT.")
+        if not found:
+            found.append("No clear cause found: look for other real-time programs, and measure again for longer.")
+        return tuple(found)
+
+    def numbers(self) -> dict[str, Any]:
+        """Everything as plain JSON types."""
+        keys = ("device", "world", "driver", "rate_hz", "ticks", "missed", "success_rate", "lateness_us", "compute_us")
+        return {
+            "fit": self.fit,
+            **{key: self.report[key] for key in (*keys, "stage_us", "ahead_us", "trips", "scheduler")},
+            "duration_s": self.duration,
+            "dragging": self.dragging,
+            "verdicts": [vars(verdict) for verdict in self.verdicts],
+            "advice": list(self.advice),
+            "machine": vars(self.machine),
+            "meanwhile": vars(self.took),
+        }
+
+
+def _number(value: float | None) -> float:
+    return _NAN if value is None else value
+
+
+# --------------------------------------------------------------------------------------------------
+# Run the loop on the simulated device, with a client beside it that drags and reads as a console does.
+
+
+_FRAME = 1 / 60  #: a console's [s]
+
+
+def measure_fitness(
+    duration: float = 30.0, *, rate: float = 1000.0, device: str = "omni", dragging: bool = True, progress: bool = True
+) -> Fitness:
+    """Run for `duration` [s] and judge. With `dragging`, a client in this process points and reads at 60 Hz.
+
+    Shows a progress bar on the terminal by default. Raises InputError for a duration that is no time.
+    """
+    if not (math.isfinite(duration) and duration >= 0.5):
+        raise InputError(f"duration must be at least 0.5 s; got {duration!r} s")
+    with (
+        make_progress(show=progress) as bar,
+        Servo(device, rate=rate, record=False) as servo,
+    ):
+        task = bar.add_task("measuring the loop", total=duration)
+        watch, begin, cursor = StolenTimeCounter(servo.servo_pid), monotonic(), 0
+        while (t := monotonic() - begin) < duration:
+            servo.check()
+            if dragging:
+                servo.point(drag_position(t))
+                cursor, _ = servo.rows(cursor)
+            if int(t / _FRAME) % 30 == 0:
+                bar.update(task, completed=t)
+            sleep(max(_FRAME - (monotonic() - begin - t), 0.0))
+        took = watch.measure()
+    return Fitness(servo.report(), this_machine(), took, duration, dragging)
+
+
+def drag_position(t: float) -> Array:
+    """(3,) [m] where the client holds the pointer: round and round the summit, leaning on the dome."""
+    tilt, turn = math.radians(15 + 12 * math.sin(0.9 * t)), 1.7 * t
+    return 0.048 * np.array([math.sin(tilt) * math.cos(turn), math.sin(tilt) * math.sin(turn), math.cos(tilt)])
+
+
+# --------------------------------------------------------------------------------------------------
+# The verdict for people.
+
+
+def print_fitness(fitness: Fitness, console: Console | None = None) -> None:
+    """Print verdicts, times, the machine and what to do about it."""
+    console = console or make_console()
+    report, machine, took = fitness.report, fitness.machine, fitness.took
+    client = "with a client dragging at 60 Hz" if fitness.dragging else "alone"
+    print_text(
+        console,
+        f"{report['device']} (simulated), {report['rate_hz']:g} Hz, {fitness.duration:g} s {client}: "
+        f"{report['ticks']} ticks, {report['missed']} deadlines missed\n",
+    )
+    verdicts = TextTable((Column("criterion", kind="key"), Column("measured", kind="text"),
+                          Column("wanted", kind="text"), Column("verdict", kind="short")))  # fmt: skip
+    for verdict in fitness.verdicts:
+        verdicts.add_row(verdict.what, verdict.measured, verdict.wanted, "pass" if verdict.fit else "FAIL")
+    print_table(console, verdicts)
+    print_text(console)
+    times = TextTable((Column("time", kind="key"), *(Column(share, "µs") for share in ("50 %", "99 %", "99.9 %"))))
+    for name in ("lateness", "compute"):
+        values = report[f"{name}_us"].values()
+        times.add_row(name, *("–" if value is None else f"{value:.0f}" for value in values))
+    ahead = report["ahead_us"]
+    if ahead:
+        times.add_row("simulated device, before", f"{ahead['p50']:.0f}", f"{ahead['p99']:.0f}", "")
+    print_table(console, times)
+    scheduler = report["scheduler"]
+    print_text(
+        console,
+        f"\n{machine.processor}, {machine.cores} cores{', virtual' if machine.virtual else ''}; kernel "
+        f"{machine.kernel}; scheduler {scheduler.get('policy', 'unknown')}"
+        f"{', memory locked' if scheduler.get('memory_locked') else ', memory not locked'}"
+        f"{', core kept awake' if scheduler.get('awake') else ''}; "
+        f"{took.others:.1f} cores busy, {100 * took.stolen:.1f} % stolen by the host, preempted {took.preempted} times",
+    )
+    if fitness.fit:
+        print_text(console, "This computer is fit for a real-time loop.", "bold green")
+    else:
+        print_text(console, "This computer is not yet fit for a real-time loop.", "bold red")
+        for advice in fitness.advice:
+            print_text(console, f"• {advice}", indent="  ")

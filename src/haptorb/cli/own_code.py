@@ -1,0 +1,37 @@
+"""Before a file of the user's own runs: which code it is, said on standard error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from haptorb.terminal import announce_wait, say
+
+if TYPE_CHECKING:
+    from haptorb.worlds.base import World
+    from haptorb.worlds.user_world import WorldFile
+
+__all__ = ["announce_code", "start_world_file"]
+
+_announced: set[tuple[Path, str]] = set()
+
+
+def announce_code(path: Path, name: str) -> None:
+    """Say, once, that the code of the file `path` runs now; `name` is what is used of it."""
+    if (path, name) not in _announced:
+        _announced.add((path, name))
+        say(f"Running the code of {path}" + (f" ({name})" if name else ""))
+
+
+def start_world_file(file: WorldFile) -> World:
+    """The world in `file`, which a person named: its code runs, and recordings of it may run the same code again.
+
+    Raises what `WorldFile.load` raises.
+    """
+    from haptorb.worlds.user_world import note_start
+
+    announce_code(file.path, file.name)  # safety: code-is-announced
+    with announce_wait(f"World file {file.path} has not finished loading"):
+        world = file.load()
+    note_start(world)
+    return world

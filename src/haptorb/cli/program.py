@@ -1,0 +1,109 @@
+"""The program `haptorb`: its commands, and how it ends.
+
+Exit codes: 0 done, 1 the command ran and its verdict is no, 2 a mistake that the message explains, 130 interrupted,
+143 and 129 ended by SIGTERM and SIGHUP.
+"""
+
+from __future__ import annotations
+
+import errno
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import entry_points
+from typing import Annotated, Any
+
+import typer
+
+from haptorb.cli import calibrate, check, fit, frame, hardware, recording, replay, run, show, train, view
+from haptorb.errors import HaptorbError, InputError, RecordingWarning
+from haptorb.runtime.linux import Termination, raise_termination
+from haptorb.terminal import CommandLine, drop_output, open_output, say, tell, use_ascii_fallback
+from haptorb.version import __version__
+
+__all__ = ["app", "main"]
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  #: disk, quota, file
+
+app = CommandLine(
+    name="haptorb",
+    help="Design, simulate and run spherical electromagnetic haptic devices.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def tell_version(wanted: bool) -> None:
+    """Print the version and end, before anything else is looked at."""
+    if wanted:
+        tell(f"haptorb {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def start(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and exit.", is_eager=True, callback=tell_version)
+    ] = False,
+) -> None:
+    """Design, simulate and run spherical electromagnetic haptic devices."""
+
+
+def explain_missing(command: str, cause: ModuleNotFoundError) -> None:
+    """Have `command` say in one line which package it needs, where that is not installed."""
+    package = str(cause.name).partition(".")[0]
+
+    @app.command(command, hidden=True, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
+    def explain() -> None:
+        raise InputError(f"`haptorb {command}` needs {package}, which is not installed")
+
+
+for module in (run, view, show, check, recording, replay, calibrate, frame, fit, train, hardware):
+    module.register(app)
+for point in entry_points(group="haptorb.commands"):
+    try:
+        point.load().register(app)
+    except ModuleNotFoundError as missing:
+        explain_missing(point.name, missing)
+
+
+@contextmanager
+def report_damage() -> Iterator[None]:
+    """Say on standard error, wherever a command opens a damaged recording, what is missing of it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", RecordingWarning)
+        show = warnings.showwarning
+
+        def show_damage(message: Warning | str, category: type[Warning], *others: Any, **more: Any) -> None:
+            if issubclass(category, RecordingWarning):
+                say(str(message))
+            else:
+                show(message, category, *others, **more)
+
+        warnings.showwarning = show_damage
+        yield
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; a user's mistake is one message, never a traceback."""
+    open_output()
+    use_ascii_fallback()
+    try:
+        with raise_termination(), report_damage():
+            app(args=arguments)
+    except HaptorbError as mistake:
+        say(f"haptorb: {mistake.command_message}")
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    except Termination as end:
+        return 128 + end.number
+    except BrokenPipeError:  # `haptorb devices | head` is no mistake
+        sys.stderr.close()
+    except OSError as cause:
+        if cause.errno not in _FULL:
+            raise
+        drop_output()
+        say(f"haptorb: cannot write {cause.filename or 'the output'}: {cause.strerror}")
+        return 2
+    return 0

@@ -1,0 +1,367 @@
+"""`haptorb run`: a device, a world under its mover, and the console in the browser; the main job."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event, Thread, Timer
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from haptorb.errors import InputError
+from haptorb.runtime.linux import Termination
+from haptorb.terminal import print_json, say
+
+if TYPE_CHECKING:
+    from haptorb.runtime.prestart import PrestartedProcess
+    from haptorb.runtime.servo import Servo
+    from haptorb.serve.base import Serving
+    from haptorb.worlds import World
+    from haptorb.worlds.scene import SceneFile
+    from haptorb.worlds.user_world import WorldFile
+
+__all__ = ["describe_tracking", "register", "tell_missing_pose", "tell_part"]
+
+
+# --------------------------------------------------------------------------------------------------
+# Say at the terminal, once, which part of a wrench is rendered and what of it cannot be had.
+
+
+_LOOK = 0.2  #: between two looks [s]: a world that does not say what it asks is found out in its ticks
+
+
+@contextmanager
+def tell_part(servo: Servo) -> Iterator[None]:
+    """For as long as the block lasts: a line for each part of the wrench when it is rendered first."""
+    from haptorb.worlds.base import PARTS
+
+    ended, known = Event(), set[str]()
+
+    def look() -> None:
+        while True:
+            part = servo.rendered_part
+            if part is not None and part not in known:
+                known.add(part)
+                text = servo.part_remarks[PARTS.index(part)] if part != "force" or servo.render else ""
+                if text:
+                    say(text)
+            if ended.wait(_LOOK):
+                return
+
+    looking = Thread(target=look, name="rendered part", daemon=True)
+    looking.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        looking.join()
+
+
+# --------------------------------------------------------------------------------------------------
+# Say at the terminal what a running servo waits for while its tracker sends no pose, and at the end how they came.
+
+
+_FIRST = 2.0  #: from the start to the first look [s]
+_AGAIN = 10.0  #: between two lines while counts change [s]
+
+
+@contextmanager
+def tell_missing_pose(servo: Servo) -> Iterator[None]:
+    """For as long as the block lasts: a line 2 s after the start if no pose is valid, another whenever its counts have
+    changed, at most every 10 s."""
+    ended = Event()
+
+    def look() -> None:
+        last_text, patience = "", _FIRST
+        while not ended.wait(patience):
+            patience = _FIRST
+            text = servo.missing_pose if servo.alive else ""
+            if text and text != last_text:
+                say(f"{text[0].upper()}{text[1:]}")
+                patience = _AGAIN
+            last_text = text
+
+    looking = Thread(target=look, name="missing pose", daemon=True)
+    looking.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        looking.join()
+
+
+def describe_tracking(name: str, poses: dict[str, Any]) -> str:
+    """One line on how the poses of the tracker `name` came, from `tracking` of the run's report [Hz, ms]."""
+    if not poses["accepted"]:
+        text = "no pose accepted"
+    else:
+        text = f"{poses['accepted']} poses, {poses['rate_hz'] or 0:.0f} Hz"
+        if poses["age_ms"]:
+            text += f", age in use {poses['age_ms']['p50']:.1f} ms (99 %: {poses['age_ms']['p99']:.1f} ms)"
+    refused = ", ".join(f"{count} {why.replace('_', ' ')}" for why, count in poses["refused"].items())
+    return f"tracker {name}: {text}, lost {poses['lost']} times" + (f"; refused: {refused}" if refused else "")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `app`."""
+    app.command()(run)
+
+
+def run(
+    device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")] = "omni",
+    world: Annotated[
+        str | None,
+        typer.Option(
+            help="World to render (default: dome; outlet on a motor), from `haptorb worlds`, or your own: FILE.py:NAME."
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help='World parameter, NAME=VALUE, NAME="VALUE UNIT" or NAME=X,Y,Z; repeatable.'),
+    ] = None,
+    scene: Annotated[
+        str | None,
+        typer.Option(help="MuJoCo scene to render: peg, outlet, boxes, drawer, or your own FILE.xml."),
+    ] = None,
+    body: Annotated[
+        str | None, typer.Option(help="With --scene: body to hold (default: the one that the scene names).")
+    ] = None,
+    grip: Annotated[
+        str, typer.Option(help="With --scene: grip of the hand: loose, light, firm or MASS,DAMPING,STIFFNESS.")
+    ] = "light",
+    latency: Annotated[
+        float | None,
+        typer.Option(help="With --scene: latency of the tracker [ms] (default: 0; 5 for an external tracker)."),
+    ] = None,
+    driver: Annotated[
+        str, typer.Option(help="Driver: sim (simulated device), serial:PORT or i2c:BUS (real device).")
+    ] = "sim",
+    tracker: Annotated[
+        str,
+        typer.Option(
+            help="Source of the tool pose: pointer (in the console), hall (field sensors), osc:PORT, "
+            "osc:HOST:PORT, lsl:NAME, natnet:HOST, replay:FILE."
+        ),
+    ] = "pointer",
+    prediction: Annotated[
+        float, typer.Option(help="Longest time by which a tracker's pose is predicted [ms], 0 to 20.")
+    ] = 4.0,
+    estimator: Annotated[
+        str | None,
+        typer.Option(help="Estimator: tracker or, from a motor's field sensors, least-squares, network, linear."),
+    ] = None,
+    calibration: Annotated[Path | None, typer.Option(help="Calibration file, from `haptorb calibrate`.")] = None,
+    frame: Annotated[
+        Path | None, typer.Option(help="Frame file, from `haptorb frame`, for a tracker with its own frame.")
+    ] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(help="Controller model of coils and magnets: exact (default), or published (as in the paper)."),
+    ] = None,
+    render: Annotated[
+        str | None,
+        typer.Option(
+            help="Part of the world's wrench to render on a tool: force, torque, both (default: as the world defines)."
+        ),
+    ] = None,
+    torque_arm: Annotated[
+        float | None,
+        typer.Option(
+            help="With --render both: arm that weights torque errors against force errors [mm] (default: 43.5)."
+        ),
+    ] = None,
+    rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
+    seed: Annotated[int, typer.Option(help="Seed of the simulated noise.")] = 0,
+    record: Annotated[Path | None, typer.Option(help="Record to this MCAP file.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Let --record replace an existing file.")] = False,
+    headless: Annotated[bool, typer.Option("--headless", help="Run without the console.")] = False,
+    duration: Annotated[float | None, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = None,
+    no_watchdog: Annotated[
+        bool,
+        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; nobody may touch the device."),
+    ] = False,
+    serve: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Serve programs: haply[:HOST][:PORT[:EVENTS]], osc[:[HOST:]PORT], lsl, foxglove[:PORT]; repeatable."
+        ),
+    ] = None,
+    port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
+    browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the report at the end as one JSON object.")] = False,
+) -> None:
+    """Run a device with a world and the console. Default: simulated Omni with a dome."""
+    if duration is not None and not 0 < duration < float("inf"):
+        raise InputError(f"--duration must be greater than 0 s; got {duration:g} s")
+    from haptorb.runtime.linux import require_linux
+    from haptorb.runtime.prestart import PrestartedProcess
+
+    require_linux("`haptorb run`")
+    with PrestartedProcess() as standby:  # it loads while this process does, and reads the device file
+        from haptorb.cli.progress import build_tables
+        from haptorb.cli.world_option import choose_scene_option, choose_world_option, refuse_scene_options
+        from haptorb.devices.loader import load
+        from haptorb.files import state_folder
+        from haptorb.runtime.assembly import default_world
+        from haptorb.runtime.servo import Servo
+        from haptorb.serve.base import Serving, add_client_force, check_servers, is_client_force_alone
+
+        choices = check_servers(serve or [])
+        found = load(device)
+        chosen: World | WorldFile | SceneFile
+        if scene is None and body is None:
+            refuse_scene_options(world, grip, latency)
+            first = "remote" if is_client_force_alone(choices) else default_world(found)
+            chosen = choose_world_option(world or first, settings or [], found)
+        else:
+            chosen = choose_scene_option(scene, body, world, settings or [], found)
+        build_tables(found)
+        servo = Servo(
+            device, add_client_force(chosen, choices), driver=driver, tracker=tracker, prediction=1e-3 * prediction,
+            frame=frame, rate=rate, seed=seed, model=model, record=record or False,
+            overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
+            watchdog=not no_watchdog, render=render, torque_arm=None if torque_arm is None else 1e-3 * torque_arm,
+            grip=grip, latency=None if latency is None else 1e-3 * latency,
+        )  # fmt: skip
+        if servo.coupling:
+            say(servo.coupling)
+        with Serving(choices, servo) as serving:
+            number = (
+                _run_without_console(servo, standby, serving, duration, json)
+                if headless
+                else _run_with_console(servo, standby, serving, duration, port, browser, json)
+            )
+        for file in servo.trip_files:
+            say(f"last ticks before the trip: {file}")
+    if number:
+        raise typer.Exit(128 + number)
+
+
+def _run_without_console(
+    servo: Servo, standby: PrestartedProcess, serving: Serving, duration: float | None, json: bool
+) -> int:
+    with _open_servo(servo, standby, serving):
+        serving.hold_tool()
+        if not json:
+            world, driver = servo.world[0], _driver_text(servo)
+            say(f"{servo.device.name}, world '{world}', {servo.rate:g} Hz, {driver}. Ctrl-C ends.")
+        try:
+            with tell_missing_pose(servo), tell_part(servo):
+                try:
+                    servo.run(duration if duration is not None else 1e9)
+                finally:
+                    servo.end_loop()
+            number = 0
+        except KeyboardInterrupt:
+            number = int(signal.SIGINT)
+        except Termination as end:
+            number = end.number
+    _report(servo, json)
+    return number
+
+
+def _run_with_console(
+    servo: Servo,
+    standby: PrestartedProcess,
+    serving: Serving,
+    duration: float | None,
+    port: int,
+    browser: bool,
+    json: bool,
+) -> int:
+    from time import monotonic
+
+    from haptorb.web.console import Console
+    from haptorb.web.server import freeze_garbage
+
+    with Console(servo, port) as console, freeze_garbage(), _open_servo(servo, standby, serving):
+        end = float("inf") if duration is None else monotonic() + duration
+        last, invited = "", False
+
+        def look() -> bool:
+            nonlocal last, invited
+            if console.answers and not invited:
+                invited = True
+                say(f"Open {console.url} in a browser: {servo.device.name}, {_driver_text(servo)}. Ctrl-C ends.")
+            now = servo.world_trouble
+            if now and not last:
+                say(now)
+            last = now
+            return monotonic() > end
+
+        with tell_missing_pose(servo), tell_part(servo):
+            number = console.serve(open_browser=browser, until=look)
+        servo.check_end()  # a servo that failed reports why, and sets the exit code
+    _report(servo, json)
+    return number or 0
+
+
+@contextmanager
+def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> Iterator[None]:
+    """Run `servo` and close it on the way out, the loop first; when the start takes long, say why."""
+    hint = Timer(
+        3.0, say, ["Starting ... The first start after an installation compiles code: about 15 s on two cores."]
+    )
+    hint.daemon = True
+    hint.start()
+    try:
+        servo.open(standby)
+        serving.start()
+    except BaseException:
+        servo.end_loop()
+        serving.end()
+        servo.close()
+        raise
+    finally:
+        hint.cancel()
+    try:
+        if servo.warning:
+            say(f"Warning: {servo.warning}")
+        if servo.tracker_token:
+            say(f"A program on another computer must send this token before its poses: {servo.tracker_token}")
+        for line in serving.lines:
+            say(line)
+        yield
+    finally:
+        servo.end_loop()
+        serving.end()
+        servo.close()
+        if servo.report()["coil_state"] == "unknown":
+            say("COIL STATE UNKNOWN: the device did not confirm that its coils are off. Switch off its supply.")
+
+
+def _driver_text(servo: Servo) -> str:
+    return "SIMULATED" if servo.driver == "sim" else f"driver {servo.driver}"
+
+
+def _report(servo: Servo, json: bool) -> None:
+    from haptorb.runtime.report import describe_detail
+    from haptorb.serve.base import describe_servers
+
+    report: dict[str, Any] = servo.report()
+    if json:
+        print_json(report, line=True)
+        return
+    rate, late = report["success_rate"], report["lateness_us"]["p99"]
+    if rate is not None and late is not None:
+        torque = f", torque {1e3 * report['peak_torque_nm']:.1f} mN·m"
+        turned = torque if report["rendered_part"] in ("torque", "both") else ""
+        say(
+            f"{report['ticks']} ticks, {100 * rate:.2f} % on time, p99 lateness {late:.0f} µs, "
+            + (
+                f"peak torque {report['peak_torque_nm']:.2f} N·m"
+                if servo.modes
+                else f"peak force {report['peak_force_n']:.2f} N{turned}"
+            )
+        )
+    if "rate_hz" in (poses := report["tracking"]):
+        say(describe_tracking(servo.tracker, poses))
+    if heavy := describe_detail(report.get("scene", {})):
+        say(heavy)
+    for line in describe_servers(report.get("servers", [])):
+        say(line)
+    for trip in report["trips"]:
+        say(f"tripped at {trip['t']:.2f} s: {trip['reason']}")

@@ -1,0 +1,331 @@
+"""A Dask cluster as a place to compute: a scheduler at an address, with workers that may come, go and die.
+
+Dask gives the jobs of a lost worker to another one, and a result lost with it is computed again. Each job
+checks the version of its worker, so that one that joins later cannot bring other numbers.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import site
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib import import_module
+from itertools import islice
+from multiprocessing import resource_tracker
+from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import RLock
+from typing import Any, TypeVar, cast
+
+from haptorb.errors import HaptorbError, InputError
+from haptorb.version import __version__
+
+__all__ = [
+    "append_folders",
+    "check_versions",
+    "count_cores",
+    "count_threads",
+    "environment",
+    "list_versions",
+    "open_cluster",
+    "python_command",
+    "run_jobs",
+    "spawn_context",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# Versions on the computers of a cluster: with different ones results could differ, or jobs could not be read.
+#
+# A scheduler passes jobs without unpacking them, so only its Dask and Python must be the same as here. A worker
+# computes,
+# so haptorb and its numerical libraries must be the same, too.
+
+
+_DASK = ("distributed", "dask", "cloudpickle")
+_NUMBERS = ("numpy", "scipy", "numba")
+
+
+def check_versions(client: Any, address: str) -> None:
+    """InputError, with both versions, unless scheduler and workers of the Dask `client` have those of this computer."""
+    found = client.get_versions(packages=_NUMBERS)
+    here = _list_packages(found["client"])
+    scheduler = _list_packages(found["scheduler"])
+    _refuse(f"the Dask scheduler at '{address}' has", scheduler, here, ("Python", *_DASK[:2]))
+    whose = f"the Dask workers at '{address}' have"
+    for worker in found["workers"].values():
+        _refuse(whose, _list_packages(worker), here, ("Python", *_DASK, *_NUMBERS))
+    for worker in client.run(_make_look(), on_error="return").values():  # an exception: a worker without haptorb
+        versions = {"haptorb": worker} if isinstance(worker, str) else {}
+        _refuse(whose, versions, {"haptorb": __version__}, ("haptorb",))
+
+
+def list_versions() -> dict[str, str]:
+    """Package → version on this computer, of all that determines results."""
+    from importlib.metadata import version
+
+    return {"haptorb": __version__, **{name: version(name) for name in _NUMBERS}}
+
+
+def _refuse(whose: str, theirs: Mapping[str, str], here: Mapping[str, str], names: Iterable[str]) -> None:
+    for name in names:
+        if theirs.get(name) != here.get(name):
+            raise InputError(
+                f"{whose} {name} {theirs.get(name) or '(missing)'}, this computer has {here.get(name)}: install the "
+                "same version on all"
+            )
+
+
+def _list_packages(computer: Mapping[str, Any]) -> dict[str, str]:
+    """Package → version, as Dask reports for one computer; Python without the last number."""
+    packages = {name: str(value) for name, value in computer["packages"].items() if value is not None}
+    packages["Python"] = ".".join(packages.pop("python", "").split(".")[:2])
+    return packages
+
+
+def _make_look() -> Any:
+    """A function that is sent with its code: a worker may not have this module."""
+
+    def look() -> str:
+        from haptorb.version import __version__ as here
+
+        return str(here)
+
+    return look
+
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+_PATIENCE = 5.0  #: until a scheduler that does not answer counts as unreachable [s]
+_DESERTED = 60.0  #: for which a cluster may be without any worker [s]
+_LOOK = 1.0  #: between two looks at whether there still are workers, while no result comes [s]
+_AHEAD = 3  #: jobs that are given out for each thread of the cluster
+_ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")  #: of a scheduler: host and port
+
+
+@contextmanager
+def open_cluster(address: str) -> Iterator[Any]:
+    """A Dask client of the scheduler at `address`, closed after the block.
+
+    Raises InputError if nothing answers there, if it has no workers, or if they have other versions than this computer.
+    """
+    try:
+        distributed: Any = import_module("distributed")  # which has types only in parts
+    except ImportError as cause:
+        raise InputError("--scheduler needs dask.distributed: pip install 'haptorb[cluster]'") from cause
+    if not _ADDRESS.fullmatch(address):  # a client that is made for it fails a second time when it is thrown away
+        raise InputError(
+            f"'{address}' is not the address of a Dask scheduler; give the one that `dask scheduler` prints, such as "
+            "tcp://127.0.0.1:8786"
+        )
+    try:
+        with warnings.catch_warnings():  # `check_versions` rejects the versions that matter
+            warnings.simplefilter("ignore")
+            client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, ValueError, TypeError, ImportError, KeyError) as cause:
+        raise InputError(
+            f"no Dask scheduler responds at '{address}'; start one with `dask scheduler`, and give the address that it "
+            "prints, such as tcp://127.0.0.1:8786"
+        ) from cause
+    with client:
+        _check_cluster(client, address)
+        yield client
+
+
+def count_threads(client: Any) -> int:
+    """Threads of all workers that the cluster has now."""
+    return sum(client.nthreads().values())
+
+
+def run_jobs(
+    client: Any, function: Callable[[Job], Result], jobs: Iterable[Job], *, after: str = "start again"
+) -> Iterator[Result]:
+    """What `function`, which stands in a module, returns for each job; as they come, each once.
+
+    after   what a person does when the cluster has failed
+
+    Raises InputError when the cluster fails: its scheduler goes away, no worker has come for a minute, or the same job
+    killed four of them. What the function raises is raised here.
+    """
+    call = _make_call(function.__module__, function.__qualname__, list_versions())
+    address = client.scheduler.address
+    source, pending, done = iter(jobs), set[Any](), SimpleQueue[Any]()
+    try:
+        while True:
+            room = _AHEAD * max(1, count_threads(client)) - len(pending)
+            fresh = list(islice(source, max(room, 0)))
+            for future in client.map(call, fresh, pure=False) if fresh else ():
+                pending.add(future)
+                future.add_done_callback(done.put)
+            if not pending:
+                return
+            future = _wait_for_one(client, done)
+            result = future.result()
+            pending.discard(future)
+            yield result
+    except (HaptorbError, GeneratorExit):
+        raise
+    except Exception as cause:  # a scheduler that went away, a job that kills its workers
+        raise InputError(f"the Dask cluster at '{address}' failed: {_shorten(cause)}; {after}") from cause
+    finally:
+        if pending and client.status == "running":
+            client.cancel(list(pending))
+
+
+def _wait_for_one(client: Any, done: SimpleQueue[Any]) -> Any:
+    """A future that is done; RuntimeError without a worker to compute one."""
+    deserted = None
+    while True:
+        try:
+            return done.get(timeout=_LOOK)
+        except Empty:
+            now = time.monotonic()
+            deserted = None if client.nthreads() else (deserted or now)
+            if deserted is not None and now - deserted > _DESERTED:
+                raise RuntimeError(f"it has had no worker for {_DESERTED:.0f} s") from None
+
+
+def _make_call(module: str, name: str, versions: dict[str, str]) -> Callable[[Any], Any]:
+    """A function that travels with its code, because a worker of another version may not know this module."""
+
+    def call(job: Any) -> Any:
+        from importlib import import_module
+
+        for package, wanted in versions.items():
+            found = import_module("haptorb.version" if package == "haptorb" else package).__version__
+            if found != wanted:
+                raise RuntimeError(
+                    f"a worker has {package} {found}, this computer has {wanted}: install the same version on all"
+                )
+        return getattr(import_module(module), name)(job)
+
+    return call
+
+
+def _check_cluster(client: Any, address: str) -> None:
+    """InputError unless the cluster has workers, with the versions of this computer."""
+    if not client.nthreads():
+        raise InputError(f"the Dask scheduler at '{address}' has no workers: start some with `dask worker {address}`")
+    try:
+        check_versions(client, address)
+    except HaptorbError:
+        raise
+    except Exception as cause:  # another version may raise anything
+        raise InputError(
+            f"the Dask cluster at '{address}' is not compatible with this computer: {_shorten(cause)}"
+        ) from cause
+
+
+def _shorten(cause: Exception) -> str:
+    return " ".join((str(cause) or type(cause).__name__).split())[:200]
+
+
+# --------------------------------------------------------------------------------------------------
+# How many processes this computer has room for.
+
+
+def count_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+# --------------------------------------------------------------------------------------------------
+# How this program starts Python: a child process imports nothing from the current folder.
+#
+# `python -m` and `python -c` put the current folder first on the import path. Whoever may write there, or has a
+# `random.py` there for another purpose, would have it run inside the process that holds the coils. Every child is
+# therefore started with `-P`; one that needs nothing of the user's with `-I`, which leaves out PYTHONPATH too.
+
+
+#: An isolated process finds this package, and what it needs, where this process found them.
+_ISOLATED = (
+    f"import sys; folders, module = sys.argv[1].split({os.pathsep!r}), sys.argv[2]; del sys.argv[1:3]; "
+    "sys.path += [one for one in folders if one not in sys.path]; "
+    "import runpy; runpy.run_module(module, run_name='__main__', alter_sys=True)"
+)
+
+
+def python_command(module: str, *arguments: str, isolated: bool = False) -> list[str]:
+    """The command for `python -m module arguments` that imports nothing from the current folder.
+
+    `isolated`: nor from PYTHONPATH, for what needs no code of the user's.
+    """
+    if not isolated:
+        return [sys.executable, "-P", "-m", module, *arguments]  # safety: no-current-folder
+    # safety: isolated-child
+    return [sys.executable, "-I", "-c", _ISOLATED, os.pathsep.join(_own_folders()), module, *arguments]
+
+
+def _own_folders() -> list[str]:
+    """Where this package lies, and the account's own packages if this process uses them."""
+    root = str(Path(__file__).resolve().parents[2])
+    return [root, site.getusersitepackages()] if site.ENABLE_USER_SITE else [root]
+
+
+def environment(more: Mapping[str, str] | None = None) -> dict[str, str]:
+    """This process's environment for a child, and `more` that it has not set itself.
+
+    An empty entry of PYTHONPATH, which an `export PYTHONPATH=$PYTHONPATH:...` leaves, means the current folder: it is
+    left out.
+    """
+    found = {**(more or {}), **os.environ}
+    if "PYTHONPATH" in found:
+        # safety: no-empty-entry
+        found["PYTHONPATH"] = os.pathsep.join(one for one in found["PYTHONPATH"].split(os.pathsep) if one)
+    return found
+
+
+def append_folders(folders: Iterable[str]) -> None:
+    """Let modules be found in `folders` too: after everything else, so that they hide nothing."""
+    for one in folders:
+        folder = os.path.abspath(one)
+        if folder not in sys.path:
+            sys.path.append(folder)  # safety: folders-last
+
+
+# --------------------------------------------------------------------------------------------------
+# `multiprocessing` with new interpreters that import nothing from the current folder, as `python_process` has it.
+
+
+_changing = RLock()  # the environment
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Python processes that are started meanwhile import nothing from the current folder."""
+    with _changing:
+        before = os.environ.get("PYTHONSAFEPATH")
+        os.environ["PYTHONSAFEPATH"] = "1"
+        try:
+            yield
+        finally:
+            if before is None:
+                del os.environ["PYTHONSAFEPATH"]
+            else:
+                os.environ["PYTHONSAFEPATH"] = before
+
+
+class _Process(SpawnProcess):
+    @staticmethod
+    def _Popen(process_obj: BaseProcess) -> Any:
+        with _safe_path():  # safety: spawned-without-folder
+            return cast("Any", SpawnProcess)._Popen(process_obj)
+
+
+class _Context(SpawnContext):
+    Process = _Process
+
+
+def spawn_context() -> SpawnContext:
+    """For `multiprocessing`: new interpreters, which import nothing from the current folder."""
+    with _safe_path():
+        resource_tracker.ensure_running()  # a Python process too
+    return _Context()

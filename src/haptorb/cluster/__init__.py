@@ -1,1 +1,0 @@
-"""Where long computations run besides this process: the cores of this computer, or a Dask cluster."""

@@ -1,0 +1,370 @@
+"""How kernels are compiled: one decorator, and a cache that notices changed sources.
+
+A kernel is compiled once per machine and kept under the user's cache folder. numba looks only at the file that holds
+a kernel, not at the kernels that it calls; so each file's kernels are kept in a folder named after the state of that
+file and of all the package's files that it imports from, directly or by way of others. A change elsewhere costs no
+compilation.
+
+numba takes most of a second to load, and to read a device file it is not needed. Until the first kernel is
+called, every kernel is a `PostponedKernel`; that call loads numba and puts compiled functions in the place of all of
+them. What runs beside a clock calls `load_compiler` before it starts.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache, update_wrapper
+from importlib import import_module
+from pathlib import Path
+from threading import local
+from typing import Any, TypeVar, cast, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb._numba_patches import (
+    _disable_gathers,
+    _limit_optimisation,
+    _postpone_linear_algebra,
+    _silence_lock,
+    call_own_copies,
+    remember_call_types,
+)
+from haptorb.arrays import Array
+from haptorb.cache_folder import explain_shared, private_folder
+
+__all__ = [
+    "PostponedKernel",
+    "UncompiledKernelError",
+    "forbid_compiling",
+    "kernel",
+    "load_compiler",
+    "pack",
+    "part",
+    "tell_compiling",
+    "tick_kernel",
+    "vector_kernel",
+    "watch_compiling",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# Whether kernels may be compiled: where they may not, one that lies in no cache is named instead.
+#
+# A servo that runs must not compile; it may load what another process has compiled.
+
+
+_thread = local()  # `missing`: names of kernels, where compiling is forbidden
+_listeners: list[Callable[[], object]] = []
+
+
+class UncompiledKernelError(Exception):
+    """A kernel lies in no cache, where `forbid_compiling` holds."""
+
+
+def tell_compiling(tell: Callable[[], object]) -> None:
+    """Have `tell` called whenever this process begins to compile a kernel that lies in no cache."""
+    _listeners.append(tell)
+
+
+@contextmanager
+def forbid_compiling() -> Iterator[list[str]]:
+    """In this thread a kernel comes out of the cache, or raises UncompiledKernelError when it is called.
+
+    Yields the names of those that did: who catches everything, as a tick does, swallows the exception.
+    """
+    before, _thread.missing = getattr(_thread, "missing", None), list[str]()
+    try:
+        yield _thread.missing
+    finally:
+        _thread.missing = before
+
+
+def watch_compiling(compiled: Any) -> None:
+    """Have `compiled`, a dispatcher, ask first whether it may compile. What lies in the cache it loads as ever."""
+    compiler = compiled._compiler
+    compile_now, name = compiler.compile, f"{compiled.py_func.__module__}.{compiled.py_func.__qualname__}"
+
+    def compile_if_allowed(args: Any, return_type: Any) -> Any:
+        missing: list[str] | None = getattr(_thread, "missing", None)
+        if missing is not None:
+            missing.append(name)
+            raise UncompiledKernelError(f"kernel '{name}' is not compiled yet")
+        for tell in _listeners:
+            tell()
+        return compile_now(args, return_type)
+
+    compiler.compile = compile_if_allowed
+
+
+_PACKAGE = Path(__file__).resolve().parent
+_MOST = 4  #: compiled versions of a file kept beside each other, for people who switch branches
+_IMPORT = re.compile(r"^\s*from haptorb((?:\.\w+)*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def _trace_imports(source: str) -> Iterator[Path]:
+    for dotted, names in _IMPORT.findall(source):
+        place = _PACKAGE.joinpath(*dotted.split(".")[1:])
+        if place.with_suffix(".py").is_file():
+            yield place.with_suffix(".py")
+            continue
+        yield place / "__init__.py"
+        for name in re.findall(r"\w+", names):
+            if (place / f"{name}.py").is_file():
+                yield place / f"{name}.py"
+
+
+@cache
+def _neighbours(path: Path) -> tuple[bytes, tuple[Path, ...]]:
+    source = path.read_bytes()
+    return hashlib.sha256(source).digest(), tuple(_trace_imports(source.decode("utf-8")))
+
+
+@cache
+def _digest_sources(path: Path) -> bytes:
+    """A digest of what `path` and everything that it imports from the package say; empty for files of others.
+
+    Taken when the file's first kernel is declared: a source that is edited between that and the first call must not
+    pass for what was compiled.
+    """
+    if not path.is_relative_to(_PACKAGE):
+        return b""
+    digests: dict[Path, bytes] = {}
+    waiting = [path]
+    while waiting:
+        file = waiting.pop()
+        if file not in digests:
+            digests[file], others = _neighbours(file)
+            waiting.extend(others)
+    digest = hashlib.sha256()
+    for file in sorted(digests):
+        digest.update(file.relative_to(_PACKAGE).as_posix().encode() + digests[file])
+    return digest.digest()
+
+
+@cache
+def _folder(path: Path) -> str:
+    """Where the kernels of the file `path` are kept, for this account only; "" if there is no such place.
+
+    numba's own choice would be the folder of the file: who may write there may have his code executed.
+    """
+    try:
+        chosen = _chosen_folder()
+        if chosen:
+            return chosen
+        if path.is_relative_to(_PACKAGE):
+            parts = (".".join(path.relative_to(_PACKAGE).with_suffix("").parts), _name_state(path))
+        else:
+            parts = ("other", hashlib.sha256(str(path).encode()).hexdigest()[:16])
+        folder = private_folder("kernels", *parts)
+        folder.touch()
+        old = sorted(folder.parent.iterdir(), key=lambda entry: entry.stat().st_mtime)[:-_MOST]
+    except OSError:
+        return ""
+    if path.is_relative_to(_PACKAGE):
+        for entry in old:
+            shutil.rmtree(entry, ignore_errors=True)
+    return str(folder)
+
+
+def _name_state(path: Path) -> str:
+    return hashlib.sha256(_numba().__version__.encode() + _digest_sources(path)).hexdigest()[:16]
+
+
+@cache
+def _chosen_folder() -> str:
+    """The user's own choice, in NUMBA_CACHE_DIR; "" if there is none, or if others can write there."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR", "")
+    if not chosen:
+        return ""
+    with suppress(OSError):
+        Path(chosen).mkdir(mode=0o700, parents=True, exist_ok=True)
+    shared = explain_shared(Path(chosen))
+    if shared:
+        os.environ.pop("NUMBA_CACHE_DIR")  # numba would execute it for other programs' kernels, in children too
+        print(f"haptorb: NUMBA_CACHE_DIR {chosen} is not used: it {shared}", file=sys.stderr)
+        return ""
+    return chosen
+
+
+@cache
+def _numba() -> Any:
+    """numba, with what is always wanted of it."""
+    _silence_lock()
+    import numba
+
+    _disable_gathers(numba)
+    _limit_optimisation(numba)
+    _postpone_linear_algebra()
+    call_own_copies(import_module("numba.core.codegen"))
+    remember_call_types()
+    return numba
+
+
+def _find_source(function: Callable[..., Any]) -> Path:
+    return Path(function.__code__.co_filename).resolve()
+
+
+def _vectorize_loops(numba: Any, compiled: Any) -> None:
+    """Have the loops of `compiled`, a dispatcher, compiled to vector code; those of other kernels as ever."""
+    compile_plainly = compiled.compile
+
+    def compile_to_vectors(signature: Any) -> Any:
+        usual = numba.config.LOOP_VECTORIZE
+        numba.config.LOOP_VECTORIZE = 1
+        try:
+            return compile_plainly(signature)
+        finally:
+            numba.config.LOOP_VECTORIZE = usual
+
+    compiled.compile = compile_to_vectors
+
+
+def _dispatcher(function: Callable[..., Any], vectors: bool, brief: bool) -> Any:
+    """numba's: it compiles `function` for each new combination of types, not for each constant that a kernel passes.
+
+    No kernel is called through a C pointer, so none has that entry. `_nrt` is numba's counting of references to arrays;
+    a kernel must say it, or it has what the first kernel that calls it has.
+    """
+    numba = _numba()
+    folder, usual = _folder(_find_source(function)), numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = folder
+    try:
+        compiled = numba.njit(
+            cache=bool(folder), nogil=not brief, _nrt=not brief, fastmath={"reassoc", "contract"}, error_model="numpy",
+            no_cfunc_wrapper=True,
+        )(function)  # fmt: skip
+    finally:
+        numba.config.CACHE_DIR = usual
+    if _find_source(function).is_relative_to(_PACKAGE):
+        watch_compiling(compiled)
+    if vectors and "NUMBA_LOOP_VECTORIZE" not in os.environ:
+        _vectorize_loops(numba, compiled)
+    template = compiled.get_call_template
+    compiled.get_call_template = lambda args, named: template(
+        tuple(map(numba.types.unliteral, args)), {name: numba.types.unliteral(kind) for name, kind in named.items()}
+    )
+    return compiled
+
+
+@final
+class PostponedKernel:
+    """Stands for a kernel until one is called. Other kernels may call it: numba sees the compiled function."""
+
+    def __init__(self, function: Callable[..., Any], vectors: bool = False, brief: bool = False) -> None:
+        update_wrapper(self, function)
+        self._function, self._vectors, self._brief = function, vectors, brief
+        self._compiled: Any = None
+        with suppress(OSError):
+            _digest_sources(_find_source(function))
+
+    @property
+    def compiled(self) -> Any:
+        """numba's dispatcher of the function, made at the first use."""
+        if self._compiled is None:
+            self._compiled = _dispatcher(self._function, self._vectors, self._brief)
+        return self._compiled
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What numba takes it for where another kernel calls it."""
+        return self.compiled._numba_type_
+
+    def __call__(self, *args: Any) -> Any:
+        """Load numba for all kernels, and call this one. Shapes and units [1] are the function's own."""
+        load_compiler()
+        return self.compiled(*args)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # who looks an object over must not load a compiler by that
+            raise AttributeError(name)
+        return getattr(self.compiled, name)
+
+    def __reduce__(self) -> Any:
+        return self.compiled.__reduce__()
+
+
+_POSTPONED: list[PostponedKernel] = []
+
+
+def load_compiler() -> None:
+    """Load numba, and have every module of haptorb hold compiled functions in place of its postponed kernels."""
+    _numba()
+    if not _POSTPONED:
+        return
+    holders = {postponed.__module__ for postponed in _POSTPONED}
+    _POSTPONED.clear()  # modules that are read from here on get compiled functions at once
+    for name, module in list(sys.modules.items()):
+        if name not in holders and name.partition(".")[0] != "haptorb":
+            continue
+        for key, value in list(vars(module).items()):
+            if type(value) is PostponedKernel:
+                setattr(module, key, value.compiled)
+
+
+def _compile(function: Function, *, vectors: bool = False, brief: bool = False) -> Function:
+    if "numba" in sys.modules:
+        return cast(Function, _dispatcher(function, vectors, brief))
+    postponed = PostponedKernel(function, vectors, brief)
+    _POSTPONED.append(postponed)
+    return cast(Function, postponed)
+
+
+def kernel(function: Function) -> Function:
+    """Compile `function` for numbers only: no Python objects, no interpreter lock, sums may be reordered.
+
+    Reordering and fused multiply-add are allowed; assuming away NaN is not: the guard must see every NaN.
+    """
+    return _compile(function)
+
+
+def vector_kernel(function: Function) -> Function:
+    """A `kernel` whose loops become vector code: for loops over many numbers, as it takes longer to compile."""
+    return _compile(function, vectors=True)
+
+
+def tick_kernel(function: Function) -> Function:
+    """A `kernel` that Python calls in every tick: it makes and returns no array, and is over within microseconds.
+
+    So no references are counted, which halves the time of a call, and the interpreter lock is not released: to get it
+    back may take longer than the kernel.
+    """
+    return _compile(function, brief=True)
+
+
+# --------------------------------------------------------------------------------------------------
+# Arrays laid end to end in one: compiled code that is handed one array for a dozen begins a microsecond sooner.
+#
+# Every array that Python passes is inspected in every call, and is somewhere else in memory.
+
+
+_HEAD = 3  #: numbers about each: where it begins, rows, columns
+
+
+def pack(*parts: ArrayLike) -> Array:
+    """(n,) all `parts` (…, columns), each as rows of its last axis, behind a table of where they are. Units are kept.
+
+    >>> part(pack([1.0, 2.0], [[3.0], [4.0]]), 1).tolist()
+    [[3.0], [4.0]]
+    """
+    arrays = [np.atleast_2d(np.asarray(item, dtype=np.float64)) for item in parts]
+    rows = [array.reshape(-1, array.shape[-1]) for array in arrays]
+    starts = _HEAD * len(rows) + np.cumsum([0, *(array.size for array in rows)])
+    head = [(start, *array.shape) for start, array in zip(starts.tolist(), rows, strict=False)]
+    return np.concatenate([np.ravel(np.array(head, dtype=np.float64)), *(array.ravel() for array in rows)])
+
+
+@kernel
+def part(blob: Array, number: int) -> Array:
+    """(rows, columns) part `number` of what `pack` made: a view, in the part's own unit."""
+    start, rows, columns = int(blob[3 * number]), int(blob[3 * number + 1]), int(blob[3 * number + 2])
+    view: Array = blob[start : start + rows * columns].reshape((rows, columns))
+    return view

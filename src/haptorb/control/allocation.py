@@ -1,0 +1,932 @@
+"""From the wrench a world asks for to the currents that give it: what every allocator answers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from enum import IntEnum
+from typing import Final, final
+
+import numpy as np
+from numpy import ascontiguousarray
+from numpy.typing import ArrayLike
+
+from haptorb.arrays import Array, Record, Records, check_finite, fields, record, vectors
+from haptorb.compiled import kernel, tick_kernel
+from haptorb.control.box_qp import NOT_FINITE, solve_bounded_power, solve_compromise
+from haptorb.devices.base import Device, WrenchMap
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.errors import InputError, UnknownName
+from haptorb.magnetics.dipole import MU0
+from haptorb.worlds.base import PARTS, World, WrenchPart
+
+__all__ = [
+    "PART_NUMBERS",
+    "SATURATIONS",
+    "TORQUE_ARM",
+    "WRENCH_LIMITS",
+    "Allocation",
+    "Allocator",
+    "LeastSquaresAllocator",
+    "MinimumPowerAllocator",
+    "Saturation",
+    "WholeWrenchAllocator",
+    "WrenchChoice",
+    "check_arm",
+    "check_greatest",
+    "check_limit",
+    "check_power",
+    "check_problem",
+    "force_allocator",
+    "hold_limits",
+    "hold_power",
+    "is_missing",
+    "least_squares_currents",
+    "minimum_power_currents",
+    "part_remarks",
+    "solve_problem",
+    "subtract_passive",
+    "tool_choice",
+    "torque_allocator",
+]
+
+
+class Saturation(IntEnum):
+    """Which limit holds a wrench back; the numbers stand in recordings and never change."""
+
+    NONE = 0
+    CURRENT = 1  #: a coil's current limit
+    POWER = 2  #: the supply's power limit
+    ALONG = 3  #: the guard's limit of the accompanying force or torque
+    AXIS = 4  #: no current turns a tool about its magnet's own axis
+    COILS = 5  #: too few coils for force and torque at once: a compromise
+
+    @property
+    def text(self) -> str:
+        """What holds it back, in words; empty for none.
+
+        >>> Saturation.POWER.text
+        "the supply's power limit"
+        """
+        return _TEXTS[self]
+
+    @property
+    def is_limit(self) -> bool:
+        """Whether more of the same would be given if a limit were higher.
+
+        >>> Saturation.CURRENT.is_limit, Saturation.COILS.is_limit
+        (True, False)
+        """
+        return self in (Saturation.CURRENT, Saturation.POWER, Saturation.ALONG)
+
+
+_TEXTS = (
+    "",
+    "a coil's current limit",
+    "the supply's power limit",
+    "the limit of the accompanying force",
+    "the magnet's own axis, about which there is no torque",
+    "the number of coils, too few for force and torque together",
+)
+SATURATIONS = tuple(Saturation)  #: by number: many times faster than a call of the class
+_FLOAT = np.dtype(np.float64)  #: to name the type takes longer than to see that an array has it
+
+
+@record
+class Allocation:
+    """Currents, and an honest account of what they do not give.
+
+    currents   (m,) [A]
+    residual   (6,) wrench asked for less wrench given [N, N·m]; the passive wrench counts as given
+    saturated  what holds it back: the limit at which a current stands, or what no current gives; false for nothing
+    scale      the one factor by which the wrench was cut to respect the limits; 1 where it was not cut by one factor
+    """
+
+    currents: Array
+    residual: Array
+    saturated: Saturation
+    scale: float
+
+
+class Allocator(ABC):
+    """Chooses currents for a wrench. One final class per way of choosing; none remembers anything."""
+
+    @abstractmethod
+    def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
+        """Currents (m,) [A] for `wrench` (6,) [N, N·m] at the pose of `wrench_map`.
+
+        Raises InputError if shapes do not fit or a number is not finite.
+        """
+
+
+def check_limit(value: ArrayLike) -> Array:
+    """(m,) current limits [A], or InputError: they are magnitudes, one per channel; zero turns a channel off.
+
+    >>> check_limit([3, 0]).tolist()
+    [3.0, 0.0]
+    """
+    limit = check_finite(value, "current_limit")
+    if limit.ndim != 1 or limit.size == 0:
+        raise InputError(f"current_limit must have one entry per channel, shape (m,); got shape {limit.shape}")
+    if (limit < 0).any():
+        raise InputError(f"current_limit must not be negative: it bounds a magnitude [A]; got {value!r}")
+    return np.ascontiguousarray(limit)
+
+
+def check_power(resistance: ArrayLike | None, power: float, channels: int) -> Array:
+    """(m,) resistances [Ω] for the heat Σ R i², all alike where None are given, and a `power` [W] that can limit it.
+
+    Raises InputError for another shape, for what is not positive, and for a power without resistances.
+    """
+    if not power > 0.0:
+        raise InputError(f"power must be the supply's limit, above 0 W, or inf for none; got {power!r} W")
+    if resistance is None:
+        if np.isfinite(power):
+            raise InputError("a power limit needs the resistance of every channel")
+        return np.ones(channels)
+    ohms = np.ascontiguousarray(check_finite(resistance, "resistance"))
+    if ohms.shape != (channels,) or not (ohms > 0).all():
+        raise InputError(
+            f"resistance must have one entry above 0 Ω per channel, shape ({channels},); got {resistance!r}"
+        )
+    return ohms
+
+
+def check_problem(wrench_map: WrenchMap, wrench: ArrayLike, channels: int) -> tuple[Array, Array, Array]:
+    """Matrix (6, m), passive wrench (6,) and wrench (6,) as contiguous float64 arrays of the right shape.
+
+    Finiteness is left to the kernels, which look at every number anyway.
+
+    Raises InputError for a wrench or a map of another shape, or that is no number.
+
+    The matrix is in [N/A, N·m/A], the wrenches in [N, N·m].
+    """
+    try:
+        asked = ascontiguousarray(wrench, _FLOAT)
+    except (TypeError, ValueError) as cause:
+        raise InputError(f"wrench must be numbers; got {wrench!r}") from cause
+    if asked.shape != (6,):
+        raise InputError(f"wrench must be force then torque, shape (6,); got shape {asked.shape}")
+    matrix, passive = ascontiguousarray(wrench_map.matrix, _FLOAT), ascontiguousarray(wrench_map.passive, _FLOAT)
+    if matrix.shape != (6, channels):
+        raise InputError(
+            f"the wrench map must have shape (6, {channels}), one column per channel of current_limit; "
+            f"got {matrix.shape}"
+        )
+    if passive.shape != (6,):
+        raise InputError(f"the passive wrench must have shape (6,); got {passive.shape}")
+    return matrix, passive, asked
+
+
+def solve_problem(
+    solve: Callable[..., tuple[float, int]],
+    settings: Records,
+    limit: Array,
+    resistance: Array,
+    wrench_map: WrenchMap,
+    wrench: ArrayLike,
+) -> Allocation:
+    """The allocation that the kernel `solve` finds with `settings`, current limits (m,) [A] and resistances (m,) [Ω].
+
+    `solve` fills currents (m,) [A] and residual (6,) [N, N·m]; it returns the scale, NaN for what is not finite, and
+    the number of the saturation.
+
+    Raises InputError for a wrench (6,) [N, N·m] or a map of another shape, or where either is not finite.
+    """
+    matrix, passive, asked = check_problem(wrench_map, wrench, limit.shape[0])
+    currents, residual = np.empty(limit.shape[0]), np.empty(6)
+    scale, reason = solve(settings, matrix, passive, asked, limit, resistance, currents, residual)
+    if scale != scale:
+        raise InputError(f"wrench and wrench map must be finite; got wrench {wrench!r}, map {wrench_map!r}")
+    return Allocation(currents, residual, SATURATIONS[reason], scale)
+
+
+# --------------------------------------------------------------------------------------------------
+# A supply has a power limit: currents that would take more are scaled by one factor, which keeps their direction.
+
+
+_HAIR = 1.0 - 1e-12  #: the sum of rounded squares stays below the limit too
+
+
+@kernel
+def hold_power(currents: Array, resistance: Array, power: float) -> float:
+    """Scale `currents` (m,) [A] so that Σ R i² with `resistance` (m,) [Ω] is at most `power` [W]; returns the factor.
+
+    A wrench is linear in the currents: its part that they give keeps its direction, and is cut by the same factor.
+    """
+    total = 0.0
+    for j in range(currents.size):
+        total += resistance[j] * currents[j] * currents[j]
+    if not total > power:
+        return 1.0
+    scale = np.sqrt(power / total) * _HAIR
+    for j in range(currents.size):
+        currents[j] *= scale
+    return float(scale)
+
+
+# --------------------------------------------------------------------------------------------------
+# Least-squares allocation: force, torque or a weighted blend, for any number of channels and any tool orientation.
+#
+# The wrench is linear in the currents, w = A i. A tool over three coils can be given any force, or any torque but the
+# one
+# about its own axis (rank 2), or a compromise; a motor with many channels can give its torque in many ways. One
+# solver
+# serves all: minimise ‖W (A i − w)‖², and where many currents do so, take the smallest. Zárate 2020's radial case is
+# the
+# special case of force weights at a radial tool.
+#
+# Above a channel's limit, or the supply's power, all currents are scaled by one factor: the direction of the wrench
+# is kept, its magnitude is cut and the cut is reported.
+
+
+_LEAST_SQUARES_CURRENT, _LEAST_SQUARES_POWER = int(Saturation.CURRENT), int(Saturation.POWER)
+FORCE = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
+TORQUE = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+
+#: What an allocator goes by.
+_LEAST_SQUARES_SETTINGS = fields(
+    ("weights", "f8", (6,)),  # of the components of the wrench
+    ("truncation", "f8"),  # relative singular value
+    ("damping", "f8"),  # relative to the greatest singular value
+    ("compensated", "f8"),  # share of the wrench at zero current that is subtracted
+    ("power", "f8"),  # of the supply [W]
+)
+
+
+@kernel
+def _orthogonal(columns: Array, turned: Array) -> None:
+    """Turn the columns of `columns` (r, k) until they are orthogonal: one-sided Jacobi, the exact small SVD.
+
+    turned (k, k) collects the rotations V, so that columns_before @ V = columns_after = U Σ.
+    """
+    rows, k = columns.shape
+    for i in range(k):
+        for j in range(k):
+            turned[i, j] = 1.0 if i == j else 0.0
+    nothing = 0.0  # below this squared length a column is rounding: turning it further would never end
+    for r in range(rows):
+        for j in range(k):
+            nothing += columns[r, j] * columns[r, j]
+    nothing *= 1e-30
+    for _ in range(40):
+        rotated = False
+        for p in range(k - 1):
+            for q in range(p + 1, k):
+                a, b, c = 0.0, 0.0, 0.0
+                for r in range(rows):
+                    a += columns[r, p] * columns[r, p]
+                    b += columns[r, q] * columns[r, q]
+                    c += columns[r, p] * columns[r, q]
+                if c * c <= 1e-30 * a * b or a <= nothing or b <= nothing:
+                    continue
+                rotated = True
+                ratio = (b - a) / (2.0 * c)
+                t = 1.0 / (abs(ratio) + np.sqrt(1.0 + ratio * ratio))
+                if ratio < 0.0:
+                    t = -t
+                cosine = 1.0 / np.sqrt(1.0 + t * t)
+                sine = cosine * t
+                for r in range(rows):
+                    x, y = columns[r, p], columns[r, q]
+                    columns[r, p] = cosine * x - sine * y
+                    columns[r, q] = sine * x + cosine * y
+                for r in range(k):
+                    x, y = turned[r, p], turned[r, q]
+                    turned[r, p] = cosine * x - sine * y
+                    turned[r, q] = sine * x + cosine * y
+        if not rotated:
+            return
+
+
+@kernel
+def least_squares_currents(
+    matrix: Array,
+    target: Array,
+    weights: Array,
+    limit: Array,
+    truncation: float,
+    damping: float,
+    currents: Array,
+) -> float:
+    """Write the currents (m,) for `target` (6,) into `currents`; return the scale, or NaN (and NaN currents).
+
+    For use inside compiled code; `LeastSquaresAllocator` is the checked door.
+    """
+    m = matrix.shape[1]
+    total = 0.0
+    for i in range(6):
+        total += abs(target[i]) + abs(weights[i])
+        for j in range(m):
+            total += abs(matrix[i, j])
+    for j in range(m):
+        total += abs(limit[j])
+    if not np.isfinite(total):
+        for j in range(m):
+            currents[j] = np.nan
+        return np.nan
+
+    tall = m <= 6  # keep the short side as columns: at most six, for any m
+    k = m if tall else 6
+    columns = np.empty((6, m)) if tall else np.empty((m, 6))
+    for i in range(6):
+        for j in range(m):
+            if tall:
+                columns[i, j] = weights[i] * matrix[i, j]
+            else:
+                columns[j, i] = weights[i] * matrix[i, j]
+    turned = np.empty((k, k))
+    _orthogonal(columns, turned)
+
+    greatest = 0.0
+    square = np.empty(k)
+    for c in range(k):
+        s = 0.0
+        for r in range(columns.shape[0]):
+            s += columns[r, c] * columns[r, c]
+        square[c] = s
+        greatest = max(greatest, s)
+    for j in range(m):
+        currents[j] = 0.0
+    if greatest == 0.0:
+        return 1.0
+    floor = truncation * truncation * greatest
+    extra = damping * damping * greatest
+    for c in range(k):
+        if square[c] <= floor:
+            continue  # a direction that cannot be reached: no current is spent on it
+        share = 0.0
+        for i in range(6):
+            share += (columns[i, c] if tall else turned[i, c]) * weights[i] * target[i]
+        share /= square[c] + extra
+        for j in range(m):
+            currents[j] += share * (turned[j, c] if tall else columns[j, c])
+
+    scale = 1.0
+    for j in range(m):
+        if abs(currents[j]) > limit[j]:
+            scale = min(scale, limit[j] / abs(currents[j]))
+    if scale < 1.0:
+        for j in range(m):
+            # the product may land one rounding above the limit; the limit is a promise
+            currents[j] = min(max(currents[j] * scale, -limit[j]), limit[j])
+    return scale
+
+
+@tick_kernel
+def _least_squares_allocate(
+    settings: Records, matrix: Array, passive: Array, wrench: Array, limit: Array, resistance: Array, currents: Array,
+    residual: Array,
+) -> tuple[float, int]:  # fmt: skip
+    s = settings[0]
+    target = residual  # filled with the residual afterwards
+    for i in range(6):
+        target[i] = wrench[i] - s.compensated * passive[i]
+        if not np.isfinite(passive[i]):
+            target[i] = np.nan
+    scale = least_squares_currents(matrix, target, s.weights, limit, s.truncation, s.damping, currents)
+    reason = _LEAST_SQUARES_CURRENT if scale < 1.0 else 0
+    share = hold_power(currents, resistance, s.power)  # safety: supply-power-of-forces
+    if share < 1.0:
+        scale *= share
+        reason = _LEAST_SQUARES_POWER
+    for i in range(6):
+        given = passive[i]
+        for j in range(currents.shape[0]):
+            given += matrix[i, j] * currents[j]
+        residual[i] = wrench[i] - given
+    return scale, reason
+
+
+class LeastSquaresAllocator(Allocator):
+    """Weighted least squares, smallest currents where there is a choice, limits by one common factor.
+
+    current_limit        (m,) greatest magnitude per channel [A]
+    weights              (6,) what a newton or a newton metre is worth, per component of the wrench
+    damping              relative to the greatest singular value: near singular poses trades accuracy for current
+    truncation           relative singular value up to which a direction counts as unreachable
+    compensate_passive   subtract the wrench that is there at zero current
+    resistance           (m,) of the channels as warm as they may be [Ω]
+    power                greatest power Σ R i² that the supply gives [W]; needs `resistance`
+
+    Raises InputError for weights that are not six, negative or all zero, and for damping or truncation outside 0 to 1.
+
+    >>> from haptorb.devices.base import WrenchMap
+    >>> pull = WrenchMap(np.vstack([np.eye(3), np.zeros((3, 3))]), np.zeros(6))
+    >>> allocation = LeastSquaresAllocator((2.0, 2.0, 2.0)).allocate(pull, (3.0, 0, 4.0, 0, 0, 0))
+    >>> allocation.currents.tolist(), allocation.scale
+    ([1.5, 0.0, 2.0], 0.5)
+    """
+
+    def __init__(
+        self,
+        current_limit: ArrayLike,
+        weights: ArrayLike = FORCE,
+        *,
+        damping: float = 0.0,
+        truncation: float = 1e-6,
+        compensate_passive: bool = False,
+        resistance: ArrayLike | None = None,
+        power: float = np.inf,
+    ) -> None:
+        self.current_limit = check_limit(current_limit)
+        worth = check_finite(weights, "weights")
+        if worth.shape != (6,) or (worth < 0).any() or not worth.any():
+            raise InputError(f"weights must be six numbers, none negative, not all zero; got {weights!r}")
+        if not 0.0 <= damping <= 1.0:
+            raise InputError(f"damping must be between 0 and 1; got {damping!r}")
+        if not 0.0 < truncation < 1.0:
+            raise InputError(f"truncation must be between 0 and 1; got {truncation!r}")
+        self.truncation = truncation
+        self.resistance = check_power(resistance, power, len(self.current_limit))
+        self._settings = np.zeros(1, dtype=_LEAST_SQUARES_SETTINGS)
+        self._settings["weights"], self._settings["compensated"] = worth, compensate_passive
+        self._settings["truncation"], self._settings["damping"] = truncation, damping
+        self._settings["power"] = power
+        self.weights: Array = self._settings["weights"][0]
+
+    @classmethod
+    def force(
+        cls, current_limit: ArrayLike, *, compensate_passive: bool = False, resistance: ArrayLike | None = None,
+        power: float = np.inf,
+    ) -> LeastSquaresAllocator:  # fmt: skip
+        """Force only: the accompanying torque is in the residual."""
+        return cls(current_limit, FORCE, compensate_passive=compensate_passive, resistance=resistance, power=power)
+
+    @classmethod
+    def torque(cls, current_limit: ArrayLike, *, compensate_passive: bool = False) -> LeastSquaresAllocator:
+        """Torque only: over a single magnet rank 2, see `unreachable`."""
+        return cls(current_limit, TORQUE, compensate_passive=compensate_passive)
+
+    @classmethod
+    def both(cls, current_limit: ArrayLike, arm: float, *, compensate_passive: bool = False) -> LeastSquaresAllocator:
+        """Force and torque together; 1 N counts as much as `arm` [m] × 1 N of torque.
+
+        Raises InputError for an arm that is no length.
+        """
+        if not (np.isfinite(arm) and arm > 0):
+            raise InputError(f"arm must be a length greater than zero [m]; got {arm!r}")
+        return cls(current_limit, (1, 1, 1, 1 / arm, 1 / arm, 1 / arm), compensate_passive=compensate_passive)
+
+    def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
+        """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""
+        return solve_problem(
+            _least_squares_allocate, self._settings, self.current_limit, self.resistance, wrench_map, wrench
+        )
+
+
+# --------------------------------------------------------------------------------------------------
+# The currents that give a torque with the least heat: Bai 2012 eq. (4), and the same within every channel's limit.
+
+
+_MINIMUM_POWER_CURRENT, _MINIMUM_POWER_POWER = int(Saturation.CURRENT), int(Saturation.POWER)
+_BEYOND = ("scale", "least-squares")
+
+
+def minimum_power_currents(K: ArrayLike, T: ArrayLike) -> Array:
+    """Currents (..., m) [A] for torque T (..., 3) [N·m], torque characteristic K (..., 3, m) [N·m/A], without limits.
+
+    u = Kᵀ (K Kᵀ)⁻¹ T, Bai 2012 eq. (4): the least Σ u². Raises InputError if K turns fewer than three axes.
+
+    >>> minimum_power_currents(np.eye(3), (1.0, 2.0, 3.0)).tolist()
+    [1.0, 2.0, 3.0]
+    """
+    k = check_finite(K, "K")
+    if k.ndim < 2 or k.shape[-2] != 3:
+        raise InputError(f"K must be a torque characteristic, shape (..., 3, m); got shape {k.shape}")
+    torque = vectors(T, "T")
+    left, values, right = np.linalg.svd(k, full_matrices=False)
+    if k.shape[-1] < 3 or (values[..., -1] <= 1e-12 * values[..., 0]).any():
+        raise InputError(
+            "K must have rank 3 (torque about all three axes) for eq. (4); MinimumPowerAllocator reports why not"
+        )
+    inner = np.einsum("...ij,...i->...j", left, torque) / values
+    currents: Array = np.einsum("...ji,...j->...i", right, inner)
+    return currents
+
+
+@tick_kernel
+def _minimum_power_allocate(
+    matrix: Array,
+    passive: Array,
+    wrench: Array,
+    limit: Array,
+    resistance: Array,
+    compensated: float,
+    power: float,
+    nearest: bool,
+    currents: Array,
+    residual: Array,
+) -> tuple[int, float, int]:
+    torque = residual[3:]  # filled with the residual afterwards
+    ready = True
+    for i in range(6):
+        ready = ready and np.isfinite(wrench[i]) and np.isfinite(passive[i])
+    for i in range(3):
+        torque[i] = wrench[3 + i] - compensated * passive[3 + i] if ready else np.nan
+    status, scale = solve_bounded_power(matrix[3:], torque, limit, resistance, nearest, currents)
+    reason = _MINIMUM_POWER_CURRENT if scale < 1.0 else 0
+    for j in range(currents.shape[0]):
+        if limit[j] > 0.0 and abs(currents[j]) >= limit[j]:
+            reason = _MINIMUM_POWER_CURRENT
+    share = hold_power(currents, resistance, power)  # safety: supply-power-of-motors
+    if share < 1.0:
+        scale *= share
+        reason = _MINIMUM_POWER_POWER
+    for i in range(6):
+        given = passive[i]
+        for j in range(currents.shape[0]):
+            given += matrix[i, j] * currents[j]
+        residual[i] = wrench[i] - given
+    return status, scale, reason
+
+
+class MinimumPowerAllocator(Allocator):
+    """Torque with the least heat, every current within its limit; force rows are carried by the bearing.
+
+    current_limit        (m,) greatest magnitude per channel [A]; 0 turns a channel off
+    infeasible           what becomes of a torque beyond the limits: "scale" keeps its direction, "least-squares" gives
+                         the nearest torque there is
+    resistance           (m,) [Ω], alike for all channels if not given: the heat is Σ R i²
+    compensate_passive   subtract the torque that is there at zero current (a weight-compensating regulator's)
+    power                greatest power Σ R i² that the supply gives [W]; needs `resistance`. The currents of least heat
+                         are scaled, which is the most torque for that power unless some stand at their limits
+
+    Raises UnknownName for another `infeasible`, InputError for limits or resistances that cannot be.
+
+    >>> from haptorb.devices.base import WrenchMap
+    >>> motor = WrenchMap(np.vstack([np.zeros((3, 4)), [[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0]]]), np.zeros(6))
+    >>> MinimumPowerAllocator([1.0, 1, 1, 1]).allocate(motor, (0, 0, 0, 1.0, 0, 0)).currents.round(12).tolist()
+    [0.5, 0.0, 0.0, 0.5]
+    """
+
+    def __init__(
+        self,
+        current_limit: ArrayLike,
+        *,
+        infeasible: str = "scale",
+        resistance: ArrayLike | None = None,
+        compensate_passive: bool = False,
+        power: float = np.inf,
+    ) -> None:
+        self.current_limit = check_limit(current_limit)
+        if infeasible not in _BEYOND:
+            raise UnknownName("choice for an infeasible torque", infeasible, _BEYOND)
+        self.resistance = check_power(resistance, power, len(self.current_limit))
+        self.power = float(power)
+        self._nearest = infeasible == "least-squares"
+        self._compensated = 1.0 if compensate_passive else 0.0
+
+    def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
+        """Currents (m,) [A] for the torque in `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""
+        limit = self.current_limit
+        matrix, passive, asked = check_problem(wrench_map, wrench, limit.shape[0])
+        currents = np.empty(limit.shape[0])
+        residual = np.empty(6)
+        status, scale, reason = _minimum_power_allocate(
+            matrix, passive, asked, limit, self.resistance, self._compensated, self.power, self._nearest, currents,
+            residual,
+        )  # fmt: skip
+        if status == NOT_FINITE:
+            raise InputError(f"wrench and wrench map must be finite; got wrench {wrench!r}, map {wrench_map!r}")
+        return Allocation(currents, residual, SATURATIONS[reason], scale)
+
+
+# --------------------------------------------------------------------------------------------------
+# Limits on the whole wrench that currents give: the supply's power, and force and torque on the mover.
+
+
+_WRENCH_LIMITS_POWER, _ALONG = int(Saturation.POWER), int(Saturation.ALONG)
+_MISSING = 0.02  #: share of what was asked that may be missing without a word
+_LEAST = (1e-3, 1e-5)  #: force [N] and torque [N·m] that may
+
+WRENCH_LIMITS = fields(
+    ("power", "f8"),  # of the supply [W]
+    ("force", "f8"),  # greatest on the mover [N]
+    ("torque", "f8"),  # greatest on the mover [N·m]
+)
+
+
+def check_greatest(greatest: tuple[float, float]) -> tuple[float, float]:
+    """`greatest` force [N] and torque [N·m], or InputError if one is not above 0."""
+    if not (greatest[0] > 0.0 and greatest[1] > 0.0):
+        raise InputError(f"the greatest force [N] and torque [N·m] must be above 0; got {greatest!r}")
+    return greatest
+
+
+@kernel
+def subtract_passive(matrix: Array, passive: Array, wrench: Array, target: Array) -> bool:
+    """Fill target (6,) with what currents must give of `wrench` (6,); whether it and `matrix` (6, m) are finite."""
+    total = 0.0
+    for i in range(6):
+        target[i] = wrench[i] - passive[i]
+        total += target[i]
+        for j in range(matrix.shape[1]):
+            total += matrix[i, j]
+    return bool(np.isfinite(total))
+
+
+@kernel
+def _share_within(passive: Array, active: Array, first: int, greatest: float) -> float:
+    """The greatest share of `active` (6,), at most 1, that keeps three of its components with `passive` within
+    `greatest`; 0 where the passive wrench alone is beyond it."""
+    a, b, c = 0.0, 0.0, -greatest * greatest
+    for i in range(first, first + 3):
+        a += active[i] * active[i]
+        b += active[i] * passive[i]
+        c += passive[i] * passive[i]
+    if a + 2.0 * b + c <= 0.0:
+        return 1.0
+    if c >= 0.0 or a == 0.0:
+        return 0.0
+    return float(min(1.0, (np.sqrt(b * b - a * c) - b) / a))
+
+
+@kernel
+def hold_limits(
+    matrix: Array, passive: Array, target: Array, resistance: Array, limits: Record, currents: Array, residual: Array,
+    scale: float, reason: int,
+) -> tuple[float, int]:  # fmt: skip
+    """Scale currents (m,) [A] into `limits`, a WRENCH_LIMITS; fill residual (6,) with what they lack of target (6,).
+
+    Returns `scale` and `reason`, of what was decided before, after that.
+    """
+    m = matrix.shape[1]
+    share = hold_power(currents, resistance, limits.power)  # safety: supply-power-of-wrenches
+    if share < 1.0 - 1e-6:
+        scale *= share
+        reason = _WRENCH_LIMITS_POWER
+    active = np.zeros(6)
+    for i in range(6):
+        for j in range(m):
+            active[i] += matrix[i, j] * currents[j]
+    share = min(_share_within(passive, active, 0, limits.force), _share_within(passive, active, 3, limits.torque))
+    if share < 1.0:  # safety: what-comes-along-is-limited
+        scale *= share
+        reason = _ALONG
+        for j in range(m):
+            currents[j] *= share
+    for i in range(6):
+        residual[i] = target[i] - share * active[i]
+    return scale, reason
+
+
+@kernel
+def is_missing(residual: Array, wrench: Array, part: int) -> bool:
+    """Whether more of the force (part 0) or torque (1) of `wrench` (6,) is in residual (6,) than may be."""
+    missing, asked = 0.0, 0.0
+    for i in range(3 * part, 3 * part + 3):
+        missing += residual[i] * residual[i]
+        asked += wrench[i] * wrench[i]
+    return bool(np.sqrt(missing) > max(_MISSING * np.sqrt(asked), _LEAST[part]))
+
+
+# --------------------------------------------------------------------------------------------------
+# Torque on a tool, or force and torque at once: what the coils can give of a whole wrench, and what holds it back.
+#
+# A magnet over three coils can be turned about any axis but its own, and a torque brings a force along: at contact
+# about
+# 54 N for every newton metre. Force and torque at once are six numbers from three currents, hence a compromise:
+# weighted
+# least squares within the limits.
+#
+# 1 N weighs as much as `TORQUE_ARM` × 1 N of torque. It is the ratio of just noticeable differences in fingers: 12.7
+# % of
+# 60 mN·m (Jandura and Srinivasan 1994) is as hard to notice as 7 % of 2.5 N (Pang, Tan and Durlach 1991, their
+# smallest
+# force).
+
+
+TORQUE_ARM = 0.127 * 60e-3 / (0.07 * 2.5)  #: 43.5 mm [m]
+
+_WHOLE_WRENCH_CURRENT = int(Saturation.CURRENT)
+_AXIS, _COILS = int(Saturation.AXIS), int(Saturation.COILS)
+_TURNED = np.array((0.0, 0.0, 0.0, 1.0, 1.0, 1.0))
+_TRUNCATION = 1e-6
+
+_WHOLE_WRENCH_SETTINGS = fields(
+    ("together", "?"),  # force and torque, not torque alone
+    ("arm", "f8"),  # [m]
+    ("limits", WRENCH_LIMITS),
+)
+
+
+def check_arm(arm: float) -> float:
+    """`arm` itself, or InputError if it is no length of 1 mm to 10 m.
+
+    >>> check_arm(0.05)
+    0.05
+    """
+    if isinstance(arm, bool) or not isinstance(arm, int | float) or not 1e-3 <= arm <= 10.0:
+        raise InputError(f"torque arm must be a length from 1 mm to 10 m; got {arm!r} m")
+    return float(arm)
+
+
+@kernel
+def _whole_wrench_allocate(
+    settings: Records, matrix: Array, passive: Array, wrench: Array, limit: Array, resistance: Array, currents: Array,
+    residual: Array,
+) -> tuple[float, int]:  # fmt: skip
+    """Currents (m,) [A] and residual (6,) for `wrench` (6,); the scale, NaN for what is not finite, and the reason."""
+    s = settings[0]
+    m = limit.shape[0]
+    target = np.empty(6)
+    if not subtract_passive(matrix, passive, wrench, target):
+        return np.nan, 0
+    scale, reason = 1.0, 0
+    if s.together:
+        H, g = np.zeros((m, m)), np.zeros(m)
+        for i in range(6):
+            weight = 1.0 if i < 3 else 1.0 / (s.arm * s.arm)
+            for j in range(m):
+                g[j] += weight * matrix[i, j] * target[i]
+                for k in range(m):
+                    H[j, k] += weight * matrix[i, j] * matrix[i, k]
+        reason = solve_compromise(H, g, limit, resistance, s.limits.power, currents)
+    else:
+        scale = least_squares_currents(matrix, target, _TURNED, limit, _TRUNCATION, 0.0, currents)
+        if scale < 1.0:
+            reason = _WHOLE_WRENCH_CURRENT
+    scale, reason = hold_limits(matrix, passive, target, resistance, s.limits, currents, residual, scale, reason)
+    if reason == 0:
+        for part in range(0 if s.together else 1, 2):
+            if is_missing(residual, wrench, part):
+                reason = _COILS if s.together else _AXIS
+    return scale, reason
+
+
+class WholeWrenchAllocator(Allocator):
+    """Torque (`together` False) or force and torque; the passive wrench counts as given, limits are kept.
+
+    current_limit   (m,) greatest magnitude per channel [A]
+    resistance      (m,) of the channels as warm as they may be [Ω]
+    power           greatest power Σ R i² that the supply gives [W]
+    greatest        largest force [N] and torque [N·m] on the mover; they also limit the accompanying part
+    arm             1 N weighs as much as `arm` [m] × 1 N of torque, where both are asked
+
+    A torque beyond the limits keeps its direction, as forces do. Force and torque together are the nearest that the
+    limits allow: no direction could be kept. Raises InputError for values that cannot be.
+
+    >>> from haptorb.devices.api import wrench_map
+    >>> from haptorb.devices.base import State
+    >>> over = wrench_map("omni", State.at((0, 0, 0.05)))
+    >>> torque = WholeWrenchAllocator((20.0,) * 3, (0.78,) * 3)
+    >>> given = over.wrench(torque.allocate(over, (0, 0, 0, 0.005, 0, 0)).currents)
+    >>> (given[3:].round(6) + 0.0).tolist(), given[1].round(2).item()
+    ([0.005, 0.0, 0.0], 0.27)
+    >>> torque.allocate(over, (0, 0, 0, 0, 0, 0.005)).saturated.text
+    "the magnet's own axis, about which there is no torque"
+    """
+
+    def __init__(
+        self,
+        current_limit: ArrayLike,
+        resistance: ArrayLike,
+        power: float = np.inf,
+        *,
+        together: bool = False,
+        greatest: tuple[float, float] = (np.inf, np.inf),
+        arm: float = TORQUE_ARM,
+    ) -> None:
+        self.current_limit = check_limit(current_limit)
+        self.resistance = check_power(resistance, power, len(self.current_limit))
+        self.together = together
+        self._settings = np.zeros(1, dtype=_WHOLE_WRENCH_SETTINGS)
+        self._settings["together"], self._settings["arm"] = together, check_arm(arm)
+        self._settings["limits"] = (power, *check_greatest(greatest))
+
+    def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
+        """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""
+        return solve_problem(
+            _whole_wrench_allocate, self._settings, self.current_limit, self.resistance, wrench_map, wrench
+        )
+
+
+# --------------------------------------------------------------------------------------------------
+# Which part of a world's wrench a device renders: what a person chose, or what the world asks; with its allocator.
+
+
+PART_NUMBERS: Final[dict[WrenchPart, int]] = {part: number for number, part in enumerate(PARTS)}  #: in recordings
+
+
+@final
+class WrenchChoice:
+    """The allocators of a device that can render force, torque or both.
+
+    allocators   one for each part
+    arm          at which a hand holds the tool against turning [m]
+    fixed        the part that a person chose; None: the one that the world asks
+    weight       1 N weighs as much as this arm [m] × 1 N of torque, where both are asked
+    """
+
+    def __init__(
+        self, allocators: Mapping[WrenchPart, Allocator], arm: float, fixed: WrenchPart | None, weight: float
+    ) -> None:
+        self.allocators = dict(allocators)
+        self.arm = arm
+        self.fixed = fixed
+        self.weight = weight
+
+    def choose_part(self, world: World) -> WrenchPart:
+        """The part of `world` to begin with: force for one that does not say what it asks."""
+        return self.fixed or world.asks or "force"
+
+    def is_open(self, world: World) -> bool:
+        """Whether the part is to follow from the wrenches of `world`."""
+        return self.fixed is None and world.asks is None
+
+
+# --------------------------------------------------------------------------------------------------
+# The allocators that the kinds of devices name: made from a device's own limits.
+#
+# The supply's power is reckoned with windings at the stop temperature, the warmest that may carry a current: cooler
+# ones
+# take less. It is the power that the coils turn into heat; what builds up their field, watts for milliseconds, comes
+# from
+# the supply's capacitors.
+
+
+def force_allocator(device: Device) -> Allocator:
+    """Least squares for the force; the passive wrench that the model knows is taken out ("published": none).
+
+    >>> from haptorb.devices.loader import load
+    >>> type(force_allocator(load("omni"))).__name__
+    'LeastSquaresAllocator'
+    """
+    coils = device.coils
+    return LeastSquaresAllocator.force(
+        coils.current_limit, compensate_passive=True, resistance=device.greatest_resistance, power=device.supply.power
+    )
+
+
+def torque_allocator(device: Device) -> Allocator:
+    """Least heat for the torque, the passive torque taken out.
+
+    >>> from haptorb.devices.loader import load
+    >>> type(torque_allocator(load("pmsm"))).__name__
+    'MinimumPowerAllocator'
+    """
+    return MinimumPowerAllocator(
+        device.coils.current_limit, resistance=device.greatest_resistance, compensate_passive=True,
+        power=device.supply.power,
+    )  # fmt: skip
+
+
+def tool_choice(
+    device: SphericalElectromagnet, part: WrenchPart | None = None, arm: float | None = None
+) -> WrenchChoice:
+    """Force, torque and both on a tool over a dome; `part` fixes one of them, `arm` [m] is the weight of a torque.
+
+    Raises InputError for an arm that is no length.
+
+    >>> from haptorb.devices.loader import load
+    >>> choice = tool_choice(load("omni"))
+    >>> sorted(choice.allocators), round(choice.arm, 4)
+    (['both', 'force', 'torque'], 0.0316)
+    """
+    limits, weight = device.limits, TORQUE_ARM if arm is None else arm
+    torque, both = (
+        WholeWrenchAllocator(
+            device.coils.current_limit, device.greatest_resistance, device.supply.power, together=together,
+            greatest=(limits.force, limits.torque), arm=weight,
+        )
+        for together in (False, True)
+    )  # fmt: skip
+    hand = device.hand  # its damping against turning is that against moving, at this arm
+    held_at = (hand.turn_damping / hand.damping) ** 0.5 if hand.damping > 0.0 else 0.0
+    return WrenchChoice({"force": force_allocator(device), "torque": torque, "both": both}, held_at, part, weight)
+
+
+# --------------------------------------------------------------------------------------------------
+# What a person should know of the part of the wrench that a tool over a dome renders, with its figures.
+
+
+def part_remarks(device: SphericalElectromagnet, choice: WrenchChoice) -> tuple[str, ...]:
+    """A sentence or two for each of `PARTS`, by its number in recordings; empty where there is nothing to say.
+
+    The figures are those of two point dipoles at contact, T = µ0 m_e m_p/(4π d³) and F = 3T/d: they are said at the
+    start, where nothing may wait for tables or compiled code.
+
+    >>> from haptorb.control.allocation import tool_choice
+    >>> from haptorb.devices.loader import load
+    >>> omni = load("omni")
+    >>> part_remarks(omni, tool_choice(omni))[1].split(" across")[0]
+    'Torque is rendered: as point dipoles at contact, up to about 8.4 mN·m'
+    """
+    d = device.contact_distance
+    most = np.minimum(device.coils.current_limit, np.sqrt(device.supply.power / device.greatest_resistance))
+    moment = float((np.linalg.norm(device.moment_per_current, axis=0) * most).max())
+    torque = MU0 * moment * device.tool.moment / (4 * np.pi * d**3)
+    axis = "There is no torque about the tool's own axis."
+    texts = dict.fromkeys(PARTS, "")
+    if choice.fixed == "force":
+        texts["force"] = "Only force is rendered, as chosen: torque from the world is left out."
+    texts["torque"] = (
+        f"Torque is rendered: as point dipoles at contact, up to about {1e3 * torque:.2g} mN·m across the tool's axis, "
+        f"together with a force of {3 * torque / d:.2g} N. {axis}"
+    )
+    texts["both"] = (
+        f"Force and torque are rendered as a compromise of {device.channels} coils, which cannot produce six "
+        f"independent components; errors of 1 N are weighted like {1e3 * choice.weight:.3g} mm × 1 N of torque. {axis}"
+    )
+    return tuple(texts[part] for part in PARTS)

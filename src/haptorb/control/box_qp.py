@@ -1,0 +1,833 @@
+"""The shortest vector within a box that solves three equations: semismooth Newton on the dual, in compiled code.
+
+The dual function Σ φ_j(Q_jᵀν) − tᵀν (φ_j: Huber's function) is convex and piecewise quadratic, with three unknowns
+for any number of channels. Its minimum is found by Newton steps with an exact line search; without the exact
+search such a method cycles on a good part of all problems. The rows of Q are made orthonormal first, so that an
+ill-conditioned problem costs no iterations.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptorb.arrays import Array
+from haptorb.compiled import kernel
+
+__all__ = [
+    "AT_CURRENT",
+    "AT_POWER",
+    "FREE",
+    "GIVEN",
+    "NEAREST",
+    "NOT_CONVERGED",
+    "NOT_FINITE",
+    "SCALED",
+    "dual_newton",
+    "find_reach",
+    "line_search",
+    "orthonormal_rows",
+    "reach",
+    "solve_bounded_power",
+    "solve_compromise",
+    "solve_least_heat",
+    "zonotope_nearest",
+]
+
+
+GIVEN = 0  #: the torque is given in full
+SCALED = 1  #: beyond the limits: cut, direction kept
+NEAREST = 2  #: beyond the limits: the nearest torque there is
+NOT_FINITE = 3  #: NaN or infinity came in; the currents are NaN
+NOT_CONVERGED = 4  #: within the search only: it failed, as limits many decades apart can make it
+
+_DUAL_NEWTON_STEPS = 60
+_DUAL_NEWTON_TOLERANCE = 1e-11
+_DUAL_NEWTON_TRACE = 1e-12  # curvature lent to directions that have none
+_DEPENDENT = 1e-10  # relative length below which a row of K is a combination of the others
+
+
+@kernel
+def orthonormal_rows(Q: Array, t: Array) -> int:
+    """Make the rows of Q (3, m) orthonormal in place and turn t (3,) with them: the same equations Q y = t.
+
+    Pivoted Gram–Schmidt, done twice. Returns the rank r; rows from r on are zero, t there is what no current can give.
+    """
+    m = Q.shape[1]
+    whole = 0.0
+    for i in range(3):
+        s = 0.0
+        for j in range(m):
+            s += Q[i, j] * Q[i, j]
+        whole = max(whole, s)
+    rank = 0
+    for c in range(3):
+        best, longest = c, -1.0
+        for i in range(c, 3):
+            s = 0.0
+            for j in range(m):
+                s += Q[i, j] * Q[i, j]
+            if s > longest:
+                best, longest = i, s
+        if best != c:
+            for j in range(m):
+                Q[c, j], Q[best, j] = Q[best, j], Q[c, j]
+            t[c], t[best] = t[best], t[c]
+        if longest <= _DEPENDENT * _DEPENDENT * whole or longest == 0.0:
+            for i in range(c, 3):
+                for j in range(m):
+                    Q[i, j] = 0.0
+            break
+        rank = c + 1
+        for p in range(c):  # once more: what rounding left of the earlier rows
+            d = 0.0
+            for j in range(m):
+                d += Q[p, j] * Q[c, j]
+            t[c] -= d * t[p]
+            for j in range(m):
+                Q[c, j] -= d * Q[p, j]
+        s = 0.0
+        for j in range(m):
+            s += Q[c, j] * Q[c, j]
+        length = np.sqrt(s)
+        t[c] /= length
+        for j in range(m):
+            Q[c, j] /= length
+        for i in range(c + 1, 3):
+            d = 0.0
+            for j in range(m):
+                d += Q[c, j] * Q[i, j]
+            t[i] -= d * t[c]
+            for j in range(m):
+                Q[i, j] -= d * Q[c, j]
+    return rank
+
+
+@kernel
+def _slope(s: Array, along: Array, limit: Array, step: float) -> tuple[float, float]:
+    """First and second derivative of Σ φ_j along a line, `step` from where K_jᵀμ = s_j."""
+    first, second = 0.0, 0.0
+    for j in range(s.shape[0]):
+        at = s[j] + step * along[j]
+        if at > limit[j]:
+            first += along[j] * limit[j]
+        elif at < -limit[j]:
+            first -= along[j] * limit[j]
+        else:
+            first += along[j] * at
+            second += along[j] * along[j]
+    return first, second
+
+
+@kernel
+def _next_kink(s: Array, along: Array, limit: Array, step: float) -> float:
+    """The next step beyond `step` at which a channel enters or leaves its limit; infinity if there is none."""
+    nearest = np.inf
+    for j in range(s.shape[0]):
+        if along[j] != 0.0:
+            for side in (-limit[j], limit[j]):
+                kink = (side - s[j]) / along[j]
+                if kink > step:
+                    nearest = min(nearest, kink)
+    return nearest
+
+
+@kernel
+def line_search(s: Array, along: Array, limit: Array, linear: float) -> float:
+    """The step at which the dual function is least along a line: the zero of an increasing, piecewise linear slope.
+
+    The slope is Σ φ_j' + linear. Returns infinity if it never becomes positive.
+    """
+    final = linear
+    for j in range(s.shape[0]):
+        final += abs(along[j]) * limit[j]
+    if final <= 0.0:
+        return np.inf
+    low, high, slope_low, slope_high = 0.0, np.inf, -np.inf, np.inf
+    first, second = _slope(s, along, limit, 0.0)
+    begin = first + linear
+    step = 1.0
+    for turn in range(100):
+        first, second = _slope(s, along, limit, step)
+        slope = first + linear
+        if abs(slope) <= 1e-10 * abs(begin):
+            break
+        if slope < 0.0:
+            low, slope_low = step, slope
+        else:
+            high, slope_high = step, slope
+        trial = step - slope / second if second > 0.0 else np.nan
+        if not (low < trial < high):
+            if high == np.inf:
+                trial = _next_kink(s, along, limit, low)  # flat and falling: nothing changes before the next kink
+                trial *= 1.0 + 1e-15
+                if not np.isfinite(trial):
+                    break
+            elif turn % 2 == 0 and slope_low > -np.inf:
+                trial = low - slope_low * (high - low) / (slope_high - slope_low)
+            else:
+                trial = 0.5 * (low + high)
+        if trial == step or not (low <= trial <= high):
+            break
+        step = trial
+    return step
+
+
+@kernel
+def dual_newton(Q: Array, t: Array, limit: Array, y: Array) -> int:
+    """Least ‖y‖² with Q y = t, |y_j| ≤ limit_j. Returns GIVEN, SCALED if there is none, or NOT_CONVERGED."""
+    m = Q.shape[1]
+    s = np.empty(m)
+    along = np.empty(m)
+    size = np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
+    wanted = _DUAL_NEWTON_TOLERANCE * size
+    n0, n1, n2 = t[0], t[1], t[2]  # right at once if no current meets its limit
+    for _ in range(_DUAL_NEWTON_STEPS):
+        g0, g1, g2 = -t[0], -t[1], -t[2]
+        a, b, c, d, e, f = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # the Hessian: a b c / b d e / c e f
+        reach = 0.0
+        for j in range(m):
+            q0, q1, q2 = Q[0, j], Q[1, j], Q[2, j]
+            at = q0 * n0 + q1 * n1 + q2 * n2
+            s[j] = at
+            reach += limit[j] * abs(at)
+            if at > limit[j]:
+                at = limit[j]
+            elif at < -limit[j]:
+                at = -limit[j]
+            else:
+                a += q0 * q0
+                b += q0 * q1
+                c += q0 * q2
+                d += q1 * q1
+                e += q1 * q2
+                f += q2 * q2
+            y[j] = at
+            g0 += q0 * at
+            g1 += q1 * at
+            g2 += q2 * at
+        if abs(g0) <= wanted and abs(g1) <= wanted and abs(g2) <= wanted:
+            return GIVEN
+        asked = t[0] * n0 + t[1] * n1 + t[2] * n2
+        if reach < asked:
+            return SCALED  # no torque within the limits reaches so far along ν: the proof that T is beyond them
+        # Where channels at their limits leave a direction without curvature, a trace of it makes the step follow the
+        # gradient there; the line search finds the length.
+        a += _DUAL_NEWTON_TRACE
+        d += _DUAL_NEWTON_TRACE
+        f += _DUAL_NEWTON_TRACE
+        # Cholesky of the 3×3 Hessian, with a floor under the pivots
+        l00 = np.sqrt(a)
+        l10 = b / l00
+        l20 = c / l00
+        l11 = np.sqrt(max(d - l10 * l10, 0.5 * _DUAL_NEWTON_TRACE))
+        l21 = (e - l20 * l10) / l11
+        l22 = np.sqrt(max(f - l20 * l20 - l21 * l21, 0.5 * _DUAL_NEWTON_TRACE))
+        z0 = -g0 / l00
+        z1 = (-g1 - l10 * z0) / l11
+        z2 = (-g2 - l20 * z0 - l21 * z1) / l22
+        d2 = z2 / l22
+        d1 = (z1 - l21 * d2) / l11
+        d0 = (z0 - l10 * d1 - l20 * d2) / l00
+        for j in range(m):
+            along[j] = Q[0, j] * d0 + Q[1, j] * d1 + Q[2, j] * d2
+        step = line_search(s, along, limit, -(t[0] * d0 + t[1] * d1 + t[2] * d2))
+        if step == np.inf:
+            return SCALED
+        n0 += step * d0
+        n1 += step * d1
+        n2 += step * d2
+    return NOT_CONVERGED
+
+
+# --------------------------------------------------------------------------------------------------
+# How far a zonotope goes along a direction, for many generators: a portal that closes in on the ray.
+#
+# `zonotope.reach` otherwise tries all pairs of generators, which takes m³ operations: 0.5 ms for 100 channels.
+# Here a triangle of points of the zonotope that the ray passes is replaced step by step by one further out, each
+# found by
+# the support function in m operations (Minkowski portal refinement: Snethen, Game Programming Gems 7, 2008, section
+# 2.5).
+
+
+_PORTAL_STEPS = 200
+_PRECISION = 1e-9
+
+
+@kernel
+def _cross(a: Array, b: Array, out: Array) -> None:
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def _support(Q: Array, box: Array, n: Array, out: Array) -> None:
+    """The point of the zonotope that lies furthest along n."""
+    out[:] = 0.0
+    for j in range(Q.shape[1]):
+        along = Q[0, j] * n[0] + Q[1, j] * n[1] + Q[2, j] * n[2]
+        y = box[j] if along > 0.0 else (-box[j] if along < 0.0 else 0.0)
+        for i in range(3):
+            out[i] += Q[i, j] * y
+
+
+@kernel
+def _dot(a: Array, b: Array) -> float:
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+@kernel
+def _side(a: Array, b: Array, d: Array) -> float:
+    """Positive where the ray along d passes the plane through a and b on its left."""
+    return float(
+        (a[1] * b[2] - a[2] * b[1]) * d[0] + (a[2] * b[0] - a[0] * b[2]) * d[1] + (a[0] * b[1] - a[1] * b[0]) * d[2]
+    )
+
+
+@kernel
+def find_reach(Q: Array, d: Array, box: Array) -> float:
+    """Greatest s with s d = Q y for some |y_j| ≤ box_j, from below to 1e-9; NaN where the search does not close.
+
+    Q (3, m) of rank 3, d (3,), box (m,).
+    """
+    v, n, turned = np.empty((4, 3)), np.empty(3), np.empty(3)
+    _support(Q, box, d, v[0])
+    _cross(v[0], d, n)
+    if _dot(n, n) <= 1e-24 * _dot(v[0], v[0]) * _dot(d, d):
+        return float(_dot(v[0], d) / _dot(d, d))
+    _support(Q, box, n, v[1])
+    _cross(v[0], v[1], n)
+    if _dot(n, d) < 0.0:
+        for i in range(3):
+            v[0, i], v[1, i], n[i] = v[1, i], v[0, i], -n[i]
+    passed = False
+    for _ in range(_PORTAL_STEPS):
+        _support(Q, box, n, v[2])
+        if _side(v[0], v[2], d) > 0.0:
+            v[1] = v[2]
+            _cross(v[0], v[2], n)
+        elif _side(v[2], v[1], d) > 0.0:
+            v[0] = v[2]
+            _cross(v[2], v[1], n)
+        else:
+            passed = True
+            break
+    if not passed:
+        return np.nan
+    for _ in range(_PORTAL_STEPS):
+        for i in range(3):
+            n[i], turned[i] = v[1, i] - v[0, i], v[2, i] - v[0, i]
+        v[3] = n
+        _cross(v[3], turned, n)
+        forward = _dot(n, d)
+        if forward < 0.0:
+            for i in range(3):
+                v[1, i], v[2, i], n[i] = v[2, i], v[1, i], -n[i]
+            forward = -forward
+        if not forward > 0.0:
+            return np.nan
+        _support(Q, box, n, v[3])
+        inner, outer = _dot(v[0], n), _dot(v[3], n)
+        if outer - inner <= _PRECISION * abs(outer):
+            return float(inner / forward)
+        _cross(d, v[3], turned)
+        if _dot(v[0], turned) > 0.0:
+            replaced = 0 if _dot(v[1], turned) > 0.0 else 2
+        else:
+            replaced = 1 if _dot(v[2], turned) > 0.0 else 0
+        v[replaced] = v[3]
+    return np.nan
+
+
+# --------------------------------------------------------------------------------------------------
+# The torques that currents within their limits can give: a zonotope, its surface along a direction, its nearest
+# point.
+#
+# A torque's direction meets the surface on a facet that two channels span: all pairs are looked at, no iteration; of
+# many channels a search finds it, see `portal`. The
+# nearest torque on the surface is found by Wolfe's method: the nearest point of a polytope, from the vertices that
+# lie
+# furthest its way.
+
+
+_MANY = 24  #: channels beyond which all pairs take longer than the search
+
+
+@kernel
+def reach(Q: Array, t: Array, limit: Array, rank: int) -> float:
+    """Greatest s with s t = Q y for some |y_j| ≤ limit_j: how far the zonotope of torques goes along t.
+
+    The facets of a zonotope are spanned by pairs of its generators; the nearest supporting plane among them decides.
+    """
+    m = Q.shape[1]
+    least = np.inf
+    if rank == 1:
+        total = 0.0
+        for j in range(m):
+            total += abs(Q[0, j]) * limit[j]
+        return total / abs(t[0]) if t[0] != 0.0 else np.inf
+    if rank == 2:
+        for p in range(m):
+            against = abs(Q[0, p] * t[1] - Q[1, p] * t[0])
+            if against > 0.0:
+                total = 0.0
+                for j in range(m):
+                    total += abs(Q[0, p] * Q[1, j] - Q[1, p] * Q[0, j]) * limit[j]
+                least = min(least, total / against)
+        return least
+    if m > _MANY:
+        found = find_reach(Q, t, limit)
+        if np.isfinite(found):
+            return found
+    for p in range(m - 1):
+        for q in range(p + 1, m):
+            x = Q[1, p] * Q[2, q] - Q[2, p] * Q[1, q]
+            y = Q[2, p] * Q[0, q] - Q[0, p] * Q[2, q]
+            z = Q[0, p] * Q[1, q] - Q[1, p] * Q[0, q]
+            against = abs(x * t[0] + y * t[1] + z * t[2])
+            if against > 0.0:
+                total = 0.0
+                for j in range(m):
+                    total += abs(x * Q[0, j] + y * Q[1, j] + z * Q[2, j]) * limit[j]
+                least = min(least, total / against)
+    return least
+
+
+@kernel
+def _vertex(Q: Array, limit: Array, n: Array, out: Array) -> None:
+    """The vertex of the zonotope that lies furthest along n."""
+    out[:] = 0.0
+    for j in range(Q.shape[1]):
+        along = Q[0, j] * n[0] + Q[1, j] * n[1] + Q[2, j] * n[2]
+        side = limit[j] if along > 0.0 else -limit[j]
+        for i in range(3):
+            out[i] += side * Q[i, j]
+
+
+@kernel
+def _affine_weights(corral: Array, count: int, weights: Array) -> bool:
+    """Weights (summing to one) of the point nearest to the origin in the plane through `count` corners; False if flat.
+
+    Solved by Gaussian elimination on the edges' Gram matrix, with pivoting.
+    """
+    k = count - 1
+    G = np.zeros((3, 4))
+    for a in range(k):
+        for b in range(k):
+            for i in range(3):
+                G[a, b] += (corral[a + 1, i] - corral[0, i]) * (corral[b + 1, i] - corral[0, i])
+        for i in range(3):
+            G[a, 3] -= (corral[a + 1, i] - corral[0, i]) * corral[0, i]
+    whole = 0.0
+    for a in range(k):
+        whole = max(whole, G[a, a])
+    for a in range(k):
+        best = a
+        for b in range(a + 1, k):
+            if abs(G[b, a]) > abs(G[best, a]):
+                best = b
+        if abs(G[best, a]) <= 1e-14 * whole:
+            return False
+        for b in range(4):
+            G[a, b], G[best, b] = G[best, b], G[a, b]
+        for b in range(k):
+            if b != a:
+                factor = G[b, a] / G[a, a]
+                for c in range(4):
+                    G[b, c] -= factor * G[a, c]
+    weights[0] = 1.0
+    for a in range(k):
+        weights[a + 1] = G[a, 3] / G[a, a]
+        weights[0] -= weights[a + 1]
+    return True
+
+
+@kernel
+def zonotope_nearest(Q: Array, t: Array, limit: Array) -> None:
+    """Move t (3,) to the nearest point of the zonotope of torques Q y, |y_j| ≤ limit_j: Wolfe 1976, up to 4 corners."""
+    target = np.array((t[0], t[1], t[2]))
+    corral = np.zeros((5, 3))  # corners, seen from the target
+    weights = np.zeros(5)
+    wanted = np.zeros(5)
+    corner = np.empty(3)
+    _vertex(Q, limit, target, corner)
+    x = corner - target
+    corral[0] = x
+    weights[0] = 1.0
+    count = 1
+    for _ in range(200):
+        square = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
+        if square == 0.0:
+            break
+        _vertex(Q, limit, -x, corner)
+        gain, long = square, 0.0
+        for i in range(3):
+            corral[count, i] = corner[i] - target[i]
+            gain -= x[i] * corral[count, i]
+            long = max(long, abs(target[i]))
+        if gain <= 1e-13 * (square + np.sqrt(square) * long) or count == 4:
+            break
+        weights[count] = 0.0
+        count += 1
+        flat = False
+        while True:
+            if not _affine_weights(corral, count, wanted):
+                flat = True
+                break
+            share = 1.0
+            for a in range(count):
+                if wanted[a] < 0.0 and weights[a] - wanted[a] > 0.0:
+                    share = min(share, weights[a] / (weights[a] - wanted[a]))
+            remaining = 0
+            for a in range(count):
+                weight = weights[a] + share * (wanted[a] - weights[a])
+                if share == 1.0 or weight > 1e-15:
+                    corral[remaining] = corral[a]
+                    weights[remaining] = max(weight, 0.0)
+                    remaining += 1
+            count = remaining
+            if share == 1.0:
+                break
+        if flat:
+            break  # the new corner lies in the plane of the old ones: they hold the nearest point already
+        x[:] = 0.0
+        for a in range(count):
+            x += weights[a] * corral[a]
+    for i in range(3):
+        t[i] = target[i] + x[i]
+
+
+# --------------------------------------------------------------------------------------------------
+# Least heat for a torque when every current has a limit: a compiled solver for three torques and any channels.
+#
+#     minimise ½ Σ w_j i_j²   such that   K i = T,   |i_j| ≤ L_j
+#
+# has one multiplier μ per torque axis and currents i_j = clip(K_jᵀμ / w_j, ±L_j): `dual_newton` finds them. Beyond
+# the
+# zonotope of torques within the limits there is no solution, and the dual function falls without end along some μ:
+# that
+# is the proof. Then either the torque is cut to the zonotope's surface along its own direction, or the nearest torque
+# on
+# the surface is taken.
+#
+# Without limits this is Bai 2012 eq. (4): u = Kᵀ (K Kᵀ)⁻¹ T.
+
+
+_UNTURNED = 1e-9  # relative part of a torque, about an axis that no channel turns, that is taken for rounding
+
+
+@kernel
+def _least_norm_within(Q: Array, t: Array, box: Array, y: Array) -> float:
+    """Where rounding hides the way, limits being many decades apart: the shortest y for t, scaled into the box.
+
+    Less than could be had, but in its direction and within every limit. Returns the share of t that y gives.
+    """
+    share = 1.0
+    for j in range(y.size):
+        y[j] = Q[0, j] * t[0] + Q[1, j] * t[1] + Q[2, j] * t[2]
+        if abs(y[j]) * share > box[j]:
+            share = box[j] / abs(y[j])
+    for j in range(y.size):
+        y[j] *= share
+    return share
+
+
+@kernel
+def solve_bounded_power(
+    K: Array, T: Array, limit: Array, resistance: Array, nearest: bool, currents: Array
+) -> tuple[int, float]:
+    """Write the currents (m,) [A] for torque T (3,) [N·m] into `currents`; return what happened and the scale of T.
+
+    K (3, m) [N·m/A], limit (m,) [A], resistance (m,) in any unit (ratios matter). `nearest` chooses what becomes of
+    a torque beyond the limits: the nearest one, else the torque's direction is kept. For use inside compiled code;
+    `MinimumPowerAllocator` is the checked door.
+    """
+    m = K.shape[1]
+    total = abs(T[0]) + abs(T[1]) + abs(T[2])
+    for j in range(m):
+        total += abs(K[0, j]) + abs(K[1, j]) + abs(K[2, j]) + abs(limit[j]) + abs(resistance[j])
+    if not np.isfinite(total):
+        for j in range(m):
+            currents[j] = np.nan
+        return NOT_FINITE, np.nan
+    greatest, strongest = max(abs(T[0]), abs(T[1]), abs(T[2])), 0.0
+    for j in range(m):
+        currents[j] = 0.0
+        if limit[j] > 0.0:
+            for i in range(3):
+                strongest = max(strongest, abs(K[i, j]) / np.sqrt(resistance[j]))
+    if greatest < 1e-250:
+        return GIVEN, 1.0  # nothing asked, or so little that its square is zero
+    if strongest * greatest < 1e-250:
+        return (NEAREST, 1.0) if nearest else (SCALED, 0.0)
+
+    # y = √R i makes all channels alike: least ‖y‖². Columns without any current allowed take no part. Torque and
+    # characteristic are measured by their greatest entries, so that no square is lost to rounding.
+    Q = np.empty((3, m))
+    box = np.empty(m)
+    root = np.empty(m)
+    unit = greatest / strongest
+    for j in range(m):
+        root[j] = np.sqrt(resistance[j])
+        box[j] = min(limit[j] * root[j] / unit, 1e100)
+        if box[j] < 1e-100:
+            box[j] = 0.0
+        for i in range(3):
+            Q[i, j] = K[i, j] / root[j] / strongest if box[j] > 0.0 else 0.0
+    t = np.array((T[0] / greatest, T[1] / greatest, T[2] / greatest))
+    asked = t.copy()
+    rank = orthonormal_rows(Q, t)
+    size = np.sqrt(asked[0] * asked[0] + asked[1] * asked[1] + asked[2] * asked[2])
+    outside = 0.0
+    for i in range(rank, 3):
+        outside = max(outside, abs(t[i]))
+        t[i] = 0.0
+    status = SCALED
+    scale = 1.0
+    y = np.zeros(m)
+    if outside <= _UNTURNED * size:
+        status = dual_newton(Q, t, box, y)
+        if status == NOT_CONVERGED and reach(Q, t, box, rank) < 1.0:
+            status = SCALED
+    if status == SCALED and nearest:
+        status = NEAREST
+        for i in range(3):
+            t[i] = asked[i]
+            for j in range(m):
+                Q[i, j] = K[i, j] / root[j] / strongest if box[j] > 0.0 else 0.0
+        zonotope_nearest(Q, t, box)
+        rank = orthonormal_rows(Q, t)
+        for i in range(rank, 3):
+            t[i] = 0.0
+    elif status == SCALED:
+        if outside > _UNTURNED * size:
+            return SCALED, 0.0  # part of it is about an axis that no channel turns: its direction cannot be kept
+        scale = min(reach(Q, t, box, rank), 1.0)
+        for i in range(3):
+            t[i] *= scale
+    if status != GIVEN:
+        # On the surface itself the multipliers may be infinite; a hair inside they are not. A hair is nearly always
+        # enough; limits many decades apart may need more.
+        hair = 1e-9
+        while True:
+            inside = np.array((t[0] * (1.0 - hair), t[1] * (1.0 - hair), t[2] * (1.0 - hair)))
+            if dual_newton(Q, inside, box, y) == GIVEN:
+                break
+            hair *= 30.0
+            if hair > 0.1:
+                hair = 1.0 - _least_norm_within(Q, t, box, y)
+                break
+        if status != NEAREST:
+            scale *= 1.0 - hair
+            status = SCALED
+    for j in range(m):
+        # the division may land one rounding above the limit; the limit is a promise
+        currents[j] = min(max(y[j] * unit / root[j], -limit[j]), limit[j])
+    return status, scale
+
+
+# --------------------------------------------------------------------------------------------------
+# Weighted least squares within limits: the compromise nearest to a wrench that few coils cannot give whole.
+#
+#     minimise ½ ‖W (A i − w)‖²   such that   |i_j| ≤ L_j,   Σ R_j i_j² ≤ P
+#
+# With H = AᵀW²A and g = AᵀW²w this is a convex problem of m unknowns. Coordinate descent, each current in turn moved
+# to
+# its best value within its limit, ends at its only minimum (H is regular; a trace of heat makes it so elsewhere).
+# Where
+# the supply's power holds, its multiplier λ ≥ 0 is added as λR to H and found by a bracketed secant: the power falls
+# as
+# λ rises.
+
+
+FREE, AT_CURRENT, AT_POWER = 0, 1, 2  #: which limit the answer stands at
+
+_SWEEPS = 2000
+_PRECISE = 1e-11  #: change of a current in a sweep, relative to the greatest current, at which it is found
+_BOUNDED_COMPROMISE_TRACE = 1e-12  #: heat's weight, relative to the greatest of H: decides where H does not
+_EXACT = 1e-9  #: relative, of the power
+_ROUNDS = 60
+
+
+@kernel
+def _descend(H: Array, g: Array, limit: Array, resistance: Array, heat: float, currents: Array) -> float:
+    """Bring `currents` (m,) to the minimum of ½ iᵀ(H + heat R) i − gᵀi within ±limit; the power Σ R i² there [W]."""
+    m = g.shape[0]
+    for _ in range(_SWEEPS):
+        moved, largest = 0.0, 0.0
+        for j in range(m):
+            slope, curvature = g[j], H[j, j] + heat * resistance[j]
+            if curvature <= 0.0:
+                continue
+            for k in range(m):
+                if k != j:
+                    slope -= H[j, k] * currents[k]
+            best = min(max(slope / curvature, -limit[j]), limit[j])
+            moved = max(moved, abs(best - currents[j]))
+            largest = max(largest, abs(best))
+            currents[j] = best
+        if moved <= _PRECISE * largest:
+            break
+    power = 0.0
+    for j in range(m):
+        power += resistance[j] * currents[j] * currents[j]
+    return power
+
+
+@kernel
+def solve_compromise(H: Array, g: Array, limit: Array, resistance: Array, power: float, currents: Array) -> int:
+    """Write the minimum into `currents` (m,) [A]; FREE, AT_CURRENT or AT_POWER.
+
+    H (m, m), g (m,), limit (m,) [A], resistance (m,) [Ω], power [W], inf for no limit. For use inside compiled code.
+    """
+    m = g.shape[0]
+    greatest, hottest = 0.0, 0.0
+    for j in range(m):
+        currents[j] = 0.0
+        greatest = max(greatest, H[j, j])
+        hottest = max(hottest, resistance[j])
+    if greatest == 0.0:
+        return FREE
+    trace = _BOUNDED_COMPROMISE_TRACE * greatest / hottest
+    if _descend(H, g, limit, resistance, trace, currents) > power:
+        # 1/√(Σ R i²) is nearly a straight line of λ: a secant finds it, kept between bounds
+        low, high = trace, greatest / hottest
+        while _descend(H, g, limit, resistance, high, currents) > power:
+            low, high = high, 8.0 * high
+        wanted = 1.0 / np.sqrt(power)
+        below = 1.0 / np.sqrt(_descend(H, g, limit, resistance, low, currents)) - wanted
+        above = 1.0 / np.sqrt(_descend(H, g, limit, resistance, high, currents)) - wanted
+        for _ in range(_ROUNDS):
+            middle = low - below * (high - low) / (above - below)
+            if not low < middle < high:
+                break
+            at = 1.0 / np.sqrt(_descend(H, g, limit, resistance, middle, currents)) - wanted
+            if abs(at) <= _EXACT * wanted:
+                break
+            if at < 0.0:
+                low, below = middle, at
+                above *= 0.5  # Illinois: else one end would never move
+            else:
+                high, above = middle, at
+                below *= 0.5
+        return AT_POWER
+    for j in range(m):
+        if abs(currents[j]) >= limit[j]:
+            return AT_CURRENT
+    return FREE
+
+
+# --------------------------------------------------------------------------------------------------
+# A whole wrench from any number of coils with the least heat within their limits: six equations, some of them soft.
+#
+#     minimise ½ Σ R_j i_j² + (ρ/2) ‖W (A i − w)‖²   such that   |i_j| ≤ L_j
+#
+# With y = √R i, Q = W A/√R and slack ν/ρ this has one multiplier per component of the wrench and y_j = clip(Q_jᵀν):
+# the
+# dual function is convex, piecewise quadratic and strictly so by ν²/2ρ, for any rank of A. Newton steps with the
+# exact
+# line search of `dual_newton` find its minimum. ρ is so large that a wrench that can be had is given to about 1e-6;
+# in a
+# direction that takes more than a thousand times the current of the best one, such as the torque about a single
+# magnet's
+# own axis, nothing is spent.
+
+
+_RIGID = 1e6  #: ρ times the square of the greatest singular value of Q, about
+_LEAST_HEAT_STEPS = 60
+_LEAST_HEAT_TOLERANCE = 1e-9
+_NO_LIMIT = 1e100
+
+
+@kernel
+def _solve_positive(H: Array, g: Array) -> None:
+    """g (6,) becomes H⁻¹ g for a symmetric positive H (6, 6), which is overwritten: Cholesky."""
+    for i in range(6):
+        for j in range(i + 1):
+            total = H[i, j]
+            for k in range(j):
+                total -= H[i, k] * H[j, k]
+            H[i, j] = np.sqrt(max(total, 1e-300)) if i == j else total / H[j, j]
+    for i in range(6):
+        for k in range(i):
+            g[i] -= H[i, k] * g[k]
+        g[i] /= H[i, i]
+    for i in range(5, -1, -1):
+        for k in range(i + 1, 6):
+            g[i] -= H[k, i] * g[k]
+        g[i] /= H[i, i]
+
+
+@kernel
+def solve_least_heat(
+    matrix: Array, target: Array, weights: Array, limit: Array, resistance: Array, currents: Array
+) -> bool:
+    """Write the currents (m,) [A] for `target` (6,) into `currents`; whether the search converged.
+
+    matrix (6, m) [N/A, N·m/A], weights (6,) of the components, 0: free; limit (m,) [A]; resistance (m,) [Ω]. For use in
+    compiled code: all numbers finite.
+    """
+    m = limit.shape[0]
+    Q, along, s, box = np.zeros((m + 6, 6)), np.empty(m + 6), np.empty(m + 6), np.empty(m + 6)
+    t, nu, step, H = np.empty(6), np.zeros(6), np.empty(6), np.empty((6, 6))
+    most, size = 0.0, 0.0
+    for j in range(m):
+        root, square = 1.0 / np.sqrt(resistance[j]), 0.0
+        box[j] = limit[j] / root
+        for i in range(6):
+            Q[j, i] = weights[i] * matrix[i, j] * root if limit[j] > 0.0 else 0.0
+            square += Q[j, i] * Q[j, i]
+        most += square
+        currents[j] = 0.0
+    for i in range(6):
+        t[i] = weights[i] * target[i]
+        size = max(size, abs(t[i]))
+    if most == 0.0 or size == 0.0:
+        return True
+    slack = np.sqrt(most / _RIGID)
+    for i in range(6):
+        Q[m + i, i], box[m + i] = slack, _NO_LIMIT
+    converged = False
+    for _ in range(_LEAST_HEAT_STEPS):
+        H[:] = 0.0
+        for i in range(6):
+            step[i] = t[i]
+        for j in range(m + 6):
+            at = 0.0
+            for i in range(6):
+                at += Q[j, i] * nu[i]
+            s[j] = at
+            if at > box[j]:
+                at = box[j]
+            elif at < -box[j]:
+                at = -box[j]
+            else:
+                for i in range(6):
+                    for k in range(i + 1):
+                        H[i, k] += Q[j, i] * Q[j, k]
+            for i in range(6):
+                step[i] -= Q[j, i] * at
+        left = 0.0
+        for i in range(6):
+            left = max(left, abs(step[i]))
+        if left <= _LEAST_HEAT_TOLERANCE * size:
+            converged = True
+            break
+        slope = 0.0
+        _solve_positive(H, step)
+        for i in range(6):
+            slope -= t[i] * step[i]
+        for j in range(m + 6):
+            along[j] = 0.0
+            for i in range(6):
+                along[j] += Q[j, i] * step[i]
+        length = line_search(s, along, box, slope)
+        if not np.isfinite(length):
+            break
+        for i in range(6):
+            nu[i] += length * step[i]
+    for j in range(m):
+        y = min(max(s[j], -box[j]), box[j])
+        # the division may land one rounding above the limit; the limit is a promise
+        currents[j] = min(max(y / np.sqrt(resistance[j]), -limit[j]), limit[j])
+    return converged

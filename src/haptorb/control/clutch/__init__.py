@@ -1,1 +1,0 @@
-"""The two modes of Bai 2012: a rotor with three degrees of freedom moves a target with six."""

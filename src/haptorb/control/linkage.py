@@ -1,0 +1,586 @@
+"""What connects the mover to the body that the world acts on: directly, or through two modes and a clutch.
+
+A world renders a wrench for a state. For a stylus over a dome the two are the mover's own. A motor's rotor only turns,
+while its plug moves in six degrees of freedom: between them is a linkage with a clutch (`moded_linkage.py`). Besides
+guard and drive it is the one part of the chain that remembers something from tick to tick.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal, Protocol, final
+
+import numpy as np
+from numpy import ascontiguousarray
+from numpy.typing import ArrayLike
+
+from haptorb.arrays import Array, Records, StateArray, Stateful, check_finite, choose, fields, make_numbers, record
+from haptorb.compiled import kernel, tick_kernel
+from haptorb.devices.base import Device, State
+from haptorb.errors import InputError, UnknownName, quote
+
+if TYPE_CHECKING:
+    from haptorb.devices.motor import SphericalMotor
+
+__all__ = [
+    "CLUTCH",
+    "MODES",
+    "MOTOR_GAINS",
+    "NO_CONTACTS",
+    "STEEPEST",
+    "Direct",
+    "Gains",
+    "Linkage",
+    "Mode",
+    "ModedLinkage",
+    "RenderedWrench",
+    "WrenchSource",
+    "advance_clutch",
+    "fill_rotor_wrench",
+    "follow_rotor",
+    "make_direct_linkage",
+    "make_moded_linkage",
+    "three",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# The constants of the two modes: how far the target moves, and how strongly its wrench is felt.
+
+
+def three(value: ArrayLike, what: str) -> tuple[float, float, float]:
+    """`value` as three finite numbers, or InputError naming `what`. Shape (3,). In the unit of `value`: [any]."""
+    numbers = check_finite(value, what)
+    if numbers.shape != (3,):
+        raise InputError(f"{what} must be three numbers; got shape {numbers.shape}")
+    return float(numbers[0]), float(numbers[1]), float(numbers[2])
+
+
+@dataclass(frozen=True)
+class Gains:
+    """The constants of eqs. (5) and (6), indexed as printed.
+
+    translate          ζ̂ [m/rad] of X', Y', Z' (by λ, ψ, φ)
+    rotate             ζ of λ', ψ', φ'
+    translate_torque   η̂ [m] of F_Y', F_X', F_Z' (to T_ψ, T_λ, T_φ); None: as power demands, η̂ = (ζ̂₂, ζ̂₁, ζ̂₃)
+    rotate_torque      η of T_ψ', T_λ', T_φ'; None: η = (ζ₂, ζ₁, ζ₃)
+
+    The defaults render the outlet (a pull of 11.5 N; tilted by 2° 64 N sideways and 1 N·m about the plug's end) on a
+    motor of about 1 N·m: 0.23, 0.26 and 0.25 N·m, and at most 0.6 wherever the handle may go, unless the plug's bevel
+    is forced aside. ±22.5° of handle move the plug by ±8 mm out (its whole way), ±1.6 mm sideways; 8° of spin tilt it
+    by 2°. For the paper's beam, 4.3 times stiffer, use `Gains().scale(0.25)`.
+
+    >>> Gains().verdict, Gains().scale(0.2).verdict, Gains(rotate_torque=(1, 1, 1)).verdict
+    ('power-consistent', 'scaled', 'active')
+    """
+
+    translate: tuple[float, float, float] = (0.02, 0.004, 0.01)
+    rotate: tuple[float, float, float] = (0.25, 0.25, 0.25)
+    translate_torque: tuple[float, float, float] | None = None
+    rotate_torque: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("translate", "rotate", "translate_torque", "rotate_torque"):
+            value = getattr(self, name)
+            if value is None and name.endswith("torque"):
+                first, second, third = getattr(self, name.removesuffix("_torque"))
+                value = (second, first, third)
+            object.__setattr__(self, name, three(value, f"gains.{name}"))
+
+    def scale(self, factor: float) -> Gains:
+        """The same motion with all torques multiplied by `factor`: a stronger or weaker world, still passive.
+
+        Raises InputError for a negative factor.
+        """
+        factor = float(check_finite(factor, "factor"))
+        if factor < 0:
+            raise InputError(
+                f"factor must not be negative: the torques would act in the wrong direction; got {factor:g}"
+            )
+        move, turn = (three(factor * check_finite(part, "gains"), "gains") for part in self.torques)
+        return replace(self, translate_torque=move, rotate_torque=turn)
+
+    @property
+    def torques(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """translate_torque and rotate_torque, filled in."""
+        assert self.translate_torque is not None  # filled in by the constructor
+        assert self.rotate_torque is not None
+        return self.translate_torque, self.rotate_torque
+
+    @property
+    def torque_per_motion(self) -> Array:
+        """(6,) torque gain over motion gain for X', Y', Z', λ', ψ', φ'; one number six times if passive."""
+        motion = np.array([*self.translate, *self.rotate])
+        (psi, lam, phi), (turn_psi, turn_lam, turn_phi) = self.torques
+        torque = np.array([lam, psi, phi, turn_lam, turn_psi, turn_phi])
+        ratio = np.full(6, np.nan)
+        np.divide(torque, motion, out=ratio, where=motion != 0)
+        ratio[(motion == 0) & (torque != 0)] = np.inf
+        return ratio
+
+    @property
+    def verdict(self) -> str:
+        """ "power-consistent"; "scaled": all torques by one factor, still passive; or "active": can give energy.
+
+        One factor for all six: with another factor in the other mode, energy put in through one could be taken out
+        through the other.
+        """
+        ratio = self.torque_per_motion
+        ratio = ratio[~np.isnan(ratio)]
+        if ratio.size == 0 or np.abs(ratio - 1.0).max() < 1e-9:
+            return "power-consistent"
+        if np.isfinite(ratio).all() and ratio.min() >= 0 and np.ptp(ratio) <= 1e-9 * ratio.max():
+            return "scaled"
+        return "active"
+
+
+#: 40° of handle, which a hand can sweep within the workspace, pull the plug all the way out; else the defaults
+MOTOR_GAINS = Gains(translate=(0.024, 0.004, 0.01))
+
+
+# --------------------------------------------------------------------------------------------------
+# The names of the two modes: the handle moves the object, or turns it.
+
+
+Mode = Literal["translate", "rotate"]
+MODES: tuple[Mode, ...] = ("translate", "rotate")
+
+
+NO_CONTACTS = np.zeros((0, 8))
+_CLOSED = np.ones(2)
+
+
+class WrenchSource(Protocol):
+    """The part of a world that a linkage needs."""
+
+    def wrench(self, state: State) -> Array:
+        """(6,) on the body at `state` [N, N·m]."""
+
+
+@record
+class RenderedWrench:
+    """What one tick of a linkage gives.
+
+    wrench        (6,) on the mover, stator frame [N, N·m]
+    thing         pose and motion of the body that the world acts on: the mover, or a motor's target (primed frame)
+    on_thing      (6,) wrench on it [N, N·m]
+    contacts      (n, 8) as `ContactWorld` gives them; none of another world, or of a linkage without contacts
+    mode          0 direct, 1 translate, 2 rotate
+    share         (2,) how firmly translation and rotation are joined, 0 to 1
+    engaged       whether the hand's clutch is engaged
+    """
+
+    wrench: Array
+    thing: State
+    on_thing: Array
+    contacts: Array
+    mode: int
+    share: Array
+    engaged: bool
+
+
+class Linkage(Stateful, ABC):
+    """From the mover's state to what the hand feels of a world. What it remembers, `state_arrays` names."""
+
+    modes: tuple[Mode, ...]  #: that can be chosen; empty for a direct linkage
+    passive: bool  #: whether it gives no energy that the world did not give
+    arm: float  #: at which a hand holds a mover that turns [m]; 0 where the mover is a tool
+
+    @abstractmethod
+    def render(self, world: WrenchSource, mover: State) -> RenderedWrench:
+        """What `world` makes the hand feel with the mover at `mover`; one call per tick."""
+
+    @abstractmethod
+    def bring_back(self, on_thing: Array, wrench: Array) -> None:
+        """`wrench` (6,) becomes what the part `on_thing` (6,) of the last `render`'s wrench on the body makes on the
+        mover [N, N·m]."""
+
+    @abstractmethod
+    def set_mode(self, mode: Mode) -> None:
+        """Go over to `mode`, without a step of pose or wrench. Raises UnknownName for a mode that there is not."""
+
+    @abstractmethod
+    def set_clutch(self, engaged: bool) -> None:
+        """Couple to the target, or release it, without a step of pose or wrench."""
+
+    @abstractmethod
+    def set_torque_scale(self, scale: float) -> None:
+        """Let the wrench come back `scale` times as strong, sliding there."""
+
+    @abstractmethod
+    def restart(self) -> None:
+        """Reset the object to its initial pose, and engage the clutch again."""
+
+
+@final
+class Direct(Linkage):
+    """The world acts on the mover itself."""
+
+    modes = ()
+    passive = True
+    arm = 0.0
+
+    def render(self, world: WrenchSource, mover: State) -> RenderedWrench:
+        """The world's wrench at the mover."""
+        wrench = world.wrench(mover)
+        return RenderedWrench(wrench, mover, wrench, NO_CONTACTS, 0, _CLOSED, True)
+
+    def bring_back(self, on_thing: Array, wrench: Array) -> None:
+        """`wrench` (6,) becomes `on_thing` (6,) itself [N, N·m]: body and mover are one."""
+        wrench[:] = on_thing
+
+    def set_mode(self, mode: Mode) -> None:
+        """There is nothing to choose. Raises InputError."""
+        raise InputError(f"mode '{mode}': this device has no modes; its mover acts directly")
+
+    def set_clutch(self, engaged: bool) -> None:
+        """There is no clutch. Raises InputError."""
+        raise InputError("this device has no clutch; its mover acts directly")
+
+    def set_torque_scale(self, scale: float) -> None:
+        """There is nothing to scale. Raises InputError."""
+        raise InputError("this device has no torque scale; its mover acts directly")
+
+    def restart(self) -> None:
+        """Nothing is remembered."""
+
+
+def make_direct_linkage(device: Device, gains: Gains | None) -> Direct:
+    """The linkage of a device whose mover is the body that the world acts on. Raises InputError for gains: it has no
+    modes."""
+    if gains is not None:
+        raise InputError(f"gains are for two-mode devices; a {device.kind.title} such as '{device.name}' has no modes")
+    return Direct()
+
+
+# --------------------------------------------------------------------------------------------------
+# The mapping of eqs. (5) and (6) in compiled code: rotor to target in one pass, and the target's wrench back.
+#
+# What is remembered, and the constants that the mapping goes by, are one record of `CLUTCH`, in an array of one.
+
+
+STEEPEST = math.radians(80.0)  #: tilt λ at which Euler angles come too close to their pole, for rotor and target
+_HIGHEST = math.sin(STEEPEST)
+_TURN = 2.0 * math.pi
+
+CLUTCH = fields(
+    # settings: the gains of `Gains`, as printed, and the times of `ModedLinkage`
+    ("translate", "f8", (3,)),  # ζ̂ [m/rad] of X', Y', Z' (by λ, ψ, φ)
+    ("rotate", "f8", (3,)),  # ζ of λ', ψ', φ'
+    ("translate_torque", "f8", (3,)),  # η̂ [m] of F_Y', F_X', F_Z' (to T_ψ, T_λ, T_φ)
+    ("rotate_torque", "f8", (3,)),  # η of T_ψ', T_λ', T_φ'
+    ("gap", "f8"),  # [s]
+    ("ramp", "f8"),  # [s]
+    # remembered
+    ("moving", "f8"),  # how firmly translation is joined now, 0 to 1
+    ("turning", "f8"),  # how firmly rotation is joined now, 0 to 1
+    ("moving_goal", "f8"),  # to which the first slides
+    ("turning_goal", "f8"),  # to which the second slides
+    ("angles", "f8", (3,)),  # of the rotor: ψ, λ, φ [rad], φ unwrapped
+    ("rates", "f8", (3,)),  # their rates [rad/s]
+    ("position", "f8", (3,)),  # of the target: X', Y', Z' [m]
+    ("attitude", "f8", (3,)),  # of the target: ψ', λ', φ' [rad]
+)
+
+
+@kernel
+def _free(attitude: float, rate: float, gain: float) -> float:
+    """0 while the target leans against the pole of its Euler angles (λ', λ's rate, ζ₁), else 1."""
+    return 0.0 if abs(attitude) >= STEEPEST and attitude * rate * gain > 0.0 else 1.0
+
+
+@kernel
+def _nearest(angle: float, near: float) -> float:
+    """`angle` and some whole turns [rad], so that it is nearest to `near`."""
+    return angle + _TURN * round((near - angle) / _TURN)
+
+
+@kernel
+def _slide(share: float, goal: float, step: float) -> float:
+    return min(share + step, goal) if share < goal else max(share - step, goal)
+
+
+@kernel
+def advance_clutch(clutch: Records, R: Array, w: Array, dt: float) -> bool:
+    """Bring `clutch`, (1,) CLUTCH, to the rotor at R (3, 3), turning with w (3,) [rad/s], `dt` [s] later; the target
+    follows.
+
+    False, and nothing changed, where the rotor is tilted beyond STEEPEST or nowhere.
+    """
+    if not abs(R[0, 2]) < _HIGHEST:  # also catches NaN
+        return False
+    m = clutch[0]
+    angles, rates, position, attitude = m.angles, m.rates, m.position, m.attitude
+    psi = _nearest(math.atan2(-R[1, 2], R[2, 2]), angles[0])
+    lam = math.asin(min(1.0, max(-1.0, R[0, 2])))
+    phi = _nearest(math.atan2(-R[0, 1], R[0, 0]), angles[2])
+    lost = not dt <= m.gap
+    move, turn = (0.0, 0.0) if lost else (m.moving, m.turning)
+    free = _free(attitude[1], rates[1], m.rotate[0])
+    dpsi, dlam, dphi = psi - angles[0], lam - angles[1], phi - angles[2]
+    position[0] += move * m.translate[0] * dlam  # Eq. (6a)
+    position[1] += move * m.translate[1] * dpsi
+    position[2] += move * m.translate[2] * dphi
+    attitude[0] += turn * m.rotate[1] * dpsi  # Eq. (5a)
+    attitude[1] += turn * m.rotate[0] * dlam * free
+    attitude[2] += turn * m.rotate[2] * dphi
+    angles[0], angles[1], angles[2] = psi, lam, phi
+    c, s = math.cos(psi), math.sin(psi)
+    rates[1] = c * w[1] + s * w[2]
+    rates[2] = (c * w[2] - s * w[1]) / math.cos(lam)
+    rates[0] = w[0] - math.sin(lam) * rates[2]
+    step = max(dt, 0.0) / m.ramp
+    m.moving = 0.0 if lost else _slide(m.moving, m.moving_goal, step)
+    m.turning = 0.0 if lost else _slide(m.turning, m.turning_goal, step)
+    return True
+
+
+@kernel
+def _fill_target_pose(clutch: Records, pose: Array) -> None:
+    """Fill pose (6, 3): R' (3, 3), position [m], w' [rad/s] and v' [m/s] of the target, primed frame."""
+    m = clutch[0]
+    rates, attitude = m.rates, m.attitude
+    cp, sp = math.cos(attitude[0]), math.sin(attitude[0])
+    cl, sl = math.cos(attitude[1]), math.sin(attitude[1])
+    cf, sf = math.cos(attitude[2]), math.sin(attitude[2])
+    pose[0, 0], pose[0, 1], pose[0, 2] = cl * cf, -cl * sf, sl
+    pose[1, 0], pose[1, 1], pose[1, 2] = cp * sf + sp * sl * cf, cp * cf - sp * sl * sf, -sp * cl
+    pose[2, 0], pose[2, 1], pose[2, 2] = sp * sf - cp * sl * cf, sp * cf + cp * sl * sf, cp * cl
+    for i in range(3):
+        pose[3, i] = m.position[i]
+    dp = m.turning * m.rotate[1] * rates[0]
+    dl = m.turning * m.rotate[0] * rates[1] * _free(attitude[1], rates[1], m.rotate[0])
+    df = m.turning * m.rotate[2] * rates[2]
+    pose[4, 0] = dp + sl * df
+    pose[4, 1] = cp * dl - sp * cl * df
+    pose[4, 2] = sp * dl + cp * cl * df
+    pose[5, 0] = m.moving * m.translate[0] * rates[1]
+    pose[5, 1] = m.moving * m.translate[1] * rates[0]
+    pose[5, 2] = m.moving * m.translate[2] * rates[2]
+
+
+@tick_kernel
+def follow_rotor(clutch: Records, R: Array, w: Array, dt: float, pose: Array, share: Array) -> bool:
+    """`advance_clutch` and `_fill_target_pose` at once; share (2,): how firmly translation and rotation are joined."""
+    if not advance_clutch(clutch, R, w, dt):
+        return False
+    _fill_target_pose(clutch, pose)
+    share[0], share[1] = clutch[0].moving, clutch[0].turning
+    return True
+
+
+@tick_kernel
+def fill_rotor_wrench(clutch: Records, wrench: Array, scale: float, out: Array) -> None:
+    """out (6,): no force, and the torque [N·m] on the rotor, stator frame, for the target's wrench (6,) [N, N·m].
+
+    scale: by how much stronger it comes back than the clutch's gains say.
+    """
+    m = clutch[0]
+    q, rates, attitude, move, turn = m.angles, m.rates, m.attitude, m.translate_torque, m.rotate_torque
+    c, s = math.cos(attitude[0]), math.sin(attitude[0])
+    cl, sl = math.cos(attitude[1]), math.sin(attitude[1])
+    # the target's torque along its Euler axes: Jᵀ T'
+    T_psi = wrench[3]
+    T_lam = (c * wrench[4] + s * wrench[5]) * _free(attitude[1], rates[1], m.rotate[0])
+    T_phi = sl * wrench[3] - s * cl * wrench[4] + c * cl * wrench[5]
+    Q_psi = m.moving * move[0] * wrench[1] + m.turning * turn[0] * T_psi  # Eqs. (6b), (5b)
+    Q_lam = m.moving * move[1] * wrench[0] + m.turning * turn[1] * T_lam
+    Q_phi = m.moving * move[2] * wrench[2] + m.turning * turn[2] * T_phi
+    # the vector that has these components along the rotor's Euler axes: J⁻ᵀ Q
+    c, s = math.cos(q[0]), math.sin(q[0])
+    u = (Q_phi - math.sin(q[1]) * Q_psi) / math.cos(q[1])
+    out[0], out[1], out[2] = 0.0, 0.0, 0.0
+    out[3] = scale * Q_psi
+    out[4] = scale * (c * Q_lam - s * u)
+    out[5] = scale * (s * Q_lam + c * u)
+
+
+# --------------------------------------------------------------------------------------------------
+# Two modes and a clutch: three turns of a rotor move a target in six degrees of freedom, and its wrench comes back.
+#
+# Bai 2012, eqs. (5)–(6), rotor angles (ψ, λ, φ), R = Rx(ψ) Ry(λ) Rz(φ), primes for the target:
+#
+#     rotate       λ' = ζ₁ λ,   ψ' = ζ₂ ψ,   φ' = ζ₃ φ          T_ψ = η₁ T_ψ',  T_λ = η₂ T_λ',  T_φ = η₃ T_φ'
+#     translate    X' = ζ̂₁ λ,   Y' = ζ̂₂ ψ,   Z' = ζ̂₃ φ          T_ψ = η̂₁ F_Y',  T_λ = η̂₂ F_X',  T_φ = η̂₃ F_Z'
+#
+# (6b), not the text of phase 1, which swaps T_ψ and T_λ (erratum E6). Mind the printed order: ζ₁ is for λ, η₁ for ψ.
+#
+# T_ψ, T_λ, T_φ are what the torque vector does along the three Euler axes, and T_ψ', T_λ', T_φ' likewise at the
+# target;
+# with that T·ω = F·v' + T'·w' holds at any tilt, not only for small ones.
+#
+# The clutch moves the target by *increments*: dX' = share · ζ̂ dq, and the torque is share · η̂ F with the same
+# share. Both
+# shares (one per mode) slide between 0 and 1, never jump; so switching, releasing and engaging step neither pose nor
+# torque, and at every share the power that leaves the hand is the power that reaches the target. To release, turn
+# back
+# and engage again reaches as far as one likes.
+
+
+_FLOAT = NO_CONTACTS.dtype
+_SLIDE = 0.5  #: time in which the torque scale changes by a factor e [s]: slow against a hand's own motion
+_NUMBERS = {mode: number for number, mode in enumerate(MODES, start=1)}  #: of modes in a row
+
+
+@final
+class ModedLinkage(Linkage):
+    """A rotor moves a target through two modes; the wrench on the target comes back as torque.
+
+    gains                motion and torque gains
+    position, attitude   where the target begins: X', Y', Z' [m] and ψ', λ', φ' [rad]; the plug fully home is at zero
+    arm                  from the motor's centre to the hand on its handle [m]
+    ramp                 time in which the clutch engages, or releases [s]
+    gap                  longest time between two rotor states for which they count as one motion [s]; after a longer
+                         one the clutch releases at once and engages again from where the rotor then is
+
+    It starts released, and engages within `ramp`. Commands of mode and clutch act in the next tick; the target's pose
+    goes on from where it is, at any moment and in any state.
+
+    Raises InputError for a time that is not above zero, and for an attitude beyond ±80° of λ'.
+
+    >>> from haptorb.worlds.snap_fit import Outlet
+    >>> linkage, rotor = ModedLinkage(), State.from_rotation(np.eye(3))
+    >>> linkage.render(Outlet(), rotor).thing.p.tolist(), linkage.render(Outlet(), rotor).mode
+    ([0.0, 0.0, 0.0], 1)
+    """
+
+    modes = MODES
+    state_kind = "modes"
+
+    def __init__(
+        self,
+        gains: Gains | None = None,
+        *,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        attitude: ArrayLike = (0.0, 0.0, 0.0),
+        arm: float = 0.1,
+        ramp: float = 0.15,
+        gap: float = 0.05,
+    ) -> None:
+        self.gains, self.arm = gains or Gains(), arm
+        self.passive = self.gains.verdict != "active"
+        for name, value in (("ramp", ramp), ("gap", gap)):
+            if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+                raise InputError(f"{name} must be a time greater than zero [s]; got {value!r}")
+        self.ramp, self.gap = float(ramp), float(gap)
+        self._begin = three(position, "position"), three(attitude, "attitude")
+        if not abs(turn := self._begin[1][1]) < STEEPEST:
+            limit = math.degrees(STEEPEST)
+            raise InputError(f"attitude: λ' must stay within ±{limit:.0f}°; got {math.degrees(turn):.4g}°")
+        self._mode: Mode = "translate"
+        self._engaged = True
+        self._memory: Records = np.zeros(1, dtype=CLUTCH)  # changed in place by every tick
+        self._asked = np.zeros(6)
+        self._scale = self._scale_goal = 1.0
+        self._numbers = make_numbers("mode", "engaged", "t", "scale", "scale_goal")
+        self.restart()
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """The clutch; mode from 0 on, whether the hand has it engaged, time [s] of the rotor's last state, torque
+        scales."""
+        return {"clutch": self._memory, "choices": self._numbers[0]}
+
+    def gather_state(self) -> None:
+        """Note the choices."""
+        cells = self._numbers[1]
+        cells[0], cells[1], cells[2] = MODES.index(self._mode), self._engaged, self._t
+        cells[3], cells[4] = self._scale, self._scale_goal
+
+    def apply_state(self) -> None:
+        """Take them over."""
+        mode, engaged, self._t, scale, goal = self._numbers[1]
+        if not (0.0 < scale < math.inf and 0.0 < goal < math.inf):
+            raise ValueError(f"{scale!r} and {goal!r} are no torque scales")
+        self._mode, self._engaged = MODES[choose(mode, len(MODES))], bool(engaged)
+        self._scale, self._scale_goal = scale, goal
+
+    def restart(self) -> None:
+        """The target is back at its beginning and the clutch released; mode and the hand's wish stay."""
+        memory = self._memory
+        memory[:] = np.zeros(1, dtype=CLUTCH)
+        for name in ("translate", "rotate", "translate_torque", "rotate_torque"):
+            memory[name] = getattr(self.gains, name)
+        memory["ramp"], memory["gap"] = self.ramp, self.gap
+        memory["position"], memory["attitude"] = self._begin
+        self._t = -math.inf  # of the rotor's last state [s]: after such a gap the clutch begins released
+        self._aim()
+
+    def render(self, world: WrenchSource, mover: State) -> RenderedWrench:
+        """Advance the clutch to `mover`, ask `world` at the target, and bring its wrench back as torque.
+
+        Raises InputError for a rotor tilted beyond ±80°, and for a world that gives no wrench.
+        """
+        memory, t = self._memory, mover.t
+        R, pose, share = ascontiguousarray(mover.R_SR), np.empty((6, 3)), np.empty(2)
+        if not follow_rotor(memory, R, ascontiguousarray(mover.w), t - self._t, pose, share):
+            raise _explain_loss(R)
+        if self._scale != self._scale_goal and self._t > -math.inf:
+            self._slide_scale(t - self._t)
+        self._t = t
+        target = State(t, pose[:3], pose[3], pose[4], pose[5])
+        # Not `isinstance(world, ContactWorld)`: of an abstract class that costs 0.4 µs in every tick.
+        render_contacts = getattr(world, "render_contacts", None)
+        if render_contacts is None:
+            on_target, contacts = world.wrench(target), NO_CONTACTS
+        else:
+            on_target, contacts = render_contacts(target)
+            contacts = ascontiguousarray(contacts, _FLOAT)  # for the kernel that fills the row
+            if contacts.ndim != 2 or contacts.shape[1] != 8:
+                raise InputError(f"a world must give contacts of shape (n, 8); got shape {contacts.shape}")
+        if (on_target.shape if isinstance(on_target, np.ndarray) else np.shape(on_target)) != (6,):
+            raise InputError(f"a world must give force and torque, shape (6,); got {quote(on_target)}")
+        asked, wrench = self._asked, np.empty(6)
+        asked[:] = on_target  # in another memory layout a user's array would have the kernel compiled again
+        fill_rotor_wrench(memory, asked, self._scale, wrench)
+        return RenderedWrench(wrench, target, on_target, contacts, _NUMBERS[self._mode], share, self._engaged)
+
+    def bring_back(self, on_thing: Array, wrench: Array) -> None:
+        """`wrench` (6,) becomes the torque that the part `on_thing` (6,) of the target's wrench makes [N, N·m]."""
+        fill_rotor_wrench(self._memory, on_thing, self._scale, wrench)
+
+    def set_mode(self, mode: Mode) -> None:
+        """From the next tick on, the clutch slides over to `mode`."""
+        if mode not in MODES:
+            raise UnknownName("mode", str(mode), MODES)
+        self._mode = mode
+        self._aim()
+
+    def set_clutch(self, engaged: bool) -> None:
+        """From the next tick on, the clutch engages or releases."""
+        self._engaged = bool(engaged)
+        self._aim()
+
+    def set_torque_scale(self, scale: float) -> None:
+        """From the next tick on, all torques slide to `scale` times what the gains say.
+
+        Raises InputError for a scale that is not above 0.
+        """
+        if not (math.isfinite(scale) and scale > 0.0):
+            raise InputError(f"torque scale must be above 0; got {scale!r}")
+        self._scale_goal = float(scale)
+
+    def _aim(self) -> None:
+        """Let the shares slide to what the mode and the hand's wish ask for."""
+        self._memory["moving_goal"] = self._engaged and self._mode == "translate"
+        self._memory["turning_goal"] = self._engaged and self._mode == "rotate"
+
+    def _slide_scale(self, elapsed: float) -> None:
+        step = min(max(elapsed, 0.0), self.gap) / _SLIDE
+        way = math.log(self._scale_goal / self._scale)
+        self._scale = self._scale_goal if abs(way) <= step else self._scale * math.exp(math.copysign(step, way))
+
+
+def _explain_loss(R: Array) -> InputError:
+    """What is wrong with a rotor at R (3, 3) that no target can follow."""
+    return InputError(
+        f"the rotor is tilted beyond λ = ±{math.degrees(STEEPEST):.0f}°, or its orientation is unknown "
+        f"(R_SR[0, 2] = {R[0, 2]:.4g}): the two-mode mapping is not defined there. Turn it back"
+    )
+
+
+def make_moded_linkage(device: SphericalMotor, gains: Gains | None) -> ModedLinkage:
+    """The linkage of a motor, whose handle moves a target through two modes; MOTOR_GAINS unless others are given."""
+    return ModedLinkage(gains or MOTOR_GAINS, arm=device.rotor.handle_length)

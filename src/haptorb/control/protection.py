@@ -1,0 +1,284 @@
+"""The one door to protection: the last word before the coils.
+
+Nothing passes that is not finite, bounded, slewed, fresh and cool enough. The loop calls `protect_wrench` before the
+allocator and `protect_currents` after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from haptorb.arrays import Array, Record, Records, StateArray, Stateful
+from haptorb.compiled import kernel, tick_kernel
+from haptorb.control import guard
+from haptorb.control.drive import check_currents, choose_duties, lag_of, rest_coils
+from haptorb.control.guard import (
+    begin_tick,
+    check_estimate,
+    check_readings,
+    limit_currents,
+    limit_wrench,
+    make_coils,
+    make_state,
+    pass_over,
+    trip,
+)
+from haptorb.control.heat import observe_heat
+from haptorb.control.passivity import damp_wrench, restart_passivity
+from haptorb.control.trips import GuardState, Trip
+from haptorb.devices.base import Device
+from haptorb.worlds.dynamic import make_client_force
+
+if TYPE_CHECKING:
+    from haptorb.estimation.types import Estimate, Sample
+
+__all__ = ["Protection", "protect_currents", "protect_wrench", "skip_tick"]
+
+
+# --------------------------------------------------------------------------------------------------
+# Protection of one tick in two compiled passes, because the allocator lies between: of the wrench, of the currents.
+#
+# They string the rules together: passivity control and guard; then current check, heat, guard and drive.
+
+
+_SAMPLE, _MISMATCH = int(Trip.SAMPLE_NOT_FINITE), int(Trip.CURRENT_MISMATCH)
+
+
+@tick_kernel
+def protect_wrench(
+    state: Records, wrench: Array, p: Array, R: Array, v: Array, w: Array, now: float, age: float, valid: bool,
+    reversed: bool, client: Records,
+) -> None:  # fmt: skip
+    """A tick begins at `now` [s]: what may be asked of the coils for the world's `wrench` (6,) [N, N·m] is in
+    guard.asked of `state`, (1,) PROTECTION: passed over, damped, then limited. The part of it that `client`, (1,)
+    CLIENT_FORCE, commands is in guard.commanded. The rest is the estimate's."""
+    s = state[0]
+    g, e = s.guard, s.estimate
+    _keep_estimate(e, p, R, v, w)
+    e.age, e.valid = age, valid
+    begin_tick(s.clock, g, now)
+    pass_over(g, wrench, client[0].session, client[0].mapping)
+    damp_wrench(s.passivity, e, g.wanted, now, g.gain, g.asked)
+    check_estimate(g, valid, age, reversed)
+    limit_wrench(g)
+
+
+@tick_kernel
+def protect_currents(
+    state: Records, coils: Records, wanted: Array, matrix: Array, currents: Array, age: float, temperatures: Array,
+    applied: Array, duties: Array,
+) -> None:  # fmt: skip
+    """duties (m,) become what may be applied for `wanted` currents (m,) [A]: limited, then driven; zero when it is off.
+
+    state (1,) PROTECTION and coils (m,) COIL; matrix (6, m) wrench per ampere; currents (m,) [A], `age` [s] old, and
+    temperatures (m,) [K] are readings; applied (m,) are the duties since the last tick.
+    """
+    s = state[0]
+    clock, g, heat = s.clock, s.guard, s.heat
+    _keep_readings(coils, matrix, currents, temperatures, applied)
+    _induce(s.estimate, coils)
+    plausible = check_currents(clock, coils, age)
+    reason = check_readings(coils)
+    if reason == _SAMPLE:
+        trip(g, _SAMPLE)  # and nothing is learned from it
+    else:
+        observe_heat(heat, coils, clock.elapsed)  # safety: windings-heat-by-the-clock
+        if reason != 0:
+            trip(g, reason)
+        elif not plausible:  # safety: current-mismatch-trips
+            trip(g, _MISMATCH)
+    limit_currents(g, heat, coils, wanted)
+    s.drive.dt = max(clock.elapsed, clock.period)
+    if g.gain > 0.0:  # safety: off-means-zero-duties
+        choose_duties(s.drive, coils)
+    else:
+        rest_coils(coils)
+    for j in range(coils.size):
+        duties[j] = coils[j].duty
+
+
+@kernel
+def skip_tick(state: Records, now: float) -> None:
+    """A tick at `now` [s] in which nothing could be read: time passes, and the windings are observed later."""
+    s = state[0]
+    begin_tick(s.clock, s.guard, now)
+    s.heat.pending += s.clock.elapsed
+
+
+@kernel
+def _keep_estimate(e: Record, p: Array, R: Array, v: Array, w: Array) -> None:
+    for i in range(3):
+        e.position[i], e.velocity[i], e.angular_velocity[i] = p[i], v[i], w[i]
+        for j in range(3):
+            e.rotation[i, j] = R[i, j]
+
+
+@kernel
+def _keep_readings(coils: Records, matrix: Array, currents: Array, temperatures: Array, applied: Array) -> None:
+    for j in range(coils.size):
+        c = coils[j]
+        c.current, c.boundary, c.applied = currents[j], temperatures[j], applied[j]
+        for i in range(6):
+            c.wrench[i] = matrix[i, j]
+
+
+@kernel
+def _induce(e: Record, coils: Records) -> None:
+    """What the coils push against: the power that they give to the mover, per ampere."""
+    for j in range(coils.size):
+        c = coils[j]
+        c.emf = 0.0
+        for i in range(3):
+            c.emf += e.velocity[i] * c.wrench[i] + e.angular_velocity[i] * c.wrench[3 + i]
+
+
+_OFF, _TRIPPED = int(GuardState.OFF), int(GuardState.TRIPPED)
+
+
+class Protection(Stateful):
+    """Guard, heat, current check, passivity control and drive of `device`, for a loop of ticks `dt` [s] apart.
+
+    Each tick: `protect_wrench`, allocation, `protect_currents`; or `skip_tick` if nothing could be read.
+
+    arm     at which a hand holds a mover that turns [m]; 0 for a tool, whose force alone is rendered
+    state   (1,) PROTECTION and coils (m,) COIL: all that it remembers
+    asked   (6,) the wrench that may be asked of the coils now [N, N·m]
+    commanded  (6,) the part of the world's wrench that a client commands in this tick [N, N·m]; the tick fills it
+    duties  (m,) of this tick, −1 to 1
+    """
+
+    def __init__(self, device: Device, dt: float, arm: float = 0.0) -> None:
+        self.coils: Records = make_coils(device)
+        lag = lag_of(self.coils["resistance"], self.coils["inductance"], dt)
+        self.state: Records = make_state(device, dt, arm, lag)
+        self.duties: Array = np.zeros(device.channels)
+        self._guard: Records = self.state["guard"]
+        # Read and written in every tick: single numbers go through a memoryview twice as fast.
+        self._state: Any = self._guard["state"].data
+        self._stored: Any = self.state["passivity"]["stored"].data
+        self.asked: Array = self._guard["asked"][0]
+        self.commanded: Array = self._guard["commanded"][0]
+        self._nobody = make_client_force()
+        spare = self.state.copy()  # compiled now, and not when it is needed
+        skip_tick(spare, 0.0)
+        guard.trip(spare["guard"][0], int(Trip.NONE))
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """Guard, heat, current check, passivity control and drive."""
+        return {"state": self.state, "coils": self.coils, "duties": self.duties}
+
+    def apply_state(self) -> None:
+        """Raises ValueError for a state or reason that there is not."""
+        GuardState(int(self._guard["state"][0]))
+        Trip(int(self._guard["reason"][0]))
+
+    @property
+    def guard_state(self) -> GuardState:
+        """What the guard is doing."""
+        return GuardState(int(self._state[0]))
+
+    @property
+    def reason(self) -> Trip:
+        """Why the coils are off."""
+        return Trip(int(self._guard["reason"][0]))
+
+    @property
+    def gain(self) -> float:
+        """The share of the wrench that is let through now, 0 to 1."""
+        return float(self._guard["gain"][0])
+
+    @property
+    def tripped(self) -> bool:
+        """Whether the coils are off for a reason, until a person engages."""
+        return bool(self._state[0] == _TRIPPED)
+
+    @property
+    def engaged(self) -> bool:
+        """Whether current may flow: neither off nor tripped."""
+        return self.guard_state not in (GuardState.OFF, GuardState.TRIPPED)
+
+    def trip(self, reason: Trip) -> None:
+        """Coils off, latched. The first reason stands until `engage`; a later one does not hide it."""
+        guard.trip(self._guard[0], int(reason))
+
+    def engage(self) -> bool:
+        """Leave OFF or TRIPPED and ramp up from zero; False if the reason is still there."""
+        if self.engaged:
+            return True
+        coils, g = self.coils, self._guard
+        cool = coils["winding"].max() < self.state["heat"]["derate"][0]
+        if not g["fresh"][0] or not cool:  # safety: engaging-blind-is-refused
+            return False
+        g["state"], g["reason"] = GuardState.RAMPING, Trip.NONE
+        g["gain"] = 0.0  # safety: engaging-ramps-from-zero
+        # What the check learned before may belong to a sensor that was repaired meanwhile.
+        coils["ratio"] = 1.0
+        coils["residual"] = coils["level"] = coils["change"] = 0.0
+        return True
+
+    def start(self, estimate: Estimate) -> None:
+        """Engage with the first valid `estimate`. What was off for a reason stays off."""
+        if self._state[0] == _OFF:  # safety: a-stop-before-the-first-pose-stands
+            self._guard["fresh"] = estimate.valid and estimate.age <= self._guard["expiry"][0]
+            self.engage()
+
+    def change_world(self, *, passive: bool, other: bool = False) -> None:
+        """The world, `passive` or not, has changed: the balance of energy restarts, and the wrench goes over to the new
+        one at the device's rate limits; through zero, if it is an `other` world and not the same with other values."""
+        restart_passivity(self.state["passivity"], passive)
+        leaving = other or bool(self._guard["leaving"][0])  # safety: worlds-pass-zero
+        rendered = self.engaged or self.gain > 0.0  # nothing has to be left where nothing is rendered
+        self._guard["leaving"], self._guard["arriving"] = rendered and leaving, rendered and not leaving
+
+    def change_part(self, *, pushes: bool, arm: float) -> None:
+        """Another part of the wrench is rendered: force or not, and torque that a hand holds at `arm` [m], 0 for none.
+
+        The balance of energy restarts.
+        """
+        passivity = self.state["passivity"]
+        passivity["pushes"], passivity["arm"] = pushes, arm
+        restart_passivity(passivity, bool(passivity["passive"][0]))
+
+    def restart_heat(self) -> None:
+        """Take the windings to be as warm as the next reading of the thermometers; for coils that are simulated."""
+        self.state["heat"]["started"] = False
+        self.coils["load"] = 0.0
+
+    def excuse_lateness(self) -> None:
+        """Do not count the lateness of the next tick towards an overrun; for a device that is simulated."""
+        self.state["clock"]["excused"] = True
+
+    def skip_tick(self, now: float) -> None:
+        """A tick at `now` [s] in which nothing could be read: time passes, and the windings are observed later."""
+        skip_tick(self.state, now)
+
+    def protect_wrench(
+        self, wrench: Array, estimate: Estimate, now: float, stored: float = np.nan, client: Records | None = None
+    ) -> Array:
+        """(6,) the part of the world's `wrench` (6,) that may be asked in the tick that begins at `now` [s].
+
+        Damped, clamped, faded; zero when anything is wrong. In [N, N·m]. stored: energy that the world's memory holds
+        [J]; NaN for a world that does not say. client: (1,) CLIENT_FORCE [N, s], who commands the part of the wrench
+        that is in `commanded`; None: nobody.
+        """
+        mover = estimate.state
+        self._stored[0] = stored
+        protect_wrench(
+            self.state, wrench, mover.p, mover.R_SR, mover.v, mover.w, now, estimate.age, estimate.valid,
+            estimate.reversed, self._nobody if client is None else client,
+        )  # fmt: skip
+        return self.asked
+
+    def protect_currents(self, wanted: Array, estimate: Estimate, sample: Sample, applied: Array) -> Array:
+        """(m,) the duties for what may flow of `wanted` (m,) [A], with the duties `applied` (m,) since the last tick.
+
+        Currents within limits and slew, derated when warm, zero when off or tripped. Duties in −1 to 1.
+        """
+        protect_currents(
+            self.state, self.coils, wanted, estimate.wrench_map.matrix, sample.currents, sample.currents_age,
+            sample.temperatures, applied, self.duties,
+        )  # fmt: skip
+        return self.duties

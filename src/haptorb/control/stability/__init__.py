@@ -1,1 +1,0 @@
-"""How stiff a world a sampled, late loop can render."""

@@ -1,0 +1,664 @@
+"""The common part of every device: coils that heat up, a supply, limits, and a wrench map."""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any, ClassVar, Final, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.arrays import Array, check_finite, record, rotation, vectors
+from haptorb.display import Presentable, facts_html, format_number, format_quantity, format_vector, table_html
+from haptorb.errors import InputError, UnknownName
+from haptorb.thermal import ThermalNetwork, TwoNode
+
+__all__ = [
+    "Coils",
+    "Device",
+    "DeviceKind",
+    "DeviceText",
+    "Heat",
+    "HeatCoupling",
+    "Limits",
+    "Part",
+    "Shell",
+    "State",
+    "Supply",
+    "WrenchMap",
+    "endurance",
+    "kind_names",
+    "kind_of_name",
+    "load_part",
+    "register",
+    "require",
+    "rotation_to_axis",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# The file that a device was built from, with those that it is based on: whatever carries them can build it again.
+
+
+_MOST = 1_000_000  #: letters of the files that a device is based on
+
+
+@dataclass(frozen=True)
+class DeviceText:
+    """own    the file itself
+    bases  what its `based_on` says, and those of its bases → the file that this names
+    """
+
+    own: str
+    bases: Mapping[str, str] = field(default_factory=dict)
+
+    def as_note(self) -> dict[str, str]:
+        """As a recording notes it."""
+        return {"file": self.own} | ({"bases": json.dumps(dict(self.bases), ensure_ascii=False)} if self.bases else {})
+
+    @classmethod
+    def from_note(cls, note: Mapping[str, str]) -> DeviceText | None:
+        """What a recording notes; None if it does not carry the file. Bases that are none are left out.
+
+        >>> text = DeviceText("based_on = 'mine'", {"mine": "..."})
+        >>> DeviceText.from_note(text.as_note()) == text
+        True
+        """
+        if not note.get("file"):
+            return None
+        written = note.get("bases", "")
+        try:
+            found = json.loads(written) if len(written) <= _MOST else {}
+        except (ValueError, RecursionError):
+            found = {}
+        bases = found.items() if isinstance(found, dict) else ()
+        return cls(note["file"], {key: text for key, text in bases if isinstance(text, str)})
+
+
+# --------------------------------------------------------------------------------------------------
+# Pose and motion of the mover: the state that worlds, estimators and devices share.
+
+
+def rotation_to_axis(axis: ArrayLike) -> Array:
+    """The rotation R_SR, shape (3, 3), that turns the mover's z axis to `axis` by the smallest angle.
+
+    Raises InputError for the zero vector.
+
+    >>> bool((rotation_to_axis((0, 0, 2)) == np.eye(3)).all())
+    True
+    """
+    z = vectors(axis, "axis")
+    length = float(np.linalg.norm(z))
+    if length == 0.0:
+        raise InputError("axis must not be the zero vector: it has no direction")
+    x, y, c = z / length
+    if c < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    k = 1.0 / (1.0 + c)
+    return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, c]])
+
+
+@record
+class State:
+    """Pose and motion of the mover (a tool's magnet, or a rotor) in the stator frame S.
+
+    t      time [s]
+    R_SR   (3, 3) turns mover vectors into stator vectors; a tool's magnetic moment lies along the mover's +z
+    p      (3,) position of the mover's origin [m]: a tool's magnet centre; zero for a rotor
+    w      (3,) angular velocity [rad/s], stator frame
+    v      (3,) velocity of p [m/s], stator frame
+    """
+
+    t: float
+    R_SR: Array
+    p: Array
+    w: Array
+    v: Array
+
+    @classmethod
+    def at(
+        cls,
+        position: ArrayLike,
+        axis: ArrayLike | None = None,
+        *,
+        R_SR: ArrayLike | None = None,
+        v: ArrayLike = (0.0, 0.0, 0.0),
+        w: ArrayLike = (0.0, 0.0, 0.0),
+        t: float = 0.0,
+    ) -> State:
+        """A tool at `position` (3,) [m], its axis radial unless `axis` (3,) or `R_SR` (3, 3) is given.
+
+        Raises InputError for other shapes, for both orientations at once, and for the centre without one.
+
+        >>> State.at((0.0, 0.05, 0.0)).axis.tolist()
+        [0.0, 1.0, 0.0]
+        """
+        p = vectors(position, "position")
+        if p.shape != (3,):
+            raise InputError(f"position must have shape (3,); got {p.shape}")
+        if axis is not None and R_SR is not None:
+            raise InputError("give the orientation as axis or as R_SR, not both")
+        if R_SR is not None:
+            R = rotation(R_SR, "R_SR")
+        elif axis is None and not p.any():
+            raise InputError("at the centre no direction is radial: give axis or R_SR")
+        else:
+            R = rotation_to_axis(p if axis is None else axis)
+        return cls(float(check_finite(t, "t")), R, p, vectors(w, "w"), vectors(v, "v"))
+
+    @classmethod
+    def from_rotation(cls, R_SR: ArrayLike, *, w: ArrayLike = (0.0, 0.0, 0.0), t: float = 0.0) -> State:
+        """A rotor turned by `R_SR` (3, 3) about the motor's centre, turning with `w` (3,) [rad/s].
+
+        >>> State.from_rotation(np.eye(3)).p.tolist()
+        [0.0, 0.0, 0.0]
+        """
+        return cls(float(check_finite(t, "t")), rotation(R_SR, "R_SR"), np.zeros(3), vectors(w, "w"), np.zeros(3))
+
+    def __repr__(self) -> str:
+        """Place and axis, and on a second line the motion, if there is any."""
+        facts = dict(self._list_facts())
+        still = not (self.v.any() or self.w.any())
+        motion = "" if still else f"\n v {facts['velocity v']}, w {facts['angular velocity w']}"
+        return f"<State at t = {facts['time t']}: p {facts['position p']}, axis {facts['axis']}{motion}>"
+
+    def _repr_html_(self) -> str:
+        return facts_html("State of the mover", self._list_facts())
+
+    def _list_facts(self) -> list[tuple[str, str]]:
+        """Names and figures with units."""
+        return [
+            ("time t", f"{format_number(self.t, 6)} s"),
+            ("position p", format_vector(self.p, "m", 4)),
+            ("axis", f"({', '.join(f'{x + 0.0:.3f}' for x in self.axis.round(3).tolist())})"),
+            ("velocity v", format_vector(self.v, "m/s")),
+            ("angular velocity w", format_vector(self.w, "rad/s")),
+        ]
+
+    @property
+    def axis(self) -> Array:
+        """(3,) the mover's z axis in the stator frame: the direction of a tool's moment, or of a handle."""
+        return self.R_SR[:, 2]
+
+    @property
+    def distance(self) -> float:
+        """Distance of p from the device's centre [m]."""
+        x, y, z = self.p
+        return float((x * x + y * y + z * z) ** 0.5)
+
+
+# --------------------------------------------------------------------------------------------------
+# The wrench map at a pose: wrench per ampere, and the passive wrench without current.
+
+
+_NAMES = ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
+
+
+@record
+class WrenchMap:
+    """Wrench on the mover, in the stator frame, torque about the mover's origin p.
+
+    matrix    (6, m) force [N/A] above torque [N·m/A], one column per channel
+    passive   (6,) passive wrench at zero current [N, N·m], of a soft core or a regulator
+    """
+
+    matrix: Array
+    passive: Array
+
+    def __repr__(self) -> str:
+        """Greatest force and torque per ampere over the channels, and what is there at zero current."""
+        force, torque = (format_quantity(float(part.max(initial=0.0)), unit) for part, unit in self._sizes())
+        still = [format_quantity(float(np.linalg.norm(self.passive[i : i + 3])), u) for i, u in ((0, "N"), (3, "N·m"))]
+        return (
+            f"<WrenchMap of {self.matrix.shape[1]} channels: up to {force} and {torque}; "
+            f"passive {still[0]} and {still[1]}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """One row per component, one column per channel, the passive wrench last."""
+        units = ("mN", "mN", "mN", "mN·m", "mN·m", "mN·m")
+        matrix, passive = (np.where(np.abs(a) < 1e-9 * np.abs(a).max(), 0.0, a) for a in (self.matrix, self.passive))
+        rows = [
+            [f"{name} [{unit}/A]", *map(format_number, [1e3 * x for x in row]), f"{format_number(1e3 * still)} {unit}"]
+            for name, unit, row, still in zip(_NAMES, units, matrix.tolist(), passive.tolist(), strict=True)
+        ]
+        channels = [f"channel {n}" for n in range(1, self.matrix.shape[1] + 1)]
+        return facts_html(repr(self)[1:-1], [], table_html(["", *channels, "passive"], rows))
+
+    def _sizes(self) -> tuple[tuple[Array, str], tuple[Array, str]]:
+        """(m,) size of each channel's force [N/A], and of its torque [N·m/A]."""
+        return (np.linalg.norm(self.force, axis=0), "N/A"), (np.linalg.norm(self.torque, axis=0), "N·m/A")
+
+    @property
+    def force(self) -> Array:
+        """(3, m) force per current [N/A]."""
+        return self.matrix[:3]
+
+    @property
+    def torque(self) -> Array:
+        """(3, m) torque per current [N·m/A]: a motor's torque characteristic K, Bai 2012 eq. (2)."""
+        return self.matrix[3:]
+
+    def wrench(self, currents: Array) -> Array:
+        """(6,) the wrench of `currents` (m,) [A], including the passive part."""
+        wrench: Array = self.matrix @ currents + self.passive
+        return wrench
+
+
+# --------------------------------------------------------------------------------------------------
+# One record per kind of device: everything that differs between kinds.
+#
+# A class of devices names its record (`Device.kind`), so it is available wherever the device is, including the
+# servo's process. A part is a callable, or "module:name", which is imported when it is first needed. So a record
+# may name parts of higher layers, and reading a device file loads none of them.
+
+
+Part = str | Callable[..., Any]
+
+
+def load_part(part: Part) -> Any:
+    """The callable `part`, or the one at "module:name"."""
+    if not isinstance(part, str):
+        return part
+    module, _, name = part.partition(":")
+    return getattr(import_module(module), name)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceKind:
+    """Record of one kind of device. If an optional part is None, programs that need it refuse such devices.
+
+    name           as `kind` in a device file
+    title          in sentences: "spherical motor", or for several "spherical motors"
+    world          name of the default world
+    allocator      (device) → Allocator
+    wrench_choice  (device, part or None, arm or None) → WrenchChoice, for a kind that can render force, torque or both
+    part_remarks   (device, WrenchChoice) → a remark for each part that can be rendered
+    estimators     (device) → {name: EstimatorChoice}, the default first
+    linkage        (device, gains or None) → Linkage
+    modes          names of the linkage's modes; empty for a direct one
+    contacts       number of contacts of a `ContactWorld` in its rows, filled by the linkage
+    simulation     (device, seed) → Simulation, for the driver "sim"
+    guide          (device) → Guide: motion of the simulated hand before a person points; by default it rests
+    file           class of its device file (pydantic), with `build(assumed, digest, override=…)`; None: Python only
+    tables         (device, report) → data for `device.tables` that take long to compute
+    geometry       (device) → Geometry: bodies and positions, for `haptorb show` and the console
+    scene          (device) → JSON for the console, with "kind": one of the page's scenes; None: axes
+    force_map      (device) → process that computes the force map on the dome in the console
+    card           (device) → Card of `haptorb inspect`
+    errors         (device, wrench asked, estimator, calibration) → ErrorModel of `haptorb inspect --errors`
+    hold           (device, hand) → HeldMover, for a kind that a scene can be coupled to
+    workspace      (device) → Workspace of `haptorb check --world`
+    boundary       largest stable stiffness of the simulated loop, for `haptorb check --world NAME --plot FILE`
+    """
+
+    name: str
+    title: str
+    world: str
+    allocator: Part
+    wrench_choice: Part | None = None
+    part_remarks: Part | None = None
+    estimators: Part = "haptorb.estimation.types:tracker_only"
+    linkage: Part = "haptorb.control.linkage:make_direct_linkage"
+    modes: tuple[str, ...] = ()
+    contacts: int = 0
+    simulation: Part | None = None
+    guide: Part = "haptorb.simulation.hand:AtRest"
+    file: Part | None = None
+    tables: Part | None = None
+    geometry: Part | None = None
+    scene: Part | None = None
+    force_map: Part | None = None
+    card: Part | None = None
+    errors: Part | None = None
+    hold: Part | None = None
+    workspace: Part | None = None
+    boundary: Part | None = None
+
+    def part(self, name: str) -> Any:
+        """The callable of part `name`; None if this kind has none."""
+        part = getattr(self, name)
+        return None if part is None else load_part(part)
+
+    def require_part(self, name: str, device: str, what: str) -> Any:
+        """The callable of part `name`; InputError that states which kinds support `what`, if this kind has none."""
+        found = self.part(name)
+        if found is None:
+            able = [f"{kind.title}s" for kind in map(kind_of_name, KINDS) if getattr(kind, name) is not None]
+            raise InputError(f"device '{device}' is a {self.title}; {what} works for {' and '.join(able)}")
+        return found
+
+
+#: name → record, or where it stands
+KINDS: Final[dict[str, DeviceKind | str]] = {
+    "spherical-electromagnet": "haptorb.devices.electromagnet:ELECTROMAGNET",
+    "spherical-motor": "haptorb.devices.motor:MOTOR",
+    "coil-array": "haptorb.devices.coil_array:COIL_ARRAY",
+}
+
+
+def register(kind: DeviceKind) -> None:
+    """Make device files of `kind` known to the loader. Devices made in Python need no registration.
+
+    Raises InputError for a name that another record already has.
+    """
+    KINDS.setdefault(kind.name, kind)
+    if kind_of_name(kind.name) != kind:
+        raise InputError(f"there is a kind of device '{kind.name}' already; choose another name")
+
+
+def kind_names() -> tuple[str, ...]:
+    """Valid values of `kind` in a device file."""
+    return tuple(KINDS)
+
+
+def kind_of_name(name: str) -> DeviceKind:
+    """The record of that name; KeyError for another."""
+    found = KINDS[name]
+    kind: DeviceKind = load_part(found) if isinstance(found, str) else found
+    return kind
+
+
+@dataclass(frozen=True)
+class HeatCoupling:
+    """Thermal coupling between channels: one core, or former, between their windings."""
+
+    core_capacity: float  #: [J/K]
+    winding_to_core: tuple[float, ...]  #: (m,) conductance of each winding [W/K]
+
+
+@dataclass(frozen=True)
+class Heat:
+    """Two bodies in series per channel, winding → body → air, equal for all channels; and their thermal coupling.
+
+    One time constant cannot reproduce the published endurances (Zárate 2020 §III and §V); two can.
+    """
+
+    winding_capacity: float  #: [J/K]
+    body_capacity: float  #: [J/K]
+    winding_to_body: float  #: conductance [W/K]
+    body_to_air: float  #: conductance [W/K]
+    ambient: float  #: [K]
+    warn: float  #: winding temperature at which the user is warned [K]
+    derate: float  #: from here currents are reduced [K]
+    stop: float  #: here the coils go off [K]
+    coupling: HeatCoupling | None = None  #: None: no channel warms another
+    tolerance: float = 0.0  #: relative: how far capacities and conductances may be off
+
+    @property
+    def coil(self) -> TwoNode:
+        """Winding and body of one channel, without the coupling to others."""
+        return TwoNode(self.winding_capacity, self.body_capacity, self.winding_to_body, self.body_to_air)
+
+    def network(self, channels: int) -> ThermalNetwork:
+        """All `channels` and their coupling: nodes are the windings, the bodies and, if there is one, the core."""
+        coupling = self.coupling
+        if coupling is None:
+            return ThermalNetwork.of_coils(self.coil, np.zeros(channels), 1.0)
+        return ThermalNetwork.of_coils(self.coil, coupling.winding_to_core, coupling.core_capacity)
+
+
+@dataclass(frozen=True)
+class Coils:
+    """Electrical data of the channels; arrays have one entry per channel."""
+
+    names: tuple[str, ...]
+    resistance: Array  #: (m,) at the reference temperature [Ω]
+    inductance: Array  #: (m,) [H]
+    current_limit: Array  #: (m,) greatest magnitude that may be commanded [A]
+    temperature_coefficient: float  #: relative resistance change per kelvin [1/K]
+    reference_temperature: float  #: [K]
+    heat: Heat
+
+    def resistance_at(self, temperature: Array) -> Array:
+        """(m,) resistance [Ω] at winding `temperature` (m,) [K]."""
+        warm: Array = self.resistance * (1 + self.temperature_coefficient * (temperature - self.reference_temperature))
+        return warm
+
+
+@dataclass(frozen=True)
+class Supply:
+    """The supply of the coils: a voltage, chopped in steps, and its current sensor."""
+
+    voltage: float  #: [V]
+    duty_bits: int  #: resolution of the duty cycle's magnitude
+    current_noise: float  #: standard deviation of one current reading [A]
+    current_step: float  #: quantum of one current reading [A]
+    power: float = np.inf  #: greatest power that it gives to all channels together [W]
+
+
+CONTACT_RATE = 150.0  #: of the force of a contact of 500 N/m that a hand meets at 0.3 m/s [N/s]
+HANDOVER = 0.02  #: in which the greatest force of a device can fade to zero [s]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits that the guard enforces, for the mover as a whole and for every channel."""
+
+    force: float  #: greatest magnitude asked of the device [N]
+    torque: float  #: greatest magnitude asked of the device [N·m]
+    slew: float  #: maximum slew rate of a channel's current [A/s]
+    expiry: float  #: age at which a command or a pose is worth nothing [s]
+    force_rate: float  #: greatest rate of a client's force, and of the force while another world takes over [N/s]
+    torque_rate: float  #: the same of torque [N·m/s]
+
+
+@dataclass(frozen=True)
+class Shell:
+    """The space above a dome in which a tool's magnet can be."""
+
+    contact_distance: float  #: of the magnet from the dome's centre when a radial tool touches the dome [m]
+    thickness: float  #: height above contact up to which forces are rendered [m]
+    moment: float  #: of the tool's magnet [A·m²]
+    dome_radius: float  #: outside of the dome [m]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Device(Presentable, ABC):
+    """Frozen data of one device; built by the loader from a file, or in Python."""
+
+    kind: ClassVar[DeviceKind]  #: what programs do differently for devices of this class
+
+    name: str
+    title: str
+    source: str
+    coils: Coils
+    supply: Supply
+    limits: Limits
+    assumed: Mapping[str, str]  #: value → reason, for values that the source does not give
+    digest: str  #: of everything in the file: recordings and calibrations name their device by it
+
+    #: the models of coils and magnets that `wrench_map` knows, the default first
+    models: tuple[str, ...] = ()
+
+    #: what it was built from, if that was a file
+    text: DeviceText | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def tick_models(self) -> tuple[str, ...]:
+        """Those of `models` that are fast enough for a servo. By default the first."""
+        return self.models[:1]
+
+    @property
+    def channels(self) -> int:
+        """Number of commanded currents."""
+        return len(self.coils.names)
+
+    @property
+    def sensors(self) -> int:
+        """Number of three-axis field sensors on the stator."""
+        return 0
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Remarks about inconsistent values of this device: sentences."""
+        return ()
+
+    @property
+    def shell(self) -> Shell | None:
+        """Where a tool can be above a dome; None for a device without a dome."""
+        return None
+
+    @property
+    def is_upright(self) -> bool:
+        """Whether a tool is upright if no orientation is given; else its axis is radial."""
+        return False
+
+    @property
+    def rest_position(self) -> Array:
+        """(3,) rest position of the mover: a position at which every model of the device is valid [m]."""
+        return np.zeros(3)
+
+    @abstractmethod
+    def wrench_map(self, state: State, model: str) -> WrenchMap:
+        """The wrench map at `state`, by one of `models`."""
+
+    def draw(self, view: str = "both", azimuth: float = 0.0) -> Any:
+        """A matplotlib figure: the drawing to scale that `haptorb show` writes; `view` is "section", "3d" or "both".
+
+        The section's plane contains z and is turned by `azimuth` [°] from +x towards +y. `figure.savefig(path)` stores
+        the figure; a notebook shows it. Raises InputError for a kind of device without geometry.
+        """
+        return load_part("haptorb.cli.drawing:draw_device")(self, view, azimuth)
+
+    def check_model(self, model: str) -> str:
+        """`model` itself. Raises UnknownName with the models of this device."""
+        if model not in self.models:
+            raise UnknownName(f"model of device '{self.name}'", model, self.models)
+        return model
+
+    def check_tick_model(self, model: str) -> str:
+        """`model` itself; UnknownName for no model of this device, InputError for one that takes longer than a tick."""
+        if self.check_model(model) not in self.tick_models:
+            raise InputError(
+                f"model '{model}' of device '{self.name}' takes too long for a tick; a servo can use: "
+                f"{', '.join(self.tick_models)}"
+            )
+        return model
+
+    def _summarize(self) -> str:
+        amperes = format_quantity(float(self.coils.current_limit.max()), "A")
+        limits = f"{format_quantity(self.limits.force, 'N')}, {format_quantity(self.limits.torque, 'N·m')}"
+        parts = f"{self.channels} channels to {amperes}, {self.sensors} field sensors, limits {limits}"
+        return f"<{type(self).__name__} {self.name!r}: {parts}>"
+
+    def _list_facts(self) -> list[tuple[str, str]]:
+        """What every device has; kinds add theirs."""
+        coils, heat, limits = self.coils, self.coils.heat, self.limits
+        few = self.channels <= 6
+        names = ", ".join(coils.names) if few else f"{coils.names[0]} to {coils.names[-1]}"
+        peak, lasting = float(coils.current_limit.max()), float(self.sustained_current.min())
+        together = float(self.sustained_current_together.min())
+        continuous = f"{format_quantity(lasting, 'A')} continuous"
+        if heat.coupling is not None:
+            continuous += f" in one coil, {format_quantity(together, 'A')} in all"
+        power = "" if np.isinf(self.supply.power) else f", {format_quantity(self.supply.power, 'W')}"
+        ohms = f"{format_number(float(coils.resistance.min()))} Ω at {coils.reference_temperature - 273.15:.0f} °C"
+        return [
+            ("title", self.title),
+            ("source", self.source),
+            ("channels", f"{self.channels} ({names})"),
+            ("current", f"{format_quantity(peak, 'A')} peak, {continuous}"),
+            ("coils", f"{ohms}, {format_quantity(float(coils.inductance.min()), 'H')}"),
+            (
+                "temperatures",
+                f"currents reduced from {heat.derate - 273.15:.0f} °C, off at {heat.stop - 273.15:.0f} °C",
+            ),
+            ("supply", f"{format_quantity(self.supply.voltage, 'V')}{power}, {self.supply.duty_bits} bits of duty"),
+            (
+                "limits",
+                f"{format_quantity(limits.force, 'N')}, {format_quantity(limits.torque, 'N·m')}, "
+                f"{format_quantity(limits.slew, 'A/s')}, clients {format_quantity(limits.force_rate, 'N/s')}, "
+                f"{format_quantity(limits.torque_rate, 'N·m/s')}, poses expire after "
+                f"{format_quantity(limits.expiry, 's')}",
+            ),
+            ("field sensors", f"{self.sensors}, three axes each"),
+            ("models", ", ".join(self.models)),
+            ("assumed", f"{len(self.assumed)} values that the source does not state, see `.assumed`"),
+            ("digest", self.digest[:12]),
+        ]
+
+    @property
+    def driven_current(self) -> Array:
+        """(m,) largest current that supply and limit allow, with the coils at their reference temperature [A]."""
+        driven: Array = np.minimum(self.coils.current_limit, self.supply.voltage / self.coils.resistance)
+        return driven
+
+    @property
+    def greatest_resistance(self) -> Array:
+        """(m,) resistance of windings at the stop temperature, the maximum with current [Ω]."""
+        return self.coils.resistance_at(np.full(self.channels, self.coils.heat.stop))
+
+    @property
+    def sustained_current(self) -> Array:
+        """(m,) continuous current of a channel alone: its winding settles at the derating temperature
+        [A]."""
+        rise_per_ampere2 = np.diagonal(self._rise_per_ampere2)
+        current: Array = np.minimum(np.sqrt(self._greatest_rise / rise_per_ampere2), self.coils.current_limit)
+        return current
+
+    @property
+    def sustained_current_together(self) -> Array:
+        """(m,) the same continuous current in all channels: the hottest winding settles at the derating temperature
+        [A].
+
+        At most `sustained_current`; equal to it without thermal coupling between equal channels.
+        """
+        hottest = float(self._rise_per_ampere2.sum(axis=1).max())
+        current: Array = np.minimum(np.sqrt(self._greatest_rise / hottest), self.coils.current_limit)
+        return current
+
+    @property
+    def _greatest_rise(self) -> float:
+        return self.coils.heat.derate - self.coils.heat.ambient
+
+    @property
+    def _rise_per_ampere2(self) -> Array:
+        """(m, m) [K/A²] steady rise of each winding (row) for the square of the current in each channel (column).
+
+        All resistances as at the derating temperature: no winding is warmer, and few are as warm.
+        """
+        coils = self.coils
+        rise: Array = coils.heat.network(self.channels).rise_per_watt * coils.resistance_at(
+            np.full(self.channels, coils.heat.derate)
+        )
+        return rise
+
+
+D = TypeVar("D", bound=Device)
+
+
+def require(device: Device, of: type[D], what: str) -> D:
+    """`device`, for a program `what` that supports only class `of`. Raises InputError for another.
+
+    If several kinds support something in different ways, use a part of their records instead.
+    """
+    if not isinstance(device, of):
+        raise InputError(f"device '{device.name}' is a {device.kind.title}; {what} works for {of.kind.title}s")
+    return device
+
+
+# --------------------------------------------------------------------------------------------------
+# How long a channel may be loaded from cold before its winding reaches the temperature where currents are reduced.
+
+
+def endurance(device: Device, shares: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)) -> tuple[tuple[float, float], ...]:
+    """(share of full current, seconds until derating or inf) for the channel that heats fastest, alone."""
+    coils, heat = device.coils, device.coils.heat
+    # Of coils that warm no other the one that heats fastest is all there is to compute.
+    model = heat.network(device.channels) if heat.coupling is not None else heat.network(1)
+    cold = coils.resistance_at(np.full(device.channels, heat.ambient))
+    alpha = coils.temperature_coefficient / (
+        1 + coils.temperature_coefficient * (heat.ambient - coils.reference_temperature)
+    )
+    rows = []
+    for share in shares:
+        powers = (share * coils.current_limit) ** 2 * cold
+        load = np.zeros(model.windings)
+        load[int(np.argmax(powers)) if model.windings > 1 else 0] = powers.max()
+        rows.append((share, model.time_to(heat.derate - heat.ambient, load, drive="current", coefficient=alpha)))
+    return tuple(rows)

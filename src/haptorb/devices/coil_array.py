@@ -1,0 +1,683 @@
+"""A device of any number of round coils, an optional soft core, and a tool or plate with magnets in a hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import ClassVar, NamedTuple, final
+
+import numpy as np
+
+from haptorb.arrays import Array, Record, Records, fields
+from haptorb.compiled import kernel
+from haptorb.devices.base import Coils, Device, DeviceKind, Shell, State, WrenchMap, rotation_to_axis
+from haptorb.devices.electromagnet import DomeContact, Hand
+from haptorb.devices.geometry import Ball, Geometry, Reach, Rod, RoundPart, list_assumed
+from haptorb.devices.schema import list_limit_remarks
+from haptorb.devices.uncertainty import ArrayUncertainty
+from haptorb.display import format_quantity
+from haptorb.errors import GeometryError
+from haptorb.magnetics.coil import COPPER_RESISTIVITY, Coil, table_field, tabulate_winding
+from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.magnets import ChargedRing
+from haptorb.magnetics.soft_sphere import (
+    SoftSphere,
+    add_answers,
+    answer_to_charges,
+    answer_to_source,
+    harmonic_sums,
+    weigh_charges,
+)
+from haptorb.magnetics.source import PlacedSource
+
+__all__ = [
+    "COIL_ARRAY",
+    "CORE_RULE",
+    "FREE",
+    "IN_CORE",
+    "IN_WINDING",
+    "LIMITS",
+    "MAGNET",
+    "PLACED_COIL",
+    "RULES",
+    "WINDING",
+    "ArrayMap",
+    "ArrayMover",
+    "BuildTolerance",
+    "CoilArray",
+    "MoverMagnet",
+    "PlacedCoils",
+    "Surface",
+    "array_geometry",
+    "array_wrench",
+    "find_farthest",
+    "find_spacing",
+    "place_charges",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# The record of coil arrays: a tool or plate with magnets in a hand, moved by the forces of coils that are anywhere.
+
+
+COIL_ARRAY = DeviceKind(
+    name="coil-array",
+    title="coil array",
+    world="wall",
+    allocator="haptorb.control.array_allocation:array_allocator",
+    wrench_choice="haptorb.control.array_allocation:array_choice",
+    part_remarks="haptorb.control.array_allocation:array_remarks",
+    simulation="haptorb.simulation.coil_array:SimulatedCoilArray",
+    file="haptorb.devices.coil_array_file:CoilArrayFile",
+    geometry="haptorb.devices.coil_array:array_geometry",
+    scene="haptorb.web.session:array_scene",
+    force_map="haptorb.web.force_map_process:ForceMapProcess",
+    card="haptorb.cli.inspect:CoilArrayCard",
+    errors="haptorb.analysis.error_sources:array_errors",
+    workspace="haptorb.analysis.workspace:array_workspace",
+    hold="haptorb.analysis.coupling:hold_tool",
+)
+
+
+# --------------------------------------------------------------------------------------------------
+# What every coil of an array does to a mover with magnets, per ampere: the real winding on magnets of their true
+# size.
+#
+# A magnet is the magnetic charge on its two faces (see `charged_ring`), a coil is its winding's field from a table
+# (see
+# `winding_table`): F = Σ q B and T = Σ (x − p) × q B. A magnet close to a winding needs many charges, one far away
+# few:
+# each magnet has `RULES` of them, and each pair of coil and magnet uses the first that is precise enough by the ratio
+# of
+# the magnet's face to its distance from the winding. A soft core's part is that of `sphere_answer`.
+
+
+FREE, IN_WINDING, IN_CORE = 0, 1, 2  #: where the magnets are
+
+#: Radial Gauss nodes and steps of azimuth on each face, from few charges to many.
+RULES = ((1, 4), (2, 6), (2, 8), (4, 14), (6, 22), (8, 38))
+#: Radius of the face over its distance from the winding up to which each rule but the last is used.
+LIMITS = np.array((0.14, 0.25, 0.36, 0.75, 1.1))
+CORE_RULE = 2  #: the rule whose charges meet the core
+
+
+PLACED_COIL = fields(
+    ("centre", "f8", (3,)),  # [m]
+    ("axis", "f8", (3,)),
+    ("turns", "f8"),
+    ("sort", "i8"),  # number of its WINDING
+)
+#: One sort of winding: its table and its body.
+WINDING = fields(
+    ("scale", "f8"),  # steps of the table per metre [1/m]
+    ("far2", "f8"),  # square of the table's range [m²]
+    ("inner_radius", "f8"),  # [m]
+    ("outer_radius", "f8"),  # [m]
+    ("half_length", "f8"),  # [m]
+)
+MAGNET = fields(
+    ("centre", "f8", (3,)),  # mover frame [m]
+    ("half_axis", "f8", (3,)),  # axis times half length, mover frame [m]
+    ("radius", "f8"),  # [m]
+)
+
+
+class ArrayMap(NamedTuple):
+    """Coils, core and magnets as compiled code takes them."""
+
+    coils: Records  #: (m,) PLACED_COIL
+    windings: Records  #: (k,) WINDING
+    tables: Array  #: (k, n, n, 2) of each sort, see `WindingTable`
+    series: Array  #: (k, 2, 7, 8) of each sort
+    charges: Array  #: (4, n) of all magnets and rules, mover frame [m, A·m]
+    spans: Array  #: (g, rules + 1) the first charge of each magnet's rules
+    magnets: Records  #: (g,) MAGNET
+    core_charges: Array  #: (4, n') of all magnets: what meets the core
+    core_radius: float  #: [m]; 0: there is no core
+    order: int  #: degree of the core's harmonics
+    answers: Array  #: (m, k, 2) of the core to each coil [T·m/A]
+    shares: Array  #: (k,) of the core's answer to the magnets
+
+
+@kernel
+def place_charges(charges: Array, p: Array, R: Array, out: Array) -> None:
+    """out (7, n): places (3) [m] of charges (4, n) turned by R (3, 3) at p (3,), their arms about p (3) [m], their
+    strength [A·m]."""
+    for n in range(charges.shape[1]):
+        for i in range(3):
+            arm = R[i, 0] * charges[0, n] + R[i, 1] * charges[1, n] + R[i, 2] * charges[2, n]
+            out[i, n] = p[i] + arm
+            out[3 + i, n] = arm
+        out[6, n] = charges[3, n]
+
+
+@kernel
+def _array_wrench_distance(coil: Record, winding: Record, x: float, y: float, z: float) -> float:
+    """From a point to the winding's body [m]; 0 in it."""
+    dx, dy, dz = x - coil.centre[0], y - coil.centre[1], z - coil.centre[2]
+    along = dx * coil.axis[0] + dy * coil.axis[1] + dz * coil.axis[2]
+    across = np.sqrt(max(dx * dx + dy * dy + dz * dz - along * along, 0.0))
+    out = max(max(winding.inner_radius - across, across - winding.outer_radius), 0.0)
+    up = max(abs(along) - winding.half_length, 0.0)
+    return float(np.sqrt(out * out + up * up))
+
+
+@kernel
+def _choose_rule(coil: Record, winding: Record, magnet: Record, p: Array, R: Array) -> int:
+    """Number of the rule for `magnet` near `coil`."""
+    nearest, centre, half = 1e300, magnet.centre, magnet.half_axis
+    for side in (-1.0, 1.0):
+        a, b, c = centre[0] + side * half[0], centre[1] + side * half[1], centre[2] + side * half[2]
+        x = p[0] + R[0, 0] * a + R[0, 1] * b + R[0, 2] * c
+        y = p[1] + R[1, 0] * a + R[1, 1] * b + R[1, 2] * c
+        z = p[2] + R[2, 0] * a + R[2, 1] * b + R[2, 2] * c
+        nearest = min(nearest, _array_wrench_distance(coil, winding, x, y, z))
+    rule = 0
+    while rule < LIMITS.shape[0] and magnet.radius > LIMITS[rule] * nearest:
+        rule += 1
+    return rule
+
+
+@kernel
+def array_wrench(a: ArrayMap, pose: Array, out: Array, passive: Array) -> int:
+    """Fill out (6, m) [N/A, N·m/A] and passive (6,) [N, N·m] for the mover at `pose` (4, 3), R above p; torque about p.
+
+    FREE, or IN_WINDING or IN_CORE for a magnet where none can be.
+    """
+    R, p = pose[:3], pose[3]
+    placed = np.empty((7, a.charges.shape[1]))
+    place_charges(a.charges, p, R, placed)
+    status = FREE
+    for j in range(a.coils.shape[0]):
+        coil = a.coils[j]
+        winding, table, far = a.windings[coil.sort], a.tables[coil.sort], a.series[coil.sort]
+        cx, cy, cz = coil.centre[0], coil.centre[1], coil.centre[2]
+        ax, ay, az = coil.axis[0], coil.axis[1], coil.axis[2]
+        fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for g in range(a.magnets.shape[0]):
+            rule = _choose_rule(coil, winding, a.magnets[g], p, R)
+            for n in range(a.spans[g, rule], a.spans[g, rule + 1]):
+                x, y, z = placed[0, n] - cx, placed[1, n] - cy, placed[2, n] - cz
+                along = x * ax + y * ay + z * az
+                x -= along * ax
+                y -= along * ay
+                z -= along * az
+                rho = np.sqrt(x * x + y * y + z * z)
+                if winding.inner_radius < rho < winding.outer_radius and abs(along) < winding.half_length:
+                    status = IN_WINDING
+                over, axial = table_field(table, winding.scale, winding.far2, far, rho, along)
+                q = placed[6, n]
+                bx, by, bz = q * (over * x + axial * ax), q * (over * y + axial * ay), q * (over * z + axial * az)
+                rx, ry, rz = placed[3, n], placed[4, n], placed[5, n]
+                fx += bx
+                fy += by
+                fz += bz
+                tx += ry * bz - rz * by
+                ty += rz * bx - rx * bz
+                tz += rx * by - ry * bx
+        turns = coil.turns
+        out[0, j], out[1, j], out[2, j] = turns * fx, turns * fy, turns * fz
+        out[3, j], out[4, j], out[5, j] = turns * tx, turns * ty, turns * tz
+    passive[:] = 0.0
+    if a.core_radius > 0.0:
+        return _add_core(a, pose, out, passive, status)
+    return status
+
+
+@kernel
+def _add_core(a: ArrayMap, pose: Array, out: Array, passive: Array, status: int) -> int:
+    """What the core answers to the coils, added to out (6, m), and to the magnets themselves, to passive (6,)."""
+    p = pose[3]
+    placed = np.empty((7, a.core_charges.shape[1]))
+    place_charges(a.core_charges, p, pose[:3], placed)
+    for n in range(placed.shape[1]):
+        if placed[0, n] ** 2 + placed[1, n] ** 2 + placed[2, n] ** 2 < a.core_radius * a.core_radius:
+            return IN_CORE
+    sums = np.empty(((a.order + 2) * (a.order + 3) // 2, 2))
+    harmonic_sums(placed, a.core_radius, a.order, sums)
+    add_answers(sums, a.answers, a.core_radius, a.order, p, out)
+    own, pull = np.empty((1, a.shares.shape[0], 2)), np.zeros((6, 1))
+    answer_to_charges(sums, a.shares, own)
+    add_answers(sums, own, a.core_radius, a.order, p, pull)
+    passive[:] = pull[:, 0]
+    return status
+
+
+# --------------------------------------------------------------------------------------------------
+# The coils and the mover of a coil array: sizes and places as people give them, and as compiled code takes them.
+
+
+_COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
+
+
+@final
+@dataclass(frozen=True)
+class PlacedCoils:
+    """Round windings, each with its own place, axis and size; arrays have one entry per coil."""
+
+    position: Array  #: (m, 3) of the centres, stator frame [m]
+    axis: Array  #: (m, 3) unit vectors; a positive current is right-handed about them
+    turns: Array  #: (m,)
+    inner_radius: Array  #: (m,) [m]
+    outer_radius: Array  #: (m,) [m]
+    length: Array  #: (m,) along the axis [m]
+
+    def coil(self, number: int) -> Coil:
+        """Coil `number`, from 0, in its own frame."""
+        sizes = (self.turns, self.inner_radius, self.outer_radius, self.length)
+        return Coil(*(float(size[number]) for size in sizes))
+
+    @property
+    def nearest(self) -> Array:
+        """(m,) distance of each winding's body from the origin [m]."""
+        along = (self.position * self.axis).sum(axis=1)
+        across = np.sqrt(np.maximum((self.position**2).sum(axis=1) - along**2, 0.0))
+        out = np.maximum(np.maximum(self.inner_radius - across, across - self.outer_radius), 0.0)
+        reach: Array = np.hypot(out, np.maximum(np.abs(along) - self.length / 2, 0.0))
+        return reach
+
+    def complete(self, coils: Coils, core: SoftSphere | None, fill: float) -> Coils:
+        """`coils` with resistance, inductance and heat capacity of these windings, of which copper fills `fill`.
+
+        A core adds what its moment m in the winding's field B at its centre sends back through the winding, m·B per
+        ampere squared; its higher harmonics are left out. The heat capacity is the mean of all windings, as a device
+        has one for all its channels.
+        """
+        made = [self.coil(number) for number in range(len(self.position))]
+        inductance = np.array([one.inductance for one in made])
+        if core is not None:
+            for number, one in enumerate(made):
+                field = one.field(-rotation_to_axis(self.axis[number]).T @ self.position[number])
+                inductance[number] += float(core.moment_in(field) @ field)
+        capacity = float(np.mean([one.heat_capacity(fill) for one in made]))
+        resistance = self.fill(replace(coils, resistance=np.ones(len(made)))) / fill
+        return replace(
+            coils, resistance=resistance, inductance=inductance, heat=replace(coils.heat, winding_capacity=capacity)
+        )
+
+    def fill(self, coils: Coils) -> Array:
+        """(m,) share of each winding's section that copper must fill for the resistances of `coils`."""
+        warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
+        made = [self.coil(number) for number in range(len(self.position))]
+        share: Array = np.array([one.resistance(1.0, COPPER_RESISTIVITY * warm) for one in made]) / coils.resistance
+        return share
+
+    @property
+    def placed(self) -> Records:
+        """(m,) PLACED_COIL."""
+        coils = np.zeros(len(self.turns), dtype=PLACED_COIL)
+        coils["centre"], coils["axis"], coils["turns"] = self.position, self.axis, self.turns
+        coils["sort"] = [self._sorts.index(tuple(size)) for size in self._sizes]
+        return coils
+
+    @cached_property
+    def tables(self) -> tuple[Records, Array, Array]:
+        """Of each sort of winding: (k,) WINDING, tables (k, n, n, 2), series (k, 2, 7, 8), as `ArrayMap` says."""
+        made = [tabulate_winding(*size) for size in self._sorts]
+        windings = [
+            (one.scale, one.far2, inner, outer, 0.5 * length)
+            for one, (inner, outer, length) in zip(made, self._sorts, strict=True)
+        ]
+        return (
+            np.array(windings, WINDING),
+            np.stack([one.table for one in made]),
+            np.stack([one.series for one in made]),
+        )
+
+    @property
+    def _sizes(self) -> list[list[float]]:
+        sizes: list[list[float]] = np.column_stack([self.inner_radius, self.outer_radius, self.length]).tolist()
+        return sizes
+
+    @cached_property
+    def _sorts(self) -> list[tuple[float, ...]]:
+        return list(dict.fromkeys(map(tuple, self._sizes)))
+
+
+@final
+@dataclass(frozen=True)
+class MoverMagnet:
+    """A round magnet, or a ring, in the mover."""
+
+    position: Array  #: (3,) of its centre, mover frame [m]
+    axis: Array  #: (3,) unit vector of its polarisation, mover frame
+    outer_radius: float  #: [m]
+    inner_radius: float  #: [m]
+    length: float  #: [m]
+    remanence: float  #: [T]
+
+    @property
+    def moment(self) -> float:
+        """Magnetic moment [A·m²]: remanence times volume over μ0."""
+        volume = np.pi * (self.outer_radius**2 - self.inner_radius**2) * self.length
+        return float(self.remanence * volume / MU0)
+
+    def charges(self, radial: int, azimuth: int) -> Array:
+        """(4, n) places in the mover's frame [m] and charges [A·m]."""
+        ring = ChargedRing(
+            self.outer_radius, self.inner_radius, self.length, self.remanence, radial=radial, azimuth=azimuth
+        )
+        placed = rotation_to_axis(self.axis) @ ring.rows[:3] + self.position[:, None]
+        return np.vstack([placed, ring.rows[3]])
+
+
+@final
+@dataclass(frozen=True)
+class ArrayMover:
+    """A tool or a plate with magnets; it touches the surface with its tip, at −z of the mover."""
+
+    magnets: tuple[MoverMagnet, ...]
+    tip_distance: float  #: from the mover's origin to the tip, along −z [m]
+    mass: float  #: [kg]
+    inertia: Array  #: (3,) principal moments about the mover's origin, mover frame [kg·m²]
+
+    @property
+    def moment(self) -> float:
+        """Size of the magnets' moments together [A·m²]."""
+        return float(np.linalg.norm(sum(magnet.moment * magnet.axis for magnet in self.magnets)))
+
+    @property
+    def reach(self) -> float:
+        """Radius of a sphere about the mover's origin that holds all magnets [m]."""
+        return max(
+            float(np.linalg.norm(magnet.position) + np.hypot(magnet.outer_radius, 0.5 * magnet.length))
+            for magnet in self.magnets
+        )
+
+    @cached_property
+    def charge_map(self) -> tuple[Array, Array, Records, Array]:
+        """charges (4, n), spans (g, rules + 1), (g,) MAGNET and core_charges (4, n'), as `ArrayMap` says."""
+        parts, spans, places = [], [], []
+        count = 0
+        for magnet in self.magnets:
+            row = [count]
+            for radial, azimuth in RULES:
+                parts.append(magnet.charges(radial, azimuth))
+                count += parts[-1].shape[1]
+                row.append(count)
+            spans.append(row)
+            places.append((magnet.position, 0.5 * magnet.length * magnet.axis, magnet.outer_radius))
+        soft = np.hstack([magnet.charges(*RULES[CORE_RULE]) for magnet in self.magnets])
+        return (
+            np.ascontiguousarray(np.hstack(parts)),
+            np.array(spans),
+            np.array(places, MAGNET),
+            np.ascontiguousarray(soft),
+        )
+
+
+_ORDERS = (4, 30)  #: fewest and most degrees of the core's harmonics
+_LEFT_OUT = 1e-5  #: relative, of the core's series where charges are nearest
+_ABOVE = 10e-3  #: a mover rests this far above contact [m]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What the tip touches: a dome about the origin, or a level plate."""
+
+    dome_radius: float  #: [m]; 0: it is a plate
+    height: float  #: of the plate over the origin [m]; of a dome 0
+    thickness: float  #: height above contact up to which forces are rendered [m]
+    half_angle: float  #: of a dome: maximum angle of the tool from the summit [rad]
+    half_width: tuple[float, float]  #: of a plate: greatest |x| and |y| of the mover [m]
+    contact: DomeContact
+
+    @property
+    def is_dome(self) -> bool:
+        """Whether it is a dome, not a plate."""
+        return self.dome_radius > 0.0
+
+
+@dataclass(frozen=True)
+class BuildTolerance:
+    """How far the coils that are built may be from the device file: standard deviations."""
+
+    position: float = 0.0  #: along each axis [m]
+    tilt: float = 0.0  #: about each axis across the coil's own [rad]
+    strength: float = 0.0  #: relative, of the turns
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoilArray(Device):
+    """Round coils with places, axes and windings of their own, and a mover whose magnets they act on.
+
+    Model "exact": the field of every thick winding on the charges of every magnet's faces, with the answer of a soft
+    core to both. The magnets and the coils' copper are rigid, their permeability is 1; eddy currents are left out.
+    """
+
+    kind: ClassVar[DeviceKind] = COIL_ARRAY
+
+    windings: PlacedCoils
+    core: SoftSphere | None
+    tool: ArrayMover
+    hand: Hand
+    surface: Surface
+    tolerance: BuildTolerance
+    thermometer_step: float  #: [K]
+    thermometer_noise: float  #: [K]
+    uncertainty: ArrayUncertainty = field(default_factory=lambda: ArrayUncertainty.model_validate({}))
+
+    models: tuple[str, ...] = ("exact",)
+
+    @property
+    def contact_height(self) -> float:
+        """z of the mover's origin when an upright tool touches the surface at its middle [m]."""
+        return (self.surface.dome_radius or self.surface.height) + self.tool.tip_distance
+
+    @property
+    def shell(self) -> Shell | None:
+        """Where the tool can be over a dome; None over a plate."""
+        if not self.surface.is_dome:
+            return None
+        return Shell(self.contact_height, self.surface.thickness, self.tool.moment, self.surface.dome_radius)
+
+    @property
+    def is_upright(self) -> bool:
+        """Over a plate; over a dome the tool is radial."""
+        return not self.surface.is_dome
+
+    @property
+    def rest_position(self) -> Array:
+        """(3,) 10 mm above contact in the middle [m]."""
+        return np.array([0.0, 0.0, self.contact_height + _ABOVE])
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What should be known of this device though it can be computed with."""
+        return tuple(list_limit_remarks(self.coils, self.supply, self.limits, *self.greatest_wrench))
+
+    @property
+    def greatest_wrench(self) -> tuple[float, float]:
+        """Greatest force [N] and torque [N·m] on an upright tool in contact in the middle, all coils at full current.
+
+        By point dipoles whose parts all add: an upper estimate, for checks of limits only.
+        """
+        coils, at = self.windings, np.array([0.0, 0.0, self.contact_height])
+        area = np.pi * (coils.outer_radius**2 + coils.outer_radius * coils.inner_radius + coils.inner_radius**2) / 3
+        moments = coils.turns * area * self.driven_current
+        moment = sum(magnet.moment for magnet in self.tool.magnets)
+        away = np.maximum(np.linalg.norm(coils.position - at, axis=1), 0.5 * coils.length)
+        core = 1.0 if self.core is None else 3.0
+        torque = core * MU0 * moment * moments / (2 * np.pi * away**3)
+        return float((3 * torque / away).sum()), float(torque.sum())
+
+    def wrench_map(self, state: State, model: str) -> WrenchMap:
+        """(6, m) per ampere and (6,) passive, torque about the mover's origin; GeometryError in a coil or the core."""
+        self.check_model(model)
+        matrix, passive, pose = np.empty((6, self.channels)), np.empty(6), np.empty((4, 3))
+        pose[:3], pose[3] = state.R_SR, state.p
+        status = array_wrench(self.magnetics, pose, matrix, passive)
+        if status != FREE:
+            where = "the core" if status == IN_CORE else "a coil"
+            x, y, z = (1e3 * state.p).tolist()
+            raise GeometryError(
+                f"device '{self.name}': with the mover at ({x:.1f}, {y:.1f}, {z:.1f}) mm a magnet would be inside "
+                f"{where}; an upright tool touches at z = {self.contact_height * 1e3:.1f} mm"
+            )
+        return WrenchMap(matrix, passive)
+
+    @cached_property
+    def magnetics(self) -> ArrayMap:
+        """Coils, core and magnets as compiled code takes them: half a second for each sort of winding, once."""
+        return self.compute_magnetics(self.windings)
+
+    def compute_magnetics(self, windings: PlacedCoils) -> ArrayMap:
+        """`magnetics` with coils elsewhere: `windings` of the same sizes, as they may really be built."""
+        charges, spans, magnets, soft = self.tool.charge_map
+        order, radius, answers, shares = 1, 0.0, np.zeros((self.channels, 3, 2)), np.zeros(3)
+        if self.core is not None:
+            order, radius = self._order(self.core), self.core.radius
+            shares = weigh_charges(self.core, order)
+            answers = np.stack([answer_to_source(self.core, placed, order) for placed in place_coils(windings)])
+        return ArrayMap(
+            windings.placed, *windings.tables, charges, spans, magnets, soft, radius, order, answers, shares
+        )
+
+    def _order(self, core: SoftSphere) -> int:
+        """Degrees of the core's harmonics, so that little is left out for magnets at the surface."""
+        nearest = max(self.surface.dome_radius or self.surface.height, 1.05 * core.radius)
+        share = core.radius**2 / (nearest * max(float(self.windings.nearest.min()), core.radius))
+        return int(np.clip(np.ceil(np.log(_LEFT_OUT) / np.log(share)), *_ORDERS))
+
+    def _list_facts(self) -> list[tuple[str, str]]:
+        surface, tool = self.surface, self.tool
+        over = (
+            f"over a dome of {format_quantity(surface.dome_radius, 'm')}" if surface.is_dome
+            else f"over a plate at {format_quantity(surface.height, 'm')}"
+        )  # fmt: skip
+        head, tail = Device._list_facts(self)[:2], Device._list_facts(self)[2:]
+        core = "none" if self.core is None else f"a soft sphere of {format_quantity(self.core.radius, 'm')}"
+        return [
+            *head,
+            ("workspace", f"{over}, rendered {format_quantity(surface.thickness, 'm')} above contact"),
+            ("core", core),
+            ("tool", f"{len(tool.magnets)} magnets, {format_quantity(tool.moment, 'A·m²')}, {1e3 * tool.mass:.3g} g"),
+            *tail,
+            *(("remark", remark) for remark in self.remarks),
+        ]
+
+
+def place_coils(windings: PlacedCoils) -> list[PlacedSource]:
+    """Every coil of `windings` where it is, in the stator frame, per ampere."""
+    return [
+        PlacedSource(windings.coil(number), windings.position[number], rotation_to_axis(windings.axis[number]))
+        for number in range(len(windings.position))
+    ]
+
+
+# --------------------------------------------------------------------------------------------------
+# The bodies of a coil array: coils where they are, core, dome, and the tool in contact.
+
+
+_SIZES = ("windings", "core.radius", "dome.radius", "plate.height", "tool.magnets", "tool.tip_distance")
+
+
+def array_geometry(device: CoilArray) -> Geometry:
+    """The parts of `device`, its tool upright and in contact in the middle."""
+    coils, tool, surface = device.windings, device.tool, device.surface
+    origin = np.array([0.0, 0.0, device.contact_height])
+    windings = [
+        RoundPart(
+            name, "coil", coils.position[k], coils.axis[k], float(coils.inner_radius[k]), float(coils.outer_radius[k]),
+            float(coils.length[k]), channel=name,
+        )
+        for k, name in enumerate(device.coils.names)
+    ]  # fmt: skip
+    magnets = [
+        RoundPart(
+            f"magnet {number}", "magnet", origin + magnet.position, magnet.axis, magnet.inner_radius,
+            magnet.outer_radius, magnet.length, polarity=1.0, moves=True,
+        )
+        for number, magnet in enumerate(tool.magnets, 1)
+    ]  # fmt: skip
+    balls = [] if device.core is None else [Ball("core", "core", device.core.radius)]
+    notes = ["not stated in the device file: the handle around the tool's magnets"]
+    reach = None
+    if surface.is_dome:
+        balls.append(Ball("dome", "dome", surface.dome_radius))
+        contact = device.contact_height
+        reach = Reach("tool", surface.half_angle, contact, contact + surface.thickness)
+    else:
+        notes.append(f"not drawn: the plate at {surface.height * 1e3:g} mm that the tool touches")
+    return Geometry(
+        round_parts=(*windings, *magnets),
+        balls=tuple(balls),
+        rods=(Rod("tool axis", origin - np.array([0.0, 0.0, tool.tip_distance]), origin),),
+        reach=reach,
+        notes=(*notes, *list_assumed(device.assumed, _SIZES)),
+    )
+
+
+# --------------------------------------------------------------------------------------------------
+# Air between placed windings, and how far they reach from the origin.
+#
+# Two bodies are nearest where each point is the nearest one of its body to the other: projections to and fro (von
+# Neumann; Cheney and Goldstein 1959) lead there from a near start, which the best of many rim points is. Each winding
+# is
+# taken as a cylinder without its hole: nothing is meant to go through it.
+
+
+_STEPS = 64  #: points around each rim
+_ROUNDS = 100
+
+
+def find_farthest(coils: PlacedCoils) -> Array:
+    """(m,) distance of the farthest point of each winding from the origin [m]: on an outer rim."""
+    along = (coils.position * coils.axis).sum(axis=1)
+    across = np.sqrt(np.maximum((coils.position**2).sum(axis=1) - along**2, 0.0))
+    far: Array = np.hypot(across + coils.outer_radius, np.abs(along) + coils.length / 2)
+    return far
+
+
+def find_spacing(coils: PlacedCoils) -> float:
+    """Least distance between two windings [m]; 0 where they touch or overlap, infinite for a single one."""
+    reach = np.hypot(coils.outer_radius, coils.length / 2)
+    first, second = np.triu_indices(len(coils.position), 1)
+    least_gap = np.linalg.norm(coils.position[first] - coils.position[second], axis=1) - reach[first] - reach[second]
+    found = np.inf
+    for row in np.argsort(least_gap, kind="stable"):
+        if least_gap[row] >= found:
+            break
+        found = min(found, _winding_gaps_distance(coils, int(first[row]), int(second[row])))
+    return float(found)
+
+
+def _winding_gaps_distance(coils: PlacedCoils, i: int, j: int) -> float:
+    gaps, starts = [], []
+    for one, other in ((i, j), (j, i)):
+        points = _list_rims(coils, one)
+        away = np.linalg.norm(points - _project(coils, other, points), axis=1)
+        nearest = int(np.argmin(away))
+        gaps.append(float(away[nearest]))
+        starts.append(points[nearest])
+    point, best = starts[int(np.argmin(gaps))], min(gaps)
+    for _ in range(_ROUNDS):
+        there = _project(coils, j, point[None])
+        point = _project(coils, i, there)[0]
+        gap = float(np.linalg.norm(point - there[0]))
+        if gap > best - 1e-9:
+            return min(gap, best)
+        best = gap
+    return best
+
+
+def _list_rims(coils: PlacedCoils, number: int) -> Array:
+    """(n, 3) points on the outer rims and between them, stator frame [m]."""
+    angle = 2 * np.pi * np.arange(_STEPS) / _STEPS
+    radius, half = float(coils.outer_radius[number]), float(coils.length[number]) / 2
+    z, phi = np.meshgrid(np.linspace(-half, half, 5), angle)
+    own = np.stack([radius * np.cos(phi), radius * np.sin(phi), z], axis=-1).reshape(-1, 3)
+    placed: Array = own @ rotation_to_axis(coils.axis[number]).T + coils.position[number]
+    return placed
+
+
+def _project(coils: PlacedCoils, number: int, points: Array) -> Array:
+    """(n, 3) the point of winding `number` that is nearest to each of `points` (n, 3)."""
+    axis, half = coils.axis[number], coils.length[number] / 2
+    away = points - coils.position[number]
+    along = away @ axis
+    across = away - along[:, None] * axis
+    size = np.linalg.norm(across, axis=1, keepdims=True)
+    across *= np.minimum(coils.outer_radius[number] / np.maximum(size, 1e-300), 1.0)
+    inside: Array = coils.position[number] + across + np.clip(along, -half, half)[:, None] * axis
+    return inside

@@ -1,0 +1,613 @@
+"""A spherical electromagnet that pushes and pulls a magnet in a tool: Zárate 2020's Omni, and its relatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from itertools import product
+from typing import ClassVar
+
+import numpy as np
+from numpy import ascontiguousarray
+
+from haptorb.arrays import Array, cap_directions
+from haptorb.devices.base import Coils, Device, DeviceKind, Shell, State, WrenchMap, endurance, require
+from haptorb.devices.electromagnet_model import CoreDynamics, PassivePull, Windings, dipole_per_ampere, ring_per_ampere
+from haptorb.devices.field_sensors import FieldSensors
+from haptorb.devices.geometry import Ball, Geometry, Reach, Rod, RoundPart, Spot, list_assumed
+from haptorb.devices.schema import list_limit_remarks
+from haptorb.devices.touch_points import Marks
+from haptorb.devices.uncertainty import ToolUncertainty
+from haptorb.display import format_quantity
+from haptorb.errors import GeometryError
+from haptorb.magnetics.coil import COPPER_RESISTIVITY
+from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.magnets import ChargedRing
+from haptorb.magnetics.soft_sphere import SoftSphere
+
+__all__ = [
+    "ELECTROMAGNET",
+    "FORCE_JND",
+    "DomeContact",
+    "FeasibleWrench",
+    "Hand",
+    "Layer",
+    "ShellCapability",
+    "SphericalElectromagnet",
+    "Tool",
+    "electromagnet",
+    "electromagnet_geometry",
+    "feasible_wrench",
+    "list_geometry_mistakes",
+    "list_remarks",
+    "shell_capability",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# The record of spherical electromagnets: a magnet in a tool over a dome, moved by the force of coils.
+
+
+ELECTROMAGNET = DeviceKind(
+    name="spherical-electromagnet",
+    title="spherical electromagnet",
+    world="dome",
+    allocator="haptorb.control.allocation:force_allocator",
+    wrench_choice="haptorb.control.allocation:tool_choice",
+    part_remarks="haptorb.control.allocation:part_remarks",
+    estimators="haptorb.estimation.hall_tracker:tool_estimators",
+    simulation="haptorb.simulation.electromagnet:SimulatedElectromagnet",
+    guide="haptorb.simulation.hand:dome_guide",
+    file="haptorb.devices.electromagnet_file:ElectromagnetFile",
+    geometry="haptorb.devices.electromagnet:electromagnet_geometry",
+    scene="haptorb.web.session:dome_scene",
+    force_map="haptorb.web.force_map_process:ForceMapProcess",
+    card="haptorb.cli.inspect:ElectromagnetCard",
+    errors="haptorb.analysis.error_sources:tool_errors",
+    workspace="haptorb.analysis.workspace:shell_workspace",
+    hold="haptorb.analysis.coupling:hold_tool",
+    boundary="haptorb.cli.check_world:boundary",
+)
+
+
+# --------------------------------------------------------------------------------------------------
+# What should be known of an electromagnet although it can be computed with: values of its file that contradict.
+
+
+FORCE_JND = 0.07  #: just-noticeable difference of a force, lower end of the published 7 to 10 %
+_COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
+_MOST_FILL = np.pi / np.sqrt(12)  #: share of a section that round wires fill side by side
+
+
+def list_remarks(
+    coils: Coils, core: SoftSphere, windings: Windings | None, moments: Array, moments_from: str
+) -> tuple[str, ...]:
+    """Sentences about a device whose `moments` (3, 3) [m²] per ampere come from `moments_from`; none is a pass."""
+    if windings is None:
+        return ()
+    return (*_moments(coils.names, windings.moment_per_current(core), moments, moments_from), *_copper(coils, windings))
+
+
+def _moments(names: tuple[str, ...], predicted: Array, moments: Array, moments_from: str) -> list[str]:
+    """One line where they differ in size by what a hand can feel: a force goes with the moment."""
+    if moments_from == "windings":
+        return []
+    sizes = (np.linalg.norm(matrix, axis=0).tolist() for matrix in (moments, predicted))
+    pairs = list(zip(names, *sizes, strict=True))
+    if not any(abs(computed / used - 1) > FORCE_JND for _, used, computed in pairs):
+        return []
+    differences = "; ".join(
+        f"coil {name}: {used:.4f} m², windings and core give {computed:.4f} m² ({100 * (computed / used - 1):+.0f} %)"
+        for name, used, computed in pairs
+    )
+    origin, remedy = "moment_per_current", "correct one of them, or state windings.fill to use [windings]"
+    if moments_from == "calibration":
+        origin, remedy = "the calibration", "correct [windings]"
+    return [f"moments differ: {differences}. Forces follow {origin}, so [windings] have no effect on them; {remedy}"]
+
+
+def _copper(coils: Coils, windings: Windings) -> list[str]:
+    warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
+    fill = windings.fill(coils.resistance, COPPER_RESISTIVITY * warm)
+    coils_below = [
+        f"coil {name}: {windings.turns[k]:g} turns of copper in its section have at least "
+        f"{coils.resistance[k] * fill[k] / _MOST_FILL:.2g} Ω, coils.resistance says {coils.resistance[k]:g} Ω"
+        for k, name in enumerate(coils.names)
+        if fill[k] > _MOST_FILL
+    ]
+    if not coils_below:
+        return []
+    return [
+        f"resistance too low: {'; '.join(coils_below)}. Correct coils.resistance, or the turns or sizes of [windings]"
+    ]
+
+
+#: Tabulated once for all copies of a device with the same tool and core: a calibration or an error analysis makes
+#: hundreds, and the table takes a twentieth of a second.
+_make_pull = lru_cache(maxsize=64)(PassivePull)
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A stylus with a ring magnet; the moment lies along the mover's +z, the tip at −z."""
+
+    outer_radius: float  #: [m]
+    inner_radius: float  #: [m]
+    length: float  #: [m]
+    remanence: float  #: [T]
+    tip_distance: float  #: from the magnet's centre to the tip [m]
+    mass: float  #: [kg]
+    inertia: Array  #: (3,) principal moments about the magnet's centre, mover frame [kg·m²]
+    worn: bool = False  #: on a fingertip, not in a pen; for pictures and words
+
+    @property
+    def moment(self) -> float:
+        """Magnetic moment m_p [A·m²]: remanence times volume over μ0."""
+        volume = np.pi * (self.outer_radius**2 - self.inner_radius**2) * self.length
+        return float(self.remanence * volume / MU0)
+
+
+@dataclass(frozen=True)
+class Hand:
+    """A hand as a mass on springs and dampers: what it adds to the tool, and how it holds it."""
+
+    mass: float  #: [kg]
+    damping: float  #: [N·s/m]
+    stiffness: float  #: [N/m]
+    turn_damping: float  #: [N·m·s/rad]
+    turn_stiffness: float  #: [N·m/rad]
+
+
+@dataclass(frozen=True)
+class DomeContact:
+    """The dome under the tip: a stiff spring with damping and dry friction."""
+
+    stiffness: float  #: [N/m]
+    damping: float  #: [N·s/m]
+    friction: float  #: coefficient [1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SphericalElectromagnet(Device):
+    """Three coils about one soft sphere, and a magnet in a tool that moves over a dome.
+
+    Models: "exact" has the tool's magnet at its size and the pull of the core on it; "published" is Zárate 2020's, two
+    point dipoles. In both, the electromagnet is the point dipole that calibration measured outside the dome.
+    """
+
+    kind: ClassVar[DeviceKind] = ELECTROMAGNET
+
+    moment_per_current: Array  #: (3, 3) [m²], m_e = moment_per_current @ currents
+    core_radius: float  #: [m]
+    core_permeability: float  #: relative, may be inf
+    dome_radius: float  #: [m]
+    shell_thickness: float  #: height above contact up to which forces are rendered [m]
+    workspace_half_angle: float  #: [rad] from +z
+    tool: Tool
+    hand: Hand
+    contact: DomeContact
+    hall: FieldSensors
+    thermometer_step: float  #: [K]
+    thermometer_noise: float  #: [K]
+    windings: Windings | None = None  #: the coils' sizes, where given or assumed
+    moments_from: str = "device file"  #: where `moment_per_current` comes from: that, "windings" or "calibration"
+    core_dynamics: CoreDynamics = field(default_factory=CoreDynamics)  #: eddy currents and remanence
+    marks: Marks | None = None  #: places to touch with the tip, where there are any
+    uncertainty: ToolUncertainty = field(
+        default_factory=lambda: ToolUncertainty.model_validate({})
+    )  #: how well the values are known
+
+    models: tuple[str, ...] = ("exact", "published")
+
+    @property
+    def tick_models(self) -> tuple[str, ...]:
+        """Both: each takes microseconds."""
+        return self.models
+
+    @property
+    def contact_distance(self) -> float:
+        """Distance of the tool's magnet from the centre when a radial tool touches the dome: d_min [m]."""
+        return self.dome_radius + self.tool.tip_distance
+
+    @property
+    def shell(self) -> Shell:
+        """Where the tool can be."""
+        return Shell(self.contact_distance, self.shell_thickness, self.tool.moment, self.dome_radius)
+
+    @property
+    def rest_position(self) -> Array:
+        """(3,) just above contact, over the summit [m]."""
+        return np.array([0.0, 0.0, 1.1 * self.contact_distance])
+
+    @property
+    def sensors(self) -> int:
+        """Number of three-axis field sensors."""
+        return len(self.hall.positions)
+
+    @cached_property
+    def passive_pull(self) -> PassivePull:
+        """What the core does to the tool's magnet by itself, erratum E18."""
+        tool = self.tool
+        return _make_pull(
+            core_radius=self.core_radius,
+            core_permeability=self.core_permeability,
+            outer_radius=tool.outer_radius,
+            inner_radius=tool.inner_radius,
+            length=tool.length,
+            remanence=tool.remanence,
+            nearest=self.core_radius + tool.length / 2 + 5e-3,
+        )
+
+    @property
+    def core(self) -> SoftSphere:
+        """The coils' core."""
+        return SoftSphere(self.core_radius, self.core_permeability)
+
+    def predict_moments(self) -> Array | None:
+        """(3, 3) [m²] m_e per ampere from the coils' sizes and the core, to be held against `moment_per_current`; None
+        where the sizes are not known."""
+        return None if self.windings is None else self.windings.moment_per_current(self.core)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What should be known of this device though it can be computed with."""
+        moments = list_remarks(self.coils, self.core, self.windings, self.moment_per_current, self.moments_from)
+        return (*moments, *list_limit_remarks(self.coils, self.supply, self.limits, *self.greatest_wrench))
+
+    @property
+    def greatest_wrench(self) -> tuple[float, float]:
+        """Greatest force [N] and torque [N·m] on a radial tool that touches the summit, all coils at full current.
+
+        By the published model, which takes the tool for a dipole: some 15 % below the exact one.
+        """
+        corners = np.array(list(product((-1.0, 1.0), repeat=self.channels))) * self.driven_current
+        moments = corners @ self.moment_per_current.T
+        scale = MU0 * self.tool.moment / (4 * np.pi * self.contact_distance**3)
+        across, along = np.hypot(moments[:, 0], moments[:, 1]), moments[:, 2]
+        force = 3 * scale / self.contact_distance * np.hypot(across, 2 * along)
+        return float(force.max()), float((scale * across).max())
+
+    def wrench_map(self, state: State, model: str) -> WrenchMap:
+        """(6, 3) per ampere and (6,) passive, torque about the tool's magnet; GeometryError inside the dome's core."""
+        x, y, z = state.p.tolist()
+        if x * x + y * y + z * z < self._closest_square:
+            raise GeometryError(
+                f"device '{self.name}': a tool magnet at {state.distance * 1e3:.1f} mm from the centre would be inside "
+                f"the core; contact is at {self.contact_distance * 1e3:.1f} mm"
+            )
+        matrix, passive = np.empty((6, self.channels)), np.zeros(6)
+        p, R = ascontiguousarray(state.p), ascontiguousarray(state.R_SR)
+        if model == "exact":
+            ring_per_ampere(*self._ring, p, R, matrix, passive)
+        else:
+            self.check_model(model)
+            dipole_per_ampere(*self._dipole, p, R, matrix)
+        return WrenchMap(matrix, passive)
+
+    def _list_facts(self) -> list[tuple[str, str]]:
+        contact, shell = format_quantity(self.contact_distance, "m"), format_quantity(self.shell_thickness, "m")
+        angle = f"±{np.degrees(self.workspace_half_angle):.0f}° about the summit"
+        head, tail = Device._list_facts(self)[:2], Device._list_facts(self)[2:]
+        return [
+            *head,
+            ("workspace", f"{angle}, magnet {contact} from the centre in contact, rendered {shell} above it"),
+            ("tool", f"moment {format_quantity(self.tool.moment, 'A·m²')}, {1e3 * self.tool.mass:.3g} g"),
+            ("moments per ampere", f"from the {self.moments_from}"),
+            *tail,
+            *(("remark", remark) for remark in self.remarks),
+        ]
+
+    @cached_property
+    def _closest_square(self) -> float:
+        """Square of the distance below which the tool's magnet would reach into the core [m²]."""
+        return (self.core_radius + 0.5 * self.tool.length) ** 2
+
+    @cached_property
+    def _dipole(self) -> tuple[float, Array]:
+        """The tool as a point dipole, as kernels take it."""
+        return self.tool.moment, np.array(self.moment_per_current, dtype=np.float64, order="C")
+
+    @cached_property
+    def _ring(self) -> tuple[Array, Array, float, Array]:
+        """The tool's magnet and what the core does to it, as kernels take them."""
+        tool, core = self.tool, self.passive_pull
+        rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence).rows
+        per_current = np.array(self.moment_per_current, dtype=np.float64, order="C")
+        return rows, np.array(core.table), float(core.nearest), per_current
+
+
+# --------------------------------------------------------------------------------------------------
+# The bodies of a spherical electromagnet: core, windings, dome, field sensors, marks, and the tool in contact.
+
+
+_SIZES = (
+    "electromagnet.core_radius", "windings.inner_radius", "windings.outer_radius", "windings.length", "dome.radius",
+    "dome.shell_thickness", "dome.workspace_half_angle", "tool.outer_radius", "tool.inner_radius", "tool.length",
+    "tool.tip_distance", "hall.positions", "marks.positions",
+)  # fmt: skip
+
+
+def electromagnet_geometry(device: SphericalElectromagnet) -> Geometry:
+    """The parts of `device`, its tool radial and in contact over the summit.
+
+    A coil's axis is the direction of its moment per ampere: what a calibration measured of it.
+    """
+    tool, contact = device.tool, device.contact_distance
+    place = np.array([0.0, 0.0, contact])
+    magnet = RoundPart(
+        "tool magnet", "magnet", place, np.array([0.0, 0.0, 1.0]), tool.inner_radius, tool.outer_radius, tool.length,
+        polarity=1.0, moves=True,
+    )  # fmt: skip
+    notes = [
+        f"not stated in the device file: the {'finger' if device.tool.worn else 'stylus'} around the tool's magnet"
+    ]
+    if device.windings is None:
+        notes.insert(0, "not to scale: the windings' radii and lengths, as the device file has no [windings]")
+    return Geometry(
+        round_parts=(*_coils(device), magnet),
+        balls=(Ball("core", "core", device.core_radius), Ball("dome", "dome", device.dome_radius)),
+        spots=(
+            *(Spot(f"sensor {number}", "sensor", at) for number, at in enumerate(device.hall.positions, 1)),
+            *(() if device.marks is None else
+              (Spot(name, "mark", at) for name, at in zip(device.marks.names, device.marks.positions, strict=True))),
+        ),
+        rods=(Rod("tool axis", np.array([0.0, 0.0, device.dome_radius]), place),),
+        reach=Reach("tool magnet", device.workspace_half_angle, contact, contact + device.shell_thickness),
+        notes=(*notes, *list_assumed(device.assumed, _SIZES)),
+    )  # fmt: skip
+
+
+def _coils(device: SphericalElectromagnet) -> tuple[RoundPart, ...]:
+    axes = (device.moment_per_current / np.linalg.norm(device.moment_per_current, axis=0)).T
+    centre, names, windings = np.zeros(3), device.coils.names, device.windings
+    if windings is None:
+        # nested in equal layers between core and dome: some size is needed to show the axes
+        edges = np.linspace(device.core_radius, device.dome_radius, 2 * len(names) + 3)[1:-1]
+        return tuple(
+            RoundPart(
+                name, "coil", centre, axis, float(edges[2 * k]), float(edges[2 * k + 1]), 0.6 * device.dome_radius,
+                channel=name, stated=False,
+            )
+            for k, (name, axis) in enumerate(zip(names, axes, strict=True))
+        )  # fmt: skip
+    return tuple(
+        RoundPart(
+            name, "coil", centre, axis, float(windings.inner_radius[k]), float(windings.outer_radius[k]),
+            float(windings.length[k]), channel=name,
+        )
+        for k, (name, axis) in enumerate(zip(names, axes, strict=True))
+    )  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------
+# Places of an electromagnet's file that cannot be, although every value by itself is well-formed.
+
+
+_ENGRAVED = 2e-3  #: how deep a dot in the dome may be [m]
+
+
+def list_geometry_mistakes(
+    core_radius: float, dome_radius: float, sensors: Array, mark_names: tuple[str, ...], marks: Array
+) -> list[str]:
+    """Sentences; none is a pass. Radii [m], sensors (n, 3) and marks (k, 3) in the stator frame [m]."""
+    found = []
+    for name, distance in zip(mark_names, np.linalg.norm(marks, axis=1), strict=True):
+        if distance < dome_radius - _ENGRAVED:
+            found.append(
+                f"marks.positions: mark '{name}' is {distance * 1e3:.3g} mm from the centre, inside the dome "
+                f"({dome_radius * 1e3:g} mm), where no tip can touch it; give the bottom of its dot, at most "
+                f"{_ENGRAVED * 1e3:g} mm below the dome's surface, in the stator frame"
+            )
+    for number, distance in enumerate(np.linalg.norm(sensors, axis=1), 1):
+        if distance < core_radius:
+            found.append(
+                f"hall.positions: sensor {number} is {distance * 1e3:.3g} mm from the centre, inside the core "
+                f"({core_radius * 1e3:g} mm); state its position in the stator frame"
+            )
+    return found
+
+
+# --------------------------------------------------------------------------------------------------
+# Which wrenches a spherical electromagnet can give at a pose: the image of the box of its currents.
+#
+# Three coils and two limits each make a box; the wrench map turns it into a zonotope: for the force a parallelepiped
+# with
+# eight corners, moved by the core's pull, for the torque a flat hexagon, because no torque about the magnet's own
+# axis
+# can be given. Force and torque are not independent of each other: one choice of currents makes both.
+#
+# A supply that cannot give all coils their limits at once rounds the box's corners off; what remains is taken as the
+# polytope of some hundreds of points on its surface, less than 1 % within it.
+
+
+_GRID = 13  #: points along an edge of the currents' box
+
+
+@dataclass(frozen=True)
+class FeasibleWrench:
+    """What can be given at one pose, stator frame.
+
+    currents          (n, 3) [A] the corners of what currents there can be: eight where the supply gives them all
+    force             (n, 3) [N] the force at each of them, core's pull included: the polytope's corners
+    torque            (v, 3) [N·m] corners of the torque's polygon, in order around it; about the magnet's centre
+    unreachable       (3,) unit vector: the axis about which no torque can be given
+    guaranteed_force  [N] the greatest force that can be given in every direction; negative if not even none can
+    guaranteed_torque [N·m] the same for torques across the unreachable axis
+    """
+
+    currents: Array
+    force: Array
+    torque: Array
+    unreachable: Array
+    guaranteed_force: float
+    guaranteed_torque: float
+
+
+def feasible_wrench(device: SphericalElectromagnet, state: State, model: str = "exact") -> FeasibleWrench:
+    """The polytopes of `device` at `state` within its current limits and its supply's power.
+
+    Raises GeometryError inside the core.
+
+    >>> from dataclasses import replace
+    >>> from haptorb.devices.loader import load
+    >>> strong = replace(load("omni"), supply=replace(load("omni").supply, power=np.inf))
+    >>> able = feasible_wrench(strong, State.at((0, 0, 0.05)))
+    >>> able.force.shape, len(able.torque), (able.unreachable.round(6) + 0.0).tolist()
+    ((8, 3), 6, [0.0, 0.0, 1.0])
+    """
+    known = device.wrench_map(state, model)
+    limit = device.coils.current_limit
+    rank, lost, plane = _torque_plane(known.torque * limit, state)
+    if device.supply.power < device.greatest_resistance @ limit**2:
+        return _with_supply(device, known, lost, plane if rank == 2 else None)
+    corners = np.array(list(product((-1.0, 1.0), repeat=device.channels))) * limit
+    force = corners @ known.force.T + known.passive[:3]
+    edges = (known.force * limit).T  # one generator per coil, half an edge
+    normals = np.array([np.cross(edges[i], edges[j]) for i, j in ((0, 1), (1, 2), (2, 0))])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    reach = np.abs(normals @ edges.T).sum(axis=1)
+    inside = np.concatenate([reach + normals @ known.passive[:3], reach - normals @ known.passive[:3]])
+    torque, flat = np.empty((0, 3)), 0.0
+    if rank == 2:
+        torque, flat = _polygon((known.torque * limit).T, plane, known.passive[3:])
+    return FeasibleWrench(corners, force, torque, lost, float(inside.min()), flat)
+
+
+def _torque_plane(torque: Array, state: State) -> tuple[int, Array, Array]:
+    """Rank of `torque` (3, m), the axis about which nothing can be given, and (3, 2) the plane of what can."""
+    axes, sizes, _ = np.linalg.svd(torque)
+    rank = int((sizes > 1e-6 * sizes[0]).sum()) if sizes[0] > 0.0 else 0
+    lost = axes[:, -1] * (1.0 if axes[:, -1] @ state.axis >= 0.0 else -1.0)
+    return rank, lost, axes[:, :2]
+
+
+def _with_supply(device: SphericalElectromagnet, known: WrenchMap, lost: Array, plane: Array | None) -> FeasibleWrench:
+    """The hulls of the wrenches on the surface of the currents that coils and supply allow."""
+    from scipy.spatial import ConvexHull  # a tenth of a second that only a card should wait
+
+    grid = np.linspace(-1.0, 1.0, _GRID)
+    box = np.array([u for u in product(grid, repeat=device.channels) if max(map(abs, u)) == 1.0])
+    currents = box * device.coils.current_limit
+    power = currents**2 @ device.greatest_resistance
+    currents *= np.minimum(1.0, np.sqrt(device.supply.power / power))[:, None]
+    wrench = currents @ known.matrix.T + known.passive
+    hull = ConvexHull(wrench[:, :3])
+    torque, flat = np.empty((0, 3)), 0.0
+    if plane is not None:
+        outline = ConvexHull(wrench[:, 3:] @ plane)
+        torque, flat = wrench[outline.vertices, 3:], float(-outline.equations[:, 2].max())
+    corners = hull.vertices
+    inside = float(-hull.equations[:, 3].max())
+    return FeasibleWrench(currents[corners], wrench[corners, :3], torque, lost, inside, flat)
+
+
+def _polygon(spins: Array, plane: Array, passive: Array) -> tuple[Array, float]:
+    """Corners of the planar zonotope in order: its edges are twice its generators, sorted by direction."""
+    flat = spins @ plane
+    flat = np.where((flat[:, 1] < 0) | ((flat[:, 1] == 0) & (flat[:, 0] < 0)), -1.0, 1.0)[:, None] * flat
+    flat = flat[np.argsort(np.arctan2(flat[:, 1], flat[:, 0]))]
+    half = -flat.sum(axis=0) + 2 * np.vstack([np.zeros(2), np.cumsum(flat, axis=0)[:-1]])
+    corners = np.vstack([half, -half])
+    middle = passive @ plane
+    normals = np.column_stack([-flat[:, 1], flat[:, 0]])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    reach = np.abs(normals @ flat.T).sum(axis=1)
+    inside = np.concatenate([reach + normals @ middle, reach - normals @ middle])
+    return corners @ plane.T + passive, float(inside.min())
+
+
+# --------------------------------------------------------------------------------------------------
+# What a spherical electromagnet can do over its shell: peak and lasting force, endurance, and its model's error.
+#
+# Coils that warm each other last less. A lasting force is stated with one coil warm, where each coil carries what it
+# stands alone, and with all coils warm, where each carries what it stands while all carry as much.
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Forces on a radial tool at one distance, least over the workspace [N]; exact model."""
+
+    distance: float  #: of the tool's magnet from the centre [m]
+    peak_radial: float
+    peak_tangential: float
+    lasting_radial: float  #: one coil warm
+    lasting_tangential: float
+    lasting_radial_all_warm: float
+    lasting_tangential_all_warm: float
+    passive_pull: float  #: towards the centre, with all currents off
+    dipole_error: float  #: greatest relative error of the dipole model's force
+
+    @property
+    def dipole_error_jnd(self) -> float:
+        """The dipole model's error in just-noticeable differences of force."""
+        return self.dipole_error / FORCE_JND
+
+
+@dataclass(frozen=True)
+class ShellCapability:
+    """The whole card: force by distance, and how long loads may last from room temperature."""
+
+    layers: tuple[Layer, ...]
+    endurance: tuple[tuple[float, float], ...]  #: (share of full current, seconds until derating or inf)
+
+
+def shell_capability(
+    device: SphericalElectromagnet, distances: Array | None = None, points: int = 60
+) -> ShellCapability:
+    """Card for `device` at `distances` [m] (five over the shell where none are given), `points` over the workspace."""
+    if distances is None:
+        distances = device.contact_distance + np.linspace(0, device.shell_thickness, 5)
+    directions = cap_directions(device.workspace_half_angle, points)
+    return ShellCapability(tuple(_layer(device, float(d), directions) for d in distances), endurance(device))
+
+
+def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -> Layer:
+    most = np.array([device.coils.current_limit, device.sustained_current, device.sustained_current_together])
+    radial, tangential, pulls, errors = [], [], [], []
+    for direction in directions:
+        state = State.at(distance * direction)
+        exact = device.wrench_map(state, "exact")
+        dipole = device.wrench_map(state, "published")
+        per_newton = np.linalg.inv(exact.force)
+        ways = state.R_SR.T  # rows: two tangents and the radial direction
+        amperes = np.abs(ways @ per_newton.T)  # (3, m) for one newton each way
+        radial.append(_greatest(device, amperes[2:], most))
+        # The weakest direction in the tangent plane, on a circle of them
+        circle = np.linspace(0, np.pi, 16, endpoint=False)
+        around = np.cos(circle)[:, None] * ways[0] + np.sin(circle)[:, None] * ways[1]
+        tangential.append(_greatest(device, np.abs(around @ per_newton.T), most))
+        pulls.append(-exact.passive[:3] @ direction)
+        errors.append(np.linalg.norm(exact.force @ np.linalg.inv(dipole.force) - np.eye(3), 2))
+    peak, lasting, warm = np.min(radial, axis=0)
+    peak_t, lasting_t, warm_t = np.min(tangential, axis=0)
+    return Layer(
+        distance,
+        float(peak),
+        float(peak_t),
+        float(lasting),
+        float(lasting_t),
+        float(warm),
+        float(warm_t),
+        float(np.mean(pulls)),
+        float(np.max(errors)),
+    )
+
+
+def _greatest(device: SphericalElectromagnet, amperes: Array, most: Array) -> Array:
+    """(k,) the greatest force [N] in every one of some directions, within each row of `most` (k, m) [A] and the supply.
+
+    amperes (n, m) is what one newton takes in each direction.
+    """
+    within = (most[:, None, :] / amperes).min(axis=2)
+    supplied = np.sqrt(device.supply.power / (device.greatest_resistance * amperes**2).sum(axis=1))
+    greatest: Array = np.minimum(within, supplied).min(axis=1)
+    return greatest
+
+
+# --------------------------------------------------------------------------------------------------
+# The door to a spherical electromagnet, for programs that work for no other kind.
+
+
+def electromagnet(device: Device, what: str = "this function") -> SphericalElectromagnet:
+    """`device`, if it is a spherical electromagnet; InputError, which calls the program `what`, if not."""
+    return require(device, SphericalElectromagnet, what)

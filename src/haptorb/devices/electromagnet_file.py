@@ -1,0 +1,303 @@
+"""What the file of a spherical electromagnet may say beside the sections that every device file has."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Gt, Len
+from pydantic import Field, model_validator
+
+from haptorb.devices import quantity as q
+from haptorb.devices import schema as m
+from haptorb.devices.electromagnet import DomeContact, Hand, SphericalElectromagnet, Tool, list_geometry_mistakes
+from haptorb.devices.electromagnet_model import CoreDynamics, Windings
+from haptorb.devices.field_sensors import FieldSensors
+from haptorb.devices.schema import (
+    RIGHT_ANGLE,
+    BasedOn,
+    CommonFile,
+    FieldSensorsSection,
+    Positive,
+    Section,
+    ThermalSection,
+    ThermometerSection,
+    check_wall,
+    list_limit_mistakes,
+)
+from haptorb.devices.touch_points import MarksSection
+from haptorb.devices.uncertainty import ToolUncertainty
+from haptorb.errors import DeviceError
+from haptorb.magnetics.soft_sphere import SoftSphere
+
+__all__ = ["ElectromagnetFile", "WindingsSection"]
+
+
+# --------------------------------------------------------------------------------------------------
+# What the file of a spherical electromagnet may say of its windings.
+
+
+_MOST_FILL = 0.9  #: round wires side by side fill 0.907
+
+
+class WindingsSection(Section):
+    """[windings]"""
+
+    turns: Annotated[
+        tuple[Annotated[q.Number, Positive], ...], Len(3, 3), m.Meaning("turns of the coils about x, y and z")
+    ]
+    inner_radius: Annotated[
+        tuple[Annotated[q.Length, Positive], ...],
+        Len(3, 3),
+        m.Meaning("inner radius of each winding"),
+        m.Form("above core_radius"),
+    ]
+    outer_radius: Annotated[
+        tuple[Annotated[q.Length, Positive], ...],
+        Len(3, 3),
+        m.Meaning("outer radius of each winding"),
+        m.Form("between inner_radius and dome.radius"),
+    ]
+    length: Annotated[
+        tuple[Annotated[q.Length, Positive], ...], Len(3, 3), m.Meaning("length of each winding along its own axis")
+    ]
+    fill: Annotated[
+        q.Number | None,
+        Field(gt=0, le=_MOST_FILL),
+        m.Meaning(
+            "fill factor of copper in the windings' cross-section; if given, the windings instead of the file "
+            "determine moments, "
+            "resistances, inductances and the windings' heat capacity"
+        ),
+        m.Without("those of the file"),
+    ] = None
+
+    def build(self) -> Windings:
+        """As the device has it."""
+        return Windings(*(np.array(part) for part in (self.turns, self.inner_radius, self.outer_radius, self.length)))
+
+
+Row3 = Annotated[tuple[q.MomentPerCurrent, ...], Len(3, 3)]
+
+
+class ElectromagnetSection(Section):
+    """[electromagnet]"""
+
+    moment_per_current: Annotated[
+        Annotated[tuple[Row3, ...], Len(3, 3)] | None,
+        m.Meaning("magnetic moment (rows x, y, z) per ampere in each coil (columns), outside the dome"),
+        m.Form("3 rows of 3, not singular"),
+        m.Without("computed from [windings]"),
+    ] = None
+    core_radius: Annotated[q.Length, Positive, m.Meaning("radius of the soft-magnetic sphere inside the coils")]
+    core_permeability: Annotated[q.Number, Gt(1), m.Meaning("relative permeability of the core; inf is allowed")]
+
+
+class CoreDynamicsSection(Section):
+    """[core_dynamics]"""
+
+    eddy_share: Annotated[
+        q.Number, Field(ge=0, lt=1), m.Meaning("share of the moment that eddy currents in the core delay")
+    ]
+    eddy_time: Annotated[q.Duration, Positive, m.Meaning("time constant of that delay")]
+    remanent_moment: Annotated[
+        q.MagneticMoment, Field(ge=0), m.Meaning("remanent moment of the core along an axis after a large current")
+    ]
+    reversing_moment: Annotated[
+        q.MagneticMoment, Positive, m.Meaning("change of the moment that reduces the remanence from full to zero")
+    ]
+    spread: Annotated[
+        q.Number,
+        Field(ge=0, le=1),
+        m.Meaning("relative standard deviation of share, time and remanent moment from device to device"),
+    ]
+
+    def build(self) -> CoreDynamics:
+        """As the device has it."""
+        return CoreDynamics(**self.model_dump())
+
+
+class DomeSection(Section):
+    """[dome]"""
+
+    radius: Annotated[q.Length, Positive, m.Meaning("outer radius of the dome that the tool touches")]
+    shell_thickness: Annotated[q.Length, Positive, m.Meaning("height above contact up to which forces are rendered")]
+    workspace_half_angle: Annotated[
+        q.Angle, Field(gt=0, le=RIGHT_ANGLE), m.Meaning("maximum angle of the tool from the summit")
+    ]
+    stiffness: Annotated[q.Stiffness, Positive, m.Meaning("stiffness of the dome under the tool's tip")]
+    damping: Annotated[q.Damping, Field(ge=0), m.Meaning("damping of that contact")]
+    friction: Annotated[q.Number, Field(ge=0), m.Meaning("coefficient of friction between tip and dome")]
+
+
+class ToolSection(Section):
+    """[tool]"""
+
+    outer_radius: Annotated[q.Length, Positive, m.Meaning("outer radius of the tool's ring magnet")]
+    inner_radius: Annotated[
+        q.Length, Field(ge=0), m.Meaning("radius of the ring's hole"), m.Form("≥ 0, below outer_radius")
+    ]
+    length: Annotated[q.Length, Positive, m.Meaning("length of the magnet along the tool's axis")]
+    remanence: Annotated[q.Polarization, Positive, m.Meaning("remanence of the magnet, J = μ0 M at its working point")]
+    tip_distance: Annotated[
+        q.Length,
+        Positive,
+        m.Meaning("distance from the magnet's centre to the tool's tip"),
+        m.Form("at least half of length"),
+    ]
+    mass: Annotated[q.Mass, Positive, m.Meaning("mass of the whole tool")]
+    inertia: Annotated[
+        tuple[Annotated[q.Inertia, Positive], ...],
+        Len(3, 3),
+        m.Meaning("principal moments of inertia about the magnet's centre: across, across, along the axis"),
+    ]
+    worn: Annotated[
+        bool,
+        Field(strict=True),
+        m.Meaning("whether the magnet is worn on a fingertip instead of held in a pen; only for drawings and texts"),
+    ] = False
+
+    @model_validator(mode="after")
+    def _ring(self) -> ToolSection:
+        check_wall(self.inner_radius, self.outer_radius)
+        if self.tip_distance < self.length / 2:
+            raise ValueError(f"tip_distance must be at least half the magnet's length ({self.length * 500:g} mm)")
+        return self
+
+
+class HandSection(Section):
+    """[hand]"""
+
+    mass: Annotated[q.Mass, Field(ge=0), m.Meaning("mass that the hand adds to the tool, for the simulation")]
+    damping: Annotated[q.Damping, Positive, m.Meaning("damping of the grip along each axis")]
+    stiffness: Annotated[q.Stiffness, Positive, m.Meaning("stiffness of the grip along each axis")]
+    turn_damping: Annotated[q.TurnDamping, Positive, m.Meaning("damping of the grip against rotation")]
+    turn_stiffness: Annotated[q.TurnStiffness, Positive, m.Meaning("stiffness of the grip against rotation")]
+
+
+class ElectromagnetFile(CommonFile):
+    """A file of kind "spherical-electromagnet"."""
+
+    kind: Annotated[Literal["spherical-electromagnet"], m.Meaning("kind of device")]
+    based_on: BasedOn = None
+    electromagnet: Annotated[ElectromagnetSection, m.Meaning("core, and moments of the coils")]
+    dome: Annotated[DomeSection, m.Meaning("the dome over coils and core, and the space where forces are rendered")]
+    tool: Annotated[ToolSection, m.Meaning("the stylus with its ring magnet")]
+    hand: Annotated[HandSection, m.Meaning("the hand that holds the tool, for simulation and stability")]
+    hall: Annotated[FieldSensorsSection, m.Meaning("field sensors of the stator")]
+    thermometer: Annotated[ThermometerSection, m.Meaning("thermometers of the coils")]
+    thermal: Annotated[
+        ThermalSection | None,
+        m.Meaning("the thermal model of all coils together"),
+        m.Without("no thermal coupling, and exact values of coils.heat"),
+    ] = None
+    core_dynamics: Annotated[
+        CoreDynamicsSection | None,
+        m.Meaning("eddy currents and remanence of the core"),
+        m.Without("no delay and no remanence"),
+    ] = None
+    windings: Annotated[
+        WindingsSection | None,
+        m.Meaning("sizes of the coils, one value per coil"),
+        m.Without("none: moments are those of the file"),
+    ] = None
+    marks: Annotated[
+        MarksSection | None,
+        m.Meaning("points on the device for registering a tracker's frame"),
+        m.Without("none: no `haptorb frame`"),
+    ] = None
+    uncertainty: Annotated[
+        ToolUncertainty,
+        m.Meaning("standard uncertainties of assumed or measured values, for `haptorb inspect --errors`"),
+        m.Without("the defaults below"),
+        Field(default_factory=ToolUncertainty),
+    ]
+
+    @model_validator(mode="after")
+    def _clear(self) -> ElectromagnetFile:
+        if self.windings is None:
+            return self
+        core, dome = self.electromagnet.core_radius, self.dome.radius
+        sizes = zip(self.coils.names, self.windings.inner_radius, self.windings.outer_radius, strict=True)
+        for name, inner, outer in sizes:
+            if not core < inner < outer < dome:
+                raise ValueError(
+                    f"windings of coil '{name}' reach from {inner * 1e3:g} to {outer * 1e3:g} mm; they must lie "
+                    f"between the core ({core * 1e3:g} mm) and the dome ({dome * 1e3:g} mm), the inner radius first"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _check_sizes(self) -> ElectromagnetFile:
+        if len(self.coils.names) != 3:
+            raise ValueError(f"coils.names must be three for a spherical electromagnet; got {len(self.coils.names)}")
+        if self.dome.radius <= self.electromagnet.core_radius:
+            raise ValueError(
+                f"dome.radius ({self.dome.radius * 1e3:g} mm) must be greater than electromagnet.core_radius "
+                f"({self.electromagnet.core_radius * 1e3:g} mm)"
+            )
+        given = self.electromagnet.moment_per_current
+        if given is None and self.windings is None:
+            raise ValueError(
+                "electromagnet.moment_per_current is missing: give the measured moment per ampere of each coil, or "
+                "[windings] with turns, inner_radius, outer_radius and length to compute it from"
+            )
+        if given is not None and np.linalg.cond(np.array(given)) > 100:
+            raise ValueError(
+                "electromagnet.moment_per_current is (nearly) singular: the coils' moments are linearly dependent"
+            )
+        return self
+
+    def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalElectromagnet:
+        """The device that this file describes; DeviceError with all mistakes, for any `override`."""
+        device = self._build(assumed, digest)
+        names, places = ((), np.empty((0, 3))) if device.marks is None else (device.marks.names, device.marks.positions)
+        wrong = list_geometry_mistakes(device.core_radius, device.dome_radius, device.hall.positions, names, places)
+        wrong += list_limit_mistakes(device.coils, device.supply, device.limits, *device.greatest_wrench)
+        if wrong:
+            raise DeviceError("\n".join(f"device '{self.name}': {line}" for line in wrong))
+        return device
+
+    def _build(self, assumed: dict[str, str], digest: str) -> SphericalElectromagnet:
+        dome, hall = self.dome, self.hall
+        tool = self.tool.model_dump()
+        tool["inertia"] = np.array(tool["inertia"])
+        given = self.electromagnet.moment_per_current
+        windings = None if self.windings is None else self.windings.build()
+        fill = None if self.windings is None else self.windings.fill
+        core = SoftSphere(self.electromagnet.core_radius, self.electromagnet.core_permeability)
+        common, coils = self.common(), self.coils.build()
+        if windings is not None and fill is not None:
+            given, coils = None, windings.complete(coils, core, fill)
+        if given is not None:
+            moments = np.array(given)
+        elif windings is not None:
+            moments = windings.moment_per_current(core)
+        common["coils"] = coils
+        if self.thermal is not None:
+            common["coils"] = replace(coils, heat=self.thermal.complete(coils.heat, len(coils.names)))
+        return SphericalElectromagnet(
+            **common,
+            assumed=assumed,
+            digest=digest,
+            moment_per_current=moments,
+            moments_from="windings" if given is None else "device file",
+            core_radius=self.electromagnet.core_radius,
+            core_permeability=self.electromagnet.core_permeability,
+            dome_radius=dome.radius,
+            shell_thickness=dome.shell_thickness,
+            workspace_half_angle=dome.workspace_half_angle,
+            tool=Tool(**tool),
+            hand=Hand(**self.hand.model_dump()),
+            contact=DomeContact(dome.stiffness, dome.damping, dome.friction),
+            hall=FieldSensors(
+                np.array(hall.positions).reshape(-1, 3), hall.noise, hall.step, hall.errors(), hall.warming
+            ),
+            core_dynamics=CoreDynamics() if self.core_dynamics is None else self.core_dynamics.build(),
+            thermometer_step=self.thermometer.step,
+            thermometer_noise=self.thermometer.noise,
+            windings=windings,
+            marks=None if self.marks is None else self.marks.build(),
+            uncertainty=self.uncertainty,
+        )

@@ -1,0 +1,530 @@
+"""What a point dipole at the device's centre does to the tool: as two point dipoles, or to a ring of its true size.
+
+Both answer with a map (6, 3): force and torque about the magnet's centre per moment m_e of the electromagnet, because
+both are linear in m_e. With the calibrated m_e per ampere that is the wrench map of the device.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from haptorb.arrays import Array, check_finite
+from haptorb.compiled import kernel, tick_kernel
+from haptorb.devices.base import Coils
+from haptorb.errors import GeometryError, InputError, PrecisionError
+from haptorb.magnetics.coil import COPPER_RESISTIVITY, Coil
+from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.magnets import ChargedRing, dipole_on_charges
+from haptorb.magnetics.soft_sphere import SoftSphere, pair_sums
+
+__all__ = [
+    "CoreDynamics",
+    "PassivePull",
+    "Windings",
+    "axis_frame",
+    "dipole_per_ampere",
+    "fill_per_ampere",
+    "fit_eddy_lag",
+    "pull",
+    "ring_per_ampere",
+    "sphere_response",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# What the soft core does to the tool by itself: the pull of a sphere on a round magnet, as one scalar energy.
+#
+# The core answers the tool's magnet (physics/soft_sphere) with currents on or off. By symmetry the energy W of that
+# depends on the distance d and the tilt τ between the magnet's axis and the radius only, and not on the magnet's
+# polarity: W = u⁶ g(u, s), u = 1/d, s = cos²τ, where g is smooth from contact to infinity. g is tabulated once as a
+# Chebyshev series; force and torque are its analytic derivatives. So the pull is conservative whatever the table's
+# error,
+# and force and torque agree: about the sphere's centre they cancel, as a sphere cannot be turned.
+
+
+_BY_DISTANCE, _BY_TILT = 24, 12  #: terms of the series
+_TAIL = 3e-5  #: greatest share of the series' last terms: above it the magnet is too near for this table
+
+
+@kernel
+def _energies(rows: Array, u: Array, s: Array, radius: float, response: Array, scale: float, out: Array) -> None:
+    placed = rows.copy()
+    sums = np.empty(response.shape[0])
+    for i in range(u.shape[0]):
+        # Terms fall with (a/d_charge)²; from far away few are needed.
+        for j in range(s.shape[0]):
+            c, d = np.sqrt(s[j]), 1.0 / u[i]
+            t = np.sqrt(1.0 - s[j])
+            nearest = 1e300
+            for n in range(rows.shape[1]):
+                x, z = rows[0, n], rows[2, n]
+                placed[0, n] = c * x + t * z
+                placed[2, n] = c * z - t * x + d
+                square = placed[0, n] ** 2 + rows[1, n] ** 2 + placed[2, n] ** 2
+                nearest = min(nearest, square)
+            ratio = radius * radius / nearest
+            order = min(int(np.log(1e-9 * (1.0 - ratio)) / np.log(ratio)) + 2, response.shape[0])
+            pair_sums(placed, radius, sums[:order])
+            total = 0.0
+            for l in range(order):
+                total += response[l] * sums[l]
+            out[i, j] = scale * total / u[i] ** 6
+
+
+@kernel
+def _chebyshev(x: float, values: Array, slopes: Array) -> None:
+    """Chebyshev's polynomials at x, the first n of them, and their derivatives: (n,) each."""
+    values[0], slopes[0], values[1], slopes[1] = 1.0, 0.0, x, 1.0
+    for k in range(2, values.shape[0]):
+        values[k] = 2.0 * x * values[k - 1] - values[k - 2]
+        slopes[k] = 2.0 * values[k - 1] + 2.0 * x * slopes[k - 1] - slopes[k - 2]
+
+
+@kernel
+def _energy(table: Array, nearest: float, p: Array, axis: Array, out: Array) -> None:
+    """out (3,): W, ∂W/∂d, ∂W/∂s at the magnet's centre p and unit axis."""
+    square = p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
+    d = np.sqrt(square)
+    dot = p[0] * axis[0] + p[1] * axis[1] + p[2] * axis[2]
+    s = min(dot * dot / square, 1.0)
+    inside = d < nearest
+    u = 1.0 / nearest if inside else 1.0 / d
+    x, y = 2.0 * u * nearest - 1.0, 2.0 * s - 1.0
+    rows, columns = table.shape
+    across, turned = np.empty(columns), np.empty(columns)
+    _chebyshev(y, across, turned)
+    # The polynomials in x come one after the other; the sums over y do not wait for each other.
+    now, before, d_now, d_before = 1.0, 0.0, 0.0, 0.0
+    g, gx, gy = 0.0, 0.0, 0.0
+    for i in range(rows):
+        value, slope = 0.0, 0.0
+        for j in range(columns):
+            value += table[i, j] * across[j]
+            slope += table[i, j] * turned[j]
+        g += now * value
+        gx += d_now * value
+        gy += now * slope
+        after, d_after = 2.0 * x * now - before, 2.0 * now + 2.0 * x * d_now - d_before
+        if i == 0:
+            after, d_after = x, 1.0
+        now, before, d_now, d_before = after, now, d_after, d_now
+    u5 = u**5
+    out[0] = u5 * u * g
+    out[1] = 0.0 if inside else -u * u * (6.0 * u5 * g + u5 * u * gx * 2.0 * nearest)
+    out[2] = 2.0 * u5 * u * gy
+
+
+@kernel
+def pull(table: Array, nearest: float, p: Array, axis: Array, out: Array) -> None:
+    """Add to out (6,) force [N] and torque about p [N·m] on the magnet at p with unit axis."""
+    w = np.empty(3)
+    _energy(table, nearest, p, axis, w)
+    d = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+    rx, ry, rz = p[0] / d, p[1] / d, p[2] / d
+    c = min(max(rx * axis[0] + ry * axis[1] + rz * axis[2], -1.0), 1.0)
+    turn = 2.0 * c * w[2]
+    # F = −∂W/∂p: along the radius, and across it where the tilt changes on the way. T = −n × ∂W/∂n.
+    out[0] -= w[1] * rx + turn * (axis[0] - c * rx) / d
+    out[1] -= w[1] * ry + turn * (axis[1] - c * ry) / d
+    out[2] -= w[1] * rz + turn * (axis[2] - c * rz) / d
+    out[3] -= turn * (axis[1] * rz - axis[2] * ry)
+    out[4] -= turn * (axis[2] * rx - axis[0] * rz)
+    out[5] -= turn * (axis[0] * ry - axis[1] * rx)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassivePull:
+    """The pull of a soft sphere at the origin on a ring magnet, from `nearest` to infinity.
+
+    core_radius, outer_radius, inner_radius, length [m]; core_permeability relative (inf allowed); remanence [T];
+    nearest: the smallest distance of the magnet's centre that is tabulated [m]. Nearer than that the energy is held at
+    its value there: the torque continues, the radial pull ends. It must leave air between magnet and core.
+
+    >>> omni = PassivePull(core_radius=15e-3, core_permeability=np.inf, outer_radius=6e-3, inner_radius=2.5e-3,
+    ...                    length=24e-3, remanence=1.348, nearest=32e-3)
+    >>> [round(-1e3 * float(omni.wrench(np.array([0, 0, d]), np.array([0, 0, 1.0]))[2]), 1) for d in (0.05, 0.06, 0.07)]
+    [52.9, 12.2, 3.7]
+    """
+
+    core_radius: float
+    core_permeability: float
+    outer_radius: float
+    inner_radius: float
+    length: float
+    remanence: float
+    nearest: float
+    table: Array = field(init=False, repr=False, compare=False)  #: (24, 12) Chebyshev coefficients of g [J·m⁶]
+
+    def __post_init__(self) -> None:
+        # Near the core the faces' edges matter: more points than the ring far away needs.
+        ring = ChargedRing(self.outer_radius, self.inner_radius, self.length, self.remanence, radial=3, azimuth=12)
+        sphere = SoftSphere(self.core_radius, self.core_permeability)
+        closest = self.core_radius + max(self.length / 2, self.outer_radius)
+        if not float(check_finite(self.nearest, "nearest")) > closest:
+            raise GeometryError(
+                f"nearest must leave air between magnet and core, more than {closest * 1e3:.4g} mm from centre to "
+                f"centre; got {self.nearest * 1e3:.4g} mm"
+            )
+        x = np.cos(np.pi * (np.arange(_BY_DISTANCE) + 0.5) / _BY_DISTANCE)
+        y = np.cos(np.pi * (np.arange(_BY_TILT) + 0.5) / _BY_TILT)
+        reach = min(self.nearest - self.length / 2, self.nearest - self.outer_radius)
+        response = sphere.response(sphere.order(reach, precision=1e-9))
+        values = np.empty((_BY_DISTANCE, _BY_TILT))
+        scale = -1e-7 / (2 * self.core_radius)  # −μ0/8πa
+        _energies(ring.rows, (x + 1) / 2 / self.nearest, (y + 1) / 2, self.core_radius, response, scale, values)
+        table = _cosines(_BY_DISTANCE) @ values @ _cosines(_BY_TILT).T
+        size = np.abs(table).max()
+        tail = max(np.abs(table[-2:]).max(), np.abs(table[:, -2:]).max())
+        if size > 0.0 and tail > _TAIL * size:
+            raise PrecisionError(
+                f"the pull from {self.nearest * 1e3:.4g} mm outwards is tabulated to {tail / size:.1g} only; use a "
+                f"nearest distance further than {closest * 1e3:.4g} mm from the core"
+            )
+        object.__setattr__(self, "table", np.ascontiguousarray(table))
+
+    def energy(self, p: Array, axis: Array) -> float:
+        """W [J] of the magnet at p (3,) [m] with unit axis (3,) in the core's answer to it."""
+        out = np.empty(3)
+        _energy(self.table, self.nearest, np.ascontiguousarray(p), np.ascontiguousarray(axis), out)
+        return float(out[0])
+
+    def wrench(self, p: Array, axis: Array) -> Array:
+        """(6,) force [N] and torque about p [N·m] on the magnet at p (3,) [m] with unit axis (3,); inputs trusted."""
+        out = np.zeros(6)
+        pull(self.table, self.nearest, np.ascontiguousarray(p), np.ascontiguousarray(axis), out)
+        return out
+
+
+def _cosines(count: int) -> Array:
+    """(count, count) turns values at the Chebyshev nodes of the first kind into coefficients."""
+    index = np.arange(count)
+    matrix: Array = 2.0 / count * np.cos(np.pi * np.outer(index, index + 0.5) / count)
+    matrix[0] /= 2
+    return matrix
+
+
+_K = MU0 / (4 * np.pi)
+
+
+@kernel
+def axis_frame(axis: Array, R: Array) -> None:
+    """Fill R (3, 3) with the rotation that turns z to the unit vector `axis` by the shortest way."""
+    x, y, z = axis[0], axis[1], axis[2]
+    if z < -1.0 + 1e-12:
+        R[:] = 0.0
+        R[0, 0], R[1, 1], R[2, 2] = 1.0, -1.0, -1.0
+        return
+    k = 1.0 / (1.0 + z)
+    R[0, 0], R[0, 1], R[0, 2] = 1.0 - k * x * x, -k * x * y, x
+    R[1, 0], R[1, 1], R[1, 2] = -k * x * y, 1.0 - k * y * y, y
+    R[2, 0], R[2, 1], R[2, 2] = -x, -y, z
+
+
+@kernel
+def _dipole_map(p: Array, axis: Array, moment: float, out: Array) -> None:
+    x, y, z = p[0], p[1], p[2]
+    q = 1.0 / (x * x + y * y + z * z)
+    near = _K * moment * q * np.sqrt(q)
+    c = 3.0 * near * q
+    s = x * axis[0] + y * axis[1] + z * axis[2]
+    for i in range(3):
+        for j in range(3):
+            g = axis[j] * p[i] + axis[i] * p[j] - 5.0 * s * q * p[i] * p[j]
+            if i == j:
+                g += s
+            out[i, j] = c * g  # ∇(m_p · B): symmetric in i and j
+    for j in range(3):
+        bx, by, bz = 3.0 * near * q * p[j] * x, 3.0 * near * q * p[j] * y, 3.0 * near * q * p[j] * z
+        if j == 0:
+            bx -= near
+        elif j == 1:
+            by -= near
+        else:
+            bz -= near
+        out[3, j] = axis[1] * bz - axis[2] * by  # m_p × B
+        out[4, j] = axis[2] * bx - axis[0] * bz
+        out[5, j] = axis[0] * by - axis[1] * bx
+
+
+@kernel
+def _ring_map(rows: Array, p: Array, axis: Array, out: Array) -> None:
+    R = np.empty((3, 3))
+    axis_frame(axis, R)
+    dipole_on_charges(rows, R, p, out)
+
+
+@kernel
+def fill_per_ampere(per_moment: Array, moment_per_current: Array, out: Array) -> None:
+    """out (6, m) = per_moment (6, 3) times moment_per_current (3, m)."""
+    for i in range(6):
+        for k in range(out.shape[1]):
+            total = 0.0
+            for j in range(3):
+                total += per_moment[i, j] * moment_per_current[j, k]
+            out[i, k] = total
+
+
+@kernel
+def dipole_per_ampere(moment: float, moment_per_current: Array, p: Array, R: Array, out: Array) -> None:
+    """Fill out (6, m) [N/A, N·m/A] for a point dipole of `moment` [A·m²] along the z axis of R, at p.
+
+    The model of Zárate 2020: equations (1) and (2) are its case of a tool on the axis of m_e (sign of e_t as in
+    erratum E12).
+
+    >>> K = np.empty((6, 1))
+    >>> dipole_per_ampere(2.407, np.array([[0.0], [0.0], [0.2077]]), np.array([0.0, 0.0, 0.05]), np.eye(3), K)
+    >>> round(-1e3 * float(K[2, 0]), 1)          # the printed 48 mN/A, averaged over the coils
+    48.0
+    """
+    axis, per_moment = np.empty(3), np.empty((6, 3))
+    for i in range(3):
+        axis[i] = R[i, 2]
+    _dipole_map(p, axis, moment, per_moment)
+    fill_per_ampere(per_moment, moment_per_current, out)
+
+
+@kernel
+def _fill_ring(
+    rows: Array, table: Array, nearest: float, moment_per_current: Array, p: Array, R: Array, out: Array, passive: Array
+) -> None:
+    axis, per_moment = np.empty(3), np.empty((6, 3))
+    for i in range(3):
+        axis[i] = R[i, 2]
+        passive[i], passive[3 + i] = 0.0, 0.0
+    _ring_map(rows, p, axis, per_moment)
+    fill_per_ampere(per_moment, moment_per_current, out)
+    pull(table, nearest, p, axis, passive)
+
+
+@tick_kernel
+def ring_per_ampere(
+    rows: Array, table: Array, nearest: float, moment_per_current: Array, p: Array, R: Array, out: Array, passive: Array
+) -> None:
+    """Fill out (6, m) [N/A, N·m/A] and passive (6,) [N, N·m] for a ring magnet turned by R at p over a soft core.
+
+    rows are the ring's charges, table and nearest its `PassivePull`; the magnet is round: only its axis matters.
+    """
+    _fill_ring(rows, table, nearest, moment_per_current, p, R, out, passive)
+
+
+# --------------------------------------------------------------------------------------------------
+# What the soft core makes of a changing current: eddy currents that delay its moment, and remanence that stays.
+#
+# The core answers the coils with a share of the whole moment. Eddy currents in it delay a part of that answer; for a
+# sphere of conductivity σ and relative permeability µ in a uniform field the exact answer is
+#
+#     m(ω) = 2π a³ H [2µ(tanh k − k) + c]/[µ(tanh k − k) − c],   c = k² tanh k − k + tanh k,   k = a √(jω σ µ μ0)
+#
+# (Wait, Geophysics 16, 666, 1951). `fit_eddy_lag` makes a first-order lag of it. Remanence follows the moment with a
+# play (backlash), the simplest hysteresis: after a moment of more than twice `reversing_moment` it has its full size.
+
+
+@dataclass(frozen=True)
+class CoreDynamics:
+    """A lag and a hysteresis, alike along all axes; all zero: the core follows the currents at once and forgets them.
+
+    `spread` is the relative standard deviation, from device to device, of share, time and remanent moment.
+    """
+
+    eddy_share: float = 0.0  #: share of the whole moment that lags
+    eddy_time: float = 1e-3  #: time constant of that lag [s]
+    remanent_moment: float = 0.0  #: that stays along an axis after a large current [A·m²]
+    reversing_moment: float = 1.0  #: change of the moment that reduces the remanence from full to zero [A·m²]
+    spread: float = 0.0  #: relative
+
+    def draw(self, specimen: int = 0) -> CoreDynamics:
+        """The values of device number `specimen`: the same number, the same device.
+
+        >>> drawn = CoreDynamics(0.015, 5.7e-3, 5e-3, 0.5, spread=0.3).draw()
+        >>> drawn.spread, drawn.eddy_share == CoreDynamics(0.015, 5.7e-3, 5e-3, 0.5, spread=0.3).draw().eddy_share
+        (0.0, True)
+        """
+        normal = np.random.Generator(np.random.PCG64([specimen, 0xC])).standard_normal(3)
+        share, time, remanent = np.exp(np.log1p(self.spread) * normal)  # always positive, median 1
+        return CoreDynamics(
+            float(min(share * self.eddy_share, 0.99)),
+            float(time * self.eddy_time),
+            float(remanent * self.remanent_moment),
+            self.reversing_moment,
+        )
+
+    def lag(self, frequency: float) -> float:
+        """Size of what is missing of the whole moment at `frequency` [Hz], relative.
+
+        >>> core = CoreDynamics(eddy_share=0.0149, eddy_time=5.67e-3)
+        >>> round(100 * core.lag(10), 2), round(100 * core.lag(50), 2)
+        (0.5, 1.3)
+        """
+        turn = 2 * np.pi * frequency * self.eddy_time
+        return float(self.eddy_share * turn / np.hypot(1.0, turn))
+
+
+def sphere_response(frequency: Array, radius: float, permeability: float, conductivity: float) -> Array:
+    """(n,) complex: dipole moment of a sphere in a uniform field at `frequency` (n,) [Hz], relative to that at 0 Hz.
+
+    radius [m], relative permeability above 1, conductivity [S/m]. Linear: without saturation.
+
+    Raises InputError for other values.
+
+    >>> steel = sphere_response(np.array([10.0, 50.0]), 15e-3, 1000.0, 6e6)
+    >>> (100 * np.abs(1 - steel)).round(1).tolist()               # of the core's own moment
+    [1.3, 3.2]
+    """
+    if not (radius > 0 and permeability > 1 and conductivity > 0):
+        raise InputError(
+            f"needs radius > 0, permeability > 1 and conductivity > 0; got {radius}, {permeability}, {conductivity}"
+        )
+    k = radius * np.sqrt(2j * np.pi * np.asarray(frequency) * conductivity * permeability * MU0)
+    bend = np.tanh(k) - k
+    c = k * k * np.tanh(k) + bend
+    answer: Array = (2 * permeability * bend + c) / (permeability * bend - c)
+    return answer / (2 * (permeability - 1) / (permeability + 2))
+
+
+def fit_eddy_lag(
+    radius: float,
+    permeability: float,
+    conductivity: float,
+    core_share: float,
+    frequencies: tuple[float, float] = (10.0, 50.0),
+) -> tuple[float, float]:
+    """Share of the whole moment and time constant [s] of the first-order lag that misses as much as the sphere does.
+
+    At both `frequencies` [Hz], in size; core_share: of the core in the whole moment at rest.
+
+    Raises InputError where no first-order lag does.
+
+    >>> share, time = fit_eddy_lag(15e-3, 1000.0, 6e6, 0.39)
+    >>> round(share, 3), round(1e3 * time, 1)
+    (0.014, 6.4)
+    """
+    low, high = frequencies
+    missing = core_share * np.abs(1 - sphere_response(np.array([low, high]), radius, permeability, conductivity))
+    apart, grown = (high / low) ** 2, float(missing[1] / missing[0]) ** 2
+    if not 1.0 < grown < apart:
+        raise InputError(f"no first-order lag reduces {missing} of the moment at {low} and {high} Hz")
+    turn = np.sqrt((apart - grown) / (apart * (grown - 1.0)))
+    return float(missing[0] * np.hypot(1.0, turn) / turn), float(turn / (2 * np.pi * low))
+
+
+# --------------------------------------------------------------------------------------------------
+# Coils around a soft core, from their sizes: what an ampere makes before anybody has calibrated it.
+
+
+_COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
+
+_DEGREES = np.arange(1, 16, 2)  #: of the harmonics of the core's answer that `field_error` counts
+
+
+@final
+@dataclass(frozen=True)
+class Windings:
+    """Round coils about the core's centre, the first about x, the second about y, the third about z."""
+
+    turns: Array  #: (3,)
+    inner_radius: Array  #: (3,) [m]
+    outer_radius: Array  #: (3,) [m]
+    length: Array  #: (3,) along each coil's own axis [m]
+
+    @cached_property
+    def coils(self) -> tuple[Coil, ...]:
+        """Each coil, its axis along its own +z."""
+        sizes = zip(self.turns, self.inner_radius, self.outer_radius, self.length, strict=True)
+        return tuple(Coil(*map(float, size)) for size in sizes)
+
+    def parts(self, core: SoftSphere) -> Array:
+        """(3, 2) [m²] moment per ampere along its own axis: of the winding itself, and of the core that it magnetises.
+
+        N π (rₒ² + rₒrᵢ + rᵢ²)/3, and 4π/μ0 a³ (µ−1)/(µ+2) B(0), where a and µ are the core's and B(0) the winding's own
+        field at the centre: the answer of a sphere to any field has the moment that its value at the centre gives
+        (`SoftSphere.moment_in`; Jackson, Classical Electrodynamics, §5.11). With half the length h,
+
+            B(0) = μ0 N/(2 (rₒ − rᵢ)) ln[(rₒ + √(rₒ² + h²))/(rᵢ + √(rᵢ² + h²))]
+
+        (Montgomery, Solenoid Magnet Design, §1). Exact for windings that fill their section evenly and a core that does
+        not saturate.
+        """
+        ri, ro, h = self.inner_radius, self.outer_radius, self.length / 2
+        middle = MU0 * self.turns / (2 * (ro - ri)) * np.log((ro + np.hypot(ro, h)) / (ri + np.hypot(ri, h)))
+        fields = np.stack([np.zeros(3), np.zeros(3), middle], axis=1)
+        own = [coil.moment[2] for coil in self.coils]
+        return np.stack([own, core.moment_in(fields)[:, 2]], axis=1)
+
+    def moment_per_current(self, core: SoftSphere) -> Array:
+        """(3, 3) [m²] m_e per ampere; diagonal, as the coils are taken to stand square on each other.
+
+        Valid for what a device takes an electromagnet for: a point dipole. `field_error` returns how far the field near
+        the coils is from that. Left out: saturation, leads, and the core's answer to the tool (`PassivePull`).
+        """
+        return np.diag(self.parts(core).sum(axis=1))
+
+    def field_error(self, core: SoftSphere, distance: float) -> Array:
+        """(3,) how far the field of each coil and core is from its dipole's, at `distance` [m] from the centre.
+
+        The greater of the relative differences on the coil's axis and on its equator. The winding's own field is exact;
+        the core's answer to its harmonic of degree l on the axis, b_l z^(l−1), is b_l β_l (l+1)/l a^(2l+1)/z^(l+2)
+        (`soft_sphere`), with b_l of one loop of Smythe, Static and Dynamic Electricity, §7.13. It falls as 1/distance².
+
+        `distance` must lie outside the windings.
+        """
+        found = []
+        for coil, moment in zip(self.coils, self.parts(core).sum(axis=1), strict=True):
+            own = coil.field(np.array([[0.0, 0.0, distance], [distance, 0.0, 0.0]]))[:, 2]
+            scale = MU0 * moment / (4 * np.pi * distance**3)
+            axis, equator = (own + _answer(coil, core, distance)) / (2 * scale, -scale)
+            found.append(max(abs(axis - 1), abs(equator - 1)))
+        return np.array(found)
+
+    def inductance(self, core: SoftSphere) -> Array:
+        """(3,) [H] of each winding with the core.
+
+        The winding's own, and what the core's moment m adds to its flux: m·B(0) per ampere squared, by reciprocity.
+        Left out: the core's higher harmonics, some per cent of the second part.
+        """
+        own = np.array([coil.inductance for coil in self.coils])
+        moments = self.parts(core)[:, 1]
+        per_field = core.moment_in(np.array([0.0, 0.0, 1.0]))[2]  # A·m² per tesla
+        whole: Array = own + moments**2 / per_field
+        return whole
+
+    def complete(self, coils: Coils, core: SoftSphere, fill: float) -> Coils:
+        """`coils` with resistance, inductance and heat capacity of these windings, of which copper fills `fill`.
+
+        The heat capacity is the mean of the three, as a device has one for all its channels.
+        """
+        warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
+        capacity = float(np.mean([coil.heat_capacity(fill) for coil in self.coils]))
+        return replace(
+            coils,
+            resistance=np.array([coil.resistance(fill, COPPER_RESISTIVITY * warm) for coil in self.coils]),
+            inductance=self.inductance(core),
+            heat=replace(coils.heat, winding_capacity=capacity),
+        )
+
+    def fill(self, resistance: Array, resistivity: float) -> Array:
+        """(3,) share of each winding's section that conductor of `resistivity` [Ω·m] must fill for `resistance` [Ω].
+
+        Round wire fills at most π/√12 = 0.907; more than that cannot be wound.
+        """
+        least = np.array([coil.resistance(1.0, resistivity) for coil in self.coils])
+        share: Array = least / resistance
+        return share
+
+
+def _answer(coil: Coil, core: SoftSphere, distance: float) -> Array:
+    """(2,) [T/A] axial field of the core alone, on the coil's axis and on its equator at `distance` [m]."""
+    radii, heights, turns = coil.filaments(12, 12)
+    far = np.hypot(radii, heights)
+    c = heights / far
+    axis, equator = 0.0, 0.0
+    for degree, response in zip(_DEGREES, core.response(int(_DEGREES[-1]))[_DEGREES - 1], strict=True):
+        slope = np.polynomial.legendre.Legendre.basis(int(degree)).deriv()
+        own = MU0 / 2 * float(np.sum(turns * (1 - c * c) / far**degree * slope(c)))  # b_l
+        answer = own * response * core.radius ** (2 * degree + 1) / distance ** (degree + 2) / degree
+        axis += answer * (degree + 1)
+        equator -= answer * float(slope(0.0))
+    return np.array([axis, equator])

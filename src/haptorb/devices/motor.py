@@ -1,0 +1,684 @@
+"""A ball-joint-like spherical motor: magnets around coils around one centre, as in Bai 2012, and its relatives."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import field as dataclasses_field
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.arrays import Array, check_finite, rotation, vectors
+from haptorb.compiled import kernel
+from haptorb.devices.base import Device, DeviceKind, State, WrenchMap, require
+from haptorb.devices.field_sensors import FieldSensors
+from haptorb.devices.geometry import Geometry, Reach, Rod, RoundPart, Spot, list_assumed
+from haptorb.devices.loader import load
+from haptorb.devices.motor_model import (
+    Layout,
+    MotorTables,
+    Regulator,
+    coils_field,
+    dipole_field,
+    dipole_torque,
+    exact_field,
+    exact_torque,
+    motor_tables,
+    multipole_field,
+    multipole_torque,
+    torque_over_sine,
+)
+from haptorb.devices.schema import list_limit_remarks
+from haptorb.devices.uncertainty import MotorUncertainty
+from haptorb.errors import GeometryError, InputError
+from haptorb.magnetics.coil import Coil
+from haptorb.magnetics.magnets import CylinderMagnet
+from haptorb.rotations import rotation_from_euler
+
+if TYPE_CHECKING:
+    from haptorb.magnetics.multipole import MultipoleSource
+
+__all__ = [
+    "FACING",
+    "HANDLE_LOOSE",
+    "MOTOR",
+    "WORST_CONDITION",
+    "EndStop",
+    "Grasp",
+    "Rotor",
+    "SphericalMotor",
+    "field",
+    "findings",
+    "grouping",
+    "match_winding",
+    "measure_facing",
+    "motor",
+    "motor_geometry",
+    "pair_opposite",
+    "sensor_field",
+    "torque_characteristic",
+    "workspace_sample",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# The record of spherical motors: a rotor with a handle, whose torque moves a target through two modes.
+
+
+MOTOR = DeviceKind(
+    name="spherical-motor",
+    title="spherical motor",
+    world="outlet",
+    allocator="haptorb.control.allocation:torque_allocator",
+    estimators="haptorb.estimation.registry:motor_estimators",
+    linkage="haptorb.control.linkage:make_moded_linkage",
+    modes=("translate", "rotate"),
+    contacts=2,
+    simulation="haptorb.simulation.motor:SimulatedMotor",
+    guide="haptorb.simulation.hand:handle_guide",
+    file="haptorb.devices.motor_file:MotorFile",
+    tables="haptorb.devices.motor_model:motor_tables",
+    geometry="haptorb.devices.motor:motor_geometry",
+    scene="haptorb.web.session:motor_scene",
+    card="haptorb.cli.inspect:MotorCard",
+    errors="haptorb.analysis.error_sources:motor_errors",
+    hold="haptorb.analysis.coupling:hold_rotor",
+    workspace="haptorb.analysis.workspace:tilt_workspace",
+)
+
+
+# --------------------------------------------------------------------------------------------------
+# What surrounds a motor's rotor: the hand on its handle, and the stop at its edge.
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """A hand on the handle as mass, spring and damper where it holds, towards where it wants the handle to be.
+
+    One stiffness for tilt and spin, so that the spring has a potential. From a pen held lightly (0.1 kg, 2 N·s/m,
+    100 N/m) to a firm grip (0.8 kg, 10 N·s/m, 500 N/m).
+    """
+
+    mass: float  #: that moves with the handle [kg]
+    stiffness: float  #: [N/m]
+    damping: float  #: [N·s/m]
+    radius: float  #: of the fist: its inertia about the handle is ½ m r² [m]
+
+    def __post_init__(self) -> None:
+        for name in ("mass", "stiffness", "damping", "radius"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError(f"Grasp.{name} must not be negative; got {value!r}")
+
+
+HANDLE_LOOSE = Grasp(0.0, 0.0, 0.0, 0.0)  #: no hand at all
+
+
+@dataclass(frozen=True)
+class EndStop:
+    """Rubber at the edge of the workspace."""
+
+    stiffness: float  #: [N·m/rad]
+    damping: float  #: [N·m·s/rad]
+
+
+GRAVITY = 9.80665  #: standard gravity, along −Z of the stator [m/s²]
+
+
+@dataclass(frozen=True)
+class Rotor:
+    """The moving part on its ball bearing: an inverted pendulum with a handle along +z."""
+
+    mass: float  #: [kg]
+    inertia: Array  #: (3,) principal moments about the motor's centre, rotor frame [kg·m²]
+    centre_of_mass: float  #: height above the motor's centre along the rotor's z [m]
+    viscous_friction: float  #: of the bearing [N·m·s/rad]
+    dry_friction: float  #: of the bearing, opposed to the turning [N·m]
+    handle_length: float  #: from the motor's centre to where the hand holds it [m]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class SphericalMotor(Device):
+    """Round magnets on a rotor, round air-cored coils and field sensors on a stator, all axes through one centre.
+
+    The channels are the groups of coils that are wired in series; `groups` says how. Models: "table" looks the exact
+    one up (servo speed), "exact" integrates the magnets' closed-form fields over the windings, "published" is the
+    distributed multipole model of Bai 2012 eqs. 7–9, corrected, "dipole" its far field.
+    """
+
+    kind: ClassVar[DeviceKind] = MOTOR
+
+    magnets: Layout  #: in the rotor's frame
+    polarity: Array  #: (p,) +1 where a magnet is polarized outward, −1 inward (other values scale its strength)
+    magnet: CylinderMagnet  #: one of them, polarized along its +z, which points outward
+    electromagnets: Layout  #: in the stator's frame
+    electromagnet: Coil  #: one of them; positive current is right-handed about the outward axis
+    sensor_layout: Layout  #: in the stator's frame
+    hall: FieldSensors
+    groups: Array  #: (24, m) current of every coil per current of every channel: 0, +1 or −1
+    magnet_model: MultipoleSource | None  #: the published model of one magnet
+    coil_model: MultipoleSource | None  #: the published model of one coil, per ampere
+    workspace_tilt: float  #: greatest |ψ| and |λ| [rad]
+    end_stop: EndStop  #: at its edge
+    thermometer_step: float  #: [K]
+    thermometer_noise: float  #: [K]
+    hand: Grasp  #: who holds the handle
+    rotor: Rotor
+    regulator: Regulator | None
+    uncertainty: MotorUncertainty = dataclasses_field(
+        default_factory=lambda: MotorUncertainty.model_validate({})
+    )  #: how well the values are known
+    findings: tuple[str, ...] = ()  #: what validation objected to, where it was overridden
+
+    models: tuple[str, ...] = ("table", "exact", "published", "dipole")
+
+    @property
+    def sensors(self) -> int:
+        """Number of three-axis field sensors."""
+        return len(self.sensor_layout)
+
+    @cached_property
+    def tables(self) -> MotorTables:
+        """Torque and field of one pair of parts; built at first use (seconds), afterwards read from the cache."""
+        return motor_tables(self)
+
+    def torque_characteristic(self, R: Array, model: str) -> Array:
+        """(n, 3, coils) torque on the rotor per ampere in every single coil [N·m/A], for R (n, 3, 3)."""
+        match self.check_model(model):
+            case "table":
+                return self.tables.torque(self, R)
+            case "exact":
+                return exact_torque(self, R)
+            case "published":
+                return multipole_torque(self, R)
+            case _:
+                return dipole_torque(self, R)
+
+    def sensor_field(self, R: Array, model: str) -> Array:
+        """(n, sensors, 3) flux density of the magnets at the sensors [T], stator frame, for R (n, 3, 3)."""
+        match self.check_model(model):
+            case "table":
+                return self.tables.field(self, R)
+            case "exact":
+                return exact_field(self, R, self.sensor_layout.positions)
+            case "published":
+                return multipole_field(self, R, self.sensor_layout.positions)
+            case _:
+                return dipole_field(self, R, self.sensor_layout.positions)
+
+    def coil_field(self, points: Array, currents: Array) -> Array:
+        """(p, 3) flux density of the coils [T] at `points` (p, 3) [m] with `currents` (m,) [A] in the channels."""
+        return coils_field(self, points, self.groups @ currents)
+
+    @cached_property
+    def sensor_field_per_ampere(self) -> Array:
+        """(m, 3 sensors) what one ampere in each channel adds to every sensor's reading [T/A], stator frame."""
+        places = self.sensor_layout.positions
+        return np.stack([self.coil_field(places, one).ravel() for one in np.eye(self.channels)])
+
+    def field(self, R: Array, points: Array) -> Array:
+        """(n, p, 3) flux density of the rotor's magnets [T] at `points` (p, 3) [m], stator frame, exact model."""
+        return exact_field(self, R, points)
+
+    def wrench_map(self, state: State, model: str) -> WrenchMap:
+        """(6, m) per channel: torque only, as the bearing carries every force; passive: regulator and gravity."""
+        matrix = np.zeros((6, self.channels))
+        matrix[3:] = self.torque_characteristic(state.R_SR[None], model)[0] @ self.groups
+        return WrenchMap(matrix, self.passive(state.R_SR))
+
+    @cached_property
+    def greatest_torque(self) -> float:
+        """Greatest torque about one of the stator's axes, all channels at full current [N·m], by the dipole model.
+
+        Within the workspace; the dipole model is good for a comparison of sizes only.
+        """
+        tilts = np.array([-1.0, 0.0, 1.0]) * self.workspace_tilt
+        psi, lam, phi = np.meshgrid(tilts, tilts, np.radians(np.arange(0, 360, 7.5)), indexing="ij")
+        R = rotation_from_euler(psi.ravel(), lam.ravel(), phi.ravel())
+        per_channel = self.torque_characteristic(R, "dipole") @ self.groups
+        return float((np.abs(per_channel) @ self.driven_current).max())
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What should be known of this device though it can be computed with; the bearing carries every force."""
+        if self.findings:
+            return ()  # a motor whose coils cancel has no torque to compare with
+        return tuple(list_limit_remarks(self.coils, self.supply, self.limits, 0.0, self.greatest_torque))
+
+    def _list_facts(self) -> list[tuple[str, str]]:
+        head, tail = Device._list_facts(self)[:2], Device._list_facts(self)[2:]
+        coils = f"{len(self.electromagnets)} coils in {self.channels} channels"
+        return [
+            *head,
+            ("workspace", f"tilts up to {np.degrees(self.workspace_tilt):.0f}°, any spin"),
+            ("magnetics", f"{len(self.magnets)} magnets on the rotor, {coils}"),
+            ("rotor", f"{self.rotor.mass:.3g} kg, handle of {1e3 * self.rotor.handle_length:.0f} mm"),
+            *(("remark", remark) for remark in self.remarks),
+            *((f"finding {n}", text) for n, text in enumerate(self.findings, 1)),
+            *tail,
+        ]
+
+    @property
+    def weight_torque(self) -> float:
+        """What the rotor's weight does over sin(tilt) [N·m]: (h ẑ_R) × (−m g Ẑ); positive where it tips the rotor."""
+        return self.rotor.mass * GRAVITY * self.rotor.centre_of_mass
+
+    @cached_property
+    def tilt_torque(self) -> tuple[Array, float]:
+        """(n,) coefficients of what weight and regulator do [N·m], and the least cosine, as
+        `regulator.torque_over_sine` takes them: torque over sin(tilt), positive where it turns the rotor upright."""
+        weight = self.weight_torque
+        if self.regulator is None:
+            return np.array([-weight]), 0.0
+        series, least = self.regulator.series
+        return series - weight * np.eye(1, len(series))[0], least
+
+    def passive(self, R_SR: Array) -> Array:
+        """(6,) torque on the rotor at zero current: its weight, and the regulator that holds it up [N·m]."""
+        wrench = np.zeros(6)
+        axis = R_SR[:, 2]
+        back = torque_over_sine(float(axis[2]), *self.tilt_torque)
+        wrench[3] = back * axis[1]  # back · ẑ_R × Ẑ
+        wrench[4] = -back * axis[0]
+        return wrench
+
+
+# --------------------------------------------------------------------------------------------------
+# The bodies of a spherical motor: coils and field sensors of the stator, magnets and handle of the upright rotor.
+
+
+_SIZES = (
+    *("magnets.distance", "magnets.radius", "magnets.length", "magnets.rings", "electromagnets.distance"),
+    *("electromagnets.outer_radius", "electromagnets.inner_radius", "electromagnets.length", "electromagnets.rings"),
+    *("sensors.distance", "sensors.rings", "rotor.handle_length", "workspace.tilt"),
+    *(f"regulator.{side}.{key}" for side in ("stator", "rotor")
+      for key in ("outer_radius", "inner_radius", "length", "height")),
+)  # fmt: skip
+
+
+def motor_geometry(device: SphericalMotor) -> Geometry:
+    """The parts of `device`, its rotor upright and without spin."""
+    handle = device.rotor.handle_length
+    return Geometry(
+        round_parts=(*_coils(device), *_magnets(device), *_regulator(device)),
+        spots=tuple(Spot(f"sensor {n}", "sensor", at) for n, at in enumerate(device.sensor_layout.positions, 1)),
+        rods=(Rod("handle", np.zeros(3), np.array([0.0, 0.0, handle])),),
+        reach=Reach("end of the handle", device.workspace_tilt, handle, handle),
+        notes=(
+            "not stated in the device file: the rotor's shell, the bearing, the stator's body, the handle's thickness",
+            *list_assumed(device.assumed, _SIZES),
+        ),
+    )
+
+
+def _coils(device: SphericalMotor) -> tuple[RoundPart, ...]:
+    coil, layout, names = device.electromagnet, device.electromagnets, device.coils.names
+    channels = [next((names[m] for m in np.flatnonzero(row)), "") for row in device.groups]
+    return tuple(
+        RoundPart(
+            f"EM{k + 1}", "coil", layout.positions[k], layout.directions[k], float(coil.inner_radius),
+            float(coil.outer_radius), float(coil.length), channel=channels[k],
+        )
+        for k in range(len(layout))
+    )  # fmt: skip
+
+
+def _magnets(device: SphericalMotor) -> tuple[RoundPart, ...]:
+    magnet, layout = device.magnet, device.magnets
+    return tuple(
+        RoundPart(
+            f"PM{k + 1}", "magnet", layout.positions[k], layout.directions[k], 0.0, float(magnet.radius),
+            float(magnet.length), polarity=float(device.polarity[k]), moves=True,
+        )
+        for k in range(len(layout))
+    )  # fmt: skip
+
+
+def _regulator(device: SphericalMotor) -> tuple[RoundPart, ...]:
+    """The two rings that hold the rotor up: polarized against each other."""
+    both = device.regulator
+    if both is None:
+        return ()
+    up = np.array([0.0, 0.0, 1.0])
+    rings = (
+        ("regulator ring of the stator", both.stator_ring, both.stator_height, 1.0, False),
+        ("regulator ring of the rotor", both.rotor_ring, both.rotor_height, -1.0, True),
+    )
+    return tuple(
+        RoundPart(
+            name, "ring", height * up, up, float(ring.inner_radius), float(ring.outer_radius), float(ring.length),
+            polarity=sign, moves=moves,
+        )
+        for name, ring, height, sign, moves in rings
+    )  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------
+# Coils of a motor in series, and their winding sense: from the file, or from positions and magnets.
+
+
+FACING = np.radians(0.5)  #: how far from opposite a pair of coils may be and still count as opposite
+
+
+def measure_facing(first: Array, second: Array) -> float:
+    """Angle [rad] between the unit vector `first` (3,) and the opposite of `second` (3,)."""
+    return float(np.pi - np.arccos(np.clip(first @ second, -1.0, 1.0)))
+
+
+def pair_opposite(layout: Layout) -> tuple[tuple[int, ...], ...]:
+    """Numbers from 1 of opposite parts, in pairs; a part without an opposite one is alone.
+
+    >>> pair_opposite(Layout(1.0, np.array([[1.0, 0, 0], [0, 1.0, 0], [-1.0, 0, 0]])))
+    ((1, 3), (2,))
+    """
+    left = list(range(len(layout)))
+    pairs: list[tuple[int, ...]] = []
+    while left:
+        first = left.pop(0)
+        away = [measure_facing(layout.directions[first], layout.directions[other]) for other in left]
+        if left and min(away) <= FACING:
+            pairs.append((first + 1, left.pop(int(np.argmin(away))) + 1))
+        else:
+            pairs.append((first + 1,))
+    return tuple(pairs)
+
+
+def match_winding(groups: Array, single: Array) -> Array:
+    """`groups` (k, m) of coils all wound alike, with those reversed that act against the first of their group.
+
+    single  (n, 3, k) torque per ampere of every coil, in orientations throughout the workspace [N·m/A]
+
+    >>> match_winding(np.array([[1.0], [1.0]]), np.array([[[1.0, -2.0], [0, 0], [0, 0]]])).tolist()
+    [[1.0], [-1.0]]
+    """
+    out = groups.copy()
+    for channel in range(groups.shape[1]):
+        members = np.flatnonzero(groups[:, channel])
+        together = np.einsum("nak,na->k", single[:, :, members], single[:, :, members[0]])
+        out[members, channel] = np.where(together < 0.0, -1.0, 1.0)
+    return out
+
+
+def grouping(groups: Sequence[Sequence[int]], count: int, winding: str) -> tuple[Array, list[str]]:
+    """(count, m) current of every coil per ampere of every channel, and what is wrong with the groups.
+
+    "series-opposed": every second coil of a group is wound the other way; otherwise all are wound alike.
+
+    >>> grouping([[1, 2]], 2, "series-opposed")[0].tolist()
+    [[1.0], [-1.0]]
+    >>> grouping([[1, 5]], 2, "series-aiding")[1]
+    ['groups.coils: group 1 names EM5, but there are only 2 electromagnets', 'groups.coils: EM2 is in no group']
+    """
+    matrix = np.zeros((count, len(groups)))
+    wrong = []
+    for channel, members in enumerate(groups):
+        for place, coil in enumerate(members):
+            if not 1 <= coil <= count:
+                wrong.append(
+                    f"groups.coils: group {channel + 1} names EM{coil}, but there are only {count} electromagnets"
+                )
+                continue
+            matrix[coil - 1, channel] = -1.0 if winding == "series-opposed" and place % 2 else 1.0
+    used = Counter(coil for members in groups for coil in members)
+    wrong += [f"groups.coils: EM{coil} appears {many} times" for coil, many in sorted(used.items()) if many > 1]
+    wrong += [f"groups.coils: EM{coil} is in no group" for coil in range(1, count + 1) if coil not in used]
+    return matrix, wrong
+
+
+# --------------------------------------------------------------------------------------------------
+# What can be wrong with a ball-joint motor although every value in its file is well-formed: its geometry and wiring.
+#
+# Findings are sentences. They cover parts that overlap, a gap that is none, sensors in the way, groups that name
+# coils
+# wrongly, pairs that do not face each other, and groups wired so that the motor cannot turn about every axis.
+
+
+WORST_CONDITION = 100.0  #: a motor that is a hundred times weaker about some axis cannot be used there
+_CHORDS = 2048  #: steps of a table of the pair's torque between no chord and a diameter
+
+
+def findings(motor: SphericalMotor, groups: Sequence[Sequence[int]], *, antipodal: bool) -> list[str]:
+    """Everything that geometry and wiring have against `motor`, as sentences; an empty list is a pass."""
+    coil, magnet = motor.electromagnet, motor.magnet
+    found = _overlaps("electromagnets", "EM", motor.electromagnets, coil.outer_radius, coil.length)
+    found += _overlaps("magnets", "PM", motor.magnets, magnet.radius, magnet.length)
+    found += _gap(motor)
+    if antipodal:
+        found += _list_not_facing(motor.electromagnets, groups)
+    return found + _list_weaknesses(motor, groups)
+
+
+def _overlaps(section: str, letters: str, layout: Layout, radius: float, length: float) -> list[str]:
+    """Two equal radial cylinders touch where their inner rims meet: on the plane that halves the angle between them."""
+    inner = layout.distance - 0.5 * length
+    if inner <= 0:
+        return [f"{section}: the parts reach through the centre; distance must be more than half their length"]
+    span = 2 * np.arctan2(radius, inner)
+    between = np.arccos(np.clip(layout.directions @ layout.directions.T, -1.0, 1.0))
+    first, second = np.nonzero(np.triu(between < span, k=1))
+    if not len(first):
+        return []
+    pairs = ", ".join(
+        f"{letters}{i + 1} and {letters}{j + 1} ({np.degrees(between[i, j]):.1f}°)"
+        for i, j in zip(first, second, strict=True)
+    )
+    return [f"{section}: parts overlap, each spans {np.degrees(span):.1f}° as seen from the centre: {pairs}"]
+
+
+def _gap(motor: SphericalMotor) -> list[str]:
+    coil, magnet = motor.electromagnet, motor.magnet
+    found = []
+    if motor.magnets.distance > motor.electromagnets.distance:  # the rotor is outside, Bai 2012
+        inside = float(np.hypot(motor.electromagnets.distance + 0.5 * coil.length, coil.outer_radius))
+        outside = motor.magnets.distance - 0.5 * magnet.length
+    else:
+        inside = float(np.hypot(motor.magnets.distance + 0.5 * magnet.length, magnet.radius))
+        outside = motor.electromagnets.distance - 0.5 * coil.length
+    if outside <= inside:
+        found.append(
+            f"magnets.distance: no gap between rotor and stator: the inner parts reach {inside * 1e3:.2f} mm from the "
+            f"centre, the outer ones begin at {outside * 1e3:.2f} mm"
+        )
+    at = motor.sensor_layout.distance
+    rim = float(np.hypot(motor.magnets.distance + 0.5 * magnet.length, magnet.radius))
+    if motor.magnets.distance - 0.5 * magnet.length <= at <= rim:
+        found.append(f"sensors.distance: at {at * 1e3:.2f} mm the magnets sweep through the sensors")
+    frames, places = motor.electromagnets.frames, motor.electromagnets.positions
+    for number, position in enumerate(motor.sensor_layout.positions):
+        own = np.einsum("jba,jb->ja", frames, position - places)
+        inside_coil = np.flatnonzero(coil.contains(own))
+        found += [f"sensors: sensor {number + 1} sits inside EM{coil_number + 1}" for coil_number in inside_coil]
+    return found
+
+
+def _list_not_facing(layout: Layout, groups: Sequence[Sequence[int]]) -> list[str]:
+    pairs = []
+    for members in groups:
+        if len(members) != 2:
+            continue
+        i, j = members
+        away = measure_facing(layout.directions[i - 1], layout.directions[j - 1])
+        if away > FACING:
+            pairs.append(f"EM{i} and EM{j} ({np.degrees(away):.1f}° off)")
+    if not pairs:
+        return []
+    return [f"groups.coils: pairs that do not face each other across the centre: {', '.join(pairs)}"]
+
+
+def workspace_sample(tilt: float, tilts: int, spins: int) -> Array:
+    """(n, 3, 3) orientations over |ψ|, |λ| ≤ `tilt` (a square grid) and 0 ≤ φ < 360°.
+
+    `tilt` in [rad].
+
+    >>> workspace_sample(0.4, 3, 8).shape
+    (72, 3, 3)
+    """
+    edge = np.linspace(-tilt, tilt, tilts)
+    psi, lam, phi = np.meshgrid(edge, edge, 2 * np.pi * np.arange(spins) / spins, indexing="ij")
+    return rotation_from_euler(psi.ravel(), lam.ravel(), phi.ravel())
+
+
+def _list_weaknesses(motor: SphericalMotor, groups: Sequence[Sequence[int]]) -> list[str]:
+    """Rank and condition of the grouped torque characteristic, at the dipole model: symmetry shows there as well."""
+    R = workspace_sample(motor.workspace_tilt, 5, 48)
+    single = motor.torque_characteristic(R, "dipole")
+    grouped = single @ motor.groups
+    scale = float(np.abs(single).max())
+    reach = np.abs(grouped).max(axis=(0, 1))
+    dead = np.flatnonzero(reach < 1e-6 * scale).tolist()
+    if len(dead) == len(groups):
+        return [
+            "groups.winding: no group produces any torque at any orientation: the coils of every group cancel each "
+            "other. "
+            "Magnets polarized alike at opposite positions need 'series-aiding', unlike ones 'series-opposed', or the "
+            "other polarity"
+        ]
+    found = [
+        f"groups.coils: group {number + 1} (EM{' + EM'.join(str(coil) for coil in groups[number])}) produces no "
+        "torque at any orientation: its coils cancel each other"
+        for number in dead
+    ]
+    values = np.linalg.svd(grouped, compute_uv=False)
+    weakest, strongest = values[:, 2], values[:, 0]
+    worst = int(np.argmin(weakest / strongest))
+    rank = int((values[worst] > 1e-6 * strongest[worst]).sum())
+    if rank < 3:
+        found.append(
+            f"groups: the channels produce torque about {rank} of three axes (rank {rank}) somewhere in the workspace"
+        )
+    elif strongest[worst] > WORST_CONDITION * weakest[worst] and (times := _condition(motor, R)) > WORST_CONDITION:
+        found.append(
+            f"groups: {times:.0f} times weaker about one axis than about another within "
+            f"the workspace; at most {WORST_CONDITION:.0f} times is allowed"
+        )
+    return found
+
+
+def _condition(motor: SphericalMotor, R: Array) -> float:
+    """Greatest over smallest torque per ampere by direction, in the worst of R (n, 3, 3), at the exact level.
+
+    Dipoles tell which axes a motor has, but not how weak one is where wide parts pass each other closely. Slower, so
+    it is asked only where dipoles object. Infinite where parts overlap, which is a finding of its own.
+    """
+    from haptorb.devices.tables import series_torque
+
+    coils, chords = motor.electromagnets, np.linspace(0.0, 2.0, _CHORDS + 1)
+    try:
+        k = series_torque(
+            motor.magnet, motor.magnets.distance, motor.electromagnet, coils.distance, 1 - 0.5 * chords**2
+        )
+    except GeometryError:
+        return float("inf")
+    greatest, slope = 0.0, np.diff(k)
+    for part in np.array_split(R, max(len(R) // 100, 1)):
+        u = np.einsum("nab,ib->nia", part, motor.magnets.directions)
+        place = 0.5 * _CHORDS * np.sqrt(np.clip(2 - 2 * u @ coils.directions.T, 0.0, 4.0))
+        below = np.minimum(place.astype(np.intp), _CHORDS - 1)
+        strength = (k[below] + (place - below) * slope[below]) * motor.polarity[:, None]
+        pull = np.swapaxes(strength, 1, 2) @ u  # (n, coils, 3): Σ k û
+        single = np.swapaxes(np.cross(pull, coils.directions), 1, 2)
+        values = np.linalg.svd(single @ motor.groups, compute_uv=False)
+        greatest = max(greatest, float((values[:, 0] / np.maximum(values[:, 2], 1e-300)).max()))
+    return greatest
+
+
+# --------------------------------------------------------------------------------------------------
+# Public functions for a spherical motor's magnetics: torque per ampere, field at its sensors, field anywhere.
+
+
+def motor(device: Device | str, what: str = "this function") -> SphericalMotor:
+    """`device`, loaded if it is a name. Raises InputError that names `what` if it is not a spherical motor."""
+    known = load(device) if isinstance(device, str) else device
+    return require(known, SphericalMotor, what)
+
+
+def torque_characteristic(
+    device: Device | str, R_SR: ArrayLike, model: str = "table", *, grouped: bool = False
+) -> Array:
+    """K (3, m), or (n, 3, m) for a batch: torque on the rotor per ampere [N·m/A], stator frame; Bai 2012 eqs. (2)–(3).
+
+    R_SR (3, 3) or (n, 3, 3) turns rotor vectors into stator vectors. m is the number of coils, or with `grouped` the
+    number of channels (coils wired in series). `model` is "table", "exact", "published" or "dipole". Raises
+    InputError for a matrix that is not a rotation, and UnknownName for another model.
+
+    >>> from haptorb.rotations import rotation_from_euler
+    >>> K = torque_characteristic("pmsm", rotation_from_euler(*np.radians((10, 5, 5))))
+    >>> K[:, 16].round(6).tolist()        # electromagnet 17 [N·m/A]
+    [0.0, -0.188419, 0.026007]
+    """
+    known = motor(device)
+    R, single = _orientations(R_SR)
+    K = known.torque_characteristic(R, model)
+    if grouped:
+        K = K @ known.groups
+    return K[0] if single else K
+
+
+def sensor_field(device: Device | str, R_SR: ArrayLike, model: str = "table") -> Array:
+    """(k, 3), or (n, k, 3) for a batch: flux density [T] of the rotor's magnets at the sensors, stator frame.
+
+    A sensor's own axes (ϑ̂, φ̂, r̂) are the columns of `device.sensor_layout.frames`. Arguments and errors are those of
+    `torque_characteristic`.
+
+    >>> sensor_field("pmsm", np.eye(3)).shape
+    (48, 3)
+    """
+    known = motor(device)
+    R, single = _orientations(R_SR)
+    B = known.sensor_field(R, model)
+    return B[0] if single else B
+
+
+def field(device: Device | str, R_SR: ArrayLike, points: ArrayLike, currents: ArrayLike | None = None) -> Array:
+    """(p, 3), or (n, p, 3) for a batch: flux density [T] at `points` (p, 3) [m], stator frame, exact model.
+
+    Of the rotor's magnets, and of the coils if `currents` (channels,) [A] are given. Inside a magnet it is B
+    (not H). Raises GeometryError on an edge, where the field is infinite.
+
+    >>> on_axis = field("pmsm", np.eye(3), [[0.0, 0, 0]])
+    >>> bool(abs(on_axis).max() < 1e-12)      # outward and inward magnets cancel at the centre
+    True
+    """
+    known = motor(device)
+    R, single = _orientations(R_SR)
+    at = vectors(points, "points")
+    if at.ndim != 2:
+        raise InputError(f"points must have shape (p, 3); got {at.shape}")
+    B = known.field(R, at)
+    if currents is not None:
+        flowing = check_finite(currents, "currents")
+        if flowing.shape != (known.channels,):
+            raise InputError(f"currents must have shape ({known.channels},), one per channel; got {flowing.shape}")
+        B = B + known.coil_field(at, flowing)
+    return B[0] if single else B
+
+
+def _orientations(R_SR: ArrayLike) -> tuple[Array, bool]:
+    """(n, 3, 3) checked, and whether one orientation was given; the check is compiled, as the servo comes by here."""
+    R = np.asarray(R_SR, dtype=np.float64) if not isinstance(R_SR, str) else check_finite(R_SR, "R_SR")
+    if R.ndim not in (2, 3) or R.shape[-2:] != (3, 3):
+        raise InputError(f"R_SR must have shape (3, 3) or (n, 3, 3); got {R.shape}")
+    batch = np.ascontiguousarray(R.reshape(-1, 3, 3))
+    if not _are_rotations(batch):
+        rotation(batch, "R_SR")  # says what is wrong
+    return batch, R.ndim == 2
+
+
+@kernel
+def _are_rotations(R: Array) -> bool:
+    for n in range(R.shape[0]):
+        for i in range(3):
+            for j in range(i, 3):
+                dot = R[n, i, 0] * R[n, j, 0] + R[n, i, 1] * R[n, j, 1] + R[n, i, 2] * R[n, j, 2]
+                if not abs(dot - (1.0 if i == j else 0.0)) <= 1e-6:  # NaN fails too
+                    return False
+        a, b, c = R[n, 0], R[n, 1], R[n, 2]
+        turn = a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
+        if turn + a[2] * (b[0] * c[1] - b[1] * c[0]) < 0.0:
+            return False
+    return True

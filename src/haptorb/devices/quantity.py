@@ -1,0 +1,209 @@
+"""Values with units, as device files write them: read, checked for dimension, turned into SI.
+
+A value is `"67.9 mm"`, a list of such, or a table `{ value = …, unit = "…", source = "…" }` or `{ value = …, assumed =
+"why" }`; `unit` spares writing it in every element of an array.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import shutil
+import sys
+from collections import Counter
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
+
+from haptorb.cache_folder import private_folder
+from haptorb.devices.units import AMBIGUOUS, convert, explain_unit, split_unit, usual_units
+from haptorb.errors import quote
+
+__all__ = [
+    "Angle",
+    "Conductance",
+    "Current",
+    "Damping",
+    "Duration",
+    "FieldDrift",
+    "Force",
+    "ForceRate",
+    "HeatCapacity",
+    "Inductance",
+    "Inertia",
+    "InverseKelvin",
+    "Length",
+    "MagneticMoment",
+    "Mass",
+    "Modulus",
+    "MomentPerCurrent",
+    "Number",
+    "Polarization",
+    "Power",
+    "QuantityKind",
+    "Resistance",
+    "Slew",
+    "Stiffness",
+    "Temperature",
+    "TemperatureStep",
+    "Torque",
+    "TorqueRate",
+    "TurnDamping",
+    "TurnStiffness",
+    "Voltage",
+    "si",
+]
+
+_LONGEST = 100  #: characters of a value
+_LARGEST = 1e15  #: in SI units; beyond it, and below its inverse, nothing in a device is, and products would overflow
+_NUMBER = re.compile(
+    r"\s*([+-]?(?:[0-9]{1,40}\.?[0-9]{0,40}|\.[0-9]{1,40})(?:[eE][+-]?[0-9]{1,4})?|[+-]?inf)\s*(.*?)\s*"
+)
+
+
+@lru_cache(maxsize=1)
+def _registry() -> Any:
+    """pint's, for units that `units` does not know, with its definitions as it kept them the last time.
+
+    It writes them without care for a process that is killed meanwhile; what cannot be read is thrown away. They are
+    pickled objects of pint and its parser: with another version of either they are created again.
+    """
+    import pint
+
+    parser, python = version("flexparser"), sys.implementation.cache_tag
+    folder: Path | None = None
+    try:
+        folder = private_folder("units", f"pint {pint.__version__}, flexparser {parser}, {python}")
+        return pint.UnitRegistry(cache_folder=folder)
+    except Exception:  # a partial file, a full disk, or a folder that others can write
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+        return pint.UnitRegistry(cache_folder=None)
+
+
+def si(value: object, unit: str, kind: str) -> float:
+    """`value` (a string with a unit, or a (number, unit) pair) in SI `unit`; ValueError says what was expected.
+
+    >>> si("67.9 mm", "m", "a length")
+    0.0679
+    >>> si("25 degC", "K", "a temperature")
+    298.15
+    """
+    usual = usual_units(unit)
+    expected = f"must be {kind} with its unit, such as '1 {usual[0]}'" if usual else f"must be {kind}"
+    try:
+        if isinstance(value, tuple):
+            number, name = float(value[0]), str(value[1])
+        elif isinstance(value, str):
+            match = _NUMBER.fullmatch(value) if len(value) <= _LONGEST else None
+            if match is None:
+                raise ValueError(f"{expected}; got {quote(value)}")
+            number, name = float(match[1]), match[2]
+        elif isinstance(value, int | float) and not isinstance(value, bool) and unit == "":
+            number, name = float(value), ""
+        else:
+            raise ValueError(f"{expected}; got {quote(value)}")
+    except OverflowError as cause:
+        raise ValueError(f"{expected}; got {quote(value)}") from cause
+    text = quote(f"{number} {name}") if isinstance(value, tuple) else quote(value)
+    unbounded = math.isinf(number) and unit == "" and (not isinstance(value, str) or "inf" in value)
+    if not unbounded and not math.isfinite(number):
+        raise ValueError(f"must be a finite {kind.removeprefix('a ').removeprefix('an ')}; got {text}")
+    try:
+        turns = unit == "" and name in ("turn", "turns")  # of a winding, where an angle's turn is 2π
+        converted = number if turns else convert(number, name, unit)
+        if converted is None:
+            converted = _ask_pint(number, name, unit)
+    except (ArithmeticError, AttributeError, ValueError) as cause:
+        why = explain_unit(name, unit, _is_unit)
+        raise ValueError(f"{expected if name == '' else f'must be {kind}'}; got {text}{why}") from cause
+    if not unbounded and converted != 0.0 and not 1.0 / _LARGEST <= abs(converted) <= _LARGEST:
+        raise ValueError(
+            f"must be {kind} whose size is between {1 / _LARGEST:g} and {_LARGEST:g} {unit}".rstrip() + f"; got {text}"
+        )
+    return float(f"{converted:.15g}")  # 67.9 mm is 0.0679 m, not 0.06790000000000001 m
+
+
+def _ask_pint(number: float, name: str, unit: str) -> float:
+    """`number` of the unit that `name` writes, in `unit`; ValueError, or another error of pint's, if it cannot."""
+    import pint
+
+    try:
+        if any(factor in AMBIGUOUS for factor, _ in split_unit(name)):
+            raise ValueError(f"{name} has two meanings")
+        powers = _unit(name)  # safety: unit-read
+        return float(_registry().Quantity(number, powers).to(unit or "dimensionless").magnitude)
+    except pint.PintError as cause:
+        raise ValueError(str(cause)) from cause
+
+
+@lru_cache(maxsize=512)
+def _unit(text: str) -> Any:
+    """The product of powers that `text` writes, as pint counts it; ValueError for anything else.
+
+    pint is asked for single names only, since what it is given otherwise it evaluates.
+    """
+    from pint.util import UnitsContainer
+
+    registry, powers = _registry(), Counter[str]()
+    for factor, power in split_unit(text):
+        name = registry.get_name(factor)
+        if name:  # "dimensionless" has none
+            powers[name] += power
+    return UnitsContainer(powers)
+
+
+def _is_unit(name: str) -> bool:
+    """Whether pint knows `name`."""
+    try:
+        return bool(_unit(name))
+    except Exception:  # any failure of pint on a wrong name
+        return False
+
+
+@dataclass(frozen=True)
+class QuantityKind(BeforeValidator):
+    """What a value of a device file is: its SI `unit`, and `kind` as sentences say it, "a length"."""
+
+    unit: str = ""
+    kind: str = ""
+
+
+def _unit_validator(unit: str, kind: str) -> QuantityKind:
+    return QuantityKind(lambda value: si(value, unit, kind), unit=unit, kind=kind)
+
+
+Number = Annotated[float, _unit_validator("", "a plain number")]
+Length = Annotated[float, _unit_validator("m", "a length")]
+Angle = Annotated[float, _unit_validator("rad", "an angle")]
+Mass = Annotated[float, _unit_validator("kg", "a mass")]
+Duration = Annotated[float, _unit_validator("s", "a duration")]
+Force = Annotated[float, _unit_validator("N", "a force")]
+Torque = Annotated[float, _unit_validator("N*m", "a torque")]
+Stiffness = Annotated[float, _unit_validator("N/m", "a stiffness")]
+Damping = Annotated[float, _unit_validator("N*s/m", "a damping")]
+TurnStiffness = Annotated[float, _unit_validator("N*m/rad", "a rotational stiffness")]
+TurnDamping = Annotated[float, _unit_validator("N*m*s/rad", "a rotational damping")]
+Inertia = Annotated[float, _unit_validator("kg*m**2", "a moment of inertia")]
+Current = Annotated[float, _unit_validator("A", "a current")]
+Slew = Annotated[float, _unit_validator("A/s", "a rate of current")]
+ForceRate = Annotated[float, _unit_validator("N/s", "a rate of force")]
+TorqueRate = Annotated[float, _unit_validator("N*m/s", "a rate of torque")]
+Voltage = Annotated[float, _unit_validator("V", "a voltage")]
+Power = Annotated[float, _unit_validator("W", "a power")]
+Resistance = Annotated[float, _unit_validator("ohm", "a resistance")]
+Inductance = Annotated[float, _unit_validator("H", "an inductance")]
+Modulus = Annotated[float, _unit_validator("Pa", "a modulus of elasticity")]
+Polarization = Annotated[float, _unit_validator("T", "a flux density")]
+MomentPerCurrent = Annotated[float, _unit_validator("m**2", "a magnetic moment per current")]
+Temperature = Annotated[float, _unit_validator("K", "a temperature")]
+TemperatureStep = Annotated[float, _unit_validator("delta_degC", "a temperature difference")]
+HeatCapacity = Annotated[float, _unit_validator("J/K", "a heat capacity")]
+Conductance = Annotated[float, _unit_validator("W/K", "a heat conductance")]
+FieldDrift = Annotated[float, _unit_validator("T/K", "a flux density per kelvin")]
+MagneticMoment = Annotated[float, _unit_validator("A*m**2", "a magnetic moment")]
+InverseKelvin = Annotated[float, _unit_validator("1/K", "a temperature coefficient")]

@@ -1,1 +1,0 @@
-"""What every device file may say: its sections, and values with units."""

@@ -1,1 +1,0 @@
-"""Torque and field of one pair of parts, tabulated over one angle, and looked up at servo speed."""

@@ -1,1 +1,0 @@
-"""How well the values of a device are known: the section [uncertainty] of a device file."""

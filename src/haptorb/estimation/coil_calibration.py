@@ -1,0 +1,533 @@
+"""What an ampere does to the electromagnet's moment, measured by the field sensors: Zárate 2020 eq. (5), Fig. 7.
+
+Excite each coil over a schedule of currents, read currents and fields, and regress: B_s = U_s M i + b_s, with U_s the
+field of a unit moment at sensor s. The off-diagonal terms of M are the coils' non-orthogonality; b_s takes up the
+earth, a resting tool and the sensors' offsets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
+
+from haptorb.arrays import Array, check_finite
+from haptorb.devices.base import Heat, HeatCoupling
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.errors import CalibrationError, InputError
+from haptorb.magnetics import dipole
+from haptorb.thermal import ThermalNetwork, TwoNode
+
+__all__ = [
+    "HeatRecord",
+    "MagneticCalibration",
+    "NetworkIdentification",
+    "ThermalIdentification",
+    "check_conduction",
+    "check_switching",
+    "coil_identification",
+    "excitation",
+    "find_silent",
+    "magnetic_calibration",
+    "network_identification",
+    "thermal_identification",
+]
+
+
+_DEAD = 0.2  #: share of the wanted current below which a coil counts as not connected
+_AMISS = 0.5  #: share of the greatest wanted current by which the current of a coil that switches is never wrong
+_SILENT = 0.2  #: share of the expected field below which a sensor does not answer
+_MOST_SILENT = 4  #: one of so many sensors may be missing
+_ALIKE = 0.8  #: cosine from which a coil's moment counts as being along another coil's axis
+
+
+@dataclass(frozen=True)
+class MagneticCalibration:
+    """The regression's result, and how far it may be trusted.
+
+    moment_per_current  (3, m) [m²]: m_e = moment_per_current @ currents
+    uncertainty         (3, m) standard deviation of each entry [m²]
+    offsets             (k, 3) field at zero current [T]
+    residual            rms of what the model leaves unexplained [T]
+    condition           of the regression: how much worse the worst-determined combination is than the best
+    repeatability       greatest relative difference between the results of the odd and the even readings
+    failed              sensors, from 0, that do not answer the coils at all: they are left out
+    """
+
+    moment_per_current: Array
+    uncertainty: Array
+    offsets: Array
+    residual: float
+    condition: float
+    repeatability: float
+    failed: tuple[int, ...] = ()
+
+    def skew(self, names: tuple[str, ...]) -> dict[tuple[str, str], float]:
+        """Angle between each two coils' axes, less 90° [rad]."""
+        axes = self.moment_per_current / np.linalg.norm(self.moment_per_current, axis=0)
+        return {
+            (names[i], names[j]): -float(np.arcsin(np.clip(axes[:, i] @ axes[:, j], -1, 1)))
+            for i, j in combinations(range(len(names)), 2)
+        }
+
+    def apply(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
+        """`device` with the measured moments in place of those of its file."""
+        return replace(device, moment_per_current=self.moment_per_current, moments_from="calibration")
+
+
+def excitation(device: SphericalElectromagnet, share: float = 0.25, levels: int = 5, repeats: int = 4) -> Array:
+    """(n, m) [A] a schedule: each coil alone through ± `levels` up to `share` of its limit, with rests at zero between.
+
+    A quarter of full current heats a coil by less than a kelvin per step of 20 ms.
+
+    Raises InputError for an empty schedule or a share outside 0 to 1.
+
+    >>> from haptorb.devices.loader import load
+    >>> excitation(load("omni"), levels=1, repeats=1).tolist()[1]
+    [5.0, 0.0, 0.0]
+    """
+    if not 0.0 < share <= 1.0 or levels < 1 or repeats < 1:
+        raise InputError(f"needs 0 < share ≤ 1 and at least one level and repeat; got {share}, {levels}, {repeats}")
+    steps = np.arange(1, levels + 1) / levels * share
+    rows = []
+    for _ in range(repeats):
+        for coil, limit in enumerate(device.coils.current_limit):
+            for step in steps:
+                for sign in (0.0, 1.0, -1.0):
+                    row = np.zeros(device.channels)
+                    row[coil] = sign * step * limit
+                    rows.append(row)
+    return np.array(rows)
+
+
+def magnetic_calibration(
+    device: SphericalElectromagnet,
+    wanted: ArrayLike,
+    currents: ArrayLike,
+    fields: ArrayLike,
+    axes: ArrayLike | None = None,
+) -> MagneticCalibration:
+    """Regress moments from `currents` (n, m) [A] and `fields` (n, k, 3) [T] measured under `wanted` (n, m) [A].
+
+    `axes` (k, 3), unit vectors: each sensor measures along its own only, and its reading lies along it; None: they
+    measure all three.
+
+    Raises CalibrationError naming the coil that is unplugged, swapped or reversed, or the sensor that does not follow;
+    InputError if the schedule does not excite every coil.
+    """
+    want, i = check_finite(wanted, "wanted currents"), check_finite(currents, "measured currents")
+    B = check_finite(fields, "fields")
+    count, channels, places = len(i), device.channels, device.sensors
+    if want.shape != (count, channels) or i.shape != (count, channels) or B.shape != (count, places, 3):
+        raise InputError(
+            f"device '{device.name}' needs currents (n, {channels}) and fields (n, {places}, 3); "
+            f"got {want.shape}, {i.shape} and {B.shape}"
+        )
+    visible = (
+        np.broadcast_to(np.eye(3), (places, 3, 3)) if axes is None else _project(check_finite(axes, "axes"), places)
+    )
+    check_conduction(device, want, i)
+    failed = find_silent(device, i, B)
+    visible = np.where(np.isin(np.arange(places), failed)[:, None, None], 0.0, visible)
+    result = _regress(device, visible, i, B)
+    _check_wiring(device, result.moment_per_current)
+    _check_sensors(device, visible, i, B, result)
+    odd, even = (_regress(device, visible, i[k::2], B[k::2]).moment_per_current for k in (1, 0))
+    scale = np.linalg.norm(result.moment_per_current, axis=0)
+    return replace(result, repeatability=float((np.abs(odd - even) / scale).max()), failed=failed)
+
+
+def _project(axes: Array, places: int) -> Array:
+    """(k, 3, 3) what a sensor makes of a field: its part along the sensor's axis."""
+    if axes.shape != (places, 3) or not np.allclose(np.linalg.norm(axes, axis=1), 1.0):
+        raise InputError(f"axes must be {places} unit vectors; got shape {axes.shape}")
+    projection: Array = axes[:, :, None] * axes[:, None, :]
+    return projection
+
+
+def _regress(device: SphericalElectromagnet, visible: Array, i: Array, B: Array) -> MagneticCalibration:
+    """Linear least squares for M and the offsets, in closed form: M = C⁻¹ D S⁻¹ from centred readings.
+
+    `visible` (k, 3, 3) is what each sensor makes of a field.
+    """
+    at = device.hall.positions
+    U = visible @ np.stack([dipole.field(np.broadcast_to(e, at.shape), at) for e in np.eye(3)], axis=2)  # (k, 3, 3)
+    x, y = i - i.mean(axis=0), B - B.mean(axis=0)
+    S = x.T @ x
+    C = np.einsum("sji,sjk->ik", U, U)
+    D = np.einsum("sji,nsj,nm->im", U, y, x)
+    if np.linalg.cond(S) > 1e6:
+        raise InputError("the currents do not excite every coil separately; use the schedule of `excitation`")
+    M = np.linalg.solve(C, D) @ np.linalg.inv(S)
+    rest = y - np.einsum("sij,jm,nm->nsi", U, M, x)
+    directions = round(float(np.trace(visible, axis1=1, axis2=2).sum()))  # that are measured at all
+    freedom = max(1, len(i) * directions - M.size - directions)
+    variance = float((rest**2).sum() / freedom)
+    spread = np.sqrt(variance * np.outer(np.diag(np.linalg.inv(C)), np.diag(np.linalg.inv(S))))
+    offsets = B.mean(axis=0) - np.einsum("sij,jm,m->si", U, M, i.mean(axis=0))
+    condition = float(np.linalg.cond(C) * np.linalg.cond(S)) ** 0.5
+    return MagneticCalibration(M, spread, offsets, variance**0.5, condition, 0.0)
+
+
+def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) -> tuple[int, ...]:
+    """Sensors, from 0, whose readings (n, k, 3) [T] stay where they are while `currents` (n, m) [A] flow.
+
+    Raises CalibrationError that names them where they are more than a quarter: then it is not the sensors.
+    """
+    at, x = device.hall.positions, currents - currents.mean(axis=0)
+    swing = fields - fields.mean(axis=0)
+    modelled = np.stack([dipole.field(device.moment_per_current @ row, at) for row in x])
+    signal, answer = (np.sqrt((part**2).mean(axis=(0, 2))) for part in (modelled, swing))
+    silent = tuple(int(s) for s in np.flatnonzero(answer < _SILENT * signal))
+    if len(silent) > device.sensors // _MOST_SILENT:
+        names = ", ".join(str(s + 1) for s in silent)
+        raise CalibrationError(
+            f"field sensors {names} of {device.sensors} do not respond to the coils: check their supply and "
+            "connection; "
+            f"one in {_MOST_SILENT} may be left out"
+        )
+    return silent
+
+
+def check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
+    """Every coil must carry its commanded current in both directions, and no other: `wanted`, `measured` (n, m) [A].
+
+    Raises CalibrationError as `check_switching` does, InputError for a coil that was never asked to carry a current.
+    """
+    full = np.abs(wanted).max(axis=0)
+    if not full.all():
+        raise InputError(
+            f"coil '{device.coils.names[int(np.argmin(full))]}' was never excited; use the schedule of `excitation`"
+        )
+    for want, flowing in zip(wanted, measured, strict=True):
+        check_switching(device, want, flowing, full)
+
+
+def check_switching(device: SphericalElectromagnet, wanted: Array, measured: Array, full: Array) -> None:
+    """One reading: `wanted` and `measured` (m,) [A], `full` (m,) [A] the greatest currents that are wanted at all.
+
+    Raises CalibrationError that names a coil which does not conduct, or carries an unwanted current.
+    """
+    for name, want, flowing, most in zip(device.coils.names, wanted, measured, full, strict=True):
+        if abs(want) >= _AMISS * most and abs(flowing) < _DEAD * abs(want):
+            raise CalibrationError(
+                f"coil '{name}' carries {flowing:.2g} A instead of {want:.3g} A: the coil is unplugged, or its "
+                "current sensor is; check the connector and the fuse"
+            )
+        if abs(flowing - want) > _AMISS * most:
+            raise CalibrationError(
+                f"coil '{name}' carries {flowing:.2g} A where {want:.3g} A should flow: it does not switch. "
+                "Switch off the coils' supply, and check the coil's bridge, its driver and its wiring"
+            )
+
+
+def _check_wiring(device: SphericalElectromagnet, measured: Array) -> None:
+    """Compare each coil's axis with those of the device file: the same, another's, or the other way round?"""
+    names, nominal = device.coils.names, device.moment_per_current
+    cosine = (measured / np.linalg.norm(measured, axis=0)).T @ (nominal / np.linalg.norm(nominal, axis=0))
+    for coil, name in enumerate(names):
+        like = int(np.abs(cosine[coil]).argmax())
+        if like != coil and abs(cosine[coil, like]) > _ALIKE:
+            raise CalibrationError(
+                f"coil '{name}' produces the moment of coil '{names[like]}': swap their connectors back"
+            )
+        if cosine[coil, coil] < -_ALIKE:
+            raise CalibrationError(f"coil '{name}' produces a reversed moment: swap its two wires")
+        if cosine[coil, coil] < _ALIKE:
+            off = np.degrees(np.arccos(np.clip(cosine[coil, coil], -1, 1)))
+            raise CalibrationError(
+                f"coil '{name}' points {off:.0f}° away from its direction in the device file; check that it is "
+                "mounted correctly"
+            )
+
+
+def _check_sensors(
+    device: SphericalElectromagnet, visible: Array, i: Array, B: Array, result: MagneticCalibration
+) -> None:
+    """Every sensor that has not failed must see what the others agree on."""
+    at = device.hall.positions
+    x, y = i - i.mean(axis=0), B - B.mean(axis=0)
+    for s in range(len(at)):
+        if not visible[s].any():
+            continue
+        modelled = np.array([visible[s] @ dipole.field(result.moment_per_current @ row, at[s]) for row in x])
+        excess = float(((y[:, s] - modelled) ** 2).mean() ** 0.5)
+        signal = float((modelled**2).mean() ** 0.5)
+        if excess > 0.3 * signal + 6 * device.hall.noise:
+            raise CalibrationError(
+                f"field sensor {s + 1} of {len(at)}, at {np.round(1e3 * at[s], 1).tolist()} mm, does not follow the "
+                f"coils (rms {1e3 * excess:.2g} mT off, {1e3 * signal:.2g} mT expected): check its connection and "
+                "direction"
+            )
+
+
+# --------------------------------------------------------------------------------------------------
+# A coil's two-node heat model from one record of heating and cooling: Zárate 2020 Fig. 6, turned into numbers.
+#
+# The winding is its own thermometer: its resistance gives its temperature while current flows. The boundary has a
+# sensor.
+
+
+_THERMAL_IDENTIFICATION_TRUST = (
+    0.25  #: relative standard deviation of a parameter above which the record does not determine it
+)
+
+
+@dataclass(frozen=True)
+class ThermalIdentification:
+    """The model, how sure each of its four values is (relative standard deviation), and what it leaves unexplained."""
+
+    model: TwoNode
+    uncertainty: Array  #: (4,) of winding capacity, body capacity, winding to body, body to air
+    residual: float  #: rms [K]
+
+    def endurance(self, rise: float, power: float, *, drive: str = "power", coefficient: float = 3.93e-3) -> float:
+        """Seconds from cold until the winding's rise is `rise` [K] under `power` [W]; inf if never."""
+        return self.model.time_to(rise, power, drive=drive, coefficient=coefficient)
+
+
+def thermal_identification(
+    t: ArrayLike, power: ArrayLike, winding: ArrayLike, boundary: ArrayLike, ambient: float
+) -> ThermalIdentification:
+    """Fit two nodes to a record: times `t` (n,) [s], `power` (n,) [W] from each time to the next, temperatures [K].
+
+    `winding` may hold NaN where no current flowed and its resistance could not be measured. Raises CalibrationError if
+    the record is too short, or heats too little, to determine all four values; InputError if it is no record.
+    """
+    times, load = check_finite(t, "t"), check_finite(power, "power")
+    body = check_finite(boundary, "boundary temperatures")
+    copper = np.asarray(winding, dtype=np.float64)
+    if not times.ndim == 1 or not times.shape == load.shape == body.shape == copper.shape:
+        raise InputError(
+            f"t, power, winding and boundary must have one length; got {times.shape}, {load.shape}, {copper.shape}, "
+            f"{body.shape}"
+        )
+    if len(times) < 20 or not (np.diff(times) > 0).all():
+        raise InputError("a thermal record needs at least 20 readings at rising times")
+    finite = np.isfinite(copper)
+    if finite.sum() < 10:
+        raise CalibrationError("the winding's temperature was measured fewer than 10 times: keep a small current on")
+    if body.max() - body.min() < 2.0:
+        raise CalibrationError(
+            f"the boundary warmed by only {body.max() - body.min():.1f} K: heat longer or with more power (the paper: "
+            "30 % duty for 3 minutes)"
+        )
+    start = np.array([copper[finite][0] if finite[0] else body[0], body[0]]) - ambient
+
+    def course(logs: Array) -> Array:
+        model = TwoNode(*np.exp(logs).tolist())
+        rises = np.empty((len(times), 2))
+        rises[0] = start
+        steps: dict[float, Array] = {}
+        for n, dt in enumerate(np.diff(times).tolist()):
+            key = round(dt, 9)
+            if key not in steps:
+                steps[key] = model.step(dt)
+            rises[n + 1] = steps[key] @ np.array([rises[n, 0], rises[n, 1], load[n]])
+        return rises
+
+    def rest(logs: Array) -> Array:
+        rises = course(logs)
+        return np.concatenate([(rises[:, 0] + ambient - copper)[finite], rises[:, 1] + ambient - body])
+
+    warm = max(float(body.max() - ambient), 1.0)
+    mean = max(float(load.max()), 1e-3)
+    guess = np.log([20.0, 80.0, 4 * mean / warm, mean / warm])
+    fit = least_squares(rest, guess, method="lm", x_scale="jac")
+    freedom = max(1, len(fit.fun) - 4)
+    variance = float(fit.fun @ fit.fun) / freedom
+    try:
+        spread = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)) * variance)  # of a logarithm: relative
+    except np.linalg.LinAlgError:
+        spread = np.full(4, np.inf)
+    if not fit.success or (spread > _THERMAL_IDENTIFICATION_TRUST).any():
+        names = ("winding capacity", "body capacity", "conductance inside", "conductance to the air")
+        weak = [name for name, s in zip(names, spread, strict=True) if not s <= _THERMAL_IDENTIFICATION_TRUST]
+        raise CalibrationError(
+            f"the record ({times[-1] - times[0]:.0f} s) does not determine the {' and the '.join(weak) or 'model'}: "
+            "record heating until the boundary flattens, and the cooling after it"
+        )
+    return ThermalIdentification(TwoNode(*np.exp(fit.x).tolist()), spread, variance**0.5)
+
+
+# --------------------------------------------------------------------------------------------------
+# How coils warm each other, from one record in which each was driven alone and all were watched.
+#
+# The windings are their own thermometers: a resistance gives a temperature while a small current flows. Each boundary
+# has
+# a sensor. Coils are taken to be alike but for their conductance to the core.
+
+
+_NETWORK_IDENTIFICATION_TRUST = (
+    0.25  #: relative standard deviation of a value above which the record does not determine it
+)
+_FEWEST = 20  #: readings of a record
+_ON = 0.25  #: share of the record's greatest power from which on a coil counts as driven
+_ALONE = 10  #: readings at least in which a coil is driven and no other is
+_COIL = ("winding capacity", "body capacity", "conductance from winding to body", "conductance to the air")
+_WARM = 2.0  #: by which each boundary must warm [K]
+
+
+@dataclass(frozen=True)
+class HeatRecord:
+    """What was measured of m coils at n times.
+
+    t         (n,) [s]
+    power     (n, m) [W] from each time to the next
+    winding   (n, m) [K]; NaN where a resistance could not be measured
+    boundary  (n, m) [K]
+    ambient   temperature of the room, and of everything at the beginning but what was measured then [K]
+    """
+
+    t: Array
+    power: Array
+    winding: Array
+    boundary: Array
+    ambient: float
+
+
+@dataclass(frozen=True)
+class NetworkIdentification:
+    """The values found, how sure each is (relative standard deviation), and what they leave unexplained."""
+
+    model: TwoNode  #: of each coil
+    coupling: HeatCoupling
+    uncertainty: Array  #: (4,) of the model's values; then, where they were fitted too, of core and conductances to it
+    residual: float  #: rms [K]
+
+    @property
+    def network(self) -> ThermalNetwork:
+        """All coils together."""
+        return ThermalNetwork.of_coils(self.model, self.coupling.winding_to_core, self.coupling.core_capacity)
+
+    def endurance(self, rise: float, power: float, coil: int = 0) -> float:
+        """Seconds from cold until the winding's rise is `rise` [K] under `power` [W] in `coil` alone; inf if never."""
+        network = self.network
+        return network.time_to(rise, power * np.eye(network.windings)[coil])
+
+    def find_sustained_power(self, rise: float, coil: int = 0) -> float:
+        """The power [W] in `coil` alone at which its winding's rise settles at `rise` [K]."""
+        return rise / float(self.network.rise_per_watt[coil, coil])
+
+
+def network_identification(record: HeatRecord, names: Sequence[str], guess: Heat) -> NetworkIdentification:
+    """Fit windings, bodies and a core to `record`; `names` (m,) of the coils are for messages, `guess` is the start.
+
+    Raises InputError if it is no record, CalibrationError if a coil is never driven alone or always on, or if the
+    record is too short, or heats too little, to determine every value.
+    """
+    _check_record(record, len(names))
+    _check_switching(record, names)
+    coupling = guess.coupling or HeatCoupling(2.0 * guess.winding_capacity, (0.3 * guess.winding_to_body,) * len(names))
+    begin = np.array([*_coil_values(guess), coupling.core_capacity, *coupling.winding_to_core])
+    what = [*_COIL, "core's capacity", *(f"conductance from coil '{name}' to the core" for name in names)]
+    values, spread, residual = _fit(record, begin, np.empty(0), what)
+    found = HeatCoupling(float(values[4]), tuple(values[5:].tolist()))
+    return NetworkIdentification(TwoNode(*values[:4].tolist()), found, spread, residual)
+
+
+def coil_identification(record: HeatRecord, guess: Heat) -> NetworkIdentification:
+    """Fit the coils' four values to `record` with the couplings of `guess` as they are.
+
+    For a record of one coil that was driven: what was not measured of the others is NaN. Raises CalibrationError if it
+    does not determine all four; InputError if it is no record, or `guess` has no couplings.
+    """
+    coupling = guess.coupling
+    if coupling is None:
+        raise InputError("the heat of coupled coils needs couplings; use thermal_identification for a single coil")
+    _check_record(record, len(coupling.winding_to_core))
+    fixed = np.array([coupling.core_capacity, *coupling.winding_to_core])
+    values, spread, residual = _fit(record, np.array(_coil_values(guess)), fixed, list(_COIL))
+    return NetworkIdentification(TwoNode(*values.tolist()), coupling, spread, residual)
+
+
+def _coil_values(heat: Heat) -> tuple[float, ...]:
+    return heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air
+
+
+def _fit(record: HeatRecord, begin: Array, fixed: Array, what: Sequence[str]) -> tuple[Array, Array, float]:
+    """Values that explain `record`, their relative standard deviations, and the rms of what is left [K].
+
+    `begin` is where the search starts, `fixed` what follows it among a network's values: four of each coil, the core's
+    capacity, the conductances to it. `what` names those that are searched for.
+    """
+    n, m = record.power.shape
+    measured = np.isfinite(record.winding), np.isfinite(record.boundary)
+    outside = np.where(measured[1][0], record.boundary[0], record.ambient)
+    inside = np.where(measured[0][0], record.winding[0], outside)
+    start = np.concatenate([inside, outside, [outside.mean()]]) - record.ambient
+    steps = np.round(np.diff(record.t), 9)
+
+    def remainder(logs: Array) -> Array:
+        values = np.concatenate([np.exp(logs), fixed])
+        model = ThermalNetwork.of_coils(TwoNode(*values[:4].tolist()), values[5:], float(values[4]))
+        step = {dt: model.step(dt) for dt in np.unique(steps).tolist()}
+        rises = np.empty((n, 2 * m + 1))
+        rises[0] = start
+        for k, dt in enumerate(steps.tolist()):
+            rises[k + 1] = step[dt] @ np.concatenate([rises[k], record.power[k]])
+        gaps = [rises[:, :m] + record.ambient - record.winding, rises[:, m:-1] + record.ambient - record.boundary]
+        return np.concatenate([gap[known] for gap, known in zip(gaps, measured, strict=True)])
+
+    # Within a factor of 50 of the start: what runs further away is not determined, and its steps overflow.
+    logs = np.log(begin)
+    fit = least_squares(remainder, logs, bounds=(logs - np.log(50.0), logs + np.log(50.0)), x_scale="jac")
+    variance = float(fit.fun @ fit.fun) / max(1, len(fit.fun) - len(begin))
+    try:
+        spread = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)) * variance)  # of a logarithm: relative
+    except np.linalg.LinAlgError:
+        spread = np.full(len(begin), np.inf)
+    weak = [name for name, one in zip(what, spread, strict=True) if not one <= _NETWORK_IDENTIFICATION_TRUST]
+    if not fit.success or weak:
+        raise CalibrationError(
+            f"the record ({record.t[-1] - record.t[0]:.0f} s) does not determine the "
+            f"{' and the '.join(weak) or 'model'}: drive each coil alone until its boundary flattens (three minutes), "
+            "and record the cooling after the last one for as long"
+        )
+    return np.exp(fit.x), spread, variance**0.5
+
+
+def _check_record(record: HeatRecord, coils: int) -> None:
+    """InputError unless the arrays fit each other and time runs forward."""
+    times = check_finite(record.t, "t")
+    shapes = [np.shape(check_finite(record.power, "power")), np.shape(record.winding),
+              np.shape(record.boundary)]  # fmt: skip
+    if times.ndim != 1 or any(shape != (len(times), coils) for shape in shapes):
+        raise InputError(f"power, winding and boundary must have shape ({len(times)}, {coils}); got {shapes}")
+    if len(times) < _FEWEST or not (np.diff(times) > 0).all():
+        raise InputError(f"a thermal record needs at least {_FEWEST} readings at rising times")
+
+
+def _check_switching(record: HeatRecord, names: Sequence[str]) -> None:
+    """CalibrationError unless every coil is driven alone, is off at other times, warms and is measured."""
+    how = "drive each coil alone for three minutes, the others with a small current only"
+    most = float(record.power.max())
+    if not most > 0.0:
+        raise CalibrationError(f"no coil was heated: {how}")
+    check_finite(record.boundary, "boundary temperatures")
+    on = record.power > _ON * most
+    for k, name in enumerate(names):
+        if on[:, k].all():
+            raise CalibrationError(
+                f"coil '{name}' is on in the whole record: its heat cannot be separated from that of the others; {how}"
+            )
+    for k, name in enumerate(names):
+        alone = on[:, k] & (on.sum(axis=1) == 1)
+        if not on[:, k].any():
+            raise CalibrationError(f"coil '{name}' was never heated: {how}")
+        if alone.sum() < _ALONE:
+            raise CalibrationError(f"coil '{name}' was driven alone in only {alone.sum()} readings: {how}")
+        warmed = float(np.ptp(record.boundary[:, k]))
+        if warmed < _WARM:
+            raise CalibrationError(
+                f"the boundary of coil '{name}' warmed by only {warmed:.1f} K: heat longer or with more power (the "
+                "paper: 30 % duty for 3 minutes)"
+            )
+        if np.isfinite(record.winding[:, k]).sum() < _ALONE:
+            raise CalibrationError(
+                f"the winding of coil '{name}' was measured fewer than {_ALONE} times: keep a small current on"
+            )

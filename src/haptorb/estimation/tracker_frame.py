@@ -1,0 +1,733 @@
+"""A tracker's registration, as one versioned JSON text that names the device and the tracker it holds for."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations, permutations
+from math import hypot
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.arrays import Array, check_finite, rotation
+from haptorb.devices.base import Device, rotation_to_axis
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.errors import CalibrationError, InputError, quote
+from haptorb.json_file import numbers, parse_document
+from haptorb.rotations import product, quaternion, rotate
+
+__all__ = [
+    "FORMAT",
+    "UNKNOWNS",
+    "FrameFit",
+    "FrameRegistration",
+    "Pivot",
+    "Roll",
+    "TouchSession",
+    "Touches",
+    "TrackerFrame",
+    "check_centre",
+    "check_enough",
+    "check_handedness",
+    "check_marks",
+    "check_pivot",
+    "check_roll",
+    "check_scale",
+    "check_sphere",
+    "check_spread",
+    "find_roll",
+    "find_unobservable",
+    "fit_points",
+    "frame_registration",
+    "pivot",
+    "sphere",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# What a tracker said while a person touched the device with the tool: poses of its rigid body, in its own frame.
+
+
+_UNIT = 0.1  #: a quaternion's length may be off 1 by this
+
+
+@final
+@dataclass(frozen=True)
+class Touches:
+    """Poses of the body.
+
+    p  (n, 3) where its origin was, tracker frame [m]
+    q  (n, 4) unit quaternions (x, y, z, w) that turn the body's vectors into the tracker's
+    """
+
+    p: Array
+    q: Array
+
+    @classmethod
+    def of(cls, p: ArrayLike, q: ArrayLike, what: str) -> Touches:
+        """With the quaternions' lengths made one.
+
+        Raises InputError for other shapes or what is not finite, CalibrationError for what is no rotation.
+        """
+        places, turns = check_finite(p, f"{what}: positions"), check_finite(q, f"{what}: quaternions")
+        places, turns = places.reshape(-1, 3), turns.reshape(len(places), 4)
+        length = np.linalg.norm(turns, axis=1)
+        if (np.abs(length - 1.0) > _UNIT).any():
+            worst = float(length[np.argmax(np.abs(length - 1.0))])
+            raise CalibrationError(
+                f"{what}: the tracker's quaternions must have length 1; one has {worst:.3g}. Angles or a matrix must "
+                "be sent as a quaternion x y z w"
+            )
+        return cls(places, turns / length[:, None])
+
+    def __len__(self) -> int:
+        return len(self.p)
+
+    @cached_property
+    def R(self) -> Array:
+        """(n, 3, 3) turns the body's vectors into the tracker's."""
+        x, y, z, w = self.q.T
+        rows = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+    def point(self, at: Array) -> Array:
+        """(n, 3) [m] where the body's point `at` (3,) [m] was, tracker frame."""
+        places: Array = self.p + self.R @ at
+        return places
+
+    def select(self, which: Array) -> Touches:
+        """Those of which `which` (n,) is true."""
+        return Touches(self.p[which], self.q[which])
+
+
+@final
+@dataclass(frozen=True)
+class TouchSession:
+    """A whole session.
+
+    dome   the tip anywhere on the dome, the tool tilted in all directions; it may have been lifted now and then
+    marks  by mark: the tip in it, the tool tilted to all sides
+    roll   the tool turned about its own axis, which was at rest
+    """
+
+    dome: Touches
+    marks: Mapping[str, Touches]
+    roll: Touches
+
+
+# --------------------------------------------------------------------------------------------------
+# Tip, sphere, frame and axis in closed form, each by itself: where least squares over everything begins.
+#
+# None of them needs another's answer but the tip, so they are also what that answer is held against.
+
+
+_ROUNDS = 6  #: of leaving out what does not lie on the sphere
+_FRAME_START_LEFT_OUT = 4.0  #: robust standard deviations from which a touch does not lie on it
+_FRAME_START_LEAST = 0.3e-3  #: nor is one left out that is nearer to it than this [m]
+
+
+@final
+@dataclass(frozen=True)
+class Pivot:
+    """A tip that stood in several places while its body was turned about it."""
+
+    tip: Array  #: (3,) in the body [m]
+    places: Array  #: (k, 3) of the tip, tracker frame [m]
+    rms: float  #: of what is left per axis [m]
+    weakest: float  #: smallest singular value per root of poses: how far the tilts determine the tip, 0 … 1
+
+
+def pivot(stands: Sequence[Touches]) -> Pivot:
+    """The tip and the places in which it stood: P + Q a = b is linear in both."""
+    poses = sum(len(one) for one in stands)
+    rows, right = np.zeros((3 * poses, 3 + 3 * len(stands))), np.empty(3 * poses)
+    at = 0
+    for k, one in enumerate(stands):
+        end = at + 3 * len(one)
+        rows[at:end, :3] = one.R.reshape(-1, 3)
+        rows[at:end, 3 + 3 * k : 6 + 3 * k] = -np.tile(np.eye(3), (len(one), 1))
+        right[at:end] = -one.p.ravel()
+        at = end
+    found = np.asarray(np.linalg.lstsq(rows, right, rcond=None)[0], dtype=np.float64)
+    left = rows @ found - right
+    # what the tilts say of the tip alone: the places are free
+    spread = np.concatenate([(one.R - one.R.mean(axis=0)).reshape(-1, 3) for one in stands])
+    weakest = float(np.linalg.svd(spread, compute_uv=False)[-1] / np.sqrt(poses))
+    return Pivot(found[:3], found[3:].reshape(-1, 3), float(np.sqrt((left**2).mean())), weakest)
+
+
+def sphere(points: Array) -> tuple[Array, float, Array]:
+    """(centre (3,), radius [m], (n,) which points lie on it): |x|² = 2 c·x + (r² − |c|²) is linear in c and the rest.
+
+    Points far off it, where the tip was lifted, are left out round by round.
+    """
+    middle = np.median(points, axis=0)
+    x = points - middle
+    on = np.ones(len(x), dtype=bool)
+    centre, radius = np.zeros(3), 0.0
+    for _ in range(_ROUNDS):
+        rows = np.column_stack([2.0 * x[on], np.ones(int(on.sum()))])
+        found, *_ = np.linalg.lstsq(rows, (x[on] ** 2).sum(axis=1), rcond=None)
+        centre = found[:3]
+        radius = float(np.sqrt(max(found[3] + centre @ centre, 0.0)))
+        off = np.linalg.norm(x - centre, axis=1) - radius
+        scale = 1.4826 * float(np.median(np.abs(off[on] - np.median(off[on]))))
+        before, on = on, np.abs(off) <= max(_FRAME_START_LEFT_OUT * scale, _FRAME_START_LEAST)
+        if (on == before).all() or on.sum() < 4:
+            break
+    return centre + middle, radius, on
+
+
+def fit_points(places: Array, known: Array, *, mirrored: bool = False) -> tuple[Array, Array, float]:
+    """(R (3, 3), t (3,), rms [m]): the rotation, or the reflection, that lays places (k, 3) onto known (k, 3) best.
+
+    R places + t ≈ known, by the singular value decomposition of their covariance (Kabsch).
+    """
+    a, b = places.mean(axis=0), known.mean(axis=0)
+    U, _, Vt = np.linalg.svd((known - b).T @ (places - a))
+    sign = np.linalg.det(U @ Vt) * (-1.0 if mirrored else 1.0)
+    R = U @ np.diag([1.0, 1.0, np.sign(sign)]) @ Vt
+    t = b - R @ a
+    return R, t, float(np.sqrt(((places @ R.T + t - known) ** 2).sum(axis=1).mean()))
+
+
+@final
+@dataclass(frozen=True)
+class Roll:
+    """A body that was turned about one of its own axes."""
+
+    axis: Array  #: (3,) unit vector in the body; its sense is not known
+    wobble: float  #: rms angle by which the axis moved [rad]
+    angle: float  #: by how much it was turned, up to a whole turn [rad]
+
+
+def find_roll(poses: Touches) -> Roll:
+    """The axis u whose directions Q u differ least: the longest mean of all, so the first eigenvector of Q̄ᵀ Q̄."""
+    mean = poses.R.mean(axis=0)
+    axis: Array = np.linalg.eigh(mean.T @ mean)[1][:, -1]
+    directions = poses.R @ axis
+    middle = directions.mean(axis=0)
+    middle /= np.linalg.norm(middle)
+    wobble = float(np.sqrt((np.linalg.norm(np.cross(directions, middle), axis=1) ** 2).mean()))
+    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    across /= np.linalg.norm(across)
+    shown, flat = poses.R @ across, np.cross(middle, poses.R[0] @ across)
+    turned = np.sort(np.arctan2(shown @ flat, shown @ np.cross(flat, middle)))
+    gaps = np.diff(np.append(turned, turned[0] + 2 * np.pi))
+    return Roll(axis, wobble, float(2 * np.pi - gaps.max()))
+
+
+# --------------------------------------------------------------------------------------------------
+# What is wrong with a tracker whose poses do not fit: found by trying what people mix up, and said by name.
+#
+# Every check raises CalibrationError with what was found, where, and what to do.
+
+
+LEAST_DOME, LEAST_MARK, LEAST_ROLL = 30, 8, 12  #: poses that differ, for a step to tell anything
+
+_FRAME_CHECKS_LOOSE = (
+    2e-3  #: rms from which the poses are no tip's in marks; as a share of the marks' distances further on [m]
+)
+_TILT = np.sin(np.deg2rad(5.0))  #: rms tilt in the marks below which the tip is not determined
+_SCALE = 0.02  #: metres are metres to this
+_UNITS = {1e3: "millimetres", 1e2: "centimetres", 1 / 0.0254: "inches", 1 / 0.3048: "feet"}
+_RADIUS = 1e-3  #: the dome's radius is that of the file, to this [m]
+_LIFTED = 0.25  #: share of the touches on the dome that may not be on it
+_APART = 4e-3  #: the centre by the dome and the centre by the marks agree to this; so do the marks with each other [m]
+_SPREAD = np.deg2rad(35.0)  #: half angle that the touches on the dome must reach at least [rad]
+_WOBBLE, _ROLLED = np.deg2rad(1.5), np.deg2rad(90.0)  #: [rad]
+
+
+def check_enough(touched: TouchSession, names: Sequence[str]) -> None:
+    """There are poses to work with, for every mark of `names`."""
+    wanted = [("on the dome", touched.dome, LEAST_DOME), ("while rolling", touched.roll, LEAST_ROLL)]
+    missing = [name for name in names if name not in touched.marks]
+    if missing:
+        raise CalibrationError(f"mark '{missing[0]}' was not touched; all of {', '.join(names)} are needed")
+    wanted += [(f"in mark '{name}'", touched.marks[name], LEAST_MARK) for name in names]
+    for where, one, least in wanted:
+        if len(one) < least:
+            raise CalibrationError(
+                f"only {len(one)} distinct poses {where}; at least {least} are needed: keep moving or tilting the "
+                "tool, and check that the tracker sees it"
+            )
+
+
+def check_pivot(stands: Sequence[Touches]) -> Pivot:
+    """The tip by the marks alone, if the poses are those of a rigid body about a tip."""
+    found = pivot(stands)
+    size = max(float(np.linalg.norm(found.places - found.places.mean(axis=0), axis=1).mean()), 1e-9)
+    loose = _FRAME_CHECKS_LOOSE * max(1.0, size / 0.03)  # in millimetres everything is a thousand times larger
+    if found.rms > loose:
+        for name, q in _list_misreadings(stands).items():
+            again = pivot([Touches(one.p, turn) for one, turn in zip(stands, q, strict=True)])
+            if again.rms < 0.3 * found.rms and again.rms < loose:
+                raise CalibrationError(
+                    f"no tip fits the tracker's poses as they are sent (rms {1e3 * found.rms:.1f} mm), but one does if "
+                    f"{name}: send the x y z w that rotates vectors from body to tracker"
+                )
+        raise CalibrationError(
+            f"no tip fits the tracker's poses in the marks (rms {1e3 * found.rms:.1f} mm): the tip must stay in its "
+            "mark while the tool is tilted, the markers must not move on the tool, and positions and quaternions must "
+            "be of the same, right-handed frame"
+        )
+    if found.weakest < _TILT:
+        raise CalibrationError(
+            f"in the marks the tool was tilted by no more than {np.rad2deg(np.arcsin(found.weakest)):.1f}° (rms, about "
+            "the least of three axes): the tip's place in the body is not observable. Tilt by 20° or more to all "
+            "sides, and roll the tool"
+        )
+    return found
+
+
+def _list_misreadings(stands: Sequence[Touches]) -> dict[str, list[Array]]:
+    """The quaternions as they would be meant if their order were mixed up."""
+    first = [one.q[:, [1, 2, 3, 0]] for one in stands]
+    return {
+        "the quaternion's w came first (w x y z)": first,
+        "the quaternion turned the other way (tracker into body)": [one.q * [-1, -1, -1, 1] for one in stands],
+        "the quaternion's w came first and it turned the other way": [q * [-1, -1, -1, 1] for q in first],
+    }
+
+
+def check_scale(places: Array, known: Array) -> None:
+    """The tracker speaks metres: by the distances between places and known marks (k, 3) [m], whichever is which."""
+
+    def size(points: Array) -> float:
+        return sum(float(np.linalg.norm(a - b)) for a, b in combinations(points, 2))
+
+    scale = size(places) / size(known)
+    if abs(scale - 1.0) <= _SCALE:  # safety: frame-scale
+        return
+    unit = next((f" {name}" for factor, name in _UNITS.items() if abs(scale / factor - 1.0) < 0.05), "")
+    what = f"reports{unit}: " if unit else "is out of scale: "
+    raise CalibrationError(
+        f"the tracker {what}the marks appear {scale:.4g} times as far apart as they are. Poses must be in metres"
+        + ("" if unit else "; calibrate the tracker, or check that all marks were touched")
+    )
+
+
+def check_sphere(radius: float, on: Array, known: float) -> None:
+    """The dome of `radius` [m] is the file's of `known` [m], and most touches, on (n,), are on it."""
+    if (share := 1.0 - float(on.mean())) > _LIFTED:
+        raise CalibrationError(
+            f"{100 * share:.0f} % of the touches on the dome are not on it: keep the tip on the dome, keep the side "
+            "of the tool off it, and lift it only occasionally"
+        )
+    if abs(radius - known) > _RADIUS:
+        raise CalibrationError(
+            f"the touches on the dome lie on a sphere of {1e3 * radius:.1f} mm; the device's dome has {1e3 * known:g} "
+            "mm. Check that it is this device, and that the tip touched the dome itself"
+        )
+
+
+def check_spread(points: Array, centre: Array) -> None:
+    """The dome was touched at points (n, 3) [m] far apart, as seen from its centre (3,) [m]."""
+    directions = (points - centre) / np.linalg.norm(points - centre, axis=1)[:, None]
+    middle = directions.mean(axis=0)
+    middle /= np.linalg.norm(middle)
+    half = float(np.percentile(np.arccos(np.clip(directions @ middle, -1.0, 1.0)), 90))
+    if half < _SPREAD:
+        raise CalibrationError(
+            f"the touches on the dome are all within {np.rad2deg(half):.0f}° of one point: the dome's centre is not "
+            f"observable from there. Touch the whole dome, {np.rad2deg(_SPREAD):.0f}° or more to every side"
+        )
+
+
+def check_handedness(places: Array, centre: Array, known: Array) -> None:
+    """The frame is right-handed: places (k, 3) and centre (3,) [m] lie as known (k, 3) and 0 do, and not mirrored."""
+    found, wanted = np.vstack([places, centre]), np.vstack([known, np.zeros(3)])
+    right, left = fit_points(found, wanted)[2], fit_points(found, wanted, mirrored=True)[2]
+    if right > _APART / 2 and left < 0.3 * right:  # safety: left-handed
+        raise CalibrationError(
+            f"the tracker's frame is left-handed: the marks and the dome fit mirrored (rms {1e3 * left:.1f} mm) and "
+            f"not as they are ({1e3 * right:.1f} mm). Switch its axes, or send −x with the quaternion x −y −z w"
+        )
+
+
+def check_marks(places: Array, known: Array, names: Sequence[str]) -> None:
+    """Each of the places (k, 3) is that of the known mark (k, 3) [m] that was asked for."""
+    rms = fit_points(places, known)[2]
+    if rms <= _APART / 2:
+        return
+    for order in permutations(range(len(names))):
+        if fit_points(places[list(order)], known)[2] < 0.3 * rms:
+            wrong = ", ".join(
+                f"'{names[order.index(k)]}' instead of '{name}'" for k, name in enumerate(names) if order[k] != k
+            )
+            raise CalibrationError(f"the marks were touched in another order: {wrong}. Touch them in the printed order")
+    raise CalibrationError(
+        f"the marks are {1e3 * rms:.1f} mm (rms) from their places in the device file: check that each was touched "
+        "in its centre, and that the file's marks are those of this device"
+    )
+
+
+def check_centre(by_dome: Array, by_marks: Array) -> None:
+    """Dome and marks tell of the same centre (3,) [m]."""
+    if (apart := float(np.linalg.norm(by_dome - by_marks))) > _APART:
+        raise CalibrationError(
+            f"the dome's centre is {1e3 * apart:.1f} mm from its place by the marks: check that device and cameras "
+            "did not move between the steps, and that no mark was missed"
+        )
+
+
+def check_roll(found: Roll) -> None:
+    """The tool was turned far enough, about a fixed axis."""
+    if found.angle < _ROLLED:
+        raise CalibrationError(
+            f"the tool was rolled by only {np.rad2deg(found.angle):.0f}°; its axis needs at least "
+            f"{np.rad2deg(_ROLLED):.0f}°, better a full turn"
+        )
+    if found.wobble > _WOBBLE:
+        raise CalibrationError(
+            f"the tool's axis wobbled by {np.rad2deg(found.wobble):.1f}° (rms) while it was rolled: put it into a bore "
+            "that fits and turn it there"
+        )
+
+
+# --------------------------------------------------------------------------------------------------
+# Least squares over the touches of a session: frame and tip by Gauss–Newton, and what no touch determines.
+#
+# Frame and tip are stepped as x ↦ exp(δ) x + τ and a ↦ a + α, with x = R (P + Q a) + t the tip in the stator frame,
+# so
+#
+#     ∂x/∂δ = −[x]ₓ,    ∂x/∂τ = 1,    ∂x/∂α = R Q.
+#
+# The dome alone leaves δ free, exactly: its normal is along x, and x · (δ × x) = 0. It holds the centre; the marks
+# hold
+# the turn.
+
+
+UNKNOWNS = ("turn about x", "turn about y", "turn about z", "shift along x", "shift along y", "shift along z",
+            "tip along the body's x", "tip along the body's y", "tip along the body's z")  # fmt: skip
+
+_STEPS = 20
+_SETTLED = 1e-9  #: [m]
+_FRAME_FIT_LEFT_OUT = 4.0  #: robust standard deviations from which a touch on the dome is left out
+_FRAME_FIT_LEAST = 0.3e-3  #: but none that is nearer than this [m]
+_FREE = 1e-2  #: share of the greatest singular value below which a direction is not observable: noise alone makes some
+
+
+@final
+class FrameFit:
+    """Least squares over dome and marks together: known (k, 3) [m] marks, from R (3, 3), t (3,) and tip (3,) [m]."""
+
+    def __init__(
+        self, touched: TouchSession, names: tuple[str, ...], known: Array, radius: float, R: Array, t: Array, tip: Array
+    ) -> None:
+        stands = [touched.marks[name] for name in names]
+        self.dome = len(touched.dome)
+        self.p = np.concatenate([touched.dome.p, *(one.p for one in stands)])
+        self.Q = np.concatenate([touched.dome.R, *(one.R for one in stands)])
+        self.known = np.repeat(known, [len(one) for one in stands], axis=0)
+        self.radius, self.R, self.t, self.tip = radius, R, t, tip
+        self.on = np.ones(self.dome, dtype=bool)
+
+    @property
+    def x(self) -> Array:
+        """(n, 3) the tip in the stator frame [m], dome first."""
+        placed: Array = (self.p + self.Q @ self.tip) @ self.R.T + self.t
+        return placed
+
+    def equations(self) -> tuple[Array, Array]:
+        """(residuals (m,) [m], Jacobian (m, 9)); turns times the dome's radius, so that all unknowns are lengths."""
+        x = self.x
+        J = np.zeros((len(x), 3, 9))
+        J[:, 0, 1], J[:, 0, 2], J[:, 1, 2] = x[:, 2], -x[:, 1], x[:, 0]
+        J[:, 1, 0], J[:, 2, 0], J[:, 2, 1] = -x[:, 2], x[:, 1], -x[:, 0]
+        J[:, :, :3] /= self.radius
+        J[:, :, 3:6] = np.eye(3)
+        J[:, :, 6:] = self.R @ self.Q
+        distance = np.linalg.norm(x[: self.dome], axis=1)
+        normal = x[: self.dome] / distance[:, None]
+        dome = np.einsum("ij,ijk->ik", normal, J[: self.dome])
+        left = np.concatenate([(distance - self.radius)[self.on], (x[self.dome :] - self.known).ravel()])
+        return left, np.concatenate([dome[self.on], J[self.dome :].reshape(-1, 9)])
+
+    def settle(self) -> None:
+        """Gauss–Newton to the end, then once more without the touches at which the tip was off the dome.
+
+        Raises CalibrationError if it does not settle.
+        """
+        for _ in range(3):
+            for _ in range(_STEPS):
+                left, J = self.equations()
+                step, *_ = np.linalg.lstsq(J, -left, rcond=None)
+                turn = _rotation(np.asarray(step[:3] / self.radius))
+                self.R, self.t, self.tip = turn @ self.R, turn @ self.t + step[3:6], self.tip + step[6:]
+                if np.abs(step).max() < _SETTLED:
+                    break
+            else:
+                raise CalibrationError("the fit of the frame does not converge: touch the dome and all marks again")
+            off = np.linalg.norm(self.x[: self.dome], axis=1) - self.radius
+            scale = 1.4826 * float(np.median(np.abs(off - np.median(off))))
+            before, self.on = self.on, np.abs(off) <= max(_FRAME_FIT_LEFT_OUT * scale, _FRAME_FIT_LEAST)
+            if (self.on == before).all():
+                return
+
+
+def find_unobservable(J: Array, names: tuple[str, ...] = UNKNOWNS) -> tuple[float, tuple[str, ...]]:
+    """(condition, what is not observable): directions of the unknowns that no equation of J (n, 9) sees, in words.
+
+    >>> find_unobservable(np.eye(9)[:8])[1]
+    ("tip along the body's z",)
+    """
+    _, s, Vt = np.linalg.svd(np.vstack([J, np.zeros((len(names), len(names)))]), full_matrices=False)
+    free = Vt[s <= _FREE * s[0]]
+    share = (free**2).sum(axis=0)
+    unseen = tuple(name for name, part in zip(names, share, strict=True) if part > 0.3)
+    return float(s[0] / s[-1]) if s[-1] > 0 else float("inf"), unseen
+
+
+def _rotation(w: Array) -> Array:
+    """(3, 3) the rotation by the vector w [rad] (Rodrigues)."""
+    angle = max(float(np.linalg.norm(w)), 1e-9)
+    K = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    R: Array = np.eye(3) + np.sin(angle) / angle * K + (1 - np.cos(angle)) / angle**2 * K @ K
+    return R
+
+
+# --------------------------------------------------------------------------------------------------
+# Where the device is in a tracker's frame, and the tool in its rigid body: from touches, by Gauss–Newton.
+#
+# Unknown are the frame (R, t: 6) and the tip in the body (a: 3), x = R (P + Q a) + t. On the dome |x| = r, in mark k
+# x = x_k (`frame_fit`). Closed forms begin it, one for each step (`frame_start`), and what does not fit together is
+# named
+# (`frame_doubts`). The tool's axis comes from the rolled tool by itself.
+
+
+_FRAME_REGISTRATION_LOOSE = 1.5e-3  #: rms from which something is loose [m]
+_POSITION, _DIRECTION = 1e-3, np.deg2rad(2.0)  #: of the tool, from which a frame is of no use [m], [rad]
+
+
+@final
+@dataclass(frozen=True)
+class FrameRegistration:
+    """What was found, and how far it may be trusted.
+
+    R, t         (3, 3), (3,) [m] tracker into stator: x_S = R x_T + t
+    tip          (3,) in the body [m]
+    axis         (3,) unit vector in the body, from the tip towards the magnet
+    residual     rms distance of the touches from dome and marks, per equation [m]
+    condition    of the last step, turns measured at the dome's radius
+    position     standard deviation of the magnet's place over the touches on the dome [m]
+    direction    that of the tool's axis [rad]
+    radius       of the sphere by itself [m], to be held against the dome's
+    wobble       of the axis while the tool was rolled, rms [rad]
+    used         touches that were used; excluded: those on the dome that were not
+    """
+
+    R: Array
+    t: Array
+    tip: Array
+    axis: Array
+    residual: float
+    condition: float
+    position: float
+    direction: float
+    radius: float
+    wobble: float
+    used: int
+    excluded: int
+
+
+def frame_registration(touched: TouchSession, device: SphericalElectromagnet) -> FrameRegistration:
+    """Registers the frame.
+
+    Raises InputError for a device without marks, and CalibrationError for touches that do not determine a frame, or
+    that no right-handed tracker in metres with a rigid tool can have sent: what is wrong is named.
+    """
+    marks = device.marks
+    if marks is None:
+        raise InputError(
+            f"device '{device.name}': its file has no [marks]; the dome alone leaves the frame's rotation free. "
+            "Measure three points that can hold the tip, and add them"
+        )
+    check_enough(touched, marks.names)
+    stands = [touched.marks[name] for name in marks.names]
+    start = check_pivot(stands)
+    check_scale(start.places, marks.positions)
+    centre, radius, on = sphere(touched.dome.point(start.tip))
+    check_marks(start.places, marks.positions, marks.names)
+    R, t, _ = fit_points(start.places, marks.positions)
+    check_spread(touched.dome.point(start.tip), -R.T @ t)
+    check_sphere(radius, on, device.dome_radius)
+    check_handedness(start.places, centre, marks.positions)
+    check_centre(centre, -R.T @ t)
+    roll = find_roll(touched.roll)
+    check_roll(roll)
+    fit = FrameFit(touched, marks.names, marks.positions, device.dome_radius, R, t, start.tip)
+    fit.settle()
+    outward = fit.x[: len(touched.dome)]
+    along = np.einsum("ij,ij->i", touched.dome.R @ roll.axis, outward @ fit.R)
+    axis = roll.axis if float(np.median(along)) > 0 else -roll.axis
+    return _judge_fit(fit, axis, roll.wobble, radius, device.tool.tip_distance)
+
+
+def _judge_fit(fit: FrameFit, axis: Array, wobble: float, radius: float, tip_distance: float) -> FrameRegistration:
+    left, J = fit.equations()
+    condition, unseen = find_unobservable(J)
+    if unseen:
+        raise CalibrationError(
+            f"the touches do not determine {', '.join(unseen)}. Touch all marks, and more of the dome with more tilt"
+        )
+    residual = float(np.sqrt((left**2).mean()))
+    if residual > _FRAME_REGISTRATION_LOOSE:
+        raise CalibrationError(
+            f"the residual at dome and marks is {1e3 * residual:.1f} mm (rms): check that the tool's body is not "
+            "loose, that the tracker's calibration is valid here, and that all marks were touched in their centre"
+        )
+    covariance = float(left @ left) / max(len(left) - 9, 1) * np.linalg.inv(J.T @ J)
+    # what turns with the tool does not average out over its poses: the wobble counts whole
+    turn = float(np.trace(covariance[:3, :3])) / fit.radius**2
+    direction = float(np.sqrt(2.0 / 3.0 * turn + wobble**2))
+    x = fit.x[: fit.dome][fit.on]
+    visible = np.zeros((len(x), 3, 9))
+    out = x + tip_distance * ((fit.R @ fit.Q[: fit.dome][fit.on]) @ axis)
+    for k, unit in enumerate(np.eye(3)):
+        visible[:, :, k] = np.cross(unit, out) / fit.radius
+    visible[:, :, 3:6] = np.eye(3)
+    visible[:, :, 6:] = fit.R @ fit.Q[: fit.dome][fit.on]
+    spread = np.einsum("nij,jk,nik->n", visible, covariance, visible).mean()
+    position = float(np.sqrt(spread + (tip_distance * wobble) ** 2))
+    if position > _POSITION or direction > _DIRECTION:
+        raise CalibrationError(
+            f"the expected accuracy is only {1e3 * position:.1f} mm and {np.rad2deg(direction):.1f}°; touch more "
+            "points, tilt more, roll further, or reduce the tracker's noise"
+        )
+    return FrameRegistration(
+        fit.R, fit.t, fit.tip, axis, residual, condition, position, direction, radius, wobble,
+        int(fit.on.sum()) + len(fit.known), int((~fit.on).sum()),
+    )  # fmt: skip
+
+
+FORMAT = "haptorb-tracker-frame-1"
+_VECTORS = {"shift_m": (3,), "tip_m": (3,), "magnet_m": (3,), "axis": (3,), "turn": (3, 3)}
+_NUMBERS = ("residual_m", "condition", "position_m", "direction_rad")
+_KEYS = {"format", "device", "digest", "tracker", "simulated", *_VECTORS, *_NUMBERS}
+_FAR = 1e3  #: no tracker sees a tool farther away [m]
+_ARM = 1.0  #: no rigid body is farther from the tool's magnet [m]
+
+
+@final
+@dataclass(frozen=True)
+class TrackerFrame:
+    """What turns poses of a body in a tracker's frame into poses of the tool in the stator's.
+
+    digest     of the device's file
+    tracker    as it was named when it was registered
+    simulated  it was registered in a rehearsal
+    R, t       (3, 3), (3,) [m] tracker into stator: x_S = R x_T + t
+    tip, magnet  (3,) of the tool, in the body [m]
+    axis       (3,) unit vector of the tool's moment, in the body
+    residual, condition, position, direction: as in `FrameRegistration`
+    """
+
+    device: str
+    digest: str
+    tracker: str
+    simulated: bool
+    R: Array
+    t: Array
+    tip: Array
+    magnet: Array
+    axis: Array
+    residual: float
+    condition: float
+    position: float
+    direction: float
+
+    @classmethod
+    def of(
+        cls, found: FrameRegistration, device: Device, tip_distance: float, tracker: str, *, simulated: bool
+    ) -> TrackerFrame:
+        """What was `found` of `device` and `tracker`; the magnet is tip_distance [m] up the axis from the tip."""
+        return cls(
+            device.name, device.digest, tracker, simulated, found.R, found.t, found.tip,
+            found.tip + tip_distance * found.axis, found.axis, found.residual, found.condition, found.position,
+            found.direction,
+        )  # fmt: skip
+
+    def check_for(self, device: Device, tracker: str) -> TrackerFrame:
+        """Itself; CalibrationError if it is that of another device or tracker."""
+        if self.digest != device.digest:
+            raise CalibrationError(
+                f"the tracker's frame belongs to device {quote(self.device)} with file {quote(self.digest[:12])}, not "
+                f"to '{device.name}' with file {device.digest[:12]}; register again with `haptorb frame {device.name}`"
+            )
+        if self.tracker != tracker:  # safety: frame-tracker
+            raise CalibrationError(
+                f"the frame belongs to tracker {quote(self.tracker)}, not to '{tracker}': use that one, or register "
+                f"this one with `haptorb frame {device.name} --tracker {tracker}`"
+            )
+        return self
+
+    def transform_pose(self, p: Sequence[float], q: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """(p (3,) [m], q (4,)) of the tool's magnet, stator frame, for a body at p (3,), q (4,) in the tracker's.
+
+        What cannot be a pose stays as it is, and a quaternion keeps its length: the pose filter checks them after this.
+        """
+        length = hypot(*q)
+        if len(p) != 3 or len(q) != 4 or not hypot(*p) < _FAR or not 0.5 < length < 2.0:
+            return tuple(p), tuple(q)
+        place = self.R @ (np.array(p) + rotate(np.array(q) / length, self.magnet)) + self.t
+        before, after = self._quaternions
+        turn = product(product(before, np.array(q)), after)
+        return tuple(place.tolist()), tuple(turn.tolist())
+
+    @cached_property
+    def _quaternions(self) -> tuple[Array, Array]:
+        """(4,) each: of R, and of the turn of the tool's z to the axis in the body."""
+        return quaternion(self.R), quaternion(rotation_to_axis(self.axis))
+
+    def text(self) -> str:
+        """As JSON, every digit kept."""
+        content = {
+            "format": FORMAT,
+            "device": self.device,
+            "digest": self.digest,
+            "tracker": self.tracker,
+            "simulated": self.simulated,
+            "turn": self.R.tolist(),
+            "shift_m": self.t.tolist(),
+            "tip_m": self.tip.tolist(),
+            "magnet_m": self.magnet.tolist(),
+            "axis": self.axis.tolist(),
+            "residual_m": self.residual,
+            "condition": self.condition,
+            "position_m": self.position,
+            "direction_rad": self.direction,
+        }
+        return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+    @classmethod
+    def parse(cls, text: str, name: str) -> TrackerFrame:
+        """From JSON; `name` is the name for messages. CalibrationError if it is no tracker's frame."""
+        raw = parse_document(text, name, "tracker's frame", FORMAT, _KEYS, "register again with `haptorb frame`")
+        for key in ("device", "digest", "tracker"):
+            if not isinstance(raw[key], str):
+                raise CalibrationError(f"{name}: {key} must be a text; got {quote(raw[key])}")
+        if not isinstance(raw["simulated"], bool):
+            raise CalibrationError(f"{name}: simulated must be true or false; got {quote(raw['simulated'])}")
+        arrays = {key: numbers(raw, key, name, shape) for key, shape in _VECTORS.items()}
+        grades = [float(numbers(raw, key, name, ())) for key in _NUMBERS]
+        try:
+            turn = rotation(arrays["turn"], "turn")
+        except ValueError as cause:
+            raise CalibrationError(f"{name}: {cause}") from cause
+        if abs(np.linalg.norm(arrays["axis"]) - 1.0) > 1e-6:
+            raise CalibrationError(f"{name}: axis must have length 1; got {arrays['axis'].tolist()}")
+        if np.linalg.norm(arrays["magnet_m"]) > _ARM or np.linalg.norm(arrays["tip_m"]) > _ARM:
+            raise CalibrationError(f"{name}: the tool is more than {_ARM:g} m from its rigid body; register again")
+        return cls(
+            raw["device"], raw["digest"], raw["tracker"], raw["simulated"],
+            turn, arrays["shift_m"], arrays["tip_m"], arrays["magnet_m"], arrays["axis"], *grades,
+        )  # fmt: skip

@@ -1,0 +1,244 @@
+"""From a sample to an estimate: the abstract estimator, and the one that uses a tracker."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from haptorb.arrays import Array, StateArray, Stateful, choose, make_block, record
+from haptorb.compiled import tick_kernel
+from haptorb.devices.base import Device, State, WrenchMap
+from haptorb.errors import GeometryError, InputError
+from haptorb.estimation.controller_model import ControllerModel
+
+__all__ = [
+    "Estimate",
+    "Estimator",
+    "EstimatorChoice",
+    "EstimatorSettings",
+    "KeptEstimate",
+    "Pose",
+    "Sample",
+    "TrackedPose",
+    "tracker_only",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# The measurements of a driver in one tick, and the estimate from them.
+
+
+@record
+class Pose:
+    """A pose from a tracker: position and orientation, time of measurement, and validity."""
+
+    t: float  #: time at which the pose was measured [s], on the sample's clock
+    R_SR: Array  #: (3, 3)
+    p: Array  #: (3,) [m]
+    w: Array  #: (3,) [rad/s]
+    v: Array  #: (3,) [m/s]
+    valid: bool
+
+
+@record
+class Sample:
+    """The measurements of one tick; arrays have one entry per channel or per sensor.
+
+    t             time of the tick that read [s]
+    currents      (m,) measured [A]
+    temperatures  (m,) coil boundary [K]
+    field         (k, 3) field sensors [T]; (0, 3) if the device has none
+    pose          the tracker's last pose; not valid for a rotor that is measured by its field
+    currents_age  age of the currents at t [s], from the middle of their sensors' averaging time; negative if
+                  they were measured after the tick began
+    field_age     the same for the field [s]
+    """
+
+    t: float
+    currents: Array
+    temperatures: Array
+    field: Array
+    pose: Pose
+    currents_age: float = 0.0
+    field_age: float = 0.0
+
+
+@record
+class Estimate:
+    """The estimate: state of the mover, wrench map there, age, and limits of validity."""
+
+    state: State
+    wrench_map: WrenchMap
+    valid: bool  #: False: where the mover is, is not known; nothing may be asked of the coils
+    age: float  #: of the pose behind it [s]
+    oriented: bool = True  #: False: R_SR and w are not estimated, they are NaN; the wrench map was found without them
+    spin_period: float = 0.0  #: turns about the mover's z are known but for a multiple of this [rad]; 0: absolutely
+    covariance: Array | None = None  #: (3, 3) of the orientation as a rotation vector, stator frame [rad²], if known
+    strength: float = 1.0  #: of the mover's magnets, relative to the device file, where the estimator finds it
+    disbelieved: int = 0  #: number of field sensors whose readings were left out
+    reversed: bool = False  #: the mover's magnet is the wrong way round: every force would invert
+
+
+# --------------------------------------------------------------------------------------------------
+# The last estimate of an estimator, in arrays of fixed size: for its snapshot.
+
+
+@final
+class KeptEstimate:
+    """Room for one estimate of a device with so many `channels`."""
+
+    def __init__(self, channels: int) -> None:
+        #: by name; `motion` is place [m], angular velocity [rad/s] and velocity [m/s]
+        self.arrays: Mapping[str, StateArray]
+        self.arrays, self._cells = make_block(
+            {"rotation": (3, 3), "motion": (3, 3), "wrench_map": (6, channels), "passive": (6,), "covariance": (3, 3)},
+            estimate=(
+                "t", "valid", "age", "oriented", "spin_period", "has_covariance", "strength", "disbelieved", "reversed"
+            ),
+        )  # fmt: skip
+        _, self._turn, motion, self._matrix, self._passive, self._covariance = self.arrays.values()
+        self._p, self._w, self._v = motion
+
+    def store(self, estimate: Estimate) -> None:
+        """Copy it into the arrays."""
+        state, cells = estimate.state, self._cells
+        self._turn[:], self._p[:], self._w[:], self._v[:] = state.R_SR, state.p, state.w, state.v
+        self._matrix[:], self._passive[:] = estimate.wrench_map.matrix, estimate.wrench_map.passive
+        cells[0], cells[1], cells[2], cells[3] = state.t, estimate.valid, estimate.age, estimate.oriented
+        cells[4], cells[6], cells[7] = estimate.spin_period, estimate.strength, estimate.disbelieved
+        cells[8] = estimate.reversed
+        covariance = estimate.covariance
+        cells[5] = covariance is not None
+        if covariance is not None:
+            self._covariance[:] = covariance
+
+    def load(self) -> Estimate:
+        """The estimate that the arrays describe. Raises ValueError for numbers that describe none."""
+        t, valid, age, oriented, period, has, strength, disbelieved, reversed_ = self._cells
+        p, w, v = self._p.copy(), self._w.copy(), self._v.copy()
+        return Estimate(
+            State(t, self._turn.copy(), p, w, v),
+            WrenchMap(self._matrix.copy(), self._passive.copy()),
+            bool(valid), age, bool(oriented), period, self._covariance.copy() if has else None, strength,
+            choose(disbelieved, 1 << 20), bool(reversed_),
+        )  # fmt: skip
+
+
+@tick_kernel
+def _is_finite(p: Array, R: Array, v: Array, w: Array) -> bool:
+    total = 0.0  # a sum is not finite as soon as one part of it is not
+    for i in range(3):
+        total += p[i] + v[i] + w[i]
+        for j in range(3):
+            total += R[i, j]
+    return bool(np.isfinite(total))
+
+
+class Estimator(Stateful, ABC):
+    """The interface of every estimator. What it remembers from tick to tick, `state_arrays` names."""
+
+    @abstractmethod
+    def update(self, sample: Sample) -> Estimate:
+        """The estimate after `sample`."""
+
+    @property
+    def model(self) -> str:
+        """The device's model of the wrench maps; empty: none of them."""
+        return ""
+
+    @property
+    def remark(self) -> str:
+        """A remark for the user about this estimator; empty if there is none."""
+        return ""
+
+    def change_model(self, name: str) -> None:
+        """Change the wrench maps to the device's model `name`, without a step; InputError if there is only one."""
+        raise InputError(f"this estimator has one model only; it cannot switch to '{name}'")
+
+
+class TrackedPose(Estimator):
+    """Uses the tracker's pose: state as tracked, wrench map by the device's `model`, by default the first.
+
+    A pose older than the guard's expiry is still passed on, with its age; the guard decides what to do. An
+    impossible pose (not finite, or inside the device) is replaced by the last valid pose, marked as not valid.
+    """
+
+    state_kind = "tracker"
+
+    def __init__(self, device: Device, model: str | None = None) -> None:
+        self._model, self._kept = ControllerModel(device, model), KeptEstimate(device.channels)
+        nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
+        self._last = Estimate(nowhere, WrenchMap(np.zeros((6, device.channels)), np.zeros(6)), False, np.inf)
+
+    def update(self, sample: Sample) -> Estimate:
+        """The estimate after `sample`."""
+        pose = sample.pose
+        last = self._last
+        if not _is_finite(pose.p, pose.R_SR, pose.v, pose.w):
+            return Estimate(last.state, last.wrench_map, False, sample.t - pose.t)
+        state = State(sample.t, pose.R_SR, pose.p, pose.w, pose.v)
+        try:
+            wrench_map = self._model.wrench_map(state)
+        except GeometryError:
+            return Estimate(last.state, last.wrench_map, False, sample.t - pose.t)
+        self._last = Estimate(state, wrench_map, pose.valid, sample.t - pose.t)
+        return self._last
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """The last valid estimate."""
+        return self._kept.arrays
+
+    def state_parts(self) -> Mapping[str, Stateful]:
+        """The controller model."""
+        return {"model": self._model}
+
+    def gather_state(self) -> None:
+        """Copy the last estimate."""
+        self._kept.store(self._last)
+
+    def apply_state(self) -> None:
+        """Take it over."""
+        self._last = self._kept.load()
+
+    @property
+    def model(self) -> str:
+        """The controller model."""
+        return self._model.name
+
+    def change_model(self, name: str) -> None:
+        """Change to the device's model `name`, without a step."""
+        self._model.change(name)
+
+
+@dataclass(frozen=True)
+class EstimatorSettings:
+    """Settings that the loop passes to an estimator."""
+
+    model: str | None = None  #: of the device's model; None: the device's first
+    offsets: Array | None = None  #: (k, 3) of the field sensors, where calibration found them [T]
+    in_turns: bool = False  #: whether the driver reads a part of the field sensors in each tick
+    learned: bytes = b""  #: what it learned, as `EstimatorChoice.read_learned` has it; empty: what this computer has
+
+
+@dataclass(frozen=True)
+class EstimatorChoice:
+    """One estimator that a kind of device can have."""
+
+    make: Callable[[Any, EstimatorSettings], Estimator]  #: from the device
+    check: Callable[[Any], object] | None = None  #: before anything starts: InputError if it cannot be made
+    axes: int = 1  #: that each of the device's field sensors must measure
+    read_learned: Callable[[Any], bytes] | None = None  #: the file with what it learned, beside the device's
+
+
+def tracker_only(device: Device) -> dict[str, EstimatorChoice]:
+    """The estimators of a device that has no other: "tracker".
+
+    >>> from haptorb.devices.loader import load
+    >>> list(tracker_only(load("omni")))
+    ['tracker']
+    """
+    return {"tracker": EstimatorChoice(lambda device, settings: TrackedPose(device, settings.model))}

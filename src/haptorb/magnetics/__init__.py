@@ -1,0 +1,1 @@
+"""Magnetostatics: fields, forces and torques of coils, magnets, dipoles and soft-magnetic spheres."""

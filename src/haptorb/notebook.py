@@ -1,0 +1,39 @@
+"""What a command prints, as a notebook shows it."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from io import StringIO
+from typing import TYPE_CHECKING, ClassVar
+
+from haptorb.display import Presentable, pre_html
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+__all__ = ["NotebookReport"]
+
+_WIDTH = 110  #: characters of a line in a notebook
+
+
+class NotebookReport(Presentable):
+    """A report that shows itself in one line, and in a notebook as its command prints it."""
+
+    #: "module:function" that prints the report, (report, console) → None, where the class has no method `show`
+    printer: ClassVar[str] = ""
+
+    def show(self, console: Console) -> None:
+        """Print it for people."""
+        module, _, name = self.printer.partition(":")
+        getattr(import_module(module), name)(self, console)
+
+    def render_text(self, width: int = _WIDTH) -> str:
+        """What `show` prints, in lines of at most `width` characters without colour."""
+        from rich.console import Console
+
+        file = StringIO()
+        self.show(Console(file=file, width=width, markup=False, emoji=False, highlight=False, color_system=None))
+        return "\n".join(line.rstrip() for line in file.getvalue().rstrip().splitlines())
+
+    def _repr_html_(self) -> str:
+        return pre_html(self.render_text())

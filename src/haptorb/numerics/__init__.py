@@ -1,1 +1,0 @@
-"""Array types, compiled kernels and rotations: the tools of every other package."""

@@ -1,0 +1,98 @@
+"""Python files of users: the modules that they import from their folder, and objects pickled with their code."""
+
+from __future__ import annotations
+
+import ast
+import io
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import CodeType, ModuleType
+from typing import Any
+
+__all__ = ["find_imports", "list_modules", "make_code", "pickle_with_code"]
+
+
+# --------------------------------------------------------------------------------------------------
+# What a user's Python file imports from the folder that it lies in: found by reading it, not by running it.
+
+
+def find_imports(path: Path, source: str) -> dict[Path, str]:
+    """File → text of every module in the folder of `path`, and below it, that `source`, the text of `path`, imports:
+    directly or through others, at the top or within a function. `path` itself is not among them."""
+    found: dict[Path, str] = {}
+    waiting = [(path, source)]
+    while waiting:
+        at, text = waiting.pop()
+        for file in _list_files(at, text, path.parent):
+            if file != path and file not in found:
+                try:
+                    found[file] = file.read_text(encoding="utf-8", errors="replace")
+                except OSError:
+                    continue  # Python says it better, where the import is
+                waiting.append((file, found[file]))
+    return dict(sorted(found.items()))
+
+
+def list_modules(files: dict[Path, str]) -> list[ModuleType]:
+    """The modules of this process that were imported from `files`."""
+    paths = {str(path) for path in files}
+    return [one for one in list(sys.modules.values()) if getattr(one, "__file__", None) in paths]
+
+
+def _list_files(path: Path, text: str, folder: Path) -> Iterator[Path]:
+    """Files below `folder` that `text`, of the file `path`, may import."""
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError):
+        return
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield from _resolve(folder, alias.name.split("."))
+        elif isinstance(node, ast.ImportFrom):
+            start = path.parents[node.level - 1] if 0 < node.level <= len(path.parents) else folder
+            if start.is_relative_to(folder):
+                parts = node.module.split(".") if node.module else []
+                for alias in node.names:
+                    yield from _resolve(start, [*parts, alias.name])
+
+
+def _resolve(folder: Path, parts: list[str]) -> Iterator[Path]:
+    """The files of a dotted name: those of its packages, and the module's."""
+    for count in range(1, len(parts) + 1):
+        place = folder.joinpath(*parts[:count])
+        for file in (place.with_name(f"{place.name}.py"), place / "__init__.py"):
+            if file.is_file():
+                yield file
+
+
+# --------------------------------------------------------------------------------------------------
+# Pickle objects together with the code that defines them, for processes that do not have its files.
+
+
+def pickle_with_code(what: object) -> bytes:
+    """`what` pickled as cloudpickle does it; `pickle.loads` reads it.
+
+    Code keeps the name of its file. Cloudpickle 3.1.2 and later replace it, and a message about an error in a user's
+    code could then not say where the error is.
+    """
+    from cloudpickle import Pickler  # imported late: few commands need it
+
+    reduce_code = Pickler.dispatch_table[CodeType]
+
+    def keep_filename(code: CodeType) -> tuple[Any, tuple[Any, ...]]:
+        _, values = reduce_code(code)
+        return make_code, (code.co_filename, *values)
+
+    class CodePickler(Pickler):  # type: ignore[misc]  # cloudpickle has no types
+        dispatch_table = Pickler.dispatch_table.new_child({CodeType: keep_filename})
+
+    file = io.BytesIO()
+    CodePickler(file).dump(what)
+    return file.getvalue()
+
+
+def make_code(filename: str, *values: Any) -> CodeType:
+    """The code object that the constructor's `values` describe, from the file `filename`."""
+    return CodeType(*values).replace(co_filename=filename)

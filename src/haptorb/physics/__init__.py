@@ -1,1 +1,0 @@
-"""Arrays in, arrays out: magnetostatics, beams, heat. No memory, no clock, no device."""

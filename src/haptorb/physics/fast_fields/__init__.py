@@ -1,1 +1,0 @@
-"""Fields and answers in a form that a servo can evaluate in each tick: tables and series."""

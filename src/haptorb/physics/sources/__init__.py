@@ -1,1 +1,0 @@
-"""Sources of magnetic field: magnets, coils, dipoles and soft-magnetic spheres."""

@@ -1,0 +1,154 @@
+"""Where a run is recorded to: a named file, a temporary one that its holder removes, or nowhere."""
+
+from __future__ import annotations
+
+import os
+import platform
+import tempfile
+import weakref
+from contextlib import suppress
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, final
+
+from haptorb.errors import RecordingError
+from haptorb.files import RECORDING, FileLock
+from haptorb.version import __version__
+
+if TYPE_CHECKING:
+    from haptorb.recording.recording import Recording
+
+__all__ = ["RunRecording", "complete", "create_recording", "create_temporary", "describe_machine", "list_versions"]
+
+
+# --------------------------------------------------------------------------------------------------
+# The file that a recording goes to, opened before anything starts: refused now, or never.
+
+
+_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+
+
+def create_recording(path: Path, *, overwrite: bool) -> int:
+    """A descriptor of the new, empty file `path`, write-protected for others until the recording is complete.
+
+    Raises RecordingError if it exists and `overwrite` is not set, or if it cannot be written.
+    """
+    try:
+        if path.is_dir():
+            raise RecordingError(f"cannot record to {path}: it is a folder; name a file in it")
+        if path.exists() and not overwrite:
+            text = f"{path} exists; choose another name, or replace it"
+            raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
+        if overwrite and path.exists():
+            if not path.is_file():
+                raise RecordingError(f"cannot record to {path}: it is not a regular file")
+            path.unlink()
+        return os.open(path, _FLAGS, 0o444)
+    except OSError as cause:
+        raise RecordingError(f"cannot record to {path}: {cause.strerror}; choose another folder") from cause
+    except ValueError as cause:  # a zero byte in its name
+        raise RecordingError(f"cannot record to {str(path)!r}: not the name of a file; choose another") from cause
+
+
+def complete(descriptor: int, *, temporary: bool) -> None:
+    """Lift the write protection of a recording that is whole: as any file that the user makes, and no more than that.
+
+    What others may read is for the user's umask to say; a `create_temporary` file stays its owner's alone.
+    """
+    mask = os.umask(0o077)
+    os.umask(mask)
+    os.fchmod(descriptor, 0o600 if temporary else 0o666 & ~mask)  # safety: recording-mode
+
+
+def create_temporary() -> tuple[Path, int, FileLock]:
+    """(path, descriptor, claim) of a new file in the system's temporary folder, which is ours while the claim is held.
+
+    Raises RecordingError if none can be made there.
+    """
+    folder = Path(tempfile.gettempdir())
+    while True:
+        try:
+            descriptor, name = tempfile.mkstemp(prefix="haptorb-", suffix=RECORDING, dir=folder)
+        except OSError as cause:
+            raise RecordingError(f"cannot record to {folder}: {cause.strerror}; name a file to record to") from cause
+        claim = FileLock(name)
+        if claim.there:
+            return Path(name), descriptor, claim
+        os.close(descriptor)  # another process removed it first
+
+
+@final
+class RunRecording:
+    """`where`: the file; None: a temporary one; False: nowhere. `overwrite`: whether the file may be replaced."""
+
+    def __init__(self, where: str | Path | Literal[False] | None, *, overwrite: bool) -> None:
+        self._where, self._overwrite = where, overwrite
+        self._path: Path | None = None
+        self._claim: FileLock | None = None
+
+    @property
+    def user_path(self) -> str | None:
+        """The named file, once it exists; None for a temporary one or none."""
+        return str(self._path) if self._where and self._path else None
+
+    @property
+    def temporary_path(self) -> Path | None:
+        """The temporary file, once it is there."""
+        return self._path if self._where is None else None
+
+    def open(self) -> int | None:
+        """A descriptor of the new, empty file; None for nowhere. Raises RecordingError."""
+        if self._where is False:
+            return None
+        if self._where is None:
+            self._path, descriptor, self._claim = create_temporary()
+            weakref.finalize(self, self._path.unlink, missing_ok=True)
+            return descriptor
+        path = Path(self._where).expanduser().absolute()
+        descriptor = create_recording(path, overwrite=self._overwrite)
+        self._path = path
+        return descriptor
+
+    def discard(self) -> None:
+        """Nothing ran: leave no file."""
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)
+
+    def read(self) -> Recording:
+        """What was recorded up to now. Raises RecordingError if nothing was recorded, or if the file cannot be read."""
+        from haptorb.recording.recording import Recording
+
+        if self._path is None:
+            raise RecordingError("nothing was recorded: the servo was not started, or recording was off")
+        return Recording(self._path)
+
+
+# --------------------------------------------------------------------------------------------------
+# What made a recording: versions of everything that computes, and the processor.
+
+
+_COMPUTING = ("numpy", "numba", "llvmlite", "mujoco")
+
+
+@cache
+def list_versions() -> dict[str, str]:
+    """Package → version, of those that are there.
+
+    >>> list_versions()["haptorb"] == __version__
+    True
+    """
+    found = {"haptorb": __version__, "python": platform.python_version()}
+    for name in _COMPUTING:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
+
+
+@cache
+def describe_machine() -> dict[str, str]:
+    """The processor: kernels are compiled for the one that is there."""
+    model = ""
+    with suppress(OSError), open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
+        model = next((line.partition(":")[2].strip() for line in file if line.startswith("model name")), "")
+    return {"processor": model or platform.processor() or platform.machine()}

@@ -1,0 +1,376 @@
+"""A part of a recording as CSV, Parquet or NumPy arrays; written in pieces, whole or not at all."""
+
+from __future__ import annotations
+
+import bisect
+import csv
+import json
+import math
+import shutil
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import TYPE_CHECKING, Any, Final, Protocol, final
+
+import numpy as np
+
+from haptorb.arrays import Array
+from haptorb.errors import InputError, RecordingError, UnknownName
+from haptorb.files import escape_formula, foreign_text, replace_file
+from haptorb.recording.row import STAGES, Field, FieldColumn
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
+
+__all__ = [
+    "FORMATS",
+    "Export",
+    "column_heads",
+    "column_names",
+    "describe_notes",
+    "make_data_frame",
+    "make_dataset",
+    "units_of",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# A recording for pandas and xarray, with the unit of every number in `attrs`.
+#
+# Neither package is loaded, or needed, before the first call.
+
+
+_PLACE, _TURN, _WRENCH = ("x", "y", "z"), ("x", "y", "z", "w"), ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
+_HOOK = ("deflection", "place", "point_x", "point_y", "point_z", "force_x", "force_y", "force_z")
+#: fields with parts that have names: field → (dimension, names of the parts)
+_PARTS: dict[str, tuple[str, tuple[str, ...]]] = {
+    **dict.fromkeys(("p", "v", "w", "target", "object"), ("axis", _PLACE)),
+    **dict.fromkeys(("q", "target_q", "object_q"), ("quaternion", _TURN)),
+    **dict.fromkeys(("asked", "modelled", "given", "object_wrench"), ("component", _WRENCH)),
+    "stages": ("stage", STAGES),
+    "share": ("motion", ("translation", "rotation")),
+    "contacts": ("hook", tuple(f"{part}_{hook}" for hook in (1, 2) for part in _HOOK)),
+}
+_CHANNELS = frozenset({"wanted", "currents", "duties", "resistance", "boundary", "winding"})
+
+
+class RecordingNotes(Protocol):
+    """What says of a recording how it was made."""
+
+    path: Path
+    truncated: bool
+    damage: tuple[str, ...]
+
+    @property
+    def metadata(self) -> Mapping[str, Mapping[str, str]]:
+        """The device, the run and the versions."""
+
+
+class Rows(RecordingNotes, Protocol):
+    """What is read of a recording."""
+
+    @property
+    def columns(self) -> tuple[Field, ...]:
+        """The fields, the memory of worlds by its own names."""
+
+    def read(self, first: int, last: int, fields: Sequence[str]) -> Array:
+        """(last − first, k) those columns side by side, in their own units [SI]."""
+
+    def __len__(self) -> int:
+        """Rows recorded."""
+
+
+def units_of(field: Field) -> tuple[str, ...]:
+    """The unit of each number of `field`: a wrench's "N, N·m" are three forces and three torques.
+
+    >>> units_of(Field("asked", 6, "N, N·m", ""))
+    ('N', 'N', 'N', 'N·m', 'N·m', 'N·m')
+    """
+    units = tuple(field.unit.split(", "))
+    if len(units) == 1:
+        return units * field.width
+    if len(units) == 2 and field.width % 6 == 0:
+        return tuple(unit for unit in units for _ in range(3)) * (field.width // 6)
+    if len(units) == 4 and field.width % 8 == 0:  # of a hook: two lengths, a place, a force
+        return tuple(unit for unit, many in zip(units, (1, 1, 3, 3), strict=True) for _ in range(many)) * (
+            field.width // 8
+        )
+    return (field.unit,) * field.width
+
+
+def column_names(field: Field) -> tuple[str, ...]:
+    """The name of each number of `field`, in tables.
+
+    >>> column_names(Field("p", 3, "m", ""))
+    ('p[0]', 'p[1]', 'p[2]')
+    """
+    return (field.name,) if field.width == 1 else tuple(f"{field.name}[{i}]" for i in range(field.width))
+
+
+def column_heads(field: Field) -> tuple[str, ...]:
+    """The heading of each number of `field` in a CSV file: name, and the unit where there is one.
+
+    >>> column_heads(Field("p", 3, "m", ""))[2], column_heads(Field("tick", 1, "1", ""))
+    ('p[2] [m]', ('tick',))
+    """
+    pairs = zip(column_names(field), units_of(field), strict=True)
+    return tuple(f"{name} [{unit}]" if unit not in ("", "1") else name for name, unit in pairs)
+
+
+def make_data_frame(recording: Rows) -> DataFrame:
+    """A DataFrame of all rows (n, width), one column per number; see `Recording.to_pandas`.
+
+    Units [SI] are in `attrs`. Raises InputError if pandas is not there.
+    """
+    try:
+        import pandas
+    except ImportError as cause:
+        raise InputError(f"to_pandas needs pandas ({cause}): pip install 'haptorb[notebook]'") from cause
+    names, units, about = [], {}, {}
+    for field in recording.columns:
+        for name, unit in zip(column_names(field), units_of(field), strict=True):
+            names.append(name)
+            units[name], about[name] = unit, field.about
+    numbers = recording.read(0, len(recording), [field.name for field in recording.columns])
+    frame = pandas.DataFrame(numbers, columns=names)
+    if "t" in names:
+        frame = frame.set_index("t")
+    frame.attrs = {**describe_notes(recording), "units": units, "about": about}
+    return frame
+
+
+def make_dataset(recording: Rows) -> Dataset:
+    """A Dataset over `t` (n,) [s], one variable per field; see `Recording.to_xarray`.
+
+    Raises InputError if xarray is not installed.
+    """
+    try:
+        import xarray
+    except ImportError as cause:
+        raise InputError(f"to_xarray needs xarray ({cause}): pip install 'haptorb[notebook]'") from cause
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {}
+    start, numbers = 0, recording.read(0, len(recording), [field.name for field in recording.columns])
+    for field in recording.columns:
+        attributes = {"units": field.unit, "long_name": field.about}
+        values = numbers[:, start] if field.width == 1 else numbers[:, start : start + field.width]
+        start += field.width
+        if field.name == "t":
+            coordinates["t"] = ("t", values, attributes)
+            continue
+        if values.ndim == 1:
+            variables[field.name] = ("t", values, attributes)
+            continue
+        dimension, labels = _PARTS.get(field.name, ("", ()))
+        if len(labels) == field.width:
+            coordinates[dimension] = (dimension, list(labels))
+        else:
+            dimension = "channel" if field.name in _CHANNELS else f"{field.name}_part"
+            if field.name in _CHANNELS:
+                coordinates[dimension] = (dimension, list(range(1, field.width + 1)))
+        variables[field.name] = (("t", dimension), values, attributes)
+    return xarray.Dataset(variables, coordinates, describe_notes(recording))
+
+
+def describe_notes(recording: RecordingNotes) -> dict[str, str]:
+    """What ran, for the metadata of a table: file, device, driver, rate [Hz] and model, and what is missing of it."""
+    device, run = recording.metadata.get("device", {}), recording.metadata.get("run", {})
+    known = {
+        "recording": recording.path.name,
+        "device": device.get("name", ""),
+        "driver": run.get("driver", ""),
+        "rate_hz": run.get("rate_hz", ""),
+        "model": run.get("model", ""),
+        "damage": "; ".join(recording.damage),
+        "truncated": "true" if recording.truncated else "",
+        "repaired": recording.metadata.get("repair", {}).get("damage", ""),
+    }
+    return {key: foreign_text(value) for key, value in known.items() if value}
+
+
+Progress = Callable[[float], None]  #: called with the share that is done
+
+_PIECE = 20_000  #: rows written at once
+
+
+class RecordingReader(Protocol):
+    """What is exported."""
+
+    path: Path
+    truncated: bool
+    damage: tuple[str, ...]
+
+    def check(self, first: int = 0, last: int | None = None, report: Progress = lambda share: None) -> bool:
+        """Compare rows `first` up to `last` with their checksums, and leave damaged ones out; True if some are."""
+
+    @property
+    def columns(self) -> tuple[Field, ...]:
+        """Its fields, the memory of worlds by its own names."""
+
+    @property
+    def metadata(self) -> Mapping[str, Mapping[str, str]]:
+        """The device, the run and the versions."""
+
+    def __getitem__(self, name: str) -> FieldColumn:
+        """A field of all ticks, shape (n, width), or (n,) where the width is 1, in the field's own unit [SI]."""
+
+    def __len__(self) -> int:
+        """Rows recorded."""
+
+    def read(self, first: int, last: int, fields: Sequence[str]) -> Array:
+        """(last − first, k) those fields side by side, in their own units [SI]."""
+
+
+@final
+@dataclass(frozen=True)
+class Export:
+    """What is going to be written: these `fields` of these `ticks`, in the format `form`."""
+
+    recording: RecordingReader
+    form: str
+    fields: tuple[Field, ...]
+    ticks: range
+
+    @classmethod
+    def of(
+        cls,
+        recording: RecordingReader,
+        form: str,
+        fields: Sequence[str] | None = None,
+        start: float | None = None,
+        end: float | None = None,
+        report: Progress = lambda share: None,
+    ) -> Export:
+        """Those named (all) between `start` and `end` [s after the first tick]; damaged rows are left out.
+
+        `report` receives the share of these rows that was compared with its checksums.
+
+        Raises UnknownName for a field or format that there is not, InputError for a range without a tick.
+        """
+        if form not in FORMATS:
+            raise UnknownName("format", form, FORMATS)
+        chosen = _choose_fields(recording, fields)
+        return cls(recording, form, chosen, _find_sound_ticks(recording, start, end, report))
+
+    def write(self, path: Path, report: Progress = lambda share: None) -> None:
+        """Write it to `path`, whole or not at all. Raises RecordingError if it cannot be written."""
+        try:
+            with replace_file(path) as part:
+                FORMATS[self.form](self, part, report)
+        except OSError as cause:
+            raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
+
+    def pieces(self, report: Progress) -> Iterator[Array]:
+        """(n, k) after (n, k): the fields side by side, in their own units [SI]."""
+        names = [field.name for field in self.fields]
+        for first in range(self.ticks.start, self.ticks.stop, _PIECE):
+            last = min(first + _PIECE, self.ticks.stop)
+            yield self.recording.read(first, last, names)
+            report((last - self.ticks.start) / len(self.ticks))
+
+
+def _choose_fields(recording: RecordingReader, names: Sequence[str] | None) -> tuple[Field, ...]:
+    known = {field.name: field for field in recording.columns}
+    if names is None:
+        return recording.columns
+    for name in names:
+        if name not in known:
+            raise UnknownName("field", name, known)
+    if not names:
+        raise InputError("no field is named: name at least one, or leave out the option for all")
+    return tuple(known[name] for name in dict.fromkeys(names))
+
+
+def _find_sound_ticks(recording: RecordingReader, start: float | None, end: float | None, report: Progress) -> range:
+    """The ticks in that range of time, without damaged ones."""
+    if start is None and end is None:
+        recording.check(report=report)
+    while True:
+        try:
+            ticks = _find_ticks(recording, start, end)
+        except RecordingError:
+            if not recording.check(report=report):  # the search met the damage
+                raise
+            continue
+        if not recording.check(ticks.start, ticks.stop, report):
+            return ticks
+
+
+def _find_ticks(recording: RecordingReader, start: float | None, end: float | None) -> range:
+    """The ticks in that range of time: few places of the file are looked at."""
+    for name, value in (("start", start), ("end", end)):
+        if value is not None and not math.isfinite(value):
+            raise InputError(f"{name} must be a time in seconds after the first tick; got {value}")
+    rows = len(recording)
+    if start is None and end is None:
+        return range(rows)
+    if not rows or "t" not in {field.name for field in recording.columns}:
+        raise InputError(f"{recording.path} has no ticks with a time: leave out start and end")
+    t = recording["t"]
+    zero, length = float(t[0]), float(t[-1]) - float(t[0])
+    first = 0 if start is None else bisect.bisect_left(range(rows), zero + start, key=lambda n: float(t[n]))
+    last = rows if end is None else bisect.bisect_right(range(rows), zero + end, key=lambda n: float(t[n]))
+    if first >= last:
+        begin, stop = 0.0 if start is None else start, length if end is None else end
+        raise InputError(f"no tick lies between {begin:g} s and {stop:g} s; the recording lasts {length:.4g} s")
+    return range(first, last)
+
+
+def _write_csv(export: Export, path: Path, report: Progress) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        heads = [escape_formula(head) for field in export.fields for head in column_heads(field)]
+        csv.writer(file, lineterminator="\n").writerow(heads)
+        for piece in export.pieces(report):
+            for row in piece.tolist():
+                file.write(",".join(map(repr, row)) + "\n")
+
+
+def _write_parquet(export: Export, path: Path, report: Progress) -> None:
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as cause:
+        raise RecordingError("Parquet needs pyarrow: pip install 'haptorb[study]', or export as CSV") from cause
+    columns = [
+        pyarrow.field(name, pyarrow.float64(), metadata={"unit": unit, "description": field.about})
+        for field in export.fields
+        for name, unit in zip(column_names(field), units_of(field), strict=True)
+    ]
+    schema = pyarrow.schema(columns, metadata=describe_notes(export.recording))
+    with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
+        for piece in export.pieces(report):
+            arrays = [pyarrow.array(np.ascontiguousarray(column)) for column in piece.T]
+            writer.write_table(pyarrow.Table.from_arrays(arrays, schema=schema))
+
+
+def _write_npz(export: Export, path: Path, report: Progress) -> None:
+    """One array for each field, and `about`: JSON with the unit and meaning of each, and what ran."""
+    about = {field.name: {"unit": field.unit, "about": field.about} for field in export.fields}
+    notes = {"fields": about, "recording": describe_notes(export.recording)}
+    with ExitStack() as stack:
+        parts = [stack.enter_context(TemporaryFile(dir=path.parent)) for _ in export.fields]  # a long file is read once
+        ends = np.cumsum([field.width for field in export.fields])[:-1]
+        for piece in export.pieces(report):
+            for part, columns in zip(parts, np.split(piece, ends, axis=1), strict=True):
+                part.write(np.ascontiguousarray(columns, dtype="<f8").tobytes())
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            with archive.open("about.npy", "w") as file:
+                np.lib.format.write_array(file, np.array(json.dumps(notes, ensure_ascii=False)))
+            for field, part in zip(export.fields, parts, strict=True):
+                shape = (len(export.ticks),) if field.width == 1 else (len(export.ticks), field.width)
+                with archive.open(f"{field.name}.npy", "w", force_zip64=True) as file:
+                    np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": shape})
+                    part.seek(0)
+                    shutil.copyfileobj(part, file)
+
+
+#: how each format is written
+FORMATS: Final[Mapping[str, Callable[[Export, Path, Progress], None]]] = {
+    "csv": _write_csv,
+    "parquet": _write_parquet,
+    "npz": _write_npz,
+}

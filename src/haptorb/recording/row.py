@@ -1,0 +1,297 @@
+"""One tick as one flat row of float64: the layout that servo, recorder, replay and console share.
+
+A flat row costs a third of a microsecond to publish; structured fields cost seven times that. `RowLayout.fields` is the
+only description of it: what fills a row and what counts it find their places in `RowLayout.places`, which has a field
+for each name; recordings carry the names as their schema, and the documentation its table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any, final
+
+import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from haptorb.arrays import Array, Records
+from haptorb.devices.base import Device
+
+__all__ = ["MEMORY_ROOM", "STAGES", "Field", "FieldColumn", "RowLayout"]
+
+
+#: numbers of a world's memory for which every row has room; a servo that is given a world with more has more
+MEMORY_ROOM = 32
+
+#: the stages of a tick, in order; each has its own time in the row
+STAGES = ("read", "estimate", "world", "allocate", "guard", "write", "record")
+
+
+@dataclass(frozen=True)
+class Field:
+    """One named part of the row: `width` numbers in `unit`."""
+
+    name: str
+    width: int
+    unit: str
+    about: str
+
+
+@dataclass(frozen=True)
+class RowLayout:
+    """Which numbers of a row are what, with `channels` coils, `sensors` field sensors and room for `contacts` and for
+    `memory` numbers of a world."""
+
+    channels: int
+    sensors: int
+    contacts: int = 0
+    memory: int = 0
+
+    @classmethod
+    def of(cls, device: Device, memory: int = MEMORY_ROOM) -> RowLayout:
+        """The layout for `device`, with room for `memory` numbers, and never less than `MEMORY_ROOM`."""
+        return cls(device.channels, device.sensors, device.kind.contacts, max(memory, MEMORY_ROOM))
+
+    @cached_property
+    def fields(self) -> tuple[Field, ...]:
+        """All fields in order."""
+        m, k = self.channels, self.sensors
+        return (
+            Field("tick", 1, "1", "number of the tick since the start"),
+            Field("t", 1, "s", "time of the sample, on the loop's clock, zero at the start"),
+            Field("wall", 1, "s", "monotonic clock of the computer when the tick began"),
+            Field("lateness", 1, "s", "lateness: time from the tick's deadline to its start"),
+            Field("missed", 1, "1", "deadlines missed before this tick because the tick before overran"),
+            Field("stages", len(STAGES), "s", "time spent in each stage; record: of the tick before"),
+            Field("ahead", 1, "s", "time that the driver used before the deadline; a simulated device advances there"),
+            Field("guard", 1, "1", "state of the guard: 0 off, 1 ramping, 2 running, 3 derated, 4 tripped"),
+            Field("trip", 1, "1", "code of the reason for the last trip, 0 for none"),
+            Field("coil_state", 1, "1", "whether current can flow: 0 off (confirmed), 1 on, 2 unknown"),
+            Field("gain", 1, "1", "share of the asked wrench that the guard passes, 0 to 1"),
+            Field("world", 1, "1", "number of changes of the world"),
+            Field("valid", 1, "1", "1 if the pose is valid"),
+            Field("age", 1, "s", "age of the pose"),
+            Field("p", 3, "m", "estimated position of the mover, stator frame"),
+            Field("q", 4, "1", "estimated orientation R_SR as a quaternion (x, y, z, w)"),
+            Field("v", 3, "m/s", "estimated velocity"),
+            Field("w", 3, "rad/s", "estimated angular velocity, stator frame"),
+            Field("target", 3, "m", "pointer target: where the hand wants the mover"),
+            Field("target_q", 4, "1", "orientation of the pointer target, quaternion (x, y, z, w)"),
+            Field("asked", 6, "N, N·m", "wrench that the world commands, after the guard's limits"),
+            Field("modelled", 6, "N, N·m", "wrench of the measured currents, by the controller model"),
+            Field("given", 6, "N, N·m", "wrench of coils and core on the mover; NaN where unknown"),
+            Field("wanted", m, "A", "commanded currents, after the guard"),
+            Field("currents", m, "A", "measured currents"),
+            Field("duties", m, "1", "applied duties"),
+            Field("resistance", m, "Ω", "running estimate of each coil's resistance"),
+            Field("boundary", m, "K", "boundary temperature of each coil, measured"),
+            Field("winding", m, "K", "winding temperature of each coil, estimated by the guard's thermal model"),
+            Field("remaining", 1, "s", "time until a winding reaches its derating temperature at the current load"),
+            Field(
+                "saturated",
+                1,
+                "1",
+                "what limits the wrench: 0 nothing, 1 a coil's current limit, 2 the supply's power, 3 the limit of "
+                "the accompanying force or torque, 4 the magnet's own axis, 5 the number of coils",
+            ),
+            Field("part", 1, "1", "rendered part of the wrench: 0 force, 1 torque, 2 both; −1: no choice"),
+            Field("model", 1, "1", "controller model, index in the device's models; NaN: none of them"),
+            Field("field", 3 * k, "T", "field sensors, x y z each"),
+            Field("mode", 1, "1", "mode of the mover: 0 direct, 1 translate, 2 rotate"),
+            Field("engaged", 1, "1", "clutch: 1 the handle moves the object, 0 released to reach further"),
+            Field("share", 2, "1", "clutch shares of translation and rotation, 0 to 1"),
+            Field("object", 3, "m", "position of the object: the mover, or a motor's target (X', Y', Z')"),
+            Field("object_q", 4, "1", "orientation of the object as a quaternion (x, y, z, w)"),
+            Field("object_wrench", 6, "N, N·m", "wrench of the world on the object, before modes and guard"),
+            Field(
+                "contacts",
+                8 * self.contacts,
+                "m, m, m, N",
+                "each contact of the object: deflection, distance from the root, point (3), force (3)",
+            ),
+            Field(
+                "energy",
+                1,
+                "J",
+                "energy delivered to the hand by the wrench asked since the world started; negative: received",
+            ),
+            Field(
+                "balance",
+                1,
+                "J",
+                "energy dissipated by the minimum damping of a hand, minus the energy generated by sampling and delay",
+            ),
+            Field("injected", 1, "N·s/m", "damping added because the balance was negative"),
+            # what the driver read and wrote, and what was commanded: a replay needs nothing else
+            Field("drive", m, "1", "duties commanded by the drive, before the driver's clipping and quantisation"),
+            Field("currents_age", 1, "s", "age of the measured currents at the beginning of the tick"),
+            Field("field_age", 1, "s", "age of the field sensors' readings at the beginning of the tick"),
+            Field("pose_t", 1, "s", "time at which the tracker's pose was measured, on the loop's clock"),
+            Field("pose_valid", 1, "1", "1 if the tracker reports its pose as valid"),
+            Field("pose_p", 3, "m", "position of the mover, from the tracker"),
+            Field("pose_r", 9, "1", "orientation R_SR of the mover, from the tracker, row by row"),
+            Field("pose_v", 3, "m/s", "velocity of the mover, from the tracker"),
+            Field("pose_w", 3, "rad/s", "angular velocity of the mover, stator frame, from the tracker"),
+            Field(
+                "commands",
+                1,
+                "1",
+                "commands before the tick, a sum: 1 stop, 2 engage, 4 cool, 8 another world, 16 another "
+                "version of it, 32 lateness not counted, 64 torque scale, 128 translate, 256 rotate, 512 hold, 1024 "
+                "release, 2048 times the number of a model, from 1; −1: no tick, the coils are off permanently",
+            ),
+            Field("torque_scale", 1, "1", "last commanded scale of a motor's torques"),
+            Field(
+                "failures",
+                1,
+                "1",
+                "failures in the tick, a sum: 1 reading, 2 writing, 4 engaging the driver, 8 the world, 16 its "
+                "memory, 32 the allocation; 64 its world reduces detail from the next tick on, 128 restores some; 256 "
+                "a step of its world that was computed in the background was taken over",
+            ),
+            # the last: a shorter row is filled as far as it reaches
+            Field("memory", self.memory, "SI", "memory of the world; the metadata of the world have names and units"),
+        )
+
+    @cached_property
+    def _slices(self) -> dict[str, slice]:
+        slices, start = {}, 0
+        for field in self.fields:
+            slices[field.name] = slice(start, start + field.width)
+            start += field.width
+        return slices
+
+    @cached_property
+    def places(self) -> Records:
+        """(1,) a record of the indices [1] at which the fields begin, each under its name, for compiled code.
+
+        >>> int(RowLayout(channels=3, sensors=0).places["p"][0])
+        20
+        """
+        places = np.zeros(1, dtype=_make_place_type(tuple(field.name for field in self.fields)))
+        for field in self.fields:
+            places[field.name] = self[field.name].start
+        return places
+
+    @cached_property
+    def width(self) -> int:
+        """Numbers in a row."""
+        return sum(field.width for field in self.fields)
+
+    def __getitem__(self, name: str) -> slice:
+        """Where `name` lies in a row.
+
+        >>> RowLayout(channels=3, sensors=0)["p"]
+        slice(20, 23, None)
+        """
+        return self._slices[name]
+
+    def empty(self) -> Array:
+        """A row of NaN, shape (width,); the unit of a number, [m] of `p`, [A] of `currents`, is that of its field."""
+        return np.full(self.width, np.nan)
+
+
+@cache
+def _make_place_type(names: tuple[str, ...]) -> np.dtype[Any]:
+    """One object for all layouts: numba compares another one that says the same field by field in every call, 3 µs."""
+    return np.dtype([(name, np.int64) for name in names])
+
+
+# --------------------------------------------------------------------------------------------------
+# One field of a recording: an array that is read when its numbers are asked for.
+
+
+Read = Callable[[int, int], Array]  #: (last − first, width) rows `first` up to `last` of the field
+
+
+@final
+class FieldColumn(NDArrayOperatorsMixin):
+    """A field of all ticks, shape (n, width), or (n,) where the width is 1.
+
+    `column[a:b]` reads those ticks only. In arithmetic, in functions of NumPy and where one of an array's methods is
+    called, it is the whole array.
+
+    >>> column = FieldColumn(lambda a, b: np.arange(a, b, dtype=float)[:, None], 1000, 1)
+    >>> column[10:13].tolist(), float(column[-1]), column.shape, float((column + 1).max())
+    ([10.0, 11.0, 12.0], 999.0, (1000,), 1000.0)
+    """
+
+    def __init__(self, read: Read, rows: int, width: int) -> None:
+        self._read, self._rows, self._width = read, rows, width
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """As of the whole array."""
+        return (self._rows,) if self._width == 1 else (self._rows, self._width)
+
+    @property
+    def ndim(self) -> int:
+        """1 for single numbers, else 2."""
+        return len(self.shape)
+
+    @property
+    def size(self) -> int:
+        """Numbers in all."""
+        return self._rows * self._width
+
+    @property
+    def dtype(self) -> np.dtype[np.float64]:
+        """Always float64."""
+        return np.dtype(np.float64)
+
+    def __len__(self) -> int:
+        """Ticks."""
+        return self._rows
+
+    def __getitem__(self, key: Any) -> Any:
+        """As of the whole array; a number or a slice of ticks reads no more than those between its ends."""
+        ticks, rest = (key[0], key[1:]) if isinstance(key, tuple) and key else (key, ())
+        if isinstance(ticks, int | np.integer) and not isinstance(ticks, bool):
+            if not -self._rows <= ticks < self._rows:
+                raise IndexError(f"tick {ticks} does not exist; the recording has {self._rows}")
+            at = int(ticks) % self._rows
+            return self._load(at, at + 1)[(0, *rest)]
+        if isinstance(ticks, slice):
+            chosen = range(*ticks.indices(self._rows))
+            if not chosen:
+                return self._load(0, 0)[(slice(None), *rest)]
+            low, high = min(chosen[0], chosen[-1]), max(chosen[0], chosen[-1])
+            part = self._load(low, high + 1)
+            return part[(slice(None), *rest)] if chosen.step == 1 else part[:: chosen.step][(slice(None), *rest)]
+        return self._load(0, self._rows)[key]
+
+    def __iter__(self) -> Iterator[Any]:
+        """Over ticks; the whole array is read once."""
+        return iter(self._load(0, self._rows))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Sent elsewhere, it is the whole array: the file stays here."""
+        return np.array, (np.asarray(self),)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """The whole array."""
+        whole = self._load(0, self._rows)
+        if dtype is not None and whole.dtype != dtype:
+            return whole.astype(dtype)
+        return whole.copy() if copy else whole
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **others: Any) -> Any:
+        """Arithmetic with the whole array."""
+        return getattr(ufunc, method)(*(np.asarray(x) if isinstance(x, FieldColumn) else x for x in inputs), **others)
+
+    def __getattr__(self, name: str) -> Any:
+        """A method or property of the whole array."""
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(np.asarray(self), name)
+
+    def __repr__(self) -> str:
+        """Its shape, and the first and last ticks."""
+        ends = np.concatenate((self[:2], self[-2:])) if self._rows else np.empty(0)
+        shown = np.array2string(ends, threshold=12, precision=4)
+        return f"<FieldColumn of shape {self.shape}, first and last ticks: {shown}>"
+
+    def _load(self, first: int, last: int) -> Array:
+        rows = self._read(first, last)
+        return rows[:, 0] if self._width == 1 else rows

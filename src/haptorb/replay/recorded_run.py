@@ -1,0 +1,556 @@
+"""What a recording says of the chain that made it: device, calibration, estimator, worlds; and that chain once more."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64decode
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, final
+
+import numpy as np
+
+from haptorb import worlds
+from haptorb.arrays import Array, Records
+from haptorb.control.linkage import Gains
+from haptorb.control.trips import CoilState
+from haptorb.devices.base import Device, DeviceText, State
+from haptorb.devices.loader import catalogue, load, parse
+from haptorb.errors import DriverError, HaptorbError, InputError, RecordingError
+from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.types import Pose, Sample
+from haptorb.recording.destination import describe_machine, list_versions
+from haptorb.recording.recording import Recording
+from haptorb.runtime.assembly import default_world, estimators_of, make_tick
+from haptorb.runtime.drivers.base import Driver
+from haptorb.runtime.tick import Tick
+from haptorb.runtime.tick_log import TickFailure
+from haptorb.runtime.world_change import description
+from haptorb.worlds.base import World, check_part
+from haptorb.worlds.dynamic import (
+    CLIENT_FORCE,
+    BoundWorld,
+    DynamicWorld,
+    MemoryField,
+    Remote,
+    join_remote,
+    split_remote,
+)
+from haptorb.worlds.user_world import find_world_file, load_noted_world
+
+__all__ = [
+    "PlayedBudget",
+    "PlayedDriver",
+    "RecordedRun",
+    "RecordedTick",
+    "WorldFailed",
+    "list_memory_fields",
+    "make_recorded_world",
+]
+
+
+@final
+class RecordedRun:
+    """The notes of `recording`, as the objects that they describe.
+
+    device    as its file in the recording says
+    rate      of the loop [Hz]
+    remarks   what could not be made again as it was, and what stands in for it
+
+    Raises RecordingError if the recording does not say which device it is of.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.remarks: list[str] = []
+        self._path, self._notes = recording.path, recording.metadata
+        self._run: Mapping[str, str] = self._notes.get("run", {})
+        self.device: Device = self._load_device()
+        self.rate = self._number("rate_hz") or self._measure_rate(recording)
+        estimator, known = self._run.get("estimator", ""), estimators_of(self.device)
+        self.estimator: str = estimator if estimator in known else known[0]
+        if estimator not in ("", self.estimator):
+            self.remarks.append(f"estimator '{estimator[:60]}' is unknown to this version; '{self.estimator}' is used")
+        self.model: str | None = self._run.get("model") or None
+        if self.model is not None and self.model not in self.device.models:
+            self.remarks.append(f"model '{self.model}' is unknown to this version; '{self.device.models[0]}' is used")
+            self.model = None
+        self._descriptions = self._read_descriptions(recording)
+        self._made = self._read_object("worlds")
+        self._worlds: dict[int, World] = {}
+        self.code: dict[str, str] = {}  #: world → file and name of this account's own code that runs for it
+
+    @property
+    def software(self) -> Mapping[str, str]:
+        """What made the recording, and on which processor, as far as it says."""
+        return {**self._notes.get("versions", {}), **self._notes.get("machine", {})}
+
+    @property
+    def same_software(self) -> bool:
+        """Whether the software and the processor of this computer made the recording."""
+        return self.software == {**list_versions(), **describe_machine()}
+
+    def describe_software(self) -> str:
+        """What is not as it is here: "haptorb 0.9 (here 1.0)"."""
+        made, here = self.software, {**list_versions(), **describe_machine()}
+        apart = [name for name in here if made.get(name) != here[name]]
+        if not any(name in made for name in apart):
+            return "another versionof unknown number"
+        return ", ".join(f"{name} {made.get(name, 'unknown')} (here {here[name]})" for name in apart)
+
+    def make_tick(
+        self, world: World, driver: Driver, rate: float, estimator: str | None = None, model: str | None = None
+    ) -> Tick:
+        """The chain behind `driver` at `rate` [Hz], with another `estimator` or `model` if one is given.
+
+        Raises what `make_tick` of the assembly raises.
+        """
+        run = self._run
+        gains = self._read_object("gains")
+        text = run.get("calibration", "")
+        return make_tick(
+            self.device, world, driver, rate, model or self.model,
+            estimator=estimator or self.estimator,
+            gains=Gains(**{name: tuple(value) for name, value in gains.items()}) if gains else None,
+            calibration=Calibration.parse(text, f"the calibration in {self._path}") if text else None,
+            render=run.get("render") or None,
+            torque_arm=self._number("torque_arm_m"),
+            in_turns=run.get("driver", "sim") not in ("", "sim"),
+            learned=self._read_learned() if estimator in (None, self.estimator) else b"",
+        )  # fmt: skip
+
+    def describe_world(self, change: int) -> str:
+        """The note of the world after `change` changes; empty if the recording has none."""
+        return self._descriptions.get(change, "")
+
+    def world(self, change: int) -> World:
+        """The world after `change` changes of it, made again. Raises InputError with the reason if it cannot be."""
+        if change not in self._worlds:
+            self._worlds[change] = self._make_world(change)
+        return self._worlds[change]
+
+    def remote(self, change: int) -> Remote | None:
+        """The clients' force beside the world after `change` changes; None where none was."""
+        try:
+            values = json.loads(self.describe_world(change)).get("remote")
+        except (ValueError, AttributeError, RecursionError):
+            return None
+        if values is None:
+            return None
+        remote = Remote()
+        return remote.replace(**values) if isinstance(values, dict) else remote
+
+    def _make_world(self, change: int) -> World:
+        text = self.describe_world(change)
+        try:
+            note = json.loads(text)
+            name, values = str(note["name"]), dict(note.get("values", {}))
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as cause:
+            raise InputError("the recording does not state the world") from cause
+        if name in self._made:
+            world = load_noted_world(str(self._made[name]))
+            if found := find_world_file(world):
+                self.code[name] = f"{found[0]} ({found[1]})"
+        elif name in worlds.CATALOGUE:
+            world = worlds.find_world(name)()
+        else:
+            raise InputError("the recording does not state its source")
+        plain, _ = split_remote(world)
+        world = join_remote(plain.replace(**values) if values else plain, self.remote(change))
+        if json.loads(description(world)) != note:
+            raise InputError("this version of haptorb describes it differently")
+        return world
+
+    def _read_descriptions(self, recording: Recording) -> dict[int, str]:
+        found = {}
+        for note in recording.worlds:
+            if (number := note.get("change", "")).isdecimal():
+                found[int(number)] = note.get("world", "")
+        first = self._run.get("first_world", "")
+        if 0 not in found and first:
+            found[0] = first
+        if not found:  # of an old one
+            found[0] = json.dumps({"name": default_world(self.device), "values": {}})
+        return found
+
+    def _read_object(self, key: str) -> dict[str, Any]:
+        try:
+            found = json.loads(self._run.get(key) or "{}")
+        except (ValueError, RecursionError):
+            found = {}
+        return found if isinstance(found, dict) else {}
+
+    def _read_learned(self) -> bytes:
+        """What the run's estimator had learned; empty in recordings that do not carry it."""
+        try:
+            return b64decode(self._run.get("learned", ""), validate=True)
+        except ValueError:
+            return b""
+
+    def _number(self, key: str) -> float | None:
+        try:
+            number = float(self._run.get(key, ""))
+        except ValueError:
+            return None
+        return number if np.isfinite(number) and number > 0.0 else None
+
+    def _measure_rate(self, recording: Recording) -> float:
+        steps = np.diff(recording["t"][:1000])
+        steps = steps[steps > 0]
+        if not len(steps):
+            raise RecordingError(f"{self._path} cannot be replayed: it does not state its rate")
+        return float(1.0 / np.median(steps))
+
+    def _load_device(self) -> Device:
+        noted = self._notes.get("device", {})
+        text, name, digest = DeviceText.from_note(noted), noted.get("name", ""), noted.get("digest", "")
+        try:
+            if text:
+                device = parse(text.own, f"the device in {self._path}", bases=text.bases)
+            elif name in catalogue():
+                device = load(name)
+            else:
+                raise RecordingError(f"{self._path} cannot be replayed: it does not contain the device file")
+        except RecordingError:
+            raise
+        except HaptorbError as cause:
+            raise RecordingError(f"{self._path} cannot be replayed: {cause}") from cause
+        if device.digest != digest:
+            self.remarks.append(f"device '{name}' is not the one of the recording: its file has changed since")
+        return device
+
+
+# --------------------------------------------------------------------------------------------------
+# A world that renders what was recorded of another one: its wrench, its contacts, its memory, and its failures.
+
+
+_RECORDED_WORLD_FAILED = int(TickFailure.WORLD)
+_DETAIL = TickFailure.LESS_DETAIL | TickFailure.MORE_DETAIL
+
+
+class WorldFailed(HaptorbError):
+    """The recorded world failed in this tick."""
+
+
+@final
+class RecordedTick:
+    """What the world did in the tick that is replayed now, in a block of ticks."""
+
+    def __init__(self) -> None:
+        self._wrench: list[Array] = []
+        self._contacts: list[Array] = []
+        self._memory: list[Array] = []
+        self._failures: list[int] = []
+        self._client: dict[str, slice | int] = {}
+        self._at = 0
+
+    def load(self, block: Mapping[str, Array], *, whole: bool) -> None:
+        """The next ticks: field → (n, width), each in its unit [SI]; only failures unless the `whole` is requested."""
+        n = len(block["t"])
+        self._failures = np.nan_to_num(block["failures"][:, 0]).astype(int).tolist()
+        self._at = 0
+        if not whole:
+            return
+        nothing = np.full((n, 6), np.nan)
+        asked = block.get("object_wrench", block.get("asked", nothing))
+        self._wrench = list(np.nan_to_num(np.ascontiguousarray(asked)))
+        hooks = block.get("contacts")
+        self._contacts = (
+            [np.zeros((0, 8))] * n
+            if hooks is None or not hooks.shape[1]
+            else list(np.ascontiguousarray(hooks).reshape(n, -1, 8))
+        )
+        self._memory = list(np.ascontiguousarray(block.get("memory", np.empty((n, 0)))))
+
+    def go_to(self, number: int) -> None:
+        """The tick `number` of the block, from 0 on, is next."""
+        self._at = number
+
+    @property
+    def detail_change(self) -> TickFailure:
+        """The change of the recorded world's detail: LESS_DETAIL, MORE_DETAIL or 0."""
+        return TickFailure(self._failures[self._at]) & _DETAIL
+
+    @property
+    def took_over(self) -> bool:
+        """Whether the recorded world took over work that was computed in the background."""
+        return bool(self._failures[self._at] & TickFailure.WORK)
+
+    def render(self) -> Array:
+        """(6,) the recorded wrench on the mover [N, N·m]. Raises WorldFailed where the recorded world failed."""
+        if self._failures[self._at] & _RECORDED_WORLD_FAILED:
+            raise WorldFailed("the world failed in the recording")
+        return self._wrench[self._at]
+
+    @property
+    def contacts(self) -> Array:
+        """(n, 8) as a row has them [m, N]."""
+        return self._contacts[self._at]
+
+    def find_client(self, fields: Sequence[MemoryField], recording: Recording) -> None:
+        """Where a memory with these `fields` has what a client commanded: that of the world `remote`, alone or in a
+        sum. Raises RecordingError if the rows of `recording` are too narrow for it."""
+        start = end = 0
+        self._client = {}
+        for field in fields:
+            for name in CLIENT_FORCE.names or ():
+                if field.name in (name, f"remote_{name}"):
+                    self._client[name] = slice(start, start + field.size) if field.shape else start
+                    end = start + field.size
+            start += field.size
+        room = next((field.width for field in recording.fields if field.name == "memory"), 0)
+        if end > room:
+            text = (
+                f"{recording.path} cannot be replayed: the clients' commands end at number {end} of the memory of "
+                f"the world, but the field 'memory' has only {room} numbers; replay the recorded wrench instead"
+            )
+            raise RecordingError(f"{text} with recorded_world=True", command=f"{text} with --world recorded")
+
+    def fill_client(self, client: Records) -> None:
+        """Fill `client` (1,) CLIENT_FORCE [N, s] with what the client commanded."""
+        memory = self._memory[self._at]
+        for name, place in self._client.items():
+            client[name] = memory[place]
+        if client["mapping"][0] != client["mapping"][0]:  # a recording from before the rows had it
+            client["mapping"] = 0.0
+
+    def remember(self, memory: Records) -> None:
+        """Fill `memory` (1,), in the units of its fields, with what the recorded world remembered after its step."""
+        numbers, recorded = memory.view(np.float64), self._memory[self._at]
+        numbers[: len(recorded)] = recorded[: len(numbers)]
+
+
+@final
+class PlayedBudget:
+    """Reduces detail where the recorded run did, and restores it there."""
+
+    def __init__(self, tick: RecordedTick) -> None:
+        self._tick = tick
+
+    def begin(self, bound: BoundWorld) -> None:
+        """Take over what was computed in the background where the recorded run did; it is computed here."""
+        if self._tick.took_over and (work := bound.world.find_work(bound.memory)) is not None:
+            bound.world.take_over(bound.memory, work.compute())
+
+    def end(self, bound: BoundWorld) -> TickFailure:
+        """Change the detail as the recorded run did after its step."""
+        change = self._tick.detail_change
+        if change & TickFailure.LESS_DETAIL:
+            bound.world.lighten(bound.memory)
+        elif change & TickFailure.MORE_DETAIL:
+            bound.world.restore(bound.memory)
+        return change | (TickFailure.WORK if self._tick.took_over else TickFailure(0))
+
+
+def make_recorded_world(description: str, tick: RecordedTick) -> World:
+    """A world that stands in for the one of `description`, in a class of its own for each name.
+
+    A change between two of one name is so the change of values that it was.
+    """
+    note = _parse(description)
+    name, fields = str(note.get("name", "recorded")), _memory_fields(note)
+    kind = _dynamic_kind(name) if fields else _still_kind(name)
+    asks = check_part(note["asks"]) if note.get("asks") else None
+    world: World = kind(tick, fields, note.get("stores_energy")) if fields else kind(tick)
+    object.__setattr__(world, "passive", note.get("passive", True) is not False)
+    object.__setattr__(world, "asks", asks)
+    return world
+
+
+def _parse(description: str) -> dict[str, Any]:
+    try:
+        note = json.loads(description)
+    except (ValueError, RecursionError):
+        note = None
+    return note if isinstance(note, dict) else {}
+
+
+def list_memory_fields(description: str) -> tuple[MemoryField, ...]:
+    """Fields of the memory of the world of `description`; none where it does not say."""
+    return _memory_fields(_parse(description))
+
+
+def _memory_fields(note: Mapping[str, Any]) -> tuple[MemoryField, ...]:
+    try:
+        found = tuple(
+            MemoryField(str(one["name"]), str(one["unit"]), str(one["about"]), tuple(int(n) for n in one["shape"]))
+            for one in note.get("memory", ())
+        )
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return ()
+    too_long = any(n < 0 for one in found for n in one.shape) or sum(one.size for one in found) > _MEMORY
+    return () if too_long else found  # safety: memory-length
+
+
+_MEMORY = 1_000_000  #: numbers of a memory, much more than a row has room for
+_KINDS: dict[tuple[str, bool], Any] = {}
+
+
+def _still_kind(known_as: str) -> Any:
+    """The class of the stand-ins without memory for worlds of that name."""
+    if (known_as, False) in _KINDS:
+        return _KINDS[known_as, False]
+
+    @final
+    @dataclass(frozen=True)
+    class RecordedWrench(World):
+        """Renders the recorded wrench, wherever the mover is."""
+
+        tick: RecordedTick
+        called: ClassVar[str] = known_as
+
+        @property
+        def name(self) -> str:
+            """That of the world which it stands in for."""
+            return self.called
+
+        def wrench(self, state: State) -> Array:
+            """(6,) as recorded [N, N·m]."""
+            return self.tick.render()
+
+        def render_contacts(self, state: State) -> tuple[Array, Array]:
+            """(6,) and (n, 8) as recorded."""
+            return self.tick.render(), self.tick.contacts
+
+    return _KINDS.setdefault((known_as, False), RecordedWrench)
+
+
+def _dynamic_kind(known_as: str) -> Any:
+    """The class of the stand-ins with memory for worlds of that name."""
+    if (known_as, True) in _KINDS:
+        return _KINDS[known_as, True]
+
+    @final
+    @dataclass(frozen=True)
+    class RecordedMemory(DynamicWorld):
+        """Renders the recorded wrench, and remembers what the recorded world did."""
+
+        tick: RecordedTick
+        numbers: tuple[MemoryField, ...]
+        says_energy: bool | None
+        called: ClassVar[str] = known_as
+
+        @property
+        def name(self) -> str:
+            """That of the world which it stands in for."""
+            return self.called
+
+        @property
+        def memory_fields(self) -> tuple[MemoryField, ...]:
+            """As the recording notes them."""
+            return self.numbers
+
+        @property
+        def stores_energy(self) -> bool:
+            """As the recording notes it."""
+            usual = any(field.name == "energy" for field in self.numbers)
+            return usual if self.says_energy is None else bool(self.says_energy)
+
+        def advance(self, memory: Records, state: State, dt: float) -> Array:
+            """(6,) as recorded [N, N·m]; `memory` (1,) becomes what was recorded. dt [s] is not looked at."""
+            self.tick.remember(memory)
+            return self.tick.render()
+
+    return _KINDS.setdefault((known_as, True), RecordedMemory)
+
+
+# --------------------------------------------------------------------------------------------------
+# A driver that plays what another one had read: the same samples, the same answers, tick after tick.
+
+
+_READ, _WRITE, _ENGAGE = int(TickFailure.READ), int(TickFailure.WRITE), int(TickFailure.ENGAGE)
+_MOST = 2.0**31  #: more than all failures together
+_PLAYED_DRIVER_FAILED = "the driver failed in the recording"
+
+
+@final
+class PlayedDriver(Driver):
+    """Answers what stands in the block of ticks that `load` was given last, for the tick that `go_to` chose."""
+
+    name, simulated = "played", True
+
+    def __init__(self, sensors: int) -> None:
+        self._sensors = sensors
+        self._samples: list[Sample] = []
+        self._duties: list[Array] = []
+        self._truths: list[Array] = []
+        self._targets: list[Array] = []
+        self._coils: list[CoilState] = []
+        self._failures: list[int] = []
+        self._at = 0
+
+    def load(self, block: Mapping[str, Array], t: Array) -> None:
+        """The next ticks: field → (n, width), each in its unit [SI], at the times `t` (n,) [s] of the replay."""
+        sensors = self._sensors
+        n = len(t)
+
+        def rows(name: str) -> Array:
+            return np.ascontiguousarray(block[name], dtype=np.float64)
+
+        R = rows("pose_r").reshape(n, 3, 3)
+        field = rows("field").reshape(n, sensors, 3) if sensors and "field" in block else np.zeros((n, sensors, 3))
+        with np.errstate(invalid="ignore"):  # in a damaged file
+            waited = t - block["t"][:, 0]  # 0, but where the replay has another rate
+        ages = rows("currents_age")[:, 0] + waited, rows("field_age")[:, 0] + waited
+        poses = map(
+            Pose, block["pose_t"][:, 0].tolist(), R, rows("pose_p"), rows("pose_w"), rows("pose_v"),
+            (block["pose_valid"][:, 0] == 1.0).tolist(),
+        )  # fmt: skip
+        self._samples = list(
+            map(Sample, t.tolist(), rows("currents"), rows("boundary"), field, poses, *(age.tolist() for age in ages))
+        )
+        self._duties = list(rows("duties"))
+        self._truths = list(rows("given"))
+        self._targets = list(np.concatenate((rows("target"), rows("target_q")), axis=1))
+        codes = block["coil_state"][:, 0].tolist()
+        states = {code: _coil_state(code) for code in set(codes)}
+        self._coils = [states[code] for code in codes]
+        failures = np.nan_to_num(block["failures"][:, 0], posinf=0.0, neginf=0.0)
+        self._failures = np.clip(failures, 0.0, _MOST).astype(int).tolist()
+        self._at = 0
+
+    def go_to(self, number: int) -> None:
+        """The tick `number` of the block, from 0 on, is next."""
+        self._at = number
+
+    def open(self) -> None:
+        """Nothing is to be done."""
+
+    def close(self) -> None:
+        """Nothing is to be done."""
+
+    def read(self, now: float) -> Sample:
+        """The tick's sample. Raises DriverError where the recorded driver did."""
+        if self._failures[self._at] & _READ:
+            raise DriverError(_PLAYED_DRIVER_FAILED)
+        return self._samples[self._at]
+
+    def write(self, duties: Array) -> Array:
+        """(m,) the duties [1] that were applied. Raises DriverError where the recorded driver did."""
+        if self._failures[self._at] & _WRITE:
+            raise DriverError(_PLAYED_DRIVER_FAILED)
+        return self._duties[self._at]
+
+    def engage(self) -> None:
+        """Raises DriverError where the recorded driver did."""
+        if self._failures[self._at] & _ENGAGE:
+            raise DriverError(_PLAYED_DRIVER_FAILED)
+
+    @property
+    def coil_state(self) -> CoilState:
+        """As it was."""
+        return self._coils[self._at]
+
+    def truth(self) -> Array:
+        """(6,) what the recorded driver knew of the wrench [N, N·m]; NaN where it knew nothing."""
+        return self._truths[self._at]
+
+    def target(self) -> Array:
+        """(7,) where the hand wanted the mover: position [m] and quaternion."""
+        return self._targets[self._at]
+
+
+def _coil_state(code: float) -> CoilState:
+    try:
+        return CoilState(int(code))
+    except (ValueError, OverflowError):
+        return CoilState.UNKNOWN

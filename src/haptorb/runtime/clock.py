@@ -1,0 +1,135 @@
+"""Waiting for an absolute deadline: the kernel's sleep to shortly before it, then a short spin.
+
+`time.sleep` comes back 80 µs late; a sleep to an absolute time that ends early, and a spin over what is left, is a
+few microseconds late. What can be done before the deadline is done between the two. The spin is a small part of the
+period at any rate: a thread that spins a whole period under a real-time scheduler is throttled by the kernel for 50 ms
+and more.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import math
+from time import monotonic_ns
+from typing import final
+
+from haptorb.errors import InputError
+
+__all__ = ["FASTEST", "SLOWEST", "Clock", "Schedule", "check_rate"]
+
+
+# --------------------------------------------------------------------------------------------------
+# Absolute deadlines as whole nanoseconds: which deadline is next, and how many went by. No clock in here.
+
+
+SLOWEST = 50.0  #: [Hz]
+FASTEST = 4000.0  #: [Hz]
+
+
+def check_rate(rate: float) -> float:
+    """`rate` [Hz] itself, or InputError.
+
+    >>> check_rate(1000)
+    1000.0
+    """
+    if isinstance(rate, bool) or not isinstance(rate, int | float) or not math.isfinite(rate):
+        raise InputError(f"rate must be a finite number of hertz; got {rate!r}")
+    if not SLOWEST <= rate <= FASTEST:
+        raise InputError(f"rate must lie between {SLOWEST:g} and {FASTEST:g} Hz; got {rate:g}")
+    return float(rate)
+
+
+@final
+class Schedule:
+    """Deadlines at origin + n / rate, independent of what happens between them: the phase never changes.
+
+    A deadline that passes while a tick still runs is skipped and counted. It is never made up for: a burst of late
+    ticks would hit the coils with old commands.
+    """
+
+    def __init__(self, rate: float, origin: int) -> None:
+        self.period = round(1e9 / check_rate(rate))  #: [ns]
+        self.origin = origin  #: monotonic time of deadline 0 [ns]
+        self.number = -1  #: the deadline whose tick ran last, or runs
+        self.missed = 0  #: deadlines missed since the start
+
+    def deadline(self, number: int) -> int:
+        """Monotonic time of a deadline [ns]."""
+        return self.origin + number * self.period
+
+    def next(self, now: int) -> int:
+        """The first deadline that is neither used nor past at `now` [ns], as a monotonic time [ns].
+
+        >>> schedule = Schedule(1000.0, origin=0)
+        >>> schedule.next(-1), schedule.next(2_500_000)
+        (0, 3000000)
+        """
+        return self.deadline(max(self.number + 1, -((self.origin - now) // self.period)))
+
+    def time(self, deadline: int) -> float:
+        """A deadline on the loop's clock, which shows zero at deadline 0 [s]; the same number for the same deadline.
+
+        >>> Schedule(1000.0, origin=5_000_000).time(8_000_000)
+        0.003
+        """
+        return (deadline - self.origin) * 1e-9
+
+    def begin(self, now: int) -> tuple[int, int]:
+        """Begin a tick at `now` [ns]: (lateness [ns], deadlines missed since the last tick).
+
+        The tick belongs to the latest deadline that has come; sleeping through several skips all but that one.
+        """
+        number = max((now - self.origin) // self.period, self.number + 1)
+        skipped = number - self.number - 1
+        self.number = number
+        self.missed += skipped
+        return now - self.deadline(number), skipped
+
+
+_CLOCK_MONOTONIC = 1
+_TIMER_ABSTIME = 1
+_SPIN = 60_000  #: longest spin [ns]
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
+
+
+_sleep = ctypes.CDLL(None, use_errno=False).clock_nanosleep
+_sleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+_sleep.restype = ctypes.c_int
+
+
+@final
+class Clock:
+    """Deadlines at a fixed rate on the computer's monotonic clock; the first is one period from now.
+
+    `lead` [s]: how long before each deadline the sleep ends, if a quarter of the period is not shorter.
+    """
+
+    def __init__(self, rate: float, lead: float = 0.0) -> None:
+        self.schedule = Schedule(rate, 0)
+        self.schedule.origin = monotonic_ns() + self.schedule.period
+        self._early = max(min(_SPIN, self.schedule.period // 8), min(int(lead * 1e9), self.schedule.period // 4))
+        self._deadline = self.schedule.origin
+        self._until = _Timespec()  # one for the life of the loop: nothing is allocated per tick
+        self._at = ctypes.addressof(self._until)
+
+    def sleep(self) -> float:
+        """Sleep until shortly before the next deadline, signals or not; returns it on the loop's clock [s]."""
+        schedule, until = self.schedule, self._until
+        self._deadline = deadline = schedule.next(monotonic_ns())
+        until.seconds, until.nanoseconds = divmod(deadline - self._early, 1_000_000_000)
+        while _sleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, self._at, None) == errno.EINTR:
+            pass
+        return schedule.time(deadline)
+
+    def wait(self) -> tuple[int, int, int]:
+        """Wait for the deadline that `sleep` returned; returns (now [ns], lateness [ns], deadlines missed)."""
+        deadline = self._deadline
+        now = monotonic_ns()
+        while now < deadline:
+            now = monotonic_ns()
+        lateness, skipped = self.schedule.begin(now)
+        return now, lateness, skipped

@@ -1,0 +1,253 @@
+"""The interface to a device, simulated or real: read a sample, write duties, switch the coils off at the end."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptorb.arrays import Array, vectors
+from haptorb.compiled import kernel
+from haptorb.control.trips import CoilState
+from haptorb.devices.base import Device
+from haptorb.errors import DriverError, InputError
+from haptorb.estimation.types import Pose, Sample
+
+__all__ = [
+    "CHANNELS",
+    "DUTY_FULL",
+    "DUTY_STEPS",
+    "HALL_SENSORS",
+    "SPAN_3V3",
+    "SPAN_5V",
+    "THERMOMETERS",
+    "Driver",
+    "HallSensors",
+    "check_electronics",
+    "counts",
+    "fill_field",
+    "invalid_pose",
+    "quantise_duties",
+]
+
+
+_UNKNOWN = np.full(7, np.nan)
+
+_NO_WRENCH = np.full(6, np.nan)
+
+
+class Driver(ABC):
+    """The interface of every driver. Coils are off before `open`, after `close`, and after leaving `with`."""
+
+    name: str  #: as in `--driver`
+    simulated: bool  #: whether a person can be touched by it
+    lead: float = 0.0  #: how long before a tick it must be warned that the tick is near [s]
+
+    @abstractmethod
+    def open(self) -> None:
+        """Connect; coils off. Raises DriverError that states what did not respond and what to do."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Coils off, then disconnect. May be called twice."""
+
+    def prepare(self, now: float) -> None:
+        """The tick at `now` [s] is near: do work that need not wait for it. `read` must also work without it.
+        Raises only what `read` will raise again."""
+        return
+
+    @abstractmethod
+    def read(self, now: float) -> Sample:
+        """The sample at `now` [s]. Raises DriverError if the device does not respond in time."""
+
+    @abstractmethod
+    def write(self, duties: Array) -> Array:
+        """Apply `duties` (m,) in −1…1 of the supply voltage; returns (m,) the duties actually applied, after
+        clipping and quantisation."""
+
+    @property
+    def coil_state(self) -> CoilState:
+        """Whether current can flow, as confirmed by the device. OFF only if the device confirmed it: UNKNOWN
+        between the command to switch off and the confirmation. A driver that does not know returns UNKNOWN."""
+        return CoilState.UNKNOWN
+
+    @property
+    def field_axes(self) -> Array | None:
+        """(k, 3) unit vectors, stator frame: the direction in which each one-axis field sensor measures; None:
+        three-axis sensors."""
+        return None
+
+    @property
+    def calibration(self) -> bytes | None:
+        """Id of the calibration stored in the open device: 16 bytes, zeros for none; None: it has no memory."""
+        return None
+
+    def remember(self, calibration: bytes) -> bool:
+        """Store the 16-byte id of the calibration in the open device; False if it has no memory. Raises DriverError
+        if storing fails."""
+        return False
+
+    def engage(self) -> None:
+        """A person engages after a trip. A driver whose hardware latches trips clears them here; no current flows
+        before the next `write`. Raises DriverError if that is not possible."""
+        return
+
+    def cool(self) -> None:
+        """Set simulated coils to the ambient temperature; no effect on a real device."""
+        return
+
+    def truth(self) -> Array:
+        """(6,) the true wrench [N, N·m] of coils and core on the mover in the last tick, if the driver knows it (a
+        simulated one does); else NaN."""
+        return _NO_WRENCH
+
+    def target(self) -> Array:
+        """(7,) the pointer target of the hand, position [m] then quaternion (x, y, z, w), if the driver knows it
+        (with a simulated hand); else NaN."""
+        return _UNKNOWN
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+
+# --------------------------------------------------------------------------------------------------
+# What the electronics of both real drivers serve: three coils, nine Hall sensors, duties in steps, and no tracker.
+
+
+CHANNELS = 3
+HALL_SENSORS = 9  #: places
+THERMOMETERS = 3
+DUTY_FULL = 4095  #: greatest duty, in steps
+DUTY_STEPS = 4096  #: steps in one PWM period: a duty of n steps is n / 4096 of the supply
+
+_UPRIGHT, _STILL = np.eye(3), np.zeros(3)
+_UPRIGHT.flags.writeable = _STILL.flags.writeable = False
+
+
+def invalid_pose(now: float) -> Pose:
+    """The word of a tracker that is not there: not valid."""
+    return Pose(now, _UPRIGHT, _STILL, _STILL, _STILL, valid=False)
+
+
+def check_electronics(device: Device, driver: str, reader: str) -> Array:
+    """(9, 3) where the device's Hall sensors are [m].
+
+    Raises DriverError, which says what `driver` serves and `reader` reads, unless the device has as many.
+    """
+    if device.channels != CHANNELS:
+        raise DriverError(f"{driver} serves {CHANNELS} coils; device '{device.name}' has {device.channels}")
+    positions: Array | None = getattr(getattr(device, "hall", None), "positions", None)
+    if positions is None or len(positions) != HALL_SENSORS:
+        raise DriverError(f"{reader} reads {HALL_SENSORS} Hall sensors; device '{device.name}' has another number")
+    return positions
+
+
+@kernel
+def quantise_duties(duties: Array, steps: NDArray[np.int64]) -> bool:
+    """Fill `steps` (3,), signed PWM steps, with duties (3,) in −1…1 [1], clipped, zero for what is no number; any?"""
+    some = False
+    for i in range(CHANNELS):
+        whole = min(max(duties[i] * DUTY_STEPS, -DUTY_FULL), DUTY_FULL)
+        steps[i] = 0 if duties[i] != duties[i] else round(whole)
+        some = some or steps[i] != 0
+    return some
+
+
+def counts(duties: ArrayLike) -> list[int]:
+    """Duties (3,) in −1…1 [1] as signed PWM steps, clipped; what is not a number is zero.
+
+    Raises InputError for another shape.
+
+    >>> counts([0.5, -2.0, float("nan")])
+    [2048, -4095, 0]
+    """
+    asked = np.ascontiguousarray(duties, dtype=np.float64)
+    if asked.shape != (CHANNELS,):
+        raise InputError(f"duties must have one entry per coil, shape ({CHANNELS},); got shape {asked.shape}")
+    steps = np.empty(CHANNELS, np.int64)
+    quantise_duties(asked, steps)
+    return [int(one) for one in steps]
+
+
+# --------------------------------------------------------------------------------------------------
+# From the Hall converter's range to field: linear sensors, three in each place or one that looks along its radius.
+#
+# A DRV5055A2 (assumed) gives half its supply at zero field and 50 mV/mT at 5 V; the converter measures against the
+# same
+# supply, so the range 0…1 stands for −50…+50 mT however far the 5 V are off. At 3.3 V it gives 30 mV/mT: −55…+55 mT.
+
+
+SPAN_5V = 5.0 / 50.0  #: field over the converter's whole range [T], both on 5 V: a board
+SPAN_3V3 = 3.3 / 30.0  #: the same, both on 3.3 V: a Raspberry Pi
+
+
+@kernel
+def fill_field(field: Array, radial: Array, axes: int, span: float, axis: int, first: int, shares: Array) -> None:
+    """Write `shares` (n,) 0…1 of the range `span` [T], of sensors from `first` on, into `field` (k, 3) [T]: along
+    `axis`, or where the sensors have only one, along radial (k, 3)."""
+    for n in range(len(shares)):
+        tesla = (shares[n] - 0.5) * span
+        if axes == 3:
+            field[first + n, axis] = tesla
+        else:
+            for i in range(3):
+                field[first + n, i] = tesla * radial[first + n, i]
+
+
+class HallSensors:
+    """Sensors at `positions` (k, 3) [m]: three in each place, along the device's x, y, z, or one, outward.
+
+    axes         3 or 1
+    span         field over the converter's whole range [T]
+    directions   (k, 3) in which one-axis sensors look; None for three axes
+
+    Raises InputError if a position is not finite, no 3-vector, or at the centre, where no radius is; for other axes, or
+    no positive span.
+
+    >>> radial = HallSensors([[0.0, 0.0, -0.055]], axes=1)
+    >>> field = radial.empty_field()
+    >>> radial.put(field, 0, 0, (0.6,))                          # 10 mT outward: along −z
+    >>> field.round(4).tolist()
+    [[0.0, 0.0, -0.01]]
+    """
+
+    def __init__(self, positions: Array | list[list[float]], axes: int = 3, span: float = SPAN_5V) -> None:
+        at = vectors(positions, "positions of the Hall sensors")
+        distance = np.linalg.norm(at, axis=1, keepdims=True)
+        if axes not in (1, 3):
+            raise InputError(f"a Hall sensor has one axis or three; got {axes}")
+        if (distance == 0).any():
+            raise InputError("a Hall sensor at the centre has no radial direction")
+        if not span > 0.0:
+            raise InputError(f"the span of a Hall sensor must be above 0 T; got {span}")
+        self.axes, self.span = axes, span
+        self.radial: Array = np.ascontiguousarray(at / distance)  #: (k, 3) unit vectors, outward
+
+    @property
+    def directions(self) -> Array | None:
+        """(k, 3) unit vectors, stator frame, of one-axis sensors; None: each measures all three."""
+        return self.radial if self.axes == 1 else None
+
+    def empty_field(self) -> Array:
+        """(k, 3) NaN [T]: a field of which nothing was read."""
+        return np.full(self.radial.shape, np.nan)
+
+    def put(self, field: Array, axis: int, first: int, shares: tuple[float, ...]) -> None:
+        """Write what sensors from `first` on read of `axis` into `field` (k, 3) [T]; shares 0…1 of the range [1].
+
+        What sensors of one axis do not measure is zero: the tangential parts. An estimator must use the radial parts.
+        """
+        fill_field(field, self.radial, self.axes, self.span, axis, first, np.array(shares, dtype=np.float64))
+
+    def shares(self, field: Array) -> Array:
+        """(axes, k) of the converter's range 0…1 [1] at a true field (k, 3) [T], clipped as the sensor does."""
+        visible = field.T if self.axes == 3 else np.einsum("ki,ki->k", field, self.radial)[None]
+        shares: Array = np.clip(visible / self.span + 0.5, 0.0, 1.0)
+        return shares

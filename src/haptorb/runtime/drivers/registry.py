@@ -1,0 +1,58 @@
+"""From `--driver serial:PORT` or `--driver i2c:BUS` to the driver of a real device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from haptorb.devices.base import Device
+from haptorb.errors import InputError
+from haptorb.estimation.types import Pose
+from haptorb.runtime.drivers.base import Driver, invalid_pose
+from haptorb.runtime.linux import require_linux
+
+__all__ = ["is_real", "real_driver"]
+
+
+def is_real(name: str) -> bool:
+    """Whether `name` asks for hardware.
+
+    >>> is_real("serial:/dev/ttyACM0"), is_real("sim")
+    (True, False)
+    """
+    return name.split(":", 1)[0] in ("serial", "i2c")
+
+
+def real_driver(
+    name: str,
+    device: Device,
+    pose: Callable[[float], Pose] = invalid_pose,
+    *,
+    duty_limit: float = 1.0,
+    current_limit: float | None = None,
+    hall_axes: int = 1,
+    patience: float = 5e-3,
+    watchdog: bool = True,
+) -> Driver:
+    """The driver `name` of `device`, not open yet; InputError if the name is no port or bus, PlatformError if this is
+    not Linux.
+
+    duty_limit [1] and current_limit [A] bind the firmware for this session, where there is one. Hall sensors of fewer
+    than `hall_axes` are refused when it is opened. `patience` [s] is how long a bridge's answer is waited for: a loop
+    has no time, a program without one has. An I²C bus whose PWM chip has no monostable on OE is refused when it is
+    opened, unless `watchdog` is False.
+    """
+    if is_real(name):
+        require_linux("a real driver")
+    kind, _, where = name.partition(":")
+    if kind == "serial" and where:
+        from haptorb.runtime.drivers.serial import SerialDriver
+
+        return SerialDriver(
+            device, where, pose, patience=patience, duty_limit=duty_limit, current_limit=current_limit,
+            hall_axes=hall_axes,
+        )  # fmt: skip
+    if kind == "i2c" and where.isdecimal():
+        from haptorb.runtime.drivers.i2c import I2cDriver
+
+        return I2cDriver(device, int(where), pose, hall_axes=hall_axes, watchdog=watchdog)
+    raise InputError(f"driver must be serial:PORT (serial:/dev/ttyACM0) or i2c:BUS (i2c:1); got '{name}'")

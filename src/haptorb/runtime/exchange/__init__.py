@@ -1,1 +1,0 @@
-"""What host and servo tell each other: shared memory, commands, changes of world, reports."""

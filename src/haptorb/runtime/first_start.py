@@ -1,0 +1,81 @@
+"""What compiles beside a servo: `python -m haptorb.runtime.first_start WHAT FOLDER PARENT`.
+
+`controller`: at a first start. The servo's process rehearses its simulated device first and the controller after it;
+meanwhile this one has the controller compiled. What one of them has compiled lies in the cache for the other, so that
+two processors need little more than half the time. It is killed when the loop runs.
+
+`catalogue`: from then on, the worlds that the servo has not found in the cache, at the lowest priority. The one that
+is waited for comes next.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from time import monotonic, sleep
+
+from haptorb.cache_folder import cache_folder
+from haptorb.runtime import plan as plans
+from haptorb.runtime.linux import die_with_parent, is_parent_gone
+from haptorb.runtime.prestart import PLAN, WANTED, code_note
+from haptorb.runtime.warm_up import Compilation
+
+__all__ = ["CATALOGUE", "CONTROLLER"]
+
+CONTROLLER, CATALOGUE = "controller", "catalogue"
+_LEAST = 19  #: nice value
+_TURN = 20.0  #: at most, for another program that compiles the same [s]
+_LOOK = 0.1  #: between two looks whether it does [s]
+
+
+def main(what: str, folder: Path, parent: int) -> int:
+    """Compile `what` for the plan in `folder` until that is done or the parent has gone."""
+    die_with_parent()
+    gc.disable()  # as in the servo's process: nearly all objects that compiling makes last
+    compilation = plans.load(folder / PLAN).compilation
+    parts: Iterable[object] = compilation.compile_controller()
+    if what == CATALOGUE:
+        os.nice(_LEAST)
+        _take_turn()
+        parts = _compile_catalogue(compilation, folder)
+    for _ in parts:
+        if is_parent_gone(parent):
+            return 1
+    return 0
+
+
+def _compile_catalogue(compilation: Compilation, folder: Path) -> Iterator[str]:
+    """World after world, each with a note in `folder` that its code is there."""
+    for name in compilation.compile_catalogue(lambda: _read_wanted(folder / WANTED)):
+        with suppress(OSError):  # the servo has ended
+            code_note(folder, name).touch()
+        yield name
+
+
+def _take_turn() -> None:
+    """One process at a time compiles the catalogue: the next one finds it in the cache."""
+    with suppress(OSError):  # no cache folder that can be written
+        descriptor = os.open(cache_folder() / "compiling", os.O_CREAT | os.O_RDWR, 0o600)
+        import fcntl  # not at the top: Windows has none
+
+        end = monotonic() + _TURN
+        while monotonic() < end:
+            with suppress(BlockingIOError):
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # until this process ends
+                return
+            sleep(_LOOK)  # not in the kernel: who waits for a lock looks like one that hangs
+
+
+def _read_wanted(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError:
+        return ""
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])))

@@ -1,0 +1,464 @@
+"""What only Linux can do, and the message on other systems."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import queue
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from subprocess import TimeoutExpired
+from time import monotonic
+from types import FrameType
+from typing import Any, cast, final
+
+from haptorb.cluster import environment, python_command
+from haptorb.errors import PlatformError, ServoError
+
+__all__ = [
+    "END_SIGNALS",
+    "WORKS_ANYWHERE",
+    "Facts",
+    "KillTimer",
+    "Termination",
+    "TickTimeout",
+    "claim",
+    "die_with_parent",
+    "end_group",
+    "end_process",
+    "hold_signals",
+    "is_linux",
+    "is_parent_gone",
+    "lower_priority",
+    "prepare_thread",
+    "raise_priority",
+    "raise_termination",
+    "request_real_time",
+    "require_linux",
+    "start",
+    "start_python",
+    "wait_for_end",
+]
+
+
+WORKS_ANYWHERE = (
+    "`haptorb` inspect, devices, worlds, show, info, export, replay, view, check --world, design (all but show), "
+    "reproduce, fit-multipole, train, estimators, guidance, study (all but run), calibrate (simulated) and frame; in "
+    "Python all but haptorb.Servo and real drivers"
+)  #: printed on other systems, and true there
+_NAMES = {"darwin": "macOS", "win32": "Windows"}
+
+
+def is_linux() -> bool:
+    """Whether this is Linux: it has the timers, priorities and signals that a real-time loop needs."""
+    return sys.platform.startswith("linux")
+
+
+def require_linux(what: str, instead: str = WORKS_ANYWHERE) -> None:
+    """Raise PlatformError, one line, if this is not Linux.
+
+    `what` is the subject of the sentence; `instead` names what works on any system.
+    """
+    if not is_linux():
+        system = _NAMES.get(sys.platform, sys.platform)
+        raise PlatformError(f"{what} needs Linux, and this is {system}. Available here: {instead}")
+
+
+# --------------------------------------------------------------------------------------------------
+# One core for one servo: a process that takes a core announces it to all others on the computer, for as long as it
+# runs.
+
+
+_held: list[socket.socket] = []  # until the process ends
+
+
+def claim(cores: Iterable[int]) -> int:
+    """The first of `cores` that no other servo holds, from here on this process's; −1 if there is none.
+
+    The mark is a name in the kernel's abstract namespace: no file, and gone with the process however it ends.
+    """
+    for core in cores:
+        mark = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            mark.bind(f"\0haptorb-servo-core-{core}")
+        except OSError:
+            mark.close()
+            continue
+        _held.append(mark)
+        return core
+    return -1
+
+
+# --------------------------------------------------------------------------------------------------
+# What a process may ask of the kernel to be punctual; what is not permitted is skipped and reported.
+#
+# What only Linux has is loaded when it is asked for: programs without a loop import this module on other systems,
+# too.
+
+
+Facts = dict[str, str | bool | int]
+
+_PR_SET_TIMERSLACK = 29
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
+_PRIORITY = 40  #: below the kernel's own interrupt threads (50)
+_RUNAWAY = 3_000_000  #: of a processor under the real-time scheduler without one wait [µs]
+
+
+@cache
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def request_real_time(*, real_time: bool = True) -> Facts:
+    """Ask for exact timers, a real-time scheduler and memory that stays; returns what was granted.
+
+    Without a real-time scheduler the process is not bound to a core either: the kernel could then not move it away
+    from a busy one. Nor is it where other servos hold all cores: two real-time loops on one core wait for each other.
+    """
+    # The default lets timers come up to 50 µs late so that wake-ups can be joined.
+    slack = _libc().prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0
+    fifo = real_time and _fifo(_PRIORITY)
+    if fifo:
+        # Who computes for so long without ever waiting does not come back: the kernel kills it.
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_RTTIME, (_RUNAWAY, _RUNAWAY))
+    return {
+        "policy": "SCHED_FIFO" if fifo else "SCHED_OTHER",
+        "priority": _PRIORITY if fifo else 0,
+        "memory_locked": _lock_memory(),
+        "exact_timers": slack,
+        "core": _bind() if fifo else -1,
+        "cores": len(os.sched_getaffinity(0)) if not fifo else os.cpu_count() or 1,
+    }
+
+
+def raise_priority(number: int = 0) -> bool:
+    """Ask for this thread, or the process `number`, to come before ordinary ones, behind every loop; False if refused.
+
+    For what sleeps nearly always.
+    """
+    return _fifo(1, number)
+
+
+def lower_priority() -> None:
+    """This process takes its turn like any other again."""
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+def _fifo(priority: int, number: int = 0) -> bool:
+    try:
+        os.sched_setscheduler(number, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    except OSError:
+        return False
+    return True
+
+
+def _lock_memory() -> bool:
+    # With a finite limit the lock on future pages would make later allocations fail: worse than a page fault.
+    import resource
+
+    soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if soft != resource.RLIM_INFINITY and os.geteuid() != 0:
+        return False
+    # On fault: pages that are used stay; the compiler's unused ones need not come in.
+    return bool(_libc().mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0)
+
+
+def _bind() -> int:
+    """Stay on the last core that is allowed and free of other servos, but not on the first, which interrupts like.
+
+    −1 if there is none: the kernel then chooses.
+    """
+    core = claim(sorted(os.sched_getaffinity(0))[:0:-1])
+    if core < 0:
+        return -1
+    try:
+        os.sched_setaffinity(0, {core})
+    except OSError:
+        return -1
+    return core
+
+
+# --------------------------------------------------------------------------------------------------
+# A timer in the kernel that kills this process unless it is set again in time, whatever runs inside it.
+#
+# No code of the process takes part in its end: not its signal handlers, which Python runs only between two of its own
+# instructions, and not a thread, which would wait for the interpreter's lock. SIGKILL can neither be caught, nor
+# blocked,
+# nor ignored, and the timer also runs while the process is stopped. A forked child does not inherit it.
+
+
+_CLOCK_MONOTONIC = 1
+_SIGEV_SIGNAL = 0
+
+
+class _Event(ctypes.Structure):
+    _fields_ = (
+        ("value", ctypes.c_void_p), ("signal", ctypes.c_int), ("notify", ctypes.c_int), ("rest", ctypes.c_char * 48),
+    )  # fmt: skip
+
+
+class _Times(ctypes.Structure):
+    _fields_ = (
+        ("every_s", ctypes.c_long), ("every_ns", ctypes.c_long),
+        ("first_s", ctypes.c_long), ("first_ns", ctypes.c_long),
+    )  # fmt: skip
+
+
+@final
+class KillTimer:
+    """Does nothing until `set` is called for the first time. Raises ServoError if the kernel has no such timers."""
+
+    def __init__(self) -> None:
+        libc = ctypes.CDLL(None, use_errno=True)
+        if not hasattr(libc, "timer_create"):
+            libc = ctypes.CDLL("librt.so.1", use_errno=True)  # where it was before glibc 2.34
+        self._timer = ctypes.c_void_p()
+        event = _Event(signal=int(signal.SIGKILL), notify=_SIGEV_SIGNAL)  # safety: servo-hung
+        if libc.timer_create(_CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(self._timer)):
+            why = os.strerror(ctypes.get_errno())
+            raise ServoError(f"the kernel provides no timer to end a servo that hangs: timer_create failed ({why})")
+        self._settime = libc.timer_settime
+        self._settime.argtypes = (ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+        self._times = _Times()  # one for all calls: nothing is allocated per tick
+        self._at = ctypes.addressof(self._times)
+
+    def set(self, seconds: float) -> None:
+        """The process ends `seconds` from now unless this is called again before."""
+        self._times.first_s, self._times.first_ns = divmod(int(seconds * 1e9), 1_000_000_000)
+        self._settime(self._timer, 0, self._at, None)
+
+
+# --------------------------------------------------------------------------------------------------
+# A process with coils in its hand must not outlive the one that started it.
+
+
+_PR_SET_PDEATHSIG = 1
+
+
+def die_with_parent(number: signal.Signals | None = None) -> None:
+    """Ask the kernel for the signal `number` when the parent ends; None: for SIGKILL.
+
+    The kernel sends it when the *thread* ends that started this process. Processes are therefore started by a thread
+    that lives as long as its program (`starter`); with another signal, ask `is_parent_gone` as well.
+    """
+    _libc().prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL if number is None else number), 0, 0, 0)
+
+
+def is_parent_gone(parent: int) -> bool:
+    """Whether the process `parent` is no longer this one's parent: it ended, however it ended."""
+    return os.getppid() != parent
+
+
+def end_group(leader: int) -> None:
+    """Kill all processes of the group that `leader` began, but not the one that calls this."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError, ValueError):
+            group = int((folder / "stat").read_text().rpartition(")")[2].split()[2])
+            if group == leader and (number := int(folder.name)) != os.getpid():
+                os.kill(number, signal.SIGKILL)
+
+
+# --------------------------------------------------------------------------------------------------
+# For programs that talk to a firmware from an ordinary process: nothing of their own may hold them up for 15 ms.
+
+
+_TURN = 1e-4  #: how long a thread may keep the interpreter from another [s]
+
+
+def prepare_thread() -> bool:
+    """Come before ordinary threads, and never again look for garbage in what exists now; False if the first is refused.
+
+    With all of the package loaded a full look takes 40 ms, and a firmware switches its coils off after 15 ms of
+    silence. What is made from now on is still collected. A thread that draws a progress bar releases the interpreter
+    after 0.1 ms: by Python's own 5 ms, waited for at every reading, three in a row would be silence.
+    """
+    sys.setswitchinterval(_TURN)
+    gc.collect()
+    gc.freeze()
+    return raise_priority()
+
+
+# --------------------------------------------------------------------------------------------------
+# A thread that lives as long as the program, and starts its processes.
+#
+# The kernel's parent-death signal comes when the thread ends that started a process. Started by this thread, a
+# process
+# can ask to be killed then, and is killed when the program ends, not when one of its threads does.
+
+
+_SLICE = 0.05  #: between two looks for an interruption [s]
+_KILLED = 2.0  #: for a process to end that was killed; the kernel may hold one that waits for a disk [s]
+
+Job = tuple[Sequence[str], dict[str, Any], "Future[subprocess.Popen[bytes]]"]
+
+_jobs: queue.SimpleQueue[Job] | None = None
+_making = threading.Lock()
+
+
+def start(command: Sequence[str], **options: Any) -> subprocess.Popen[bytes]:
+    """A process, made by that thread as `subprocess.Popen` would with these `options`. A caller that is interrupted
+    meanwhile leaves no process behind."""
+    future: Future[subprocess.Popen[bytes]] = Future()
+    _queue().put((command, options, future))
+    try:
+        return future.result()
+    except BaseException:
+        future.add_done_callback(_kill)
+        raise
+
+
+def start_python(module: str, *arguments: str, isolated: bool = False, **options: Any) -> subprocess.Popen[bytes]:
+    """`python -m module arguments` in a session of its own, with the `options` of `subprocess.Popen`; see
+    `python_command` for what it can import.
+
+    Ctrl-C in the terminal then reaches the parent alone, which ends its children in order.
+    """
+    command = python_command(module, *arguments, isolated=isolated)
+    return start(command, **{"start_new_session": True, "env": environment(), **options})
+
+
+def wait_for_end(process: subprocess.Popen[bytes], patience: float, interrupted: threading.Event | None = None) -> bool:
+    """Whether `process` has ended within `patience` [s]; False before that when `interrupted`."""
+    end = monotonic() + patience
+    while True:
+        left = end - monotonic()
+        try:
+            process.wait(max(left if interrupted is None else min(left, _SLICE), 0.0))
+            return True
+        except TimeoutExpired:
+            if left <= 0.0 or (interrupted is not None and interrupted.is_set()):
+                return False
+
+
+def end_process(
+    process: subprocess.Popen[bytes] | None, patience: float, interrupted: threading.Event | None = None
+) -> bool:
+    """Wait for `process`, if there is one, for `patience` [s], then kill it; whether it has ended.
+
+    One that the kernel holds, as on a disk that does not answer, cannot be ended and is not waited for.
+    """
+    if process is None or wait_for_end(process, patience, interrupted):
+        return True
+    process.kill()
+    return wait_for_end(process, _KILLED)
+
+
+def _queue() -> queue.SimpleQueue[Job]:
+    global _jobs
+    with _making:
+        if _jobs is None:
+            _jobs = queue.SimpleQueue()
+            # A daemon: the interpreter does not wait for it, and only the end of the process ends it.
+            threading.Thread(target=_work, args=(_jobs,), name="haptorb-starter", daemon=True).start()
+        return _jobs
+
+
+def _work(jobs: queue.SimpleQueue[Job]) -> None:
+    while True:
+        command, options, future = jobs.get()
+        try:
+            process = cast("subprocess.Popen[bytes]", subprocess.Popen(command, **options))
+            future.set_result(process)
+        except BaseException as cause:
+            future.set_exception(cause)
+        del future  # only the caller holds the process
+
+
+def _kill(future: Future[subprocess.Popen[bytes]]) -> None:
+    if future.exception() is None:
+        process = future.result()
+        process.kill()
+        process.wait()
+
+
+def _forget() -> None:
+    """A forked child has none of its parent's threads."""
+    global _jobs, _making
+    _jobs, _making = None, threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):  # elsewhere nothing forks
+    os.register_at_fork(after_in_child=_forget)
+
+
+# --------------------------------------------------------------------------------------------------
+# What ends a tick that does not end by itself.
+
+
+class TickTimeout(BaseException):
+    """Raised by a signal's handler inside a tick that takes too long.
+
+    No `Exception`: user code that continues after any exception would catch it, and hang again in the next tick.
+    """
+
+
+# --------------------------------------------------------------------------------------------------
+# The signals that end a program: Ctrl-C, SIGTERM, and SIGHUP of a terminal that is closed.
+
+
+END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if hasattr(signal, "SIGHUP") else (signal.SIGINT,)
+
+
+@final
+class Termination(BaseException):
+    """SIGTERM or SIGHUP on its way through `with` blocks that switch the coils off, as KeyboardInterrupt for SIGINT."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number = number
+
+
+@contextmanager
+def raise_termination() -> Iterator[None]:
+    """SIGTERM and SIGHUP raise Termination meanwhile, so that what is open is closed; one that is ignored (`nohup`)
+    stays so. In the main thread; elsewhere nothing changes."""
+
+    def end(number: int, frame: FrameType | None) -> None:
+        raise Termination(number)
+
+    with _handle(dict.fromkeys(END_SIGNALS[1:], end)):
+        yield
+
+
+@contextmanager
+def hold_signals() -> Iterator[threading.Event]:
+    """What is being tidied up is not interrupted: a signal that ends programs sets the event, and has its usual effect
+    afterwards. In the main thread; elsewhere nothing changes."""
+    held: list[int] = []
+    event = threading.Event()
+
+    def hold(number: int, frame: FrameType | None) -> None:
+        held.append(number)
+        event.set()
+
+    with _handle(dict.fromkeys(END_SIGNALS, hold)):
+        yield event
+    if held:
+        signal.raise_signal(held[0])
+
+
+@contextmanager
+def _handle(handlers: dict[signal.Signals, object]) -> Iterator[None]:
+    before: dict[signal.Signals, object] = {}
+    if threading.current_thread() is threading.main_thread():
+        for number, handler in handlers.items():
+            if (now := signal.getsignal(number)) not in (signal.SIG_IGN, None):  # None: not from Python, stays
+                before[number] = now
+                signal.signal(number, handler)  # type: ignore[arg-type]
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)  # type: ignore[arg-type]

@@ -1,1 +1,0 @@
-"""Memory that processes share without locks: ring, sequence locks, text, histogram."""

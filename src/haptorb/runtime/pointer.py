@@ -1,0 +1,141 @@
+"""Where the hand wants the tool: held by a pointer (mouse, pen, finger) on the console, else guided by a script."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple, final
+
+import numpy as np
+
+from haptorb.arrays import Array
+from haptorb.estimation.types import Pose
+from haptorb.runtime.trackers.base import Goal, Tracker
+from haptorb.simulation.hand import DomeMotion, GuidedMotion
+
+__all__ = ["PointerPose", "PointerSource", "PointerState", "PointerTracker"]
+
+
+# --------------------------------------------------------------------------------------------------
+# The pointer as the tracker of a real tool: valid only while a person holds it.
+
+
+_FASTEST = 3.0  #: no hand moves the tool faster, a pointer that jumps does [m/s]
+
+
+@final
+class PointerPose:
+    """Where the host's pointer is, as the word of a tracker.
+
+    A simulated hand may play a guided motion while the pointer is not held; a real tool is not where a script says,
+    so then the pose is not valid. The velocity is that between the pointer's last two words.
+    """
+
+    def __init__(self) -> None:
+        self._p = np.zeros(3)
+        self._v = np.zeros(3)
+        self._stamp = -np.inf
+
+    def __call__(self, goal: Goal, now: float) -> Pose:
+        """The pose at `now` [s], when the pointer's word is `goal`."""
+        if not goal.held:
+            self._stamp = -np.inf
+            return Pose(now, _rotation(goal.q), goal.p, np.zeros(3), np.zeros(3), valid=False)
+        if goal.stamp > self._stamp:
+            passed = goal.stamp - self._stamp
+            v = (goal.p - self._p) / passed if np.isfinite(passed) else np.zeros(3)
+            speed = float(np.linalg.norm(v))
+            self._v = v if speed <= _FASTEST else np.zeros(3)
+            self._p, self._stamp = goal.p, goal.stamp
+        valid = bool(np.isfinite(goal.stamp))
+        return Pose(min(goal.stamp, now) if valid else now, _rotation(goal.q), goal.p, np.zeros(3), self._v, valid)
+
+
+def _rotation(q: Array) -> Array:
+    """(3, 3) from a quaternion (x, y, z, w) of length 1."""
+    x, y, z, w = q.tolist()
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+_RELEASE = 1.5  #: time in which a released hand returns to rest [s]
+
+
+class PointerState(NamedTuple):
+    """What the host last said about its pointer."""
+
+    held: bool
+    p: Array  #: (3,) [m], frame S
+    q: Array  #: (4,) quaternion (x, y, z, w) of R_SR
+    stamp: float  #: the computer's monotonic clock when it was said [s]
+    patience: float = 0.0  #: how long a simulated hand stays there without another word [s]
+
+
+class PointerSource(ABC):
+    """A source of the host's pointer: shared memory in a running servo."""
+
+    @abstractmethod
+    def read_pointer(self) -> PointerState:
+        """The pointer as last written; never waits."""
+
+
+@final
+class PointerTracker(Tracker):
+    """Follows the host's pointer while it is held; plays the guided motion until it is held for the first time.
+
+    After a release the hand goes back to the guided motion's resting place by the smoothest way.
+    `origin` is the computer's monotonic time [s] at which the loop's clock showed zero; `guide` is the guided motion.
+    """
+
+    def __init__(
+        self, source: PointerSource | None = None, origin: float = 0.0, *, guide: GuidedMotion | None = None
+    ) -> None:
+        self._source = source
+        self.origin = origin
+        self._guide = guide or DomeMotion()
+        self._last: tuple[Array, Array] | None = None  # where a held pointer was last
+        self._released = 0.0
+        self._rest = self._guide.at(self._guide.duration)
+        self._pose = PointerPose()
+
+    @property
+    def guide(self) -> GuidedMotion:
+        """The hand's motion while the pointer is not held."""
+        return self._guide
+
+    @guide.setter
+    def guide(self, guide: GuidedMotion) -> None:
+        self._guide = guide
+        self._rest = guide.at(guide.duration)
+
+    def goal(self, now: float) -> Goal:
+        """The goal of a simulated hand at `now` [s] on the loop's clock; while its word is patient, as fresh as now."""
+        goal, patience = self._find(now)
+        if not patience:
+            return goal
+        return Goal(goal.p, goal.q, max(goal.stamp, min(now, goal.stamp + patience)), goal.held)
+
+    def pose(self, now: float) -> Pose:
+        """The pointer as the pose of a real tool: valid only while a person holds it, aged as its last message."""
+        return self._pose(self._find(now)[0], now)
+
+    def _find(self, now: float) -> tuple[Goal, float]:
+        """The goal, as old as its word, and that word's patience [s]."""
+        if self._source is not None:
+            pointed = self._source.read_pointer()
+            if pointed.held:
+                self._last, self._released = (pointed.p, pointed.q), now
+                return Goal(pointed.p, pointed.q, pointed.stamp - self.origin, True), pointed.patience
+        guide, since, still = self._guide, now - self._released, False
+        if since >= (guide.duration if self._last is None else _RELEASE):
+            (p, q), still = self._rest, True
+        elif self._last is None:
+            p, q = guide.at(now)
+        else:
+            s = min(since / _RELEASE, 1.0)
+            p, q = guide.pose_on_return(*self._last, s * s * s * (10.0 + s * (6.0 * s - 15.0)))
+        return Goal(p, q, now, False, still), 0.0

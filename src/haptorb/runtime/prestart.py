@@ -1,0 +1,124 @@
+"""A servo process that is started early: it loads what any servo needs, and waits for its plan.
+
+Half of a start is loading packages and compiled code. A program that knows early that it will need a servo, and has
+something to do first (read a device file, check a world), starts this before; on two processors the two loads are one.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from types import TracebackType
+from typing import Self, final
+
+from haptorb.cluster import environment
+from haptorb.errors import ServoError
+from haptorb.files import FOLDER, FileLock
+from haptorb.runtime.linux import start_python
+
+__all__ = ["PLAN", "WANTED", "PrestartedProcess", "code_note", "start_module"]
+
+PLAN = "plan"  #: name of the file in the folder
+WANTED = "wanted"  #: of the file that names the world that is waited for
+
+
+@final
+class PrestartedProcess:
+    """The process, and a folder for what passes between it and this one. Coils are out of its reach until `give`.
+
+    Ends with the `with` block unless it was given a plan; then it belongs to the servo.
+    """
+
+    def __init__(self) -> None:
+        self.folder, self.claim = _create_folder()  #: the giver's from `give` on
+        self.errors = self.folder / "errors"  #: what the process prints
+        self.given = False
+        try:
+            self.process = start_module(
+                "haptorb.runtime.servo_process", str(self.folder), str(os.getpid()), errors=self.errors,
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            )  # fmt: skip
+        except BaseException:
+            self._tidy()
+            raise
+
+    @property
+    def plan(self) -> Path:
+        """The file to be written before `give`. Raises ServoError if it is in use already."""
+        if self.given:
+            raise ServoError("this prestarted process serves another servo, or has ended; create a new one")
+        return self.folder / PLAN
+
+    def give(self, shared: Path) -> None:
+        """The plan is written, and `shared` is the memory through which the servo is talked to."""
+        self.given = True
+        assert self.process.stdin is not None
+        try:
+            self.process.stdin.write(os.fsencode(shared))
+            self.process.stdin.close()
+        except BrokenPipeError:
+            pass  # it has ended already: the wait for its first tick will report why
+
+    def end(self) -> None:
+        """Discard it. May be called twice."""
+        if self.given:
+            return
+        self.given = True
+        self.process.kill()
+        self.process.communicate()
+        self._tidy()
+
+    def _tidy(self) -> None:
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self.claim.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.end()
+
+
+def code_note(folder: Path, name: str) -> Path:
+    """The file in the servo's `folder` that is there when the code of the catalogue's world `name` is compiled."""
+    return folder / f"code-{name}"
+
+
+def _create_folder() -> tuple[Path, FileLock]:
+    """A new folder, and its claim."""
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=FOLDER))
+        claim = FileLock(folder)
+        if claim.there:
+            return folder, claim
+
+
+def start_module(
+    module: str,
+    *arguments: str,
+    errors: Path,
+    stdin: int = subprocess.DEVNULL,
+    stdout: int = subprocess.DEVNULL,
+    descriptor: int | None = None,
+    descriptors: tuple[int, ...] = (),
+    isolated: bool = False,
+) -> subprocess.Popen[bytes]:
+    """See `start_python`; what the process says on standard error goes to the end of `errors`.
+
+    It may ask to die with its parent: it is started by a thread that runs as long as the parent.
+    """
+    with errors.open("ab") as file:
+        return start_python(
+            module,
+            *arguments,
+            isolated=isolated,
+            stdin=stdin,
+            stdout=stdout,
+            stderr=file,
+            pass_fds=descriptors if descriptor is None else (descriptor, *descriptors),
+            # Small matrices: a second thread of OpenBLAS would only wait in a loop, beside the servo's.
+            env=environment({"OPENBLAS_NUM_THREADS": "1"}),
+        )

@@ -1,0 +1,423 @@
+"""The processes of servo, recorder and tracker, seen from their parent: start, monitor, send heartbeats, end.
+
+The parent checks every 20 ms, and copies the ticks before a trip. A servo that has ended is detected within a tenth
+of a second. A servo whose tick does not end gets a signal after a second; the code in the tick can ignore it, and
+half a second later the process is killed. A stalled recorder is reported, and the loop continues.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from time import monotonic, monotonic_ns, sleep
+from types import FrameType
+from typing import final
+
+from haptorb.errors import DriverError, RecordingError, ServoError
+from haptorb.runtime.black_box import BlackBox
+from haptorb.runtime.first_start import CATALOGUE, CONTROLLER
+from haptorb.runtime.linux import END_SIGNALS, end_process, raise_priority, wait_for_end
+from haptorb.runtime.liveness import HangWatch, MemoryGrowth, StallTime, state_of
+from haptorb.runtime.prestart import WANTED, PrestartedProcess, start_module
+from haptorb.runtime.report import count_recorded
+from haptorb.runtime.shared_memory import Phase, SharedMemory, Word, has_end_signal
+from haptorb.runtime.world_output import OutputReader, show
+
+__all__ = ["CompilerProcess", "ProcessGroup", "SignalStop"]
+
+
+# --------------------------------------------------------------------------------------------------
+# A signal that ends the host is a Stop of the servo, whatever the host is doing at that moment.
+#
+# Python runs the handler of a signal in the main thread, between two of its own instructions. A host that is inside C
+# code (a matrix, a database, an import) reacts when that returns. But the first thing that Python's own handler in C
+# does
+# is to write the signal's number to a file descriptor, `signal.set_wakeup_fd`. Here this is the file of the shared
+# memory: the loop finds the number there in its next tick, without a thread, a lock or the interpreter's lock in
+# between.
+
+
+@final
+class SignalStop:
+    """From its creation in the main thread until `close`. Elsewhere, and where the program uses the descriptor for
+    another purpose (an event loop with handlers of its own), a Stop waits for the program's own handler.
+
+    stop  is called after the loop has stopped: it makes engage requests from before void
+    """
+
+    def __init__(self, shared: SharedMemory, stop: Callable[[], None]) -> None:
+        self._shared, self._stop = shared, stop
+        self._descriptor = -1
+        if threading.current_thread() is not threading.main_thread():
+            return
+        descriptor = os.open(shared.path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+        os.lseek(descriptor, shared.signals_at, os.SEEK_SET)
+        before = signal.set_wakeup_fd(descriptor, warn_on_full_buffer=False)  # safety: signal-stop
+        if before == -1:
+            self._descriptor = descriptor
+            for number in END_SIGNALS:
+                if signal.getsignal(number) is signal.SIG_DFL:  # else Python's handler in C does not run either
+                    signal.signal(number, _end_as_ever)
+        else:
+            signal.set_wakeup_fd(before, warn_on_full_buffer=False)
+            os.close(descriptor)
+
+    def look(self) -> None:
+        """Make room for the next signals; to be called some times a second, from any thread."""
+        if self._descriptor < 0 or not self._shared.signals[0]:
+            return
+        if has_end_signal(self._shared.signals):
+            self._stop()  # first: the loop must not find neither
+        self._shared.signals[0] = 0
+        os.lseek(self._descriptor, self._shared.signals_at, os.SEEK_SET)
+
+    def close(self) -> None:
+        """Signals are the program's alone again. May be called twice, from any thread."""
+        descriptor, self._descriptor = self._descriptor, -1
+        if descriptor < 0:
+            return
+        if threading.current_thread() is threading.main_thread():
+            for number in END_SIGNALS:
+                if signal.getsignal(number) is _end_as_ever:
+                    signal.signal(number, signal.SIG_DFL)
+            now = signal.set_wakeup_fd(-1)
+            if now not in (descriptor, -1):  # another part of the program took it meanwhile
+                signal.set_wakeup_fd(now, warn_on_full_buffer=False)
+            os.close(descriptor)
+        else:  # only the main thread may take it back: until then what is written is lost
+            nowhere = os.open(os.devnull, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+            os.dup2(nowhere, descriptor, inheritable=False)
+            os.close(nowhere)
+
+
+def _end_as_ever(number: int, frame: FrameType | None) -> None:
+    """A program without a handler of its own ends by the signal."""
+    signal.signal(number, signal.SIG_DFL)
+    signal.raise_signal(number)
+
+
+# --------------------------------------------------------------------------------------------------
+# The process that compiles beside a servo, seen from its host: the controller at a first start, then the worlds.
+
+
+_COMPILER_PROCESS_HUNG = 4.0  #: without processor time, after which it hangs [s]
+_USUAL = 3.0  #: a start with compiled code; who needs longer has it compiled by two [s]
+
+
+@final
+class CompilerProcess:
+    """For the servo of the `shared` memory, whose plan is in `folder`; its errors are appended to `errors`."""
+
+    def __init__(self, folder: Path, shared: SharedMemory, errors: Path) -> None:
+        self._folder, self._shared, self._errors = folder, shared, errors
+        self._begin = monotonic()
+        self.process: subprocess.Popen[bytes] | None = None
+        self._watch: HangWatch | None = None
+
+    def help_start(self) -> None:
+        """Compile the controller beside the servo's process if that process compiles, or takes too long to prepare.
+
+        Opening a device may take long; the servo's process no longer compiles then.
+        """
+        late = self._shared.words[Word.COMPILED] > 0 or monotonic() > self._begin + _USUAL
+        if self.process is None and late and not self._shared.facts.read()[1]:
+            self._run(CONTROLLER)
+
+    def finish_start(self, *, running: bool) -> None:
+        """The loop runs, or has failed: end this help, and compile the worlds whose code is missing."""
+        self.end()
+        if running and self._shared.words[Word.UNCOMPILED]:
+            self._run(CATALOGUE)
+
+    def compile_world(self, name: str) -> None:
+        """Compile the world `name` next."""
+        with suppress(OSError):  # a full disk: it has its turn nevertheless
+            (self._folder / WANTED).write_text(name, encoding="utf-8")
+        if self.process is None or self.process.poll() is not None:
+            self._run(CATALOGUE)
+
+    def check(self) -> None:
+        """End it and raise ServoError if it hangs: a world that is waited for would never come."""
+        process = self.process
+        if process is None or process.poll() is not None or self._watch is None:
+            return
+        if (hung := self._watch.look()) > _COMPILER_PROCESS_HUNG:
+            self.end()
+            raise ServoError(
+                f"the process that compiles the worlds did nothing for {hung:.0f} s and was ended; choose the world "
+                "again"
+            )
+
+    def end(self) -> None:
+        """Kill it if it is running."""
+        if self.process is not None:
+            end_process(self.process, 0.0)
+
+    def _run(self, what: str) -> None:
+        self.process = start_module(
+            "haptorb.runtime.first_start", what, str(self._folder), str(os.getpid()), errors=self._errors
+        )
+        self._watch = HangWatch(self.process.pid)
+
+
+_EVERY = 0.02  #: between two heartbeats [s]
+_STUCK = 1.0  #: without a tick the servo is notified that it is stuck [s]
+_PROCESS_GROUP_HUNG = 1.5  #: and so long without one it is killed [s]
+_STALLED = 1.0  #: without a look for rows the recorder counts as stalled [s]
+_START = 180.0  #: the first start on a machine compiles the kernels [s]
+_FIRST_CALL = 20.0  #: a world that compiles code of its own may take long, once [s]
+_NOTHING = 4.0  #: without processor time, after which a process that starts hangs [s]
+_FINISH = 1.5  #: to end on request before a signal is sent [s]
+_DRAIN = 20.0  #: for the recorder to write what it has [s]
+_SOON = 2.0  #: of that, before a person is told why it takes long [s]
+_DRAINING = "the recorder still writes, for {:g} s at most; Ctrl-C ends it at once, and the recording is truncated\n"
+_HUNG_START = "the {} did nothing for {:g} s while it started and was ended; check for a disk that does not respond"
+_HANG = (
+    "world '{}' hangs: the last tick began {:.1f} s ago and did not end; the process was killed. A world must "
+    "return from every call at once, and must not catch every exception"
+)
+_ENDLESS = (
+    "world '{}' has not returned from its first call for {:g} s; the process was ended. A world must return from every "
+    "call at once"
+)
+_STALL = (
+    "the recorder has not written for {:.1f} s, and rows are lost if it does not continue; check for a full or slow "
+    "disk"
+)
+
+
+@final
+class ProcessGroup:
+    """Starts the servo in `standby`, whose plan is written; `record` and `track` may add others, then
+    `wait_until_running`."""
+
+    def __init__(
+        self, standby: PrestartedProcess, shared: SharedMemory, black_box: BlackBox, signals: SignalStop
+    ) -> None:
+        self._shared, self._signals = shared, signals
+        self._black_box = black_box
+        self._errors = standby.errors
+        self._ending = threading.Event()
+        self._end_sent = False
+        shared.words[Word.HEARTBEAT] = monotonic_ns()
+        self._servo = standby.process
+        self._hang = self._stall = ""
+        self._asked = False  # whether the servo was notified that it is stuck
+        self.memory = MemoryGrowth(standby.process.pid)
+        standby.give(shared.path)
+        self._output = OutputReader(standby.process.stdout)
+        self._recorder: subprocess.Popen[bytes] | None = None
+        self._tracker: subprocess.Popen[bytes] | None = None
+        self.compiler = CompilerProcess(standby.folder, shared, standby.errors)
+        # Not the thread that may be blocked by a user's code: it has nothing else to do.
+        self._heart = threading.Thread(target=self._beat, name="haptorb-heartbeat", daemon=True)
+        self._heart.start()
+
+    @property
+    def servo_pid(self) -> int:
+        """Process id of the servo."""
+        return self._servo.pid
+
+    @property
+    def recorder_pid(self) -> int:
+        """Process id of the recorder; 0 if there is none."""
+        return self._recorder.pid if self._recorder else 0
+
+    @property
+    def alive(self) -> bool:
+        """Whether the loop runs: the process exists and has neither ended nor failed."""
+        return self._shared.phase is Phase.RUNNING and self._servo.poll() is None
+
+    def record(self, spec: str, descriptor: int) -> None:
+        """Start the recorder with `spec` (JSON), which a command line could be too short for, and the open file
+        `descriptor`."""
+        path = self._errors.with_name("recorder.json")
+        path.write_text(spec, encoding="utf-8")
+        with path.open("rb") as file:
+            self._recorder = start_module(
+                "haptorb.runtime.recorder_process",
+                errors=self._errors, stdin=file.fileno(), descriptor=descriptor, isolated=True,
+            )  # fmt: skip
+
+    def track(self, spec: str, descriptor: int | None) -> None:
+        """Start the tracker's process with `spec` (JSON) and its open socket `descriptor`, if it has one."""
+        # safety: secret-by-pipe
+        self._tracker = start_module(
+            "haptorb.runtime.tracker_process",
+            errors=self._errors, stdin=subprocess.PIPE, descriptor=descriptor, isolated=True,
+        )  # fmt: skip
+        assert self._tracker.stdin is not None
+        # A token is in it: no argument, which every account of this computer can read.
+        with suppress(BrokenPipeError), self._tracker.stdin as stdin:  # ended already: `check` reports why
+            stdin.write(spec.encode())
+
+    def wait_until_running(self) -> None:
+        """Return when the loop has ticked, and recorder and tracker are ready. Raises ServoError, RecordingError or
+        DriverError otherwise."""
+        try:
+            self._wait()
+        finally:
+            self.compiler.finish_start(running=self.alive)
+        self.check()
+
+    def _wait(self) -> None:
+        start = monotonic()
+        words = self._shared.words
+        # A tracker may wait for its sender, a servo for its device: they hang only if they are stopped.
+        group = {"servo": self._servo, "recorder": self._recorder, "tracker": self._tracker}
+        watches = [(name, one, HangWatch(one.pid)) for name, one in group.items() if one is not None]
+        while (
+            not (self.alive and words[Word.TICKS])
+            or (self._recorder and words[Word.RECORDER] == Phase.STARTING)
+            or (self._tracker and words[Word.TRACKER] == Phase.STARTING)
+        ):
+            self.check()
+            if trouble := self.tracker_trouble:
+                raise DriverError(trouble)
+            if (first := words[Word.FIRST_CALL]) and monotonic_ns() - first > 1e9 * _FIRST_CALL:
+                raise ServoError(_ENDLESS.format(self._shared.world_now(), _FIRST_CALL))
+            if monotonic() > start + _START:
+                raise ServoError(f"the servo did not start within {_START:g} s; close other programs, and try again")
+            for name, process, watch in watches:
+                hangs = watch.look() > _NOTHING  # safety: start-hangs
+                if hangs and (name == "recorder" or state_of(process.pid)() == "T"):
+                    raise (RecordingError if name == "recorder" else ServoError)(_HUNG_START.format(name, _NOTHING))
+            self.compiler.help_start()
+            sleep(0.005)
+
+    def check(self) -> None:
+        """Raise ServoError if the servo ended, RecordingError if the recorder did."""
+        # Looked at first: the servo's end is the recorder's, too.
+        recorder = self._recorder
+        over = recorder and (self._shared.words[Word.RECORDER] >= Phase.ENDED or recorder.poll() is not None)
+        code = self._servo.poll()
+        if self._shared.phase >= Phase.ENDED or code is not None:
+            raise ServoError(f"the servo ended: {self._explain_end(code)}")
+        if over:
+            raise RecordingError(f"the recording ended: {self.recorder_trouble}")
+
+    @property
+    def recorder_trouble(self) -> str:
+        """Why the recording has ended; empty if there is no problem."""
+        if self._recorder is None:
+            return ""
+        reason = self._shared.recorder_reason.read()[1]
+        code = self._recorder.poll()
+        if reason or not code:
+            return reason or self._stall
+        return (
+            f"its process was killed ({_signal(code)})" if code < 0 else f"its process failed: {self._describe_end()}"
+        )
+
+    @property
+    def recorder_counts(self) -> dict[str, int]:
+        """Rows in the recording, and lost rows: see `report.count_recorded`."""
+        return count_recorded(self._shared, over=self._recorder is not None and self._recorder.poll() is not None)
+
+    @property
+    def tracker_trouble(self) -> str:
+        """Why there are no more poses, in one clause; empty if there is no problem or no such process."""
+        if self._tracker is None:
+            return ""
+        reason = self._shared.tracker_reason.read()[1]
+        code = self._tracker.poll()
+        if reason or not code:
+            return reason
+        return (
+            f"the tracker's process was killed ({_signal(code)})" if code < 0 else f"it failed: {self._describe_end()}"
+        )
+
+    @property
+    def ended_on_request(self) -> bool:
+        """Whether the loop was asked to end, and has not failed before it did."""
+        failed = self._shared.phase is Phase.FAILED or bool(self._hang)
+        return bool(self._shared.words[Word.QUIT]) and not failed and self._servo.poll() in (None, 0)
+
+    def end(self, interrupted: threading.Event) -> None:
+        """End all processes: by request, else by force; at once by force when `interrupted` while this takes long. May
+        be called twice. The loop was asked to end before: see `Servo.end_loop`."""
+        if self._end_sent:
+            return
+        self._end_sent = True
+        for patience, force in ((_FINISH, signal.SIGTERM), (_FINISH / 2, signal.SIGKILL)):
+            if wait_for_end(self._servo, patience):
+                break
+            self._servo.send_signal(force)
+        self._end_group()
+        self.compiler.end()
+        self._output.end()
+        end_process(self._tracker, _FINISH)
+        if self._shared.words[Word.RECORDER] == Phase.STARTING:
+            end_process(self._recorder, 0.0)  # there are no rows to be kept
+        if self._recorder and not wait_for_end(self._recorder, _SOON):
+            show(_DRAINING.format(_DRAIN))
+            interrupted.clear()
+            end_process(self._recorder, _DRAIN, interrupted)
+        self._ending.set()
+        self._heart.join()
+        self._black_box.finish()
+
+    def _beat(self) -> None:
+        raise_priority()  # on an overloaded computer half a second may pass before an ordinary thread has its turn
+        words = self._shared.words
+        ticking, recording = StallTime(2 * _EVERY), StallTime(2 * _EVERY)
+        while not self._ending.wait(_EVERY):
+            words[Word.HEARTBEAT] = monotonic_ns()
+            self._signals.look()
+            self._black_box.look()
+            now = monotonic()
+            self._watch_servo(now, ticking)
+            still = recording.look(now, words[Word.RECORDER_LOOKS])
+            writing = words[Word.RECORDER] == Phase.RUNNING
+            self._stall = _STALL.format(still) if writing and still > _STALLED else ""  # safety: recorder-stalled
+
+    def _watch_servo(self, now: float, ticking: StallTime) -> None:
+        """End a servo whose tick does not end, and look how much memory it takes."""
+        if not self.alive or self._end_sent:
+            ticking.look(now, -1)
+            return
+        self.memory.look(now)
+        still = ticking.look(now, self._shared.words[Word.TICKS])
+        if still > _PROCESS_GROUP_HUNG:
+            world = self._shared.world_now()
+            self._hang = _HANG.format(world, still)  # safety: world-hung
+            self._servo.kill()
+            self._end_group()
+        elif still > _STUCK and not self._asked:
+            self._servo.send_signal(signal.SIGUSR2)
+        self._asked = still > _STUCK  # once: a second one could meet what the first one has begun
+
+    def _end_group(self) -> None:
+        """End what the servo's process left behind in its group: what a world has started."""
+        with suppress(OSError):
+            os.killpg(self._servo.pid, signal.SIGKILL)  # safety: world-children
+
+    def _explain_end(self, code: int | None) -> str:
+        reason = self._hang or self._shared.reason.read()[1]
+        if reason or self._shared.phase is Phase.ENDED:
+            return reason or "on command"
+        if code is not None and code < 0:
+            return f"its process was killed ({_signal(code)})"
+        if text := self._describe_end():
+            return text
+        if self._shared.phase is Phase.RUNNING:
+            return f"its process ended with code {code} during a run, as if a world had called os._exit"
+        return f"its process failed with code {code}"
+
+    def _describe_end(self) -> str:
+        try:
+            return self._errors.read_text(errors="replace")[-2000:].strip()
+        except OSError:
+            return ""
+
+
+def _signal(code: int) -> str:
+    try:
+        return signal.Signals(-code).name
+    except ValueError:
+        return f"signal {-code}"

@@ -1,1 +1,0 @@
-"""The processes beside a program: servo, recorder, tracker; and the real-time loop."""

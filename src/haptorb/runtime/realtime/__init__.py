@@ -1,1 +1,0 @@
-"""Clocks, deadlines, priorities, and the life of processes."""

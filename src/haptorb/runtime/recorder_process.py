@@ -1,0 +1,138 @@
+"""The process that records: `python -m haptorb.runtime.recorder_process SPEC`.
+
+It outlives the servo, not by much. It reads the ring about fifty times a second, so a slow disk never touches the loop.
+It ends when the servo has ended, however that happened, and drains the ring first. Its imports are few: it must be
+there before the first tick.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from haptorb.recording.destination import complete
+from haptorb.recording.mcap import Recorder
+from haptorb.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays
+from haptorb.runtime.linux import KillTimer, end_group, is_parent_gone
+from haptorb.runtime.shared_memory import REGULAR, Phase, SharedMemory, Word, split_snapshot
+
+__all__ = ["main"]
+
+_EVERY = 20  #: [ms]
+_STALLED = 30.0  #: without a look for rows, after which the kernel ends the process [s]
+
+
+def main(spec: Mapping[str, Any]) -> int:
+    """Record until the servo has ended; returns the exit code.
+
+    `spec`: shared (path), descriptor (of the open file), servo and parent (process ids), rate [Hz],
+    unix_minus_monotonic [ns], notes (name → texts), temporary (path to remove if the parent is gone, or null).
+    """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # the servo's end is this one's end; until then rows are worth keeping
+    shared = SharedMemory(Path(spec["shared"]))
+    try:
+        _record(shared, spec)
+    except Exception as cause:
+        shared.recorder_reason.write(str(cause)[:4000])
+        shared.words[Word.RECORDER] = Phase.FAILED
+        return 1
+    finally:
+        if is_parent_gone(spec["parent"]):
+            end_group(spec["servo"])
+            shared.unlink()
+            if spec["temporary"]:
+                Path(spec["temporary"]).unlink(missing_ok=True)
+    shared.words[Word.RECORDER] = Phase.ENDED
+    return 0
+
+
+def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
+    words = shared.words
+    with os.fdopen(spec["descriptor"], "wb") as file:
+        recorder = Recorder(file, shared.layout, spec["rate"], spec["unix_minus_monotonic"])
+        for name, values in spec["notes"].items():
+            recorder.note(name, values)
+        file.flush()
+        words[Word.RECORDER] = Phase.RUNNING
+        cursor = worlds = lost = errors = states = left_out = 0
+        servo, timer = _ProcessExit(spec["servo"]), KillTimer()
+        last = described = False
+        while True:
+            words[Word.RECORDER_LOOKS] += 1
+            timer.set(_STALLED)
+            last = servo.wait(_EVERY) or words[Word.PHASE] >= Phase.ENDED
+            for number, text in shared.worlds_since(worlds):
+                recorder.note("world", {"change": str(number), "tick": str(words[Word.TICKS]), "world": text})
+                worlds = number + 1
+            if shared.error.version != errors:
+                errors, text = shared.error.read()
+                if text:
+                    recorder.note("error", {"tick": str(words[Word.TICKS]), "text": text})
+            for number, tick, snapshot in shared.states.read_since(states, REGULAR):
+                states = number
+                if words[Word.RECORDING_PAUSED]:
+                    continue
+                arrays = split_snapshot(shared.states.layout.read()[1], snapshot)
+                if not described:
+                    recorder.note(LAYOUT_NOTE, {"arrays": describe_arrays(arrays)})
+                    described = True
+                recorder.note(STATE_NOTE, {"tick": str(tick), "arrays": pack_arrays(arrays)})
+            before = cursor
+            cursor, rows = shared.ring.read_since(cursor)
+            gap = cursor - before - len(rows)
+            # After the rows were read: what is published once the pause has ended is recorded.
+            if words[Word.RECORDING_PAUSED]:
+                if not left_out:
+                    recorder.note("pause", {"after": str(recorder.written)})
+                left_out += gap + len(rows)
+                words[Word.TAKEN] = cursor
+                if not last:
+                    continue
+                gap, rows = 0, rows[:0]
+            if left_out:
+                recorder.note("resume", {"rows": str(left_out), "after": str(recorder.written)})
+                left_out = 0
+            if gap:
+                recorder.note("gap", {"rows": str(gap), "after": str(recorder.written)})
+                lost += gap
+            words[Word.LOST], words[Word.TAKEN] = lost, cursor
+            recorder.append(rows)
+            words[Word.WRITTEN] = recorder.safe_rows
+            if last and not len(rows):
+                break
+        reason = shared.reason.read()[1]
+        recorder.note("end", {"rows": str(recorder.written), "lost": str(lost), "reason": reason})
+        recorder.finish()
+        words[Word.WRITTEN] = recorder.safe_rows
+        # Only a complete recording may be replaced by hand; one that was cut short stays write-protected.
+        complete(file.fileno(), temporary=bool(spec["temporary"]))
+
+
+class _ProcessExit:
+    """Waits for a process that is not this one's child, and sees its end even before anybody asked for its code."""
+
+    def __init__(self, pid: int) -> None:
+        self._poll = select.poll()
+        self._ended = False
+        try:
+            self._poll.register(os.pidfd_open(pid), select.POLLIN)
+        except ProcessLookupError:
+            self._ended = True
+
+    def wait(self, milliseconds: int) -> bool:
+        """Wait at most so long; True as soon as the process has ended."""
+        self._ended = self._ended or bool(self._poll.poll(milliseconds))
+        return self._ended
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(KeyboardInterrupt):
+        sys.exit(main(json.load(sys.stdin.buffer)))

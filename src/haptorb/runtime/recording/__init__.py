@@ -1,1 +1,0 @@
-"""Recordings: written as MCAP while a loop runs, read back as arrays."""

@@ -1,1 +1,0 @@
-"""The servo for Python programs, and the group of processes behind it."""

@@ -1,0 +1,809 @@
+"""The memory that host, servo and recorder share: one mapped file with counters, commands, status, texts and rows.
+
+A mapped file and not `multiprocessing.SharedMemory`: there an unrelated process that attaches and exits destroys it.
+Every word has one writer; nothing in here ever waits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import mmap
+import os
+import tempfile
+from collections.abc import Sequence
+from enum import IntEnum
+from pathlib import Path
+from typing import Final, NamedTuple, TypeAlias, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptorb.arrays import Array, Records, StateArray
+from haptorb.errors import InputError, ServoError
+from haptorb.files import SHARED, FileLock, folders
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.linux import END_SIGNALS
+from haptorb.runtime.pointer import PointerSource, PointerState
+from haptorb.worlds.dynamic import CLIENT_FORCE, FADE, HOLD
+
+__all__ = [
+    "BINS",
+    "BLOCKS",
+    "CAPACITY",
+    "COUNTS",
+    "FORCE_BLOCK_WORDS",
+    "POINTER_BLOCK_WORDS",
+    "REGULAR",
+    "SIZE",
+    "SLOTS",
+    "TRIPS",
+    "WORDS",
+    "WORLDS",
+    "ClientForces",
+    "Counts",
+    "ForceBlock",
+    "Histogram",
+    "Phase",
+    "PointerBlock",
+    "PoseBlock",
+    "PoseRecord",
+    "RingBuffer",
+    "SeqlockWords",
+    "SharedMemory",
+    "StateSlots",
+    "TextSlot",
+    "Word",
+    "engage_request",
+    "engage_stops",
+    "has_end_signal",
+    "slots_size",
+    "split_snapshot",
+    "state_room",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# The last rows of the loop in shared memory: one writer, any number of readers, none waits for another.
+#
+# The writer copies a row, then raises the count. A reader copies, then looks at the count again: rows that the writer
+# may have reached meanwhile are dropped, so a torn row is never returned. This relies on stores becoming visible in
+# order (x86-64; on weaker machines the interpreter's own work between the two makes a mix-up improbable, not
+# impossible).
+
+
+@final
+class RingBuffer:
+    """Rows (capacity, width) and, in `words[at]`, how many rows were ever published."""
+
+    def __init__(self, words: memoryview, at: int, rows: Array) -> None:
+        self._words, self._at, self._rows = words, at, rows
+        self.capacity, self.width = rows.shape
+
+    @property
+    def count(self) -> int:
+        """Rows published since the start."""
+        return int(self._words[self._at])
+
+    def publish(self, row: Array) -> None:
+        """Append a copy of `row` (width,); for the one writer."""
+        self.slot()[:] = row
+        self.publish_slot()
+
+    def slot(self) -> Array:
+        """(width,) where the next row goes; readers do not see it before `publish_slot`. For the one writer."""
+        slot: Array = self._rows[self._words[self._at] % self.capacity]
+        return slot
+
+    def publish_slot(self) -> None:
+        """The next row is in its slot."""
+        self._words[self._at] += 1
+
+    def read_since(self, cursor: int) -> tuple[int, Array]:
+        """(new cursor, rows (n, width)) published after the first `cursor` rows, oldest first, as a copy.
+
+        Where the writer was faster than the reader, the oldest rows are gone: (new cursor − cursor − n) of them.
+        """
+        capacity = self.capacity
+        end = self.count
+        # The slot of row `end` may be half written at any time; it is the slot of row `end − capacity`.
+        start = min(max(cursor, end - capacity + 1, 0), end)
+        first, last = start % capacity, end % capacity
+        rows: Array
+        if start == end:
+            rows = self._rows[:0].copy()
+        elif first < last:
+            rows = self._rows[first:last].copy()
+        else:
+            rows = np.concatenate((self._rows[first:], self._rows[:last]))
+        overtaken = self.count - capacity + 1 - start
+        return end, rows[max(overtaken, 0) :]
+
+    def latest(self) -> Array | None:
+        """(width,) the newest row as a copy; None before the first."""
+        while self.count:
+            _, rows = self.read_since(self.count - 1)
+            if len(rows):
+                newest: Array = rows[-1]
+                return newest
+        return None
+
+
+# --------------------------------------------------------------------------------------------------
+# A bounded text in shared memory with a version: one writer, readers that never see half of it.
+
+
+SIZE = 16_384  #: bytes of a slot, its two leading words included
+
+_TEXT_SLOT_TRIES = 100
+
+
+@final
+class TextSlot:
+    """Two words (version, length) and UTF-8. The version is odd while the text is being written."""
+
+    def __init__(self, memory: memoryview) -> None:
+        self._words = memory[:16].cast("q")
+        self._bytes = memory[16:]
+        self.room = len(self._bytes)  #: longest text [bytes]
+
+    @property
+    def version(self) -> int:
+        """How many texts were written; compares unequal after every `write`."""
+        return int(self._words[0]) // 2
+
+    def write(self, text: str) -> int:
+        """Replace the text; returns its version. Raises InputError if it is too long."""
+        data = text.encode()
+        if len(data) > self.room:
+            raise InputError(f"a message of {len(data)} bytes is too long: at most {self.room}")
+        version = self._words[0] | 1
+        self._words[0] = version
+        self._words[1] = len(data)
+        self._bytes[: len(data)] = data
+        self._words[0] = version + 1
+        return (version + 1) // 2
+
+    def read(self) -> tuple[int, str]:
+        """(version, text); (0, "") before the first, and if a writer ended while it wrote."""
+        for _ in range(_TEXT_SLOT_TRIES):
+            before = self._words[0]
+            length = self._words[1]
+            if before & 1 or not 0 <= length <= self.room:
+                continue
+            data = bytes(self._bytes[:length])
+            if self._words[0] == before:
+                return before // 2, data.decode()
+        return 0, ""
+
+
+# --------------------------------------------------------------------------------------------------
+# Durations counted into 1 µs bins: what a loop can afford per tick, and what percentiles need.
+
+
+Counts: TypeAlias = NDArray[np.int64]
+
+BINS = 20_001  #: 1 µs each, the last one for everything from 20 ms on
+
+
+@final
+class Histogram:
+    """Counts of durations, kept in an array that another object may own (shared memory).
+
+    >>> histogram = Histogram()
+    >>> for duration in (1_500, 2_500, 90_000_000):
+    ...     histogram.add(duration)
+    >>> histogram.count, histogram.percentile(50.0)
+    (3, 3.0)
+    """
+
+    def __init__(self, counts: Counts | None = None) -> None:
+        self.counts = np.zeros(BINS, dtype=np.int64) if counts is None else counts  #: (20001,)
+        self._cells = self.counts.data  # single numbers go through it faster than through the array
+
+    def add(self, duration: int) -> None:
+        """Count one duration [ns]."""
+        self._cells[min(max(duration, 0) // 1000, BINS - 1)] += 1
+
+    @property
+    def count(self) -> int:
+        """Durations counted."""
+        return int(self.counts.sum())
+
+    def percentile(self, percent: float) -> float:
+        """The duration [µs] that `percent` of all are below or at: the upper edge of its bin. NaN when empty.
+
+        From 20 ms on nothing is resolved; 20001 stands for "20 ms or more".
+        """
+        below = np.cumsum(self.counts)
+        if below[-1] == 0:
+            return float("nan")
+        return float(np.searchsorted(below, percent / 100 * below[-1], side="left") + 1)
+
+
+# --------------------------------------------------------------------------------------------------
+# A flag and some numbers in shared memory, guarded by a sequence number that is odd while they are being written.
+
+
+_SEQLOCK_TRIES = 8  #: more would let a slow writer hold up the loop
+
+
+@final
+class SeqlockWords:
+    """`count` words at `at`, seen both as integers and as floats: the sequence number, the flag, the numbers.
+
+    One writer; a reader never waits, and never sees half of what is written.
+    """
+
+    def __init__(self, words: memoryview, floats: memoryview[float], at: int, count: int) -> None:
+        self._words, self._floats = words, floats
+        self._at, self._flag, self._first, self._end = at, at + 1, at + 2, at + count
+        self._known = 0
+
+    def write(self, flag: bool, numbers: tuple[float, ...]) -> None:
+        """Replace flag and numbers; for the one writer."""
+        words, floats, at = self._words, self._floats, self._at
+        sequence = words[at] | 1
+        words[at] = sequence
+        words[self._flag] = flag
+        for i, value in enumerate(numbers, start=self._first):
+            floats[i] = value
+        words[at] = sequence + 1
+
+    def read_new(self) -> tuple[bool, list[float]] | None:
+        """What was written completely since the last call; None if nothing was, or it is being written just now."""
+        words, at = self._words, self._at
+        for _ in range(_SEQLOCK_TRIES):
+            sequence = words[at]
+            if sequence == self._known:
+                return None
+            if sequence & 1:
+                continue
+            flag = words[self._flag] != 0
+            numbers: list[float] = self._floats[self._first : self._end].tolist()  # type: ignore[assignment]
+            if words[at] == sequence:
+                self._known = sequence
+                return flag, numbers
+        return None
+
+
+# --------------------------------------------------------------------------------------------------
+# A tracker's last pose in shared memory, never half of it.
+
+
+WORDS = 16  #: sequence, valid, p (3), q (4), v (3), w (3), stamp
+
+
+class PoseRecord(NamedTuple):
+    """What a tracker last said, brought into one form by its own process."""
+
+    valid: bool  #: False: the tracker has lost the tool, or has not found it yet
+    p: Array  #: (3,) [m], frame S
+    q: Array  #: (4,) quaternion (x, y, z, w) of R_SR, length 1
+    v: Array  #: (3,) [m/s]
+    w: Array  #: (3,) [rad/s], frame S
+    stamp: float  #: the computer's monotonic clock when it was measured [s]
+
+
+@final
+class PoseBlock:
+    """Sixteen words at `at`, seen both as integers and as floats."""
+
+    def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
+        self._words = SeqlockWords(words, floats, at, WORDS)
+        unturned = np.array([0.0, 0.0, 0.0, 1.0])
+        self._tracked = PoseRecord(False, np.zeros(3), unturned, np.zeros(3), np.zeros(3), float("-inf"))
+
+    def write(self, pose: PoseRecord) -> None:
+        """Say where the tool is; for the one writer."""
+        numbers = (*pose.p.tolist(), *pose.q.tolist(), *pose.v.tolist(), *pose.w.tolist(), pose.stamp)
+        self._words.write(pose.valid, numbers)
+
+    def read_pose(self) -> PoseRecord:
+        """The pose as last written completely; if one is being written just now, the one before. Never waits."""
+        latest = self._words.read_new()
+        if latest is not None:
+            n = np.array(latest[1])
+            self._tracked = PoseRecord(latest[0], n[:3], n[3:7], n[7:10], n[10:13], latest[1][13])
+        return self._tracked
+
+
+# --------------------------------------------------------------------------------------------------
+# The forces that programs command, in shared memory: each server's process writes its own block, the loop reads all.
+#
+# A block says who commanded which force when. The loop judges by those times alone: when a server's process ends, its
+# force expires like that of a silent client.
+
+
+FORCE_BLOCK_WORDS = 8  #: sequence, force (3), session, stamp, loss, mapping
+BLOCKS = 8  #: servers that may command at once
+
+_PLACES = [CLIENT_FORCE.fields[name][1] // 8 for name in ("force", "session", "age", "lost", "mapping")]  # type: ignore[index]
+_OVER = HOLD + FADE
+
+
+class _Command(NamedTuple):
+    """What a block holds after its sequence number, as floats and in this order."""
+
+    force_x: float  #: in the stator's frame [N]
+    force_y: float
+    force_z: float
+    session: float  #: of the client
+    stamp: float  #: on the monotonic clock [s]
+    loss: float  #: when the client's connection was lost, on the same clock [s]; 0: it was not
+    mapping: float  #: number of the client's mapping into the stator's frame
+
+
+@final
+class ForceBlock:
+    """Eight words at `at`, seen both as integers and as floats; for the one server that writes them."""
+
+    def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
+        self._words, self._floats, self._at = words, floats, at
+
+    def command(self, force: Sequence[float], session: int, stamp: float, mapping: int = 0) -> None:
+        """The client of `session` wants `force` (3,) [N] in the stator's frame, since `stamp` [s] of the monotonic
+        clock. Another number `mapping`: the same command would point elsewhere than before."""
+        x, y, z = force
+        self._write(_Command(x, y, z, float(session), stamp, loss=0.0, mapping=float(mapping)))
+
+    def lose(self, stamp: float) -> None:
+        """The connection of the client that commanded last was lost at `stamp` [s] of the monotonic clock."""
+        last = _read_command(self._floats, self._at)
+        if last.loss == 0.0:
+            self._write(last._replace(loss=stamp))
+
+    def _write(self, command: _Command) -> None:
+        words, floats, at = self._words, self._floats, self._at
+        sequence = words[at] | 1
+        words[at] = sequence
+        for i, value in enumerate(command, start=at + 1):
+            floats[i] = value
+        words[at] = sequence + 1
+
+
+@final
+class ClientForces:
+    """The loop's side: the one client whose force counts now, out of all blocks. Allocates no array in a tick.
+
+    Who commands first keeps the device until its force has faded; then the newest command counts.
+    """
+
+    def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
+        self._words, self._floats = words, floats
+        self._starts = [at + FORCE_BLOCK_WORDS * block for block in range(BLOCKS)]
+        self._known = [0] * BLOCKS
+        self._commands = [_Command(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * BLOCKS
+        self._holder = -1
+
+    def fill(self, client: Records, now: float) -> None:
+        """`client` (1,) CLIENT_FORCE becomes what is commanded at `now` [s] of the monotonic clock; never waits."""
+        newest, best = -1, 0.0
+        for block, start in enumerate(self._starts):
+            if self._words[start] != self._known[block]:
+                self._read(block, start)
+            if self._known[block] and (stamp := self._commands[block].stamp) > best:
+                newest, best = block, stamp
+        if newest < 0:
+            return
+        if self._holder < 0 or self._is_over(self._holder, now):  # safety: one-client-holds
+            self._holder = newest
+        force_x, force_y, force_z, session, stamp, loss, mapping = self._commands[self._holder]
+        cells = client.data.cast("B").cast("d")  # single numbers go through it faster than into an array
+        first, at_session, age, lost, at_mapping = _PLACES
+        cells[first], cells[first + 1], cells[first + 2], cells[at_session] = force_x, force_y, force_z, session
+        cells[at_mapping] = mapping
+        cells[age] = max(now - stamp, 0.0)
+        cells[lost] = max(now - loss, 0.0) if loss > 0.0 else 0.0
+
+    def _is_over(self, block: int, now: float) -> bool:
+        command = self._commands[block]
+        return now - command.stamp >= _OVER or (command.loss > 0.0 and now - command.loss >= FADE)
+
+    def _read(self, block: int, start: int) -> None:
+        """Take what is written completely; what is being written just now, or never was to its end, is left."""
+        sequence = self._words[start]
+        if sequence & 1:
+            return
+        command = _read_command(self._floats, start)
+        if self._words[start] == sequence:
+            self._known[block], self._commands[block] = sequence, command
+
+
+def _read_command(floats: memoryview[float], at: int) -> _Command:
+    """The command of the block that begins at the word `at`."""
+    return _Command(*floats[at + 1 : at + 1 + len(_Command._fields)].tolist())
+
+
+# --------------------------------------------------------------------------------------------------
+# The host's pointer in shared memory, never half of it.
+
+
+POINTER_BLOCK_WORDS = 11  #: sequence, held, p (3), q (4), stamp, patience
+
+
+@final
+class PointerBlock(PointerSource):
+    """Eleven words at `at`, seen both as integers and as floats."""
+
+    def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
+        self._words = SeqlockWords(words, floats, at, POINTER_BLOCK_WORDS)
+        self._pointed = PointerState(False, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), 0.0)
+
+    def write(self, held: bool, p: Array, q: Array, stamp: float, patience: float = 0.0) -> None:
+        """Say where the pointer is, `p` (3,) [m] and `q` (4,) (x, y, z, w), at `stamp` [s]; for the one writer.
+
+        A simulated hand stays there for `patience` [s] without another word.
+        """
+        self._words.write(held, (*p.tolist(), *q.tolist(), stamp, patience))
+
+    def read_pointer(self) -> PointerState:
+        """The pointer as last written completely; if it is being written just now, the one before."""
+        latest = self._words.read_new()
+        if latest is not None:
+            held, n = latest
+            self._pointed = PointerState(held, np.array(n[:3]), np.array(n[3:7]), n[7], n[8])
+        return self._pointed
+
+
+# --------------------------------------------------------------------------------------------------
+# Snapshots of the chain in shared memory: the last ones, and the one from before the last trip. One writer.
+
+
+SLOTS: Final = 12  #: of the last snapshots
+REGULAR: Final = 8  #: snapshots from one that is recorded to the next
+_STATE_SLOTS_LAYOUT: Final = 48 * 1024  #: bytes of the layout of a snapshot, which is text
+_HEAD: Final = 4  #: words of a slot: version, number, tick; in nanoseconds: time of the trip
+_STATE_SLOTS_TRIES: Final = 100
+
+
+def state_room(channels: int, sensors: int) -> int:
+    """Bytes for a snapshot of a device with so many of them."""
+    return 36 * 1024 + 1024 * channels + 1024 * sensors
+
+
+def slots_size(channels: int, sensors: int) -> int:
+    """Bytes of all of it, layout included."""
+    return _STATE_SLOTS_LAYOUT + (SLOTS + 1) * (8 * _HEAD + state_room(channels, sensors))
+
+
+@final
+class StateSlots:
+    """In `memory`, which begins as zeros. A slot's version is odd while it is being written.
+
+    layout  of the snapshots, as `TickState` says; empty: none are taken
+    """
+
+    def __init__(self, memory: memoryview, channels: int, sensors: int) -> None:
+        self.room = state_room(channels, sensors)
+        self.layout = TextSlot(memory[:_STATE_SLOTS_LAYOUT])
+        slots = np.frombuffer(memory[_STATE_SLOTS_LAYOUT:], np.uint8).reshape(SLOTS + 1, 8 * _HEAD + self.room)
+        self._heads = slots[:, : 8 * _HEAD].view(np.int64)
+        #: (SLOTS, room) [1]
+        self.bodies: NDArray[np.uint8] = slots[:SLOTS, 8 * _HEAD :]
+        self._trip: NDArray[np.uint8] = slots[SLOTS, 8 * _HEAD :]
+        self._cells = [head.data for head in self._heads]
+
+    def begin(self, number: int) -> None:
+        """The snapshot of this `number`, from 1 on, is about to be written into `bodies[number % SLOTS]`."""
+        cells = self._cells[number % SLOTS]
+        cells[0] |= 1
+        cells[1] = number
+
+    def end(self, number: int, tick: int) -> None:
+        """It is there: of the chain after `tick`."""
+        cells = self._cells[number % SLOTS]
+        cells[2] = tick
+        cells[0] += 1
+
+    def mark_trip(self, last: int, tick: int, t: float) -> None:
+        """At `t` [s] there was a trip, and snapshot `last` is the newest: keep the newest one up to `tick`."""
+        for number in range(last, max(last - SLOTS, 0), -1):
+            cells = self._cells[number % SLOTS]
+            if cells[1] == number and cells[2] <= tick:
+                trip = self._cells[SLOTS]
+                trip[0] |= 1
+                trip[1], trip[2], trip[3] = number, cells[2], round(1e9 * t)
+                self._trip[:] = self.bodies[number % SLOTS]
+                trip[0] += 1
+                return
+
+    def read_since(self, number: int, every: int) -> list[tuple[int, int, NDArray[np.uint8]]]:
+        """(number, tick, snapshot (room,)) of those after snapshot `number` whose numbers are multiples of `every` [1],
+        oldest first, as copies."""
+        found = []
+        for slot in range(SLOTS):
+            there = int(self._cells[slot][1])
+            if there > number and there % every == 0:
+                copy = self._read(slot, self.bodies[slot])
+                if copy is not None and copy[0] == there:
+                    found.append((there, copy[1], copy[3]))
+        return sorted(found, key=lambda one: one[0])
+
+    def read_trip(self, t: float) -> tuple[int, NDArray[np.uint8]] | None:
+        """(tick, snapshot) from before the trip at `t` [s]; None if there is none."""
+        copy = self._read(SLOTS, self._trip)
+        return None if copy is None or copy[2] != round(1e9 * t) else (copy[1], copy[3])
+
+    def _read(self, slot: int, body: NDArray[np.uint8]) -> tuple[int, int, int, NDArray[np.uint8]] | None:
+        cells = self._cells[slot]
+        for _ in range(_STATE_SLOTS_TRIES):
+            before = cells[0]
+            if not before or before & 1:
+                continue
+            number, tick, time, copy = int(cells[1]), int(cells[2]), int(cells[3]), body.copy()
+            if cells[0] == before:
+                return number, tick, time, copy
+        return None
+
+
+def split_snapshot(layout: str, snapshot: NDArray[np.uint8]) -> dict[str, StateArray]:
+    """Name → a copy of each array of a `snapshot` (size,) [1], which lies there as `layout` says."""
+    found: dict[str, StateArray] = {}
+    for name, kind, shape, first, stride in json.loads(layout):
+        dtype = np.dtype(kind)
+        inner = [dtype.itemsize]
+        for length in reversed(shape[2:]):
+            inner.insert(0, inner[0] * length)
+        strides = ([stride, *inner] if len(shape) > 1 else [stride]) if shape else []
+        found[name] = np.ndarray(shape, dtype, snapshot, first, strides).copy()
+    return found
+
+
+_MAGIC = int.from_bytes(b"haptorb\0", "little")
+_VERSION = 9
+_PAGE = 4096
+_END_NUMBERS = frozenset(map(int, END_SIGNALS))
+_TEXTS = 9
+CAPACITY = 8192  #: rows: 2 s at the fastest rate
+WORLDS = 32  #: the last changes of the world, kept for the recorder
+TRIPS = 64  #: the first trips, kept for the report
+
+
+class Phase(IntEnum):
+    """Where a child process is in its life."""
+
+    STARTING = 0
+    RUNNING = 1
+    ENDED = 2  #: as requested
+    FAILED = 3  #: the status text says why
+
+
+class Word(IntEnum):
+    """Which 8-byte word of the first page is what; all are integers unless said otherwise."""
+
+    MAGIC = 0
+    VERSION = 1
+    WIDTH = 2
+    CAPACITY = 3
+    CHANNELS = 4
+    SENSORS = 5
+    CONTACTS = 6
+    MEMORY = 7
+    # host → servo
+    HEARTBEAT = 16  #: monotonic clock [ns]
+    STOP = 17  #: count
+    ENGAGE = 18  #: `engage_request`: count, and the stop count under which it was given
+    QUIT = 19  #: 1: end
+    MODE = 20  #: 0: as it is, else number of the mode from 1 on
+    CLUTCH = 21  #: 0: unchanged, 1: engaged, 2: released
+    MODEL = 22  #: 0: as it is, else number of the device's model from 1 on
+    COOL = 23  #: count: simulated coils at the ambient temperature
+    POINTER = 24  #: and the ten after it
+    SCALE = 35  #: 0: as it is, else the scale of a motor's torques, in millionths
+    BUTTONS = 36  #: bits of the buttons a, b, c that a person holds down: for servers, not for the loop
+    RECORDING_PAUSED = 37  #: 1: rows are not recorded until it is 0 again
+    # servo → host
+    PID = 40
+    PHASE = 41
+    ORIGIN = 42  #: monotonic clock at which the loop's clock shows zero [ns]
+    ROWS = 43  #: published
+    TICKS = 44
+    MISSED = 45  #: deadlines missed
+    ON_TIME = 46  #: ticks that began and ended within their period
+    TRIPS = 47  #: count
+    PEAK = 48  #: float: greatest force on the mover [N]
+    WORLD = 49  #: changes of the world
+    PEAK_TORQUE = 50  #: float: greatest torque on the mover [N·m]
+    FIRST_CALL = 51  #: monotonic clock at which the first call of a user's world began [ns]; 0: none runs
+    COMPILED = 52  #: 1: its process has had to compile a kernel
+    UNCOMPILED = 53  #: worlds of the catalogue whose code lies in no cache
+    # recorder → host
+    RECORDER = 56  #: a Phase
+    WRITTEN = 57  #: rows that are in the file, even if the recorder fails
+    LOST = 58  #: rows overwritten before they could be recorded
+    TAKEN = 59  #: rows that it has fetched, and those that it lost
+    # a tracker's process → servo, host
+    TRACKER = 60  #: a Phase
+    # recorder → host
+    RECORDER_LOOKS = 61  #: how often it has looked for rows
+    TRACKED = 64  #: and the fifteen after it
+    # each server's process → servo, host
+    FORCES = 128  #: eight for each of eight servers
+    SERVERS = 192  #: a Phase for each of eight servers
+
+
+_SHARED_MEMORY_LAYOUT = [Word.CHANNELS, Word.SENSORS, Word.CONTACTS, Word.MEMORY]  #: arguments of RowLayout
+_SERVER_TEXTS = 2 * BLOCKS
+_LATENESS = _PAGE + (_TEXTS + WORLDS + _SERVER_TEXTS) * SIZE + 16 * TRIPS  #: where the histograms begin
+_ROWS = _LATENESS + 2 * 8 * BINS
+
+#: What the loop counts in every tick, where it lies in the memory before the rows: words of the first page, histograms.
+COUNTS = np.dtype(
+    {
+        "names": ["ticks", "missed", "on_time", "peak", "peak_torque", "lateness", "compute"],
+        "formats": ["i8", "i8", "i8", "f8", "f8", ("i8", (BINS,)), ("i8", (BINS,))],
+        "offsets": [
+            *(8 * word for word in (Word.TICKS, Word.MISSED, Word.ON_TIME, Word.PEAK, Word.PEAK_TORQUE)),
+            _LATENESS,
+            _LATENESS + 8 * BINS,
+        ],
+        "itemsize": _ROWS,
+    },
+    align=True,
+)
+
+
+def engage_request(last: int, stops: int) -> int:
+    """The word ENGAGE after `last`: a new count, and the stop count under which the person asked.
+
+    One word, so that two threads that engage at once cannot mix one's count with the other's stop count.
+
+    >>> engage_stops(engage_request(0, 7))
+    7
+    """
+    count = ((last >> 32) + 1) & 0x7FFF_FFFF
+    return count << 32 | stops & 0xFFFF_FFFF
+
+
+def engage_stops(word: int) -> int:
+    """The stop count under which the engage request `word` was given, modulo 2³²."""
+    return word & 0xFFFF_FFFF
+
+
+def has_end_signal(signals: memoryview) -> bool:
+    """Whether one of the numbers in `signals`, a word of eight bytes, is of a signal that ends programs."""
+    return any(number in _END_NUMBERS for number in signals.tobytes())
+
+
+@final
+class SharedMemory:
+    """The mapped file. `create` makes it, `attach` opens one that another process made.
+
+    Raises ServoError if the file is not a servo's shared memory of this version and layout.
+    """
+
+    def __init__(self, path: Path, *, populate: bool = False) -> None:
+        flags = mmap.MAP_SHARED | (mmap.MAP_POPULATE if populate else 0)
+        with path.open("r+b") as file:
+            size = os.fstat(file.fileno()).st_size
+            if size < _ROWS:
+                raise ServoError(f"{path} is not a servo's shared memory: too small; end the program that created it")
+            self._map = mmap.mmap(file.fileno(), size, flags=flags)
+        self._claim: FileLock | None = None  # of the process that made it
+        memory = memoryview(self._map)
+        self.path = path
+        self.words = memory[:_PAGE].cast("q")
+        self.floats = memory[:_PAGE].cast("d")
+        self.counts: Records = np.frombuffer(memory[:_ROWS], dtype=COUNTS)  #: (1,) words and histograms, for kernels
+        if self.words[Word.MAGIC] != _MAGIC or self.words[Word.VERSION] != _VERSION:
+            raise ServoError(f"{path} is not a servo's shared memory of this version; end the program that created it")
+        self.layout = RowLayout(*(self.words[word] for word in _SHARED_MEMORY_LAYOUT))
+        end = _size(self.layout)
+        if self.layout.width != self.words[Word.WIDTH] or size < end + _PAGE:  # many signals make it longer
+            raise ServoError(f"{path} holds rows of another layout; end the program that created it")
+
+        self.pointer = PointerBlock(self.words, self.floats, Word.POINTER)
+        self.tracked = PoseBlock(self.words, self.floats, Word.TRACKED)
+        self.client_forces = ClientForces(self.words, self.floats, Word.FORCES)
+        at = _PAGE
+        slots = []
+        for _ in range(_TEXTS + WORLDS + _SERVER_TEXTS):
+            slots.append(TextSlot(memory[at : at + SIZE]))
+            at += SIZE
+        self.request, self.answer, self.reason, self.error, self.facts, self.recorder_reason = slots[:6]
+        self.tracker_reason, self.tracker_facts, self.warning = slots[6:_TEXTS]
+        self._worlds = slots[_TEXTS : _TEXTS + WORLDS]
+        texts = slots[_TEXTS + WORLDS :]
+        #: of each server's process: what it says of its clients, and what they request
+        self.server_facts, self.server_requests = texts[:BLOCKS], texts[BLOCKS:]
+        self.trips: Array = np.frombuffer(memory[at : at + 16 * TRIPS], dtype=np.float64).reshape(TRIPS, 2)
+        self.lateness = Histogram(self.counts["lateness"][0])
+        self.compute = Histogram(self.counts["compute"][0])
+        rows_end = _ROWS + 8 * CAPACITY * self.layout.width
+        #: snapshots of the chain
+        self.states = StateSlots(memory[rows_end:end], self.layout.channels, self.layout.sensors)
+        #: where the numbers of the host's signals are written: see `SignalStop`
+        self.signals_at, self.signals = end, memory[end : end + 8].cast("q")
+        rows = np.frombuffer(memory[_ROWS:rows_end], dtype=np.float64).reshape(CAPACITY, self.layout.width)
+        self.ring = RingBuffer(self.words, Word.ROWS, rows)
+
+    @classmethod
+    def create(cls, layout: RowLayout) -> SharedMemory:
+        """A new one, all zeros, in memory where the system has a place for that; ServoError if nowhere is room."""
+        size = _size(layout) + _PAGE
+        for folder in folders():
+            try:
+                descriptor, name, claim = _create_file(folder)
+            except OSError:
+                continue
+            try:
+                # Reserve it now: a full memory file system would otherwise kill the loop in the middle of a tick.
+                os.posix_fallocate(descriptor, 0, size)
+                head = np.zeros(16, dtype=np.int64)
+                head[[Word.MAGIC, Word.VERSION, Word.WIDTH, Word.CAPACITY]] = _MAGIC, _VERSION, layout.width, CAPACITY
+                head[_SHARED_MEMORY_LAYOUT] = layout.channels, layout.sensors, layout.contacts, layout.memory
+                os.pwrite(descriptor, head.tobytes(), 0)
+                made = cls(Path(name))
+                made._claim = claim
+                return made
+            except OSError:
+                Path(name).unlink()
+            finally:
+                os.close(descriptor)
+        raise ServoError(f"no room for {size / 1e6:.0f} MB in /dev/shm or {tempfile.gettempdir()}; free some")
+
+    @classmethod
+    def attach(cls, path: str | Path) -> SharedMemory:
+        """The one that another process made, all of its pages present before the loop begins."""
+        return cls(Path(path), populate=True)
+
+    def unlink(self) -> None:
+        """Remove its name; who has it mapped keeps it."""
+        with contextlib.suppress(FileNotFoundError):
+            self.path.unlink()
+        if self._claim is not None:
+            self._claim.close()
+
+    def force_block(self, server: int) -> ForceBlock:
+        """Where the process of the server with this number, 0 to 7, says what its clients command."""
+        return ForceBlock(self.words, self.floats, Word.FORCES + FORCE_BLOCK_WORDS * server)
+
+    @property
+    def phase(self) -> Phase:
+        """Where the servo is in its life."""
+        return Phase(self.words[Word.PHASE])
+
+    def announce_world(self, text: str) -> int:
+        """Keep `text` as the description of the world from now on; returns the number of this change."""
+        number = self.words[Word.WORLD]
+        self._worlds[number % WORLDS].write(text)
+        self.words[Word.WORLD] = number + 1
+        return int(number)
+
+    def worlds_since(self, known: int) -> list[tuple[int, str]]:
+        """(number, description) of the world's changes from number `known` on; the oldest may be gone."""
+        count = self.words[Word.WORLD]
+        return [(i, self._worlds[i % WORLDS].read()[1]) for i in range(max(known, count - WORLDS + 1, 0), count)]
+
+    def world_now(self) -> str:
+        """Name of the world that is rendered; empty before the first."""
+        changes = self.worlds_since(self.words[Word.WORLD] - 1)
+        return str(json.loads(changes[-1][1])["name"]) if changes else ""
+
+    def announce_trip(self, t: float, code: float) -> None:
+        """Note a trip; those after the first 64 are only counted."""
+        number = self.words[Word.TRIPS]
+        if number < TRIPS:
+            self.trips[number] = t, code
+        self.words[Word.TRIPS] = number + 1
+
+
+def _create_file(folder: Path) -> tuple[int, str, FileLock]:
+    """(descriptor, path, claim) of a new file in `folder`. Raises OSError if none can be made there."""
+    while True:
+        descriptor, name = tempfile.mkstemp(prefix="haptorb-", suffix=SHARED, dir=folder)
+        claim = FileLock(name)
+        if claim.there:
+            return descriptor, name, claim
+        os.close(descriptor)  # another process removed it first
+
+
+def _size(layout: RowLayout) -> int:
+    return _ROWS + 8 * CAPACITY * layout.width + slots_size(layout.channels, layout.sensors)
+
+
+assert Word.POINTER + POINTER_BLOCK_WORDS <= Word.PID
+assert Word.TRACKED + WORDS <= Word.FORCES
+assert Word.FORCES + FORCE_BLOCK_WORDS * BLOCKS <= Word.SERVERS
+assert 8 * (Word.SERVERS + BLOCKS) <= _PAGE

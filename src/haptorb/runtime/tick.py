@@ -1,0 +1,834 @@
+"""One tick of the loop: read → estimate → world → allocate → guard → write, and the row that records it all.
+
+The same seven lines run every device, simulated or real; nothing in them asks which one it is.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from queue import SimpleQueue
+from threading import Thread
+from time import perf_counter, thread_time
+from typing import Any, Protocol, final
+
+import numpy as np
+
+from haptorb.arrays import Array, Records, StateArray, Stateful, choose, make_block, make_numbers
+from haptorb.compiled import kernel, tick_kernel
+from haptorb.compiled import load_compiler as load_compiler
+from haptorb.control.allocation import PART_NUMBERS, Allocation, Allocator, Saturation, WrenchChoice
+from haptorb.control.linkage import MODES, Direct, Linkage, Mode, RenderedWrench
+from haptorb.control.protection import Protection
+from haptorb.control.trips import Trip
+from haptorb.devices.base import Device, State, WrenchMap
+from haptorb.errors import HaptorbError
+from haptorb.estimation.types import Estimate, Estimator
+from haptorb.recording.row import STAGES, RowLayout
+from haptorb.runtime.drivers.base import Driver
+from haptorb.runtime.linux import TickTimeout
+from haptorb.runtime.tick_log import NotedLinkage, TickCommand, TickFailure, TickLog
+from haptorb.worlds.base import PARTS, World, WrenchPart
+from haptorb.worlds.dynamic import (
+    BoundWorld,
+    MemoryNotFinite,
+    WorldWork,
+    bind_world,
+    check_world_period,
+    make_client_force,
+    split_remote,
+)
+from haptorb.worlds.user_world import check_wrench, describe_failure
+
+__all__ = [
+    "Chain",
+    "Joining",
+    "RenderedPart",
+    "StepWatch",
+    "Tick",
+    "WorkThread",
+    "WorldBudget",
+    "explain_trip",
+    "fill_object",
+    "fill_pose",
+    "fill_quaternion",
+    "fill_row",
+    "fill_silent_row",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# Which part of the world's wrench the tick renders: chosen with the world, or detected from what the world asks.
+
+
+_NO_CHOICE = -1.0
+
+
+@final
+class RenderedPart(Stateful):
+    """The allocator in force and its number in the row, −1 for a device without a choice.
+
+    wrench     (6,) the world's wrench of this tick [N, N·m], filled by the tick
+    is_open    whether the part still follows from the wrenches
+    """
+
+    def __init__(
+        self, allocator: Allocator, choice: WrenchChoice | None, protection: Protection, wrench: Array
+    ) -> None:
+        self.allocator, self.number, self.is_open = allocator, _NO_CHOICE, False
+        self._choice, self._protection = choice, protection
+        self._numbers = wrench.data.cast("B").cast("d")  # single numbers come out of it ten times faster
+        self._part: WrenchPart = "force"
+        self._has_pushed = False
+        self._kept = make_numbers("number", "is_open", "part", "has_pushed")
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """The part by its number in the row, and in `PARTS`; whether it may still change, and has pushed."""
+        return {"part": self._kept[0]}
+
+    def gather_state(self) -> None:
+        """Note them."""
+        cells = self._kept[1]
+        cells[0], cells[1], cells[2], cells[3] = self.number, self.is_open, PARTS.index(self._part), self._has_pushed
+
+    def apply_state(self) -> None:
+        """Take them over, with the allocator of that part."""
+        self.number, is_open, part, has_pushed = self._kept[1]
+        self.is_open, self._has_pushed = bool(is_open), bool(has_pushed)
+        self._part = PARTS[choose(part, len(PARTS))]
+        if self._choice is not None:
+            self.allocator = self._choice.allocators[self._part]
+
+    def begin(self, world: World) -> None:
+        """Render the part that a person chose, or the one that `world` asks."""
+        if self._choice is None:
+            return
+        opens = self._choice.is_open(world)
+        if not (opens and self.is_open):  # the same world with other values: what it has asked before still counts
+            self._has_pushed = False
+            self._render(self._choice.choose_part(world))
+        self.is_open = opens
+
+    def follow(self) -> None:
+        """Render also the part that the world asks for the first time in this tick."""
+        n = self._numbers
+        pushes = bool(n[0] or n[1] or n[2])
+        if self._part == "force" and (n[3] or n[4] or n[5]):
+            self._render("both" if pushes or self._has_pushed else "torque")
+        elif self._part == "torque" and pushes:
+            self._render("both")
+        self._has_pushed = self._has_pushed or pushes
+
+    def _render(self, part: WrenchPart) -> None:
+        assert self._choice is not None
+        self._part, self.number = part, float(PART_NUMBERS[part])
+        self.allocator = self._choice.allocators[part]
+        arm = 0.0 if part == "force" else self._choice.arm
+        self._protection.change_part(pushes=part != "torque", arm=arm)  # safety: turns-are-counted
+
+
+# --------------------------------------------------------------------------------------------------
+# The row of a tick in which the device did not answer: nothing was measured, and nothing is asked.
+
+
+def fill_silent_row(row: Array, layout: RowLayout, protection: Protection, coil_state: float, now: float) -> None:
+    """Fill `row` (width,), at `now` [s] on the loop's clock, with what is known all the same, each number in the unit
+    of its field; NaN elsewhere."""
+    row[:] = np.nan
+    row[layout["t"]] = now
+    row[layout["guard"]] = protection.guard_state
+    row[layout["trip"]] = protection.reason
+    row[layout["coil_state"]] = coil_state
+    row[layout["gain"]] = row[layout["valid"]] = row[layout["wanted"]] = 0.0
+
+
+# --------------------------------------------------------------------------------------------------
+# What a tick did, into its row: all that has a shape, in two compiled passes.
+
+
+@kernel
+def _copy(row: Array, start: int, values: Array) -> None:
+    for i in range(values.size):
+        row[start + i] = values[i]
+
+
+@kernel
+def _copy_table(row: Array, start: int, values: Array) -> None:
+    width = values.shape[1]
+    for k in range(values.shape[0]):
+        for i in range(width):
+            row[start + width * k + i] = values[k, i]
+
+
+@kernel
+def fill_quaternion(R: Array, q: Array) -> None:
+    """q (4,) becomes the quaternion (x, y, z, w) of R (3, 3), by the largest of four candidates (Shepperd's method)."""
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    pick, best = 3, trace
+    for i in range(3):
+        if R[i, i] > best:
+            pick, best = i, R[i, i]
+    if pick == 3:
+        s = 2.0 * np.sqrt(max(1.0 + trace, 0.0))
+        q[3] = 0.25 * s
+        q[0] = (R[2, 1] - R[1, 2]) / s
+        q[1] = (R[0, 2] - R[2, 0]) / s
+        q[2] = (R[1, 0] - R[0, 1]) / s
+    else:
+        i, j, k = pick, (pick + 1) % 3, (pick + 2) % 3
+        s = 2.0 * np.sqrt(max(1.0 + R[i, i] - R[j, j] - R[k, k], 0.0))
+        q[i] = 0.25 * s
+        q[j] = (R[j, i] + R[i, j]) / s
+        q[k] = (R[k, i] + R[i, k]) / s
+        q[3] = (R[k, j] - R[j, k]) / s
+
+
+@tick_kernel
+def fill_row(
+    row: Array, places: Records, state: Records, coils: Records, target: Array, given: Array, applied: Array,
+    field: Array, stages: Array,
+) -> None:  # fmt: skip
+    """Fill the fields of `row` (width,) that tell of device and protection, at the `places` of the `RowLayout`.
+
+    state (1,) PROTECTION and coils (m,) COIL; target (7,) position [m] and quaternion of the pointer's goal; given (6,)
+    [N, N·m]; applied (m,) duties; field (k, 3) [T]; stages (7,) [s].
+    """
+    at, s = places[0], state[0]
+    e, g, heat, passivity = s.estimate, s.guard, s.heat, s.passivity
+    row[at.t], row[at.valid], row[at.age] = s.clock.time, e.valid, e.age
+    _copy(row, at.p, e.position[:])
+    fill_quaternion(e.rotation[:], row[at.q : at.q + 4])
+    _copy(row, at.v, e.velocity[:])
+    _copy(row, at.w, e.angular_velocity[:])
+    _copy(row, at.target, target)  # and target_q, which follows
+    _copy(row, at.asked, g.asked[:])
+    _copy(row, at.given, given)
+    _copy(row, at.duties, applied)
+    for i in range(6):
+        row[at.modelled + i] = 0.0
+    for j in range(coils.size):
+        c = coils[j]
+        row[at.wanted + j], row[at.currents + j] = c.held, c.current
+        row[at.resistance + j], row[at.drive + j] = c.resistance, c.duty
+        row[at.boundary + j], row[at.winding + j] = c.boundary, c.winding
+        for i in range(6):
+            row[at.modelled + i] += c.wrench[i] * c.current
+    _copy_table(row, at.field, field)
+    _copy(row, at.stages, stages)
+    row[at.guard], row[at.trip], row[at.gain], row[at.remaining] = g.state, g.reason, g.gain, heat.remaining
+    row[at.energy], row[at.balance], row[at.injected] = passivity.energy, passivity.balance, passivity.damping
+
+
+@tick_kernel
+def fill_pose(
+    row: Array, at: int, R: Array, p: Array, v: Array, w: Array, t: float, valid: bool, currents_age: float,
+    field_age: float,
+) -> None:  # fmt: skip
+    """Fill the fields of `row` (width,) from `at` on, which is where `currents_age` begins: how old the readings were
+    [s], then what the tracker said, the pose of a `Sample`, p [m], v [m/s], w [rad/s], t [s].
+
+    One number instead of the places of all fields: it is looked at three times faster.
+    """
+    row[at], row[at + 1], row[at + 2], row[at + 3] = currents_age, field_age, t, valid
+    for i in range(3):
+        row[at + 4 + i], row[at + 16 + i], row[at + 19 + i] = p[i], v[i], w[i]
+        for j in range(3):
+            row[at + 7 + 3 * i + j] = R[i, j]
+
+
+@tick_kernel
+def fill_object(
+    row: Array, places: Records, share: Array, p: Array, R: Array, wrench: Array, contacts: Array, memory: Array,
+    held: Array,
+) -> None:  # fmt: skip
+    """Fill the fields of `row` (width,) that tell of what the world acts on, at the `places` of the `RowLayout`.
+
+    share (2,), p (3,) [m], R (3, 3), wrench (6,) [N, N·m] and contacts (n, 8) as a `RenderedWrench` has them: the row
+    takes as many as it has room for, and those that are missing are zero. memory (n,) of a world, in its own units: as
+    much as there is room for, and NaN behind it. held (14 + …,) becomes share, p, R and contacts.
+    """
+    at = places[0]
+    for i in range(2):
+        held[i] = share[i]
+    for i in range(3):
+        held[2 + i] = p[i]
+        for j in range(3):
+            held[5 + 3 * i + j] = R[i, j]
+    for i in range(held.size - 14):
+        held[14 + i] = contacts[i // 8, i % 8] if i < contacts.size else 0.0
+    _copy(row, at.share, share)
+    _copy(row, at.object, p)
+    fill_quaternion(R, row[at.object_q : at.object_q + 4])
+    _copy(row, at.object_wrench, wrench)
+    for i in range(at.energy - at.contacts):  # the field that follows
+        row[at.contacts + i] = contacts[i // 8, i % 8] if i < contacts.size else 0.0
+    for i in range(row.size - at.memory):  # the last field
+        row[at.memory + i] = memory[i] if i < memory.size else np.nan
+
+
+# --------------------------------------------------------------------------------------------------
+# What a trip says of its cause.
+
+
+def explain_trip(reason: Trip, cause: BaseException, world: World) -> str:
+    """What a failed `world` or driver said, and where in a user's code."""
+    if reason is Trip.MEMORY_NOT_FINITE:
+        return str(cause)
+    if reason is not Trip.WORLD_FAILED:
+        return f"{type(cause).__name__}: {cause}"
+    return describe_failure(world, cause)
+
+
+# --------------------------------------------------------------------------------------------------
+# A background thread that computes the work of a world while ticks continue.
+
+
+@final
+class WorkThread:
+    """Computes one work at a time, at ordinary priority and on other processors than the loop's.
+
+    The thread begins with the first work and ends with the process; where none can begin, the work is computed at once,
+    and the tick is late. It holds Python's lock only between calls of the engine, for some ten microseconds.
+
+    done   the work that was given last has been computed
+    took   processor time that it took [s]
+    """
+
+    def __init__(self) -> None:
+        self._works: SimpleQueue[WorldWork] = SimpleQueue()
+        self._thread: Thread | None = None
+        self._result: Any = None
+        self._fault: BaseException | None = None
+        self.done, self.took = False, 0.0
+
+    def give(self, work: WorldWork) -> None:
+        """Have `work` computed; the one before has been."""
+        self.done = False
+        if self._thread is None:
+            loops = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+            thread = Thread(target=self._run, args=(loops,), name="work of the world", daemon=True)
+            try:
+                thread.start()
+            except RuntimeError:  # no memory, or too many threads
+                self._compute(work)
+                return
+            self._thread = thread
+        self._works.put(work)
+
+    def take(self) -> Any:
+        """The result of the work that was given last, which is done. Raises what its computation raised."""
+        if self._fault is not None:
+            fault, self._fault = self._fault, None
+            raise fault
+        return self._result
+
+    def _run(self, loops: set[int]) -> None:
+        """`loops`: the processors of the loop, which are not for this thread, nor is the loop's priority. Empty where
+        the system does not say."""
+        if loops:
+            others = {*range(os.cpu_count() or 1)} - loops
+            with suppress(OSError):
+                os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+            with suppress(OSError):
+                os.sched_setaffinity(0, others or loops)
+        while True:
+            self._compute(self._works.get())
+
+    def _compute(self, work: WorldWork) -> None:
+        start = thread_time()
+        try:
+            self._result = work.compute()
+        except BaseException as fault:  # the tick that takes it trips
+            self._fault = fault
+        self.took = thread_time() - start
+        self.done = True
+
+
+# --------------------------------------------------------------------------------------------------
+# What the step of a world with memory may take of a tick, and what is done about one that takes more.
+
+
+_SHARE = 0.4  #: of a tick that a world may take, on average; the rest of the tick needs about 0.2 ms
+_EASY = 0.15  #: of a tick: below, there is time for more
+_MEAN = 8.0  #: steps in the average
+_MOST_OF_ONE = 2.0  #: ticks that a single step counts at most: the computer may have interrupted it
+_CALM = 1.0  #: with such an average, before one level of detail returns [s]
+_MOST = 64.0  #: by so much that time grows with every return that did not last
+_LONG = 1.9  #: steps longer than a tick, with reduced detail and of late, until it is reduced further: two
+_FADE = 0.998  #: by so much of each tick an earlier one counts less
+_NOTHING = TickFailure(0)
+
+
+class StepWatch(Protocol):
+    """What receives the begin and end of each step of a world, and changes its detail."""
+
+    def begin(self, bound: BoundWorld) -> None:
+        """A step of `bound` begins."""
+
+    def end(self, bound: BoundWorld) -> TickFailure:
+        """A step of `bound` is over. LESS_DETAIL or MORE_DETAIL if its detail was changed, and WORK if it began with
+        the result of background work; else 0."""
+
+
+@final
+class WorldBudget:
+    """Watches the time of a world's steps in ticks of `dt` [s] and makes it reduce its detail, or restore it.
+
+    A step cannot be interrupted: the budget leaves more than half of a tick, so that a scene which takes longer reduces
+    detail before ticks are late. If single steps are longer than a tick even so, a background thread computes
+    them. Processor time counts, on average: a step that waits because the computer is busy with other work is no
+    faster with less detail, and the hand would feel the scene change without need.
+    """
+
+    def __init__(self, dt: float) -> None:
+        self._budget, self._easy, self._most = _SHARE * dt, _EASY * dt, _MOST_OF_ONE * dt
+        self._wait = round(_CALM / dt)
+        self._mean, self._calm, self._patience = 0.0, 0, 1.0
+        self._start = self._background = 0.0  # processor time of the last background work, while there is any
+        self._whole, self._long, self._lighter = dt, 0.0, 0
+        self._thread, self._found = WorkThread(), _NOTHING
+        self._work: WorldWork | None = None
+        self._owner: BoundWorld | None = None
+
+    @property
+    def is_computing(self) -> bool:
+        """Whether the background thread is at work."""
+        return self._work is not None and not self._thread.done
+
+    def begin(self, bound: BoundWorld) -> None:
+        """A step of `bound` begins, with the result of background work if that is due and done."""
+        self._found = _NOTHING
+        if self._work is not None and self._thread.done and not (bound.paused or bound.failed):
+            if self._owner is not bound or not self._work.fits(bound.memory):  # another world, or restarted
+                self._work = None
+            elif bound.world.is_work_due(bound.memory):
+                self._work, self._background = None, self._thread.took
+                bound.world.take_over(bound.memory, self._thread.take())
+                self._found = TickFailure.WORK
+        self._start = thread_time()
+
+    def end(self, bound: BoundWorld) -> TickFailure:
+        """A step of `bound`, begun on this thread, is over."""
+        took = thread_time() - self._start
+        if self._work is None:
+            self._work = bound.world.find_work(bound.memory)
+            if self._work is None:
+                self._background = 0.0
+            else:
+                self._owner = bound
+                self._thread.give(self._work)
+        return self.judge(bound, max(took, self._background)) | self._found
+
+    def judge(self, bound: BoundWorld, took: float) -> TickFailure:
+        """Change the detail of `bound` after a step that took so much processor time [s], if it must."""
+        self._mean += (min(took, self._most) - self._mean) / _MEAN
+        self._long = _FADE * self._long + (self._lighter > 0 and took > self._whole and not self._background)
+        if self._mean > self._budget or self._long >= _LONG:
+            self._mean, self._calm, self._long = 0.0, 0, 0.0
+            before = bound.numbers.copy()
+            bound.world.lighten(bound.memory)  # safety: overrun-sheds-detail
+            if (bound.numbers == before).all():
+                return _NOTHING
+            self._lighter += 1
+            self._patience = min(2.0 * self._patience, _MOST)
+            return TickFailure.LESS_DETAIL
+        if self._mean > self._easy:
+            self._calm = 0
+            return _NOTHING
+        self._calm += 1
+        if self._calm < self._wait * self._patience:
+            return _NOTHING
+        self._calm = 0
+        before = bound.numbers.copy()
+        bound.world.restore(bound.memory)
+        if (bound.numbers == before).all():
+            return _NOTHING
+        self._lighter -= 1
+        return TickFailure.MORE_DETAIL
+
+
+#: fields of one number each that a tick fills itself; the first begins those of `fill_pose`
+_SINGLE = ("currents_age", "ahead", "world", "coil_state", "saturated", "part", "model", "mode", "engaged")
+
+
+class Tick(Stateful):
+    """The chain for one device, world and driver; `step` runs it once and fills one row.
+
+    Any failure in it ends in coils off with a reason, never in an exception that leaves them on.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        world: World,
+        driver: Driver,
+        estimator: Estimator,
+        allocator: Allocator,
+        dt: float,
+        linkage: Linkage | None = None,
+        *,
+        choice: WrenchChoice | None = None,
+    ) -> None:
+        self.world = world.for_device(device)
+        self._device, self._dt = device, dt
+        check_world_period(self.world, dt)
+        self.client = make_client_force()  #: (1,) what a program outside the loop commands; the loop fills it
+        self._bound = bind_world(self.world, dt, client=self.client)  # of a world with memory; None of another
+        self.budget: StepWatch = WorldBudget(dt)
+        self.world_changes = 0
+        self.driver, self.estimator = driver, estimator
+        self._log, self.linkage = TickLog(), linkage or Direct()
+        self.joining = NotedLinkage(self.linkage, self._log)
+        self.protection = Protection(device, dt, self.linkage.arm)
+        self.protection.change_world(passive=self.world.passive and self.linkage.passive)
+        self.layout = RowLayout.of(device)
+        self._failure: tuple[Trip, BaseException] | None = None  # since the last engage
+        self._zeros, self._applied = np.zeros(device.channels), np.zeros(device.channels)
+        self._nothing, self._no_memory = np.zeros(6), np.zeros(0)
+        #: what the world acted on in the last tick that rendered: share (2,), place (3,), R (3, 3) and contacts
+        self._kept, self._kept_cells = make_block(
+            {"applied": (device.channels,), "rendered": (6,), "on_thing": (6,),
+             "thing": (14 + 8 * self.layout.contacts,)},
+            counts=("world_changes", "model", "torque_scale", "mode", "engaged", "paused", "failed"),
+        )  # fmt: skip
+        self._held: Array = self._kept["thing"]
+        self._held[5:14] = np.eye(3).ravel()
+        self._held_mode, self._held_engaged = 0, False
+        self._no_currents = Allocation(self._zeros, self._nothing, Saturation.NONE, 0.0)
+        self._stages = np.zeros(len(STAGES))
+        self._times: Any = self._stages.data  # single numbers go through it twice as fast
+        self._ahead = 0.0  # spent in `prepare` [s]
+        self._model = float(device.models.index(estimator.model)) if estimator.model else np.nan
+        self._rendered: Array = self._kept["rendered"]
+        self._on_thing: Array = self._kept["on_thing"]
+        self.part = RenderedPart(allocator, choice, self.protection, self._rendered)
+        self.part.begin(self.world)
+        self._places = self.layout.places
+        # Looked up once: a dictionary in every tick takes a quarter of a microsecond for all of them.
+        self._cells = tuple(self.layout[name].start for name in _SINGLE)
+        commands, failures, scale = (self.layout[name].start for name in ("commands", "failures", "torque_scale"))
+        self._log_places = commands, failures, scale
+
+    @property
+    def remark(self) -> str:
+        """What a person should know of the estimator before it is relied on; empty for nothing."""
+        return self.estimator.remark
+
+    @property
+    def error(self) -> str:
+        """What a failed world or driver said, and where in a user's code; empty for other trips. Read it after the
+        tick: to say it takes longer than to switch the coils off."""
+        return "" if self._failure is None else explain_trip(*self._failure, self.world)
+
+    def change_world(self, world: World) -> None:
+        """Render `world` from the next tick on: another kind of world when the wrench of this one has faded to zero,
+        the same with other values without a step (`guard.pass_over`).
+
+        In another kind of world the object is reset; with other parameters it stays where it is, and a world with
+        memory keeps of it what its rule says.
+        """
+        self._go_over(world)
+        self._log.note(TickCommand.WORLD)
+
+    def _go_over(self, world: World, *, other: bool = False) -> None:
+        fitted = world.for_device(self._device)
+        check_world_period(fitted, self._dt)
+        restarts = type(split_remote(fitted)[0]) is not type(split_remote(self.world)[0])
+        # A target that was reset is not where a memory has it.
+        bound = bind_world(fitted, self._dt, None if restarts and self.linkage.modes else self._bound, self.client)
+        if restarts:
+            self.linkage.restart()
+        self.world, self._bound = fitted, bound
+        self.protection.change_world(passive=self.world.passive and self.linkage.passive, other=other or restarts)
+        self.part.begin(fitted)
+        self.world_changes += 1
+
+    def replace_world(self, world: World) -> None:
+        """Render another version of the world, when the wrench of this one has faded to zero."""
+        self._go_over(world, other=True)
+        self._log.note(TickCommand.REPLACE)
+
+    def change_model(self, number: int) -> None:
+        """Invert another of the device's models, counted from 0, without a step. InputError if the estimator cannot."""
+        self.estimator.change_model(self._device.models[number])
+        self._model = float(number)
+        self._log.note_model(number)
+
+    def stop(self) -> None:
+        """A person stopped: coils off, and off until a person engages."""
+        self._log.note(TickCommand.STOP)
+        self.protection.trip(Trip.STOPPED)
+
+    def engage(self) -> bool:
+        """Leave OFF or a trip deliberately; False while its reason is still there. Nothing happens while engaged."""
+        if self.protection.engaged:
+            return True
+        self._log.note(TickCommand.ENGAGE)
+        try:
+            self.driver.engage()
+        except HaptorbError as cause:
+            self._log.fail(TickFailure.ENGAGE)
+            self._fail(Trip.DRIVER_FAILED, cause)
+            return False
+        engaged = self.protection.engage()
+        if engaged:
+            self._failure = None
+            if self._bound is not None and self._bound.failed:  # safety: failed-memory-restarts
+                self._restart_memory(self._bound)
+        return engaged
+
+    def _restart_memory(self, bound: BoundWorld) -> None:
+        try:
+            bound.restart()
+        except BaseException as cause:  # the user's code: also sys.exit
+            self._fail(Trip.WORLD_FAILED, cause)
+
+    def cool(self) -> None:
+        """Simulated coils at the ambient temperature. Real ones stay as warm as they are, and as the guard knows."""
+        if self.driver.simulated:  # safety: cool-simulated
+            self._log.note(TickCommand.COOL)
+            self.driver.cool()
+            self.protection.restart_heat()
+
+    def excuse_lateness(self) -> None:
+        """The computer woke the loop too late. A simulated device does not trip for that; a real one may."""
+        if self.driver.simulated:  # safety: excuse-simulated
+            self._log.note(TickCommand.EXCUSE)
+            self.protection.excuse_lateness()
+
+    def prepare(self, now: float) -> None:
+        """Let the driver do what it can before the tick at `now` [s]."""
+        t0 = perf_counter()
+        # `read` will say it again, and there it has consequences.
+        with suppress(HaptorbError):  # safety: preparing-ends-no-loop
+            self.driver.prepare(now)
+        self._ahead = perf_counter() - t0
+
+    def step(self, row: Array, now: float) -> None:
+        """Run the chain at `now` [s] and fill `row` (width,), all but tick, wall, lateness and missed."""
+        times, protection = self._times, self.protection
+        t0 = perf_counter()
+        try:
+            sample = self.driver.read(now)
+        except HaptorbError as cause:
+            self._log.fail(TickFailure.READ)
+            self._fail(Trip.DRIVER_FAILED, cause)  # safety: driver-failure-trips
+            self._switch_off(row, now)
+            return
+        t1 = perf_counter()
+        estimate = self.estimator.update(sample)
+        if estimate.valid:  # the first valid pose starts the ramp
+            protection.start(estimate)
+        t2 = perf_counter()
+        rendered = self._render(estimate)
+        t3 = perf_counter()
+        # Modes scale what the hand feels: what a target's world holds is no measure of it.
+        stored = np.nan if self._bound is None or self.linkage.modes else self._bound.energy
+        asked = protection.protect_wrench(self._rendered, estimate, sample.t, stored, self.client)
+        allocation = self._allocate(estimate.wrench_map, asked)
+        t4 = perf_counter()
+        duties = protection.protect_currents(allocation.currents, estimate, sample, self._applied)
+        t5 = perf_counter()
+        try:
+            self._applied = self.driver.write(duties)
+        except HaptorbError as cause:
+            self._log.fail(TickFailure.WRITE)
+            self._fail(Trip.DRIVER_FAILED, cause)
+        t6 = perf_counter()
+        times[0], times[1], times[2] = t1 - t0, t2 - t1, t3 - t2
+        times[3], times[4], times[5] = t4 - t3, t5 - t4, t6 - t5
+        ages, ahead, world, coil_state, saturated, part, model, mode, engaged = self._cells
+        places, thing, pose = self._places, rendered.thing, sample.pose
+        fill_row(
+            row, places, protection.state, protection.coils, self.driver.target(), self.driver.truth(), self._applied,
+            sample.field, self._stages,
+        )  # fmt: skip
+        fill_pose(
+            row, ages, pose.R_SR, pose.p, pose.v, pose.w, pose.t, pose.valid, sample.currents_age, sample.field_age
+        )
+        memory = self._no_memory if self._bound is None else self._bound.numbers
+        fill_object(
+            row, places, rendered.share, thing.p, thing.R_SR, self._on_thing, rendered.contacts, memory, self._held
+        )
+        self._held_mode, self._held_engaged = rendered.mode, rendered.engaged
+        cells: Any = row.data  # single numbers, as above
+        cells[ahead], cells[world], cells[coil_state] = self._ahead, self.world_changes, self.driver.coil_state
+        cells[saturated], cells[part], cells[model] = allocation.saturated, self.part.number, self._model
+        cells[mode], cells[engaged] = rendered.mode, rendered.engaged
+        self._log.fill(cells, self._log_places)
+        times[6] = perf_counter() - t6
+
+    def _render(self, estimate: Estimate) -> RenderedWrench:
+        bound, commanded = self._bound, self.protection.commanded
+        commanded[:] = 0.0
+        try:
+            if bound is None:
+                rendered = self.linkage.render(self.world, estimate.state)
+            else:
+                bound.paused = not estimate.valid  # safety: memory-stands-still
+                self.budget.begin(bound)
+                rendered = self.linkage.render(bound, estimate.state)
+                self._log.fail(self.budget.end(bound))
+            check_wrench(rendered.wrench)
+            # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.
+            self._rendered[:], self._on_thing[:] = rendered.wrench, rendered.on_thing
+            if bound is not None and bound.takes_commands:
+                self.linkage.bring_back(bound.commanded, commanded)
+            if self.part.is_open:
+                self.part.follow()
+            return rendered
+        except TickTimeout:
+            raise
+        # A world is the user's code: any exception must end in coils off.
+        except BaseException as cause:  # safety: world-exit-trips
+            reason = Trip.MEMORY_NOT_FINITE if isinstance(cause, MemoryNotFinite) else Trip.WORLD_FAILED
+            self._log.fail(TickFailure.MEMORY if reason is Trip.MEMORY_NOT_FINITE else TickFailure.WORLD)
+            self._fail(reason, cause)  # safety: world-failure-trips
+            self._rendered[:] = self._on_thing[:] = commanded[:] = 0.0
+            return self._render_nothing(estimate.state.t)
+
+    def _render_nothing(self, t: float) -> RenderedWrench:
+        """No wrench at `t` [s], on what the world acted on last."""
+        held, still = self._held.copy(), np.zeros(3)
+        thing = State(t, held[5:14].reshape(3, 3), held[2:5], still, still)
+        return RenderedWrench(
+            self._nothing, thing, self._nothing, held[14:].reshape(-1, 8), self._held_mode, held[:2],
+            self._held_engaged,
+        )  # fmt: skip
+
+    def state_arrays(self) -> Mapping[str, StateArray]:
+        """What was applied and rendered last [1, N, N·m]; share, place [m], rotation and contacts of what the world
+        acted on; counts and choices. The world's own memory is in the row."""
+        return self._kept
+
+    def state_parts(self) -> Mapping[str, Stateful]:
+        """All parts of the chain that remember something, in the order in which they are taken over."""
+        return {
+            "protection": self.protection, "part": self.part, "linkage": self.linkage,
+            "estimator": self.estimator,
+        }  # fmt: skip
+
+    def gather_state(self) -> None:
+        """Copy what it holds itself."""
+        self._kept["applied"][:] = self._applied
+        cells, bound = self._kept_cells, self._bound
+        cells[0], cells[1], cells[2] = self.world_changes, self._model, self._log.scale
+        cells[3], cells[4] = self._held_mode, self._held_engaged
+        cells[5], cells[6] = (0.0, 0.0) if bound is None else (bound.paused, bound.failed)
+
+    def apply_state(self) -> None:
+        """Take it over."""
+        self._applied = self._kept["applied"].copy()
+        changes, self._model, scale, mode, engaged, paused, failed = self._kept_cells
+        self.world_changes, self._held_mode = choose(changes, 1 << 53), choose(mode, 1 + len(MODES))
+        self._log.scale, self._held_engaged = scale, bool(engaged)
+        if self._bound is not None:
+            self._bound.paused, self._bound.failed = bool(paused), bool(failed)
+
+    def take_memory(self, memory: Array) -> None:
+        """Let the world remember `memory` (n,), as a row has it, in the units of its fields."""
+        if self._bound is not None:
+            self._bound.numbers[:] = memory[: self._bound.numbers.size]
+
+    def _allocate(self, wrench_map: WrenchMap, wrench: Array) -> Allocation:
+        try:
+            return self.part.allocator.allocate(wrench_map, wrench)
+        except HaptorbError as cause:
+            self._log.fail(TickFailure.ALLOCATION)
+            self._fail(Trip.CURRENTS_NOT_FINITE, cause)  # safety: allocation-failure-trips
+            return self._no_currents
+
+    def _fail(self, reason: Trip, cause: BaseException) -> None:
+        if not self.protection.tripped:
+            self._failure = (reason, cause)
+        self.protection.trip(reason)
+
+    def _switch_off(self, row: Array, now: float) -> None:
+        """When the device does not respond: try to switch off, and record it in the row."""
+        try:
+            self._applied = self.driver.write(self._zeros)
+        except HaptorbError:
+            self._log.fail(TickFailure.WRITE)
+            self._applied = self._zeros
+        self.protection.skip_tick(now)
+        fill_silent_row(row, self.layout, self.protection, self.driver.coil_state, now)
+        row[self.layout["world"]], row[self.layout["duties"]] = self.world_changes, self._applied
+        self._log.fill(row.data, self._log_places)
+
+
+# --------------------------------------------------------------------------------------------------
+# What the loop drives, as far as the loop must know: the tick's chain, its stop, its driver's close.
+
+
+class Joining(Protocol):
+    """The part of a linkage that the loop needs; its commands are noted."""
+
+    def set_mode(self, mode: Mode) -> None:
+        """Go over to `mode` without a step."""
+
+    def set_clutch(self, engaged: bool) -> None:
+        """Take hold of the world's object, or let it go, without a step."""
+
+    def set_torque_scale(self, scale: float) -> None:
+        """Let the wrench come back `scale` times as strong, without a step."""
+
+
+class Chain(Protocol):
+    """Driver, estimator, world, allocator and guard in one hand; `Tick` is the real one."""
+
+    @property
+    def error(self) -> str:
+        """What a failed world or driver said, and where in a user's code; empty for other trips."""
+
+    @property
+    def remark(self) -> str:
+        """What a person should know of the estimator before it is relied on; empty for nothing."""
+
+    @property
+    def client(self) -> Records:
+        """(1,) CLIENT_FORCE [N, s]: what a program outside the loop commands; the loop fills it before every step."""
+
+    @property
+    def driver(self) -> Driver:
+        """The door to the device."""
+
+    @property
+    def joining(self) -> Joining:
+        """What joins the mover to the world's object."""
+
+    def excuse_lateness(self) -> None:
+        """The next step is late because the computer woke the loop too late, not because a step took too long."""
+
+    def prepare(self, now: float) -> None:
+        """The tick at `now` [s] is near: do what need not wait for it."""
+
+    def step(self, row: Array, now: float) -> None:
+        """One tick at `now` [s] on the loop's clock; fills all of `row` (width,) except what the clock knows, each
+        number in the unit of its field."""
+
+    def stop(self) -> None:
+        """A person stopped: coils off in the next step, and off until `engage`."""
+
+    def engage(self) -> bool:
+        """After a stop or a trip: begin again, from zero; False while the reason is still there."""
+
+    def cool(self) -> None:
+        """Simulated coils at the ambient temperature, in the next step; nothing happens with a real device."""
+
+    def change_model(self, number: int) -> None:
+        """Invert another of the device's models, counted from 0, from the next step on; the force goes over smoothly.
+        Raises InputError if the estimator cannot."""
+
+    def replace_world(self, world: World) -> None:
+        """Render another version of the world from the next step on, as `change_world`, without a step of the force."""
+
+    def change_world(self, world: World) -> None:
+        """Render `world` from the next step on. Raises InputError if the device cannot."""
+
+
+# --------------------------------------------------------------------------------------------------
+# One tick of the loop: read, estimate, world, allocate, guard, write; and the row that it fills.
+
+
+load_compiler()  # now: no tick waits for the compiler to be loaded

@@ -1,0 +1,143 @@
+"""All that a chain remembers between two ticks, as named arrays: so that a replay can begin in the middle of a run.
+
+The parts of the chain say what they remember (`haptorb.arrays`); where each number lies in a snapshot is
+found once. A world's own memory is not in it: the row has it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptorb.arrays import Array, StateArray, Stateful
+from haptorb.errors import RecordingError
+from haptorb.runtime.shared_memory import split_snapshot
+from haptorb.runtime.tick import Tick
+
+__all__ = ["STATE_TYPES", "TickState", "load_state", "save_state"]
+
+STATE_TYPES: Final = ("<f8", "<i8", "|b1")  #: of the arrays of a state
+_ALIGNED: Final = 8  #: bytes
+
+
+@final
+class TickState:
+    """Takes snapshots of `tick`.
+
+    size    of a snapshot [bytes]
+    layout  JSON for `split_snapshot`: of each array its name, type, shape, first byte, and bytes from one row to the
+            next
+    """
+
+    def __init__(self, tick: Tick) -> None:
+        owners = dict(_walk("tick", tick))
+        self._gather = [one.gather_state for one in owners.values() if _overrides(one)]
+        self._arrays: list[NDArray[np.uint8]] = []
+        self._starts: list[int] = []
+        leaves, self.size = [], 0
+        for prefix, owner in owners.items():
+            for name, array in owner.state_arrays().items():
+                self._add(array)
+                for leaf, view in _leaves(f"{prefix}/{name}", array):
+                    first = self.size + view.__array_interface__["data"][0] - array.__array_interface__["data"][0]
+                    stride = view.strides[0] if view.ndim and view.size else 0
+                    leaves.append([leaf, view.dtype.str, list(view.shape), first, stride])
+                self.size += -(-array.nbytes // _ALIGNED) * _ALIGNED
+        self.layout = json.dumps(leaves)
+
+    def _add(self, array: StateArray) -> None:
+        """Copy `array` to the end of a snapshot; together with the one before, where both lie in one block."""
+        bytes_ = array.reshape(-1).view(np.uint8)
+        if self._arrays and self._arrays[-1].base is not None and self._arrays[-1].base is bytes_.base:
+            before, start, block = self._arrays[-1], self._starts[-1], bytes_.base
+            first, here = (one.__array_interface__["data"][0] for one in (before, bytes_))
+            if here == first + len(before) and self.size == start + len(before):
+                at = first - block.__array_interface__["data"][0]
+                whole = block.view(np.uint8).reshape(-1)
+                self._arrays[-1] = whole[at : at + len(before) + len(bytes_)]
+                return
+        self._arrays.append(bytes_)
+        self._starts.append(self.size)
+
+    def find_places(self, memory: NDArray[np.uint8]) -> list[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
+        """For `copy_to`: where in `memory` (size,) [1] each array goes."""
+        return [
+            (memory[start : start + len(array)], array) for start, array in zip(self._starts, self._arrays, strict=True)
+        ]
+
+    def copy_to(self, places: list[tuple[NDArray[np.uint8], NDArray[np.uint8]]]) -> None:
+        """A snapshot of what the tick remembers now, to the `places` in some memory."""
+        for gather in self._gather:
+            gather()
+        for there, here in places:
+            there[:] = here
+
+
+def save_state(tick: Tick) -> dict[str, StateArray]:
+    """Name → a copy of each array that `tick` remembers after a step."""
+    state = TickState(tick)
+    memory = np.zeros(state.size, dtype=np.uint8)
+    state.copy_to(state.find_places(memory))
+    return split_snapshot(state.layout, memory)
+
+
+def load_state(tick: Tick, arrays: Mapping[str, StateArray], memory: Array) -> None:
+    """Let `tick`, which has just been made, remember what another one did; memory (n,) is that of its world [SI].
+
+    An estimator or linkage of another kind than the one in `arrays` begins anew. Raises RecordingError for arrays that
+    are not those of such a chain: names, types and shapes must be the same.
+    """
+    try:
+        for prefix, owner in _walk("tick", tick):
+            if not _is_replaced("/".join(prefix.split("/")[:2]), arrays):
+                _fill(prefix, owner, arrays)
+        tick.take_memory(memory)
+    except (ValueError, OverflowError) as cause:  # anybody's numbers
+        raise RecordingError(
+            f"the state of the loop in the recording does not fit this device and these parts: {cause}"
+        ) from cause
+
+
+def _is_replaced(part: str, arrays: Mapping[str, StateArray]) -> bool:
+    """Whether `arrays` are of another kind of the chain's `part`, such as "tick/estimator:hall"."""
+    role, _, kind = part.partition(":")
+    known = {name.split("/")[1] for name in arrays if name.startswith(f"{role}:") and name.count("/") > 1}
+    return bool(kind) and bool(known) and part.partition("/")[2] not in known
+
+
+def _fill(prefix: str, owner: Stateful, arrays: Mapping[str, StateArray]) -> None:
+    for name, array in owner.state_arrays().items():
+        for leaf, view in _leaves(f"{prefix}/{name}", array):
+            given = arrays.get(leaf)
+            if given is None:
+                raise ValueError(f"it has no '{leaf}'")
+            if given.dtype.str != view.dtype.str or given.shape != view.shape:  # safety: state-shapes
+                raise ValueError(f"'{leaf}' must be {view.dtype.str} {view.shape}; got {given.dtype.str} {given.shape}")
+            view[...] = given
+    owner.apply_state()
+
+
+def _walk(prefix: str, owner: Stateful) -> Iterator[tuple[str, Stateful]]:
+    """All that remembers something: by its place in the chain, and its kind where there are several."""
+    yield prefix, owner
+    for name, part in owner.state_parts().items():
+        yield from _walk(f"{prefix}/{name}" + (f":{part.state_kind}" if part.state_kind else ""), part)
+
+
+def _overrides(owner: Stateful) -> bool:
+    return type(owner).gather_state is not Stateful.gather_state
+
+
+def _leaves(name: str, array: StateArray) -> Iterator[tuple[str, StateArray]]:
+    """The arrays of plain numbers that `array` of records consists of."""
+    if array.dtype.names is None:
+        if array.dtype.str not in STATE_TYPES:
+            raise TypeError(f"'{name}' is of {array.dtype.str}; a state has {', '.join(STATE_TYPES)}")
+        yield name, array
+        return
+    for field in array.dtype.names:
+        yield from _leaves(f"{name}/{field}", array[field])

@@ -1,0 +1,97 @@
+"""The process that receives a tracker's poses: `python -m haptorb.runtime.tracker_process`; what it is to do
+comes as JSON on its standard input, because every account can read the arguments of a process, and a token is in it.
+
+It may wait for the network and parse what comes from there, which no tick may. It writes poses into the memory that it
+shares with the servo, and ends when the servo has ended or its parent is gone.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from time import monotonic, process_time, sleep
+from typing import Any
+
+from haptorb.compiled import load_compiler
+from haptorb.errors import HaptorbError
+from haptorb.runtime.linux import die_with_parent, is_parent_gone, lower_priority, raise_priority
+from haptorb.runtime.shared_memory import Phase, SharedMemory, Word
+from haptorb.runtime.trackers.pose_filter import PoseFilter
+from haptorb.runtime.trackers.registry import feed_of
+
+__all__ = ["main"]
+
+load_compiler()  # now: no pose waits for the compiler to be loaded
+
+_PATIENCE = 0.05  #: longest wait for a pose before looking whether to end [s]
+_TELL = 0.25  #: between two reports [s]
+_FLOOD = 0.3  #: a process that needs this share of a processor nearly never sleeps: it is flooded
+
+
+class _ServoEnded(Exception):
+    """The servo has ended, or no reader is left."""
+
+
+def main(spec: Mapping[str, Any]) -> int:
+    """Listen until the servo has ended; returns the exit code.
+
+    `spec`: shared (path), descriptor (of an open socket, or −1), parent (process id), feed (of a `Preparation`),
+    frame (text of a `TrackerFrame`; empty: poses are in the stator's frame).
+    """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # the servo's end is this one's end
+    die_with_parent()
+    shared = SharedMemory(Path(spec["shared"]))
+    words, parent = shared.words, int(spec["parent"])
+
+    def look() -> None:
+        if words[Word.QUIT] or words[Word.PHASE] >= Phase.ENDED or is_parent_gone(parent):
+            raise _ServoEnded
+
+    def origin() -> float:
+        words[Word.TRACKER] = Phase.RUNNING  # who waits for the loop must not be waited for
+        while words[Word.PHASE] < Phase.RUNNING:
+            look()
+            sleep(0.002)
+        return float(words[Word.ORIGIN]) * 1e-9
+
+    try:
+        feed = feed_of(spec["feed"], spec["descriptor"], origin, spec["frame"])
+    except _ServoEnded:
+        return 0
+    except HaptorbError as cause:
+        return _report_failure(shared, str(cause))
+    pose_filter = PoseFilter(feed, shared.tracked)
+    words[Word.TRACKER] = Phase.RUNNING
+    raise_priority()  # it sleeps nearly always, and a pose that waits for its turn on a busy computer grows old
+    report_time, cpu_time = monotonic(), process_time()
+    try:
+        while True:
+            look()
+            pose_filter.listen(_PATIENCE)
+            if (passed := monotonic() - report_time) > _TELL:
+                if process_time() - cpu_time > _FLOOD * passed:
+                    lower_priority()
+                report_time, cpu_time = monotonic(), process_time()
+                shared.tracker_facts.write(json.dumps(pose_filter.facts()))
+    except _ServoEnded:
+        shared.tracker_facts.write(json.dumps(pose_filter.facts()))
+        words[Word.TRACKER] = Phase.ENDED
+        return 0
+    except Exception as cause:
+        return _report_failure(shared, str(cause))
+    finally:
+        feed.close()
+
+
+def _report_failure(shared: SharedMemory, why: str) -> int:
+    shared.tracker_reason.write(why[:4000])
+    shared.words[Word.TRACKER] = Phase.FAILED
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(json.loads(sys.stdin.buffer.read())))

@@ -1,0 +1,146 @@
+"""Sources of poses: the abstract feed, one class per kind of tracker, and the poses that it receives."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from math import ulp
+from typing import NamedTuple, final
+
+from haptorb.arrays import Array, record
+from haptorb.estimation.types import Pose
+
+__all__ = ["RESTART_SILENCE", "Feed", "Goal", "RawPose", "RejectedPose", "SenderClock", "Tracker"]
+
+
+class RawPose(NamedTuple):
+    """One pose as received, not yet checked.
+
+    p and q are as sent: three and four numbers that may be anything. `valid` False: the tracker reports that it
+    lost the tool; then they are ignored. `stamp` [s] is the time of measurement on the computer's monotonic
+    clock; `arrival` the time of arrival.
+    """
+
+    p: tuple[float, ...]
+    q: tuple[float, ...]
+    stamp: float
+    arrival: float
+    valid: bool = True
+
+
+class RejectedPose(NamedTuple):
+    """A message that is not a valid pose; `why` is the name under which it is counted."""
+
+    why: str
+
+
+class Feed(ABC):
+    """A source of poses, in its own process: it may wait, and it may fail.
+
+    `one_tool` False: its poses are pointer targets, which may jump.
+    """
+
+    one_tool = True
+
+    @abstractmethod
+    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
+        """The received poses, in order of arrival; waits at most `patience` [s] for the first.
+
+        Raises HaptorbError if no more poses are possible.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close sockets. May be called twice."""
+
+
+# --------------------------------------------------------------------------------------------------
+# Who knows where the tool is: the one interface of every tracker, in two words for the two kinds of device.
+#
+# A simulated device has a simulated hand, and the tracker says where that hand wants the tool (`goal`). A real device
+# has
+# a real tool, and the tracker says where it is (`pose`). Both carry the time at which they were so, and both may be
+# unknown: no tracker ever invents one.
+
+
+@record
+class Goal:
+    """Where the hand wants the tool, and since when that is known.
+
+    p      (3,) tool's magnet centre [m], frame S
+    q      (4,) quaternion (x, y, z, w) of R_SR
+    stamp  time of this wish on the loop's clock [s]: a pointer that is no longer refreshed grows old
+    held   a person holds the pointer; False: the guided motion
+    still  the guided motion is over, and the hand rests: it gives way to what pushes it
+    """
+
+    p: Array
+    q: Array
+    stamp: float
+    held: bool
+    still: bool = False
+
+
+class Tracker(ABC):
+    """What every tracker answers, in every tick: nothing in here waits, opens or asks.
+
+    `origin` is the computer's monotonic time [s] at which the loop's clock showed zero.
+    """
+
+    origin: float = 0.0
+
+    @abstractmethod
+    def goal(self, now: float) -> Goal:
+        """The hand's goal for the mover at `now` [s] on the loop's clock; a stamp that is not finite: unknown."""
+
+    @abstractmethod
+    def pose(self, now: float) -> Pose:
+        """The tool's pose at `now` [s] on the loop's clock, when it was measured, and whether it is valid."""
+
+
+# --------------------------------------------------------------------------------------------------
+# When a sender on another clock measured what it says: its own times, laid onto this computer's clock.
+#
+# The difference between arrival and the sender's time is the clocks' offset plus the way's delay. The smallest of it
+# over
+# the last seconds is the offset plus the shortest delay, so a pose that came the shortest way is as old as nothing,
+# and
+# one that was held up is as old as it was held up. The shortest delay itself cannot be seen from one end.
+
+
+RESTART_SILENCE = 0.25  #: after such a silence the sender may have restarted, with another clock [s]
+
+_COARSEST = 1e-4  #: a number whose resolution is coarser than this is no clock [s]
+_WINDOW = 10.0  #: clocks drift by 100 µs in a second at the most: a millisecond in this time [s]
+
+
+@final
+class SenderClock:
+    """The least offset over the present window and the one before it.
+
+    >>> clock = SenderClock()
+    >>> clock.stamp(5.000, 100.010), round(clock.stamp(5.010, 100.025), 9)       # the second was held up by 5 ms
+    (100.01, 100.02)
+    """
+
+    def __init__(self) -> None:
+        self._since = self._last = float("-inf")
+        self._least = self._before = float("inf")
+
+    def stamp(self, sent: float, arrival: float) -> float:
+        """When a pose of the sender's time `sent` [s] was measured, on the clock of `arrival` [s]; never later than it.
+
+        Both must be finite.
+        """
+        if ulp(sent) > _COARSEST:  # safety: sender-time
+            return arrival
+        offset = arrival - sent
+        if arrival - self._last > RESTART_SILENCE:
+            self._least = self._before = float("inf")
+        self._last = arrival
+        if arrival - self._since > _WINDOW:
+            self._before = self._least
+            self._least, self._since = offset, arrival
+        self._least = min(self._least, offset)
+        # safety: stamp-before-arrival
+        return min(sent + min(self._least, self._before), arrival)  # not ahead of it by rounding, either

@@ -1,0 +1,145 @@
+"""Poses of one rigid body from a NatNet server (OptiTrack Motive), unicast; only that server's packets are taken.
+
+The package `natnet` decodes; the socket is our own, so that it listens on the one address that faces the server.
+Motive must use the stator frame: its ground plane's origin in the device's centre, z up, the body's pivot in the tool's
+magnet.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import select
+import socket
+from collections.abc import Iterator
+from contextlib import suppress
+from time import monotonic
+from typing import Any, final
+
+from haptorb.errors import DriverError
+from haptorb.runtime.sockets import DatagramTimes, UdpOwners, is_own_account
+from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose, SenderClock
+
+__all__ = ["PORT", "NatNetFeed", "natnet_socket"]
+
+PORT = 1510  #: where a NatNet server takes commands
+
+_CONNECT, _INFO, _FRAME, _KEEPALIVE = 0, 1, 7, 10
+_ANSWER = 2.0  #: longest wait for a server [s]
+_ALIVE = 0.5  #: between two signs of life that the server wants [s]
+_BURST = 64
+
+
+def _encode_request(kind: int, text: bytes = b"") -> bytes:
+    return kind.to_bytes(2, "little") + (len(text) + 1).to_bytes(2, "little") + text + b"\0"
+
+
+def _is_trusted(connected: socket.socket) -> bool:
+    """Whether the other end of `connected` is a program of this account, or of another computer."""
+    host, port = connected.getpeername()[:2]
+    here = ipaddress.ip_address(host).is_loopback or connected.getsockname()[0] == host
+    return not here or is_own_account(UdpOwners().find(host, port))
+
+
+def natnet_socket(host: str, port: int = PORT, answer: float = _ANSWER) -> tuple[socket.socket, tuple[int, ...]]:
+    """A socket that a NatNet server at `host` has answered, and its protocol's version; DriverError if none does."""
+    from natnet.packet_buffer import PacketBuffer
+    from natnet.server_info import ServerInfo
+    from natnet.version import Version
+
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        opened.connect((host, port))  # the kernel then drops what others send
+        end = monotonic() + answer
+        while (left := end - monotonic()) > 0:
+            opened.send(_encode_request(_CONNECT, b"Ping"))
+            if not select.select([opened], [], [], min(left, 0.25))[0]:
+                continue
+            try:
+                data = opened.recv(65535)
+                if int.from_bytes(data[:2], "little") == _INFO:
+                    if not _is_trusted(opened):
+                        raise DriverError(
+                            f"tracker natnet: the server at {host}, UDP port {port}, is a program of another account "
+                            "of this computer: end it, or run the tracker's program as this account"
+                        )
+                    info = ServerInfo.read_from_buffer(PacketBuffer(data[4:]), Version())
+                    return opened, tuple(info.nat_net_protocol_version.components)
+            except ConnectionRefusedError:
+                break
+            except DriverError:
+                raise
+            except Exception:  # no server's words
+                continue
+        raise DriverError(
+            f"tracker natnet: no NatNet server responds at {host}, UDP port {port}; switch on streaming (unicast) in "
+            "Motive, and check its address"
+        )
+    except OSError as cause:
+        opened.close()
+        raise DriverError(
+            f"tracker natnet: cannot reach '{host}': {cause.strerror}; check the address and the network"
+        ) from cause
+    except BaseException:
+        opened.close()
+        raise
+
+
+@final
+class NatNetFeed(Feed):
+    """Rigid body `body` (its streaming id; 0: the only one) through an answered socket."""
+
+    def __init__(self, connected: socket.socket, version: tuple[int, ...], body: int = 0) -> None:
+        from natnet.data_frame import DataFrame
+        from natnet.packet_buffer import PacketBuffer
+        from natnet.version import Version
+
+        self._frame: Any = DataFrame
+        self._buffer: Any = PacketBuffer
+        self._version: Any = Version(*version)
+        self._socket, self._body = connected, body
+        self._socket.setblocking(False)
+        self._times = DatagramTimes()
+        self._times.watch(connected)
+        self._clock = SenderClock()
+        self._alive = float("-inf")
+
+    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
+        """What came in up to 64 packets; at most `patience` [s] for the first."""
+        if monotonic() - self._alive > _ALIVE:
+            self._alive = monotonic()
+            with suppress(OSError):  # the server is gone: silence
+                self._socket.send(_encode_request(_KEEPALIVE))
+        select.select([self._socket], [], [], patience)
+        self._times.look()
+        trusted: bool | None = None  # looked up in each batch: another program may have taken the server's port
+        for _ in range(_BURST):
+            try:
+                data, notes, *_ = self._socket.recvmsg(65535, DatagramTimes.room)
+            except BlockingIOError:
+                return
+            except OSError:
+                continue
+            if trusted is None:
+                trusted = _is_trusted(self._socket)
+            if not trusted:  # safety: natnet-account
+                yield RejectedPose("another_account")
+            elif int.from_bytes(data[:2], "little") == _FRAME:
+                yield self.read(data, self._times.find(notes))
+
+    def read(self, data: bytes, arrival: float) -> RawPose | RejectedPose:
+        """What one frame says of the body; a frame without it says that it is lost."""
+        try:
+            frame = self._frame.read_from_buffer(self._buffer(data[4:]), self._version)
+            bodies = [one for one in frame.rigid_bodies if self._body in (0, one.id_num)]
+            stamp = self._clock.stamp(float(frame.suffix.timestamp), arrival)
+            if len(bodies) != 1 or bodies[0].tracking_valid is False:
+                return RawPose((), (), stamp, arrival, False)
+            return RawPose(
+                tuple(float(x) for x in bodies[0].pos), tuple(float(x) for x in bodies[0].rot), stamp, arrival
+            )
+        except Exception:  # a parser's failure on bytes that any program may send
+            return RejectedPose("garbage")
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()

@@ -1,0 +1,233 @@
+"""From `--tracker` to a feed: names are understood, and everything is there, before anything starts.
+
+pointer          the console's pointer        hall          the field sensors (the hand follows the pointer)
+osc:PORT         OSC over UDP, this computer  osc:HOST:PORT beyond it, with a token
+lsl:NAME         a stream of this computer    replay:FILE   a recording's poses, simulated device only
+natnet:HOST[:PORT][/BODY]                     a rigid body of an OptiTrack server
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
+
+from haptorb.errors import DriverError, InputError, UnknownName
+from haptorb.runtime.trackers.base import Feed
+
+if TYPE_CHECKING:
+    from haptorb.devices.base import Device
+    from haptorb.estimation.tracker_frame import TrackerFrame
+
+__all__ = ["TOKEN", "TRACKERS", "Preparation", "check_frame", "check_tracker", "feed_of", "has_feed", "prepare_tracker"]
+
+TRACKERS = ("pointer", "hall")  #: hall: the hand follows the pointer, but its pose is known from the field only
+TOKEN = "HAPTORB_TRACKER_TOKEN"  #: of the environment: what a sender on another computer must say
+
+_FORMS = ("osc:PORT", "osc:HOST:PORT", "lsl:NAME", "replay:FILE", "natnet:HOST")
+_SHORTEST = 16  #: a token that cannot be guessed [characters]
+
+
+def has_feed(name: str) -> bool:
+    """Whether the tracker `name` has a process of its own.
+
+    >>> has_feed("osc:9000"), has_feed("pointer")
+    (True, False)
+    """
+    return name not in TRACKERS
+
+
+def check_tracker(name: str, driver: str = "sim") -> str:
+    """`name` itself; UnknownName or InputError if it is none, or none for `driver`. Nothing is opened."""
+    from haptorb.runtime.drivers.registry import is_real  # loads the compiler, which many need not
+
+    if not has_feed(name):
+        return name
+    kind = _KINDS.get(name.partition(":")[0])
+    if kind is None or ":" not in name:
+        raise UnknownName("tracker", name, (*TRACKERS, *_FORMS))
+    kind(name.partition(":")[2])
+    if kind is _Replay and is_real(driver):  # safety: replay-real
+        raise InputError(
+            f"tracker '{name}' replays recorded poses, but driver '{driver}' acts on the real tool: use replay with "
+            "driver sim, or a tracker that measures the tool"
+        )
+    return name
+
+
+class Preparation(ABC):
+    """What a feed needs, found and held before the servo starts.
+
+    `spec` (plain JSON types) goes to the feed's process, `descriptor` as well: an open socket, −1 if there is none.
+    """
+
+    token = ""  #: what senders must say first; empty: they need not
+    descriptor = -1
+    spec: dict[str, Any]
+
+    @abstractmethod
+    def __init__(self, where: str) -> None:
+        """Understand what stands behind the colon; InputError says what was expected."""
+
+    @abstractmethod
+    def make_ready(self) -> None:
+        """Look, open, read; DriverError or RecordingError says what is not there and what to do."""
+
+    def close(self) -> None:
+        """The feed's process has what it needs."""
+        if self.descriptor >= 0:
+            os.close(self.descriptor)
+            self.descriptor = -1
+
+
+def prepare_tracker(name: str) -> Preparation:
+    """The tracker `name`, ready to start."""
+    kind, _, where = name.partition(":")
+    preparation = _KINDS[kind](where)
+    _check_installed(kind)
+    preparation.make_ready()
+    return preparation
+
+
+def check_frame(frame: TrackerFrame, device: Device, tracker: str, driver: str = "sim") -> TrackerFrame:
+    """`frame` itself; InputError or CalibrationError if it cannot be that of `tracker` before `device`."""
+    from haptorb.runtime.drivers.registry import is_real  # loads the compiler, which many need not
+
+    if not has_feed(tracker) or tracker.startswith("replay:"):
+        raise InputError(
+            f"tracker '{tracker}' already reports poses in the stator's frame; leave out the frame, which is for "
+            "trackers with their own: osc, lsl, natnet"
+        )
+    if frame.simulated and is_real(driver):  # safety: frame-rehearsed
+        raise InputError(
+            f"the frame was registered in a rehearsal, driver '{driver}' moves a real device: register the real "
+            f"tracker with `haptorb frame {device.name} --tracker {tracker}`"
+        )
+    return frame.check_for(device, tracker)
+
+
+def feed_of(spec: dict[str, Any], descriptor: int, origin: Callable[[], float], frame: str = "") -> Feed:
+    """In the feed's process: the feed itself, behind the text of a `frame` if there is one.
+
+    `origin` waits until the loop runs and returns the zero of its clock.
+    """
+    feed = _open_feed(spec, descriptor, origin)
+    if not frame:
+        return feed
+    from haptorb.estimation.tracker_frame import TrackerFrame
+    from haptorb.runtime.trackers.framed_feed import FramedFeed
+
+    return FramedFeed(feed, TrackerFrame.parse(frame, "the tracker's frame"))
+
+
+def _open_feed(spec: dict[str, Any], descriptor: int, origin: Callable[[], float]) -> Feed:
+    import socket
+
+    match spec["kind"]:
+        case "osc":
+            from haptorb.runtime.trackers.osc import OscFeed
+
+            return OscFeed(socket.socket(fileno=descriptor), spec["token"])
+        case "lsl":
+            from haptorb.runtime.trackers.lsl import LslFeed
+
+            return LslFeed(spec["name"])
+        case "natnet":
+            from haptorb.runtime.trackers.natnet import NatNetFeed
+
+            return NatNetFeed(socket.socket(fileno=descriptor), tuple(spec["version"]), spec["body"])
+        case _:
+            from haptorb.runtime.trackers.replay import ReplayFeed, load_poses
+
+            rows = load_poses(spec["path"])
+            return ReplayFeed(rows, origin())
+
+
+def _check_installed(kind: str) -> None:
+    package = {"osc": "pythonosc", "lsl": "pylsl", "natnet": "natnet"}.get(kind)
+    try:
+        if package:
+            __import__(package)
+    except (ImportError, OSError, RuntimeError) as cause:  # pylsl says RuntimeError when its library is missing
+        raise DriverError(
+            f"tracker {kind} needs a package that is not installed ({cause}): pip install 'haptorb[trackers]'"
+        ) from cause
+
+
+def _port(text: str, form: str) -> int:
+    if not (text.isdecimal() and 1 <= int(text) <= 65535):
+        raise InputError(f"tracker must be {form} with a port from 1 to 65535; got port '{text}'")
+    return int(text)
+
+
+@final
+class _Osc(Preparation):
+    def __init__(self, where: str) -> None:
+        host, _, port = where.rpartition(":")
+        self._host = host.strip("[]") or "127.0.0.1"
+        self._port = _port(port, "osc:PORT or osc:HOST:PORT")
+
+    def make_ready(self) -> None:
+        from haptorb.runtime.trackers.osc import loopback, osc_socket
+
+        if not loopback(self._host):
+            self.token = os.environ.get(TOKEN, "") or secrets.token_urlsafe(_SHORTEST)
+            if len(self.token) < _SHORTEST:
+                raise InputError(f"{TOKEN} must have at least {_SHORTEST} characters; got {len(self.token)}")
+        self.descriptor = osc_socket(self._host, self._port).detach()
+        self.spec = {"kind": "osc", "token": self.token}
+
+
+@final
+class _Lsl(Preparation):
+    def __init__(self, where: str) -> None:
+        self._name = where
+        if not where.strip():
+            raise InputError("tracker must be lsl:NAME with the name of a stream; got none")
+
+    def make_ready(self) -> None:
+        from haptorb.runtime.trackers.lsl import lsl_stream
+
+        lsl_stream(self._name)
+        self.spec = {"kind": "lsl", "name": self._name}
+
+
+@final
+class _Replay(Preparation):
+    def __init__(self, where: str) -> None:
+        self._path = Path(where).expanduser()
+        if not where.strip():
+            raise InputError("tracker must be replay:FILE with a recording; got none")
+
+    def make_ready(self) -> None:
+        from haptorb.runtime.trackers.replay import load_poses
+
+        load_poses(self._path)
+        self.spec = {"kind": "replay", "path": str(self._path.absolute())}
+
+
+@final
+class _NatNet(Preparation):
+    def __init__(self, where: str) -> None:
+        server, _, body = where.partition("/")
+        self._host, _, port = server.partition(":")
+        if not self._host or (body and not body.isdecimal()):
+            raise InputError(
+                f"tracker must be natnet:HOST, natnet:HOST:PORT or natnet:HOST/BODY, with the body's streaming id as a "
+                f"number; got 'natnet:{where}'"
+            )
+        self._port = _port(port, "natnet:HOST:PORT") if port else 0
+        self._body = int(body or 0)
+
+    def make_ready(self) -> None:
+        from haptorb.runtime.trackers.natnet import PORT, natnet_socket
+
+        connected, version = natnet_socket(self._host, self._port or PORT)
+        self.descriptor = connected.detach()
+        self.spec = {"kind": "natnet", "version": list(version), "body": self._body}
+
+
+_KINDS: dict[str, type[Preparation]] = {"osc": _Osc, "lsl": _Lsl, "replay": _Replay, "natnet": _NatNet}

@@ -1,0 +1,248 @@
+"""Loads worlds beside the loop: new code must not run for the first time in a tick.
+
+A user's file was saved: a thread unpickles what the host has written into the servo's folder, and calls the world once.
+Or a world of the catalogue was chosen whose code was compiled only after the start, by another process: the thread
+waits for that and loads it. The loop only takes what is ready. Between two of Python's instructions the thread gives
+way to the loop.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
+from time import monotonic, sleep
+from typing import Any, final
+
+from haptorb import worlds
+from haptorb.arrays import Array
+from haptorb.devices.base import Device, State
+from haptorb.errors import HaptorbError, InputError, UnknownName
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.plan import unpack
+from haptorb.runtime.prestart import code_note
+from haptorb.runtime.tick import Chain
+from haptorb.runtime.warm_up import find_uncompiled, list_companions
+from haptorb.runtime.world_change import name_of
+from haptorb.runtime.world_output import show
+from haptorb.worlds.base import World, parameters
+from haptorb.worlds.base import values as parameter_values
+from haptorb.worlds.dynamic import split_remote
+from haptorb.worlds.scene import SceneFile
+from haptorb.worlds.user_world import (
+    FileWithRemote,
+    WorldFile,
+    is_world_file,
+    keep_source,
+    make_world,
+    parse_world_file,
+    try_world,
+)
+
+__all__ = ["LoadedWorld", "WorldLoader", "WorldWatcher", "choose_world", "keep_changes"]
+
+
+_SWITCH = 2e-4  #: after which a thread that computes gives way [s]
+_LOOK = 0.05  #: between two looks for compiled code [s]
+_COMPILED = 120.0  #: longest wait for it [s]
+
+
+@dataclass(frozen=True)
+class LoadedWorld:
+    """What became of request `number`: the world `name`, or why there is none."""
+
+    number: int
+    name: str
+    own: bool  #: another version of an own world; else one of the catalogue
+    world: World | None
+    error: HaptorbError | None = None
+
+
+@final
+class WorldLoader:
+    """For `device`. Made before the loop asks for its real-time priority, which the thread must not have.
+
+    chain       of its own, in which nothing happens: worlds are loaded by a step of it
+    folder      the servo's own, where the process that compiles notes which world's code is there
+    uncompiled  names of the catalogue's worlds whose code was not there at the start
+    """
+
+    def __init__(self, device: Device, chain: Chain, folder: Path, uncompiled: Iterable[str] = ()) -> None:
+        self.ready: LoadedWorld | None = None  #: set by the thread, taken and cleared by the loop
+        self._device, self._chain, self._row = device, chain, RowLayout.of(device).empty()
+        self._folder, self._uncompiled, self._steps = folder, set(uncompiled), 0
+        self._wanted: SimpleQueue[tuple[int, str, bool, Callable[[], World]]] = SimpleQueue()
+        sys.setswitchinterval(_SWITCH)
+        Thread(target=self._serve, name="haptorb-worlds", daemon=True).start()
+
+    def is_code_missing(self, name: str) -> bool:
+        """Whether the code of the catalogue's world `name` was not there at the start, and was not loaded since."""
+        return name in self._uncompiled
+
+    def load(self, number: int, name: str, path: Path) -> None:
+        """Begin to load the own world `name` from `path`, for request `number`; returns at once."""
+        self._wanted.put((number, name, True, partial(self._read, path)))
+
+    def prepare(self, number: int, name: str, make: Callable[[], World]) -> None:
+        """Begin to wait for the code of the catalogue's world `name`, which `make` returns; returns at once."""
+        self._wanted.put((number, name, False, make))
+
+    def _serve(self) -> None:
+        while True:
+            self.ready = self._load(*self._wanted.get())
+
+    def _read(self, path: Path) -> World:
+        world: World = unpack(path.read_bytes())
+        keep_source(world)
+        return try_world(world, self._device)
+
+    def _load(self, number: int, name: str, own: bool, make: Callable[[], World]) -> LoadedWorld:
+        try:
+            world = make()
+            if self._uncompiled:
+                for one in (*list_companions(self._device, world), world):
+                    self._load_code(name_of(one), one)
+            self._uncompiled.discard(name)
+            return LoadedWorld(number, name, own, world)
+        except HaptorbError as cause:
+            return LoadedWorld(number, name, own, None, cause)
+        except BaseException as cause:  # the user's code, and all that it imports
+            return LoadedWorld(number, name, own, None, HaptorbError(f"{type(cause).__name__}: {cause}"))
+
+    def _load_code(self, name: str, world: World) -> None:
+        """Return when the code of `world` is loaded. Raises InputError if it is not compiled in time."""
+        if not self._find_uncompiled(world):
+            return
+        note, patience = code_note(self._folder, name), monotonic() + _COMPILED
+        while not note.exists() and monotonic() < patience:
+            sleep(_LOOK)
+        if missing := self._find_uncompiled(world):
+            raise InputError(
+                f"world '{name}' cannot be rendered yet: kernel '{missing[0]}' is not compiled; end the servo and "
+                "start it with this world"
+            )
+
+    def _find_uncompiled(self, world: World) -> list[str]:
+        self._steps += 1
+        return find_uncompiled(self._chain, world, self._row, 1e-3 * self._steps)
+
+
+# --------------------------------------------------------------------------------------------------
+# A world in a user's file, reloaded whenever the file is saved; after an error the old world keeps running.
+
+
+_EVERY = 0.2  #: between two looks at the file [s]
+_SLOW = 2.0  #: a file that takes longer to load and to be called once is reported [s]
+_SETTLED = 0.03  #: for which a file that is being written must stay as it is [s]
+
+
+def choose_world(
+    given: str | World | WorldFile | SceneFile | FileWithRemote | Callable[[State], Array],
+) -> tuple[World, WorldFile | SceneFile | None]:
+    """The world `given` by name or object, and the file to watch if it comes from one.
+
+    A function as a world returns (6,) [N, N·m].
+
+    Raises UnknownName or InputError as `find_world`, `make_world` and `WorldFile.load` do.
+    """
+    if isinstance(given, str) and is_world_file(given):
+        given = parse_world_file(given)
+    if isinstance(given, WorldFile | SceneFile | FileWithRemote):
+        return given.load(), given.file if isinstance(given, FileWithRemote) else given
+    return (worlds.find_world(given)() if isinstance(given, str) else make_world(given)), None
+
+
+def _to_json(value: Any) -> Any:
+    """As JSON brings it back."""
+    return list(value) if isinstance(value, tuple) else value
+
+
+def keep_changes(old: World, values: dict[str, Any], new: World) -> dict[str, Any]:
+    """Those of `values` that differ from the `old` world's and that `new` still allows."""
+    before, changes = parameter_values(old), {}
+    for name, value in values.items():
+        if name in before and value != _to_json(before[name]) and name in parameters(type(new)):
+            with suppress(HaptorbError):
+                new.replace(**{name: value})
+                changes[name] = value
+    return changes
+
+
+@final
+class WorldWatcher:
+    """Checks the file of `world` five times a second and passes every new version to `replace`, in a thread.
+
+    world     as loaded from the file, without clients' force
+    replace   (world, values that the user has changed) → in effect; raises HaptorbError if the servo refuses
+    """
+
+    def __init__(
+        self,
+        file: WorldFile | SceneFile,
+        world: World,
+        device: Device,
+        replace: Callable[[World, dict[str, Any]], None],
+        current: Callable[[], tuple[str, dict[str, Any]]],
+    ) -> None:
+        self.trouble = ""  #: why the newest version of the file is not used; empty while it is
+        self._file, (self._world, _), self._device = file, split_remote(world), device
+        self._replace, self._current = replace, current
+        self._stamp = file.stamp
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="haptorb-world-file", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Stop checking, without waiting for a file that is being loaded."""
+        self._ending.set()
+
+    def _watch(self) -> None:
+        while not self._ending.wait(_EVERY):
+            stamp = self._file.stamp
+            if stamp is None or stamp == self._stamp:
+                continue
+            while self._ending.wait(_SETTLED) or stamp != self._file.stamp:
+                if self._ending.is_set():
+                    return
+                stamp = self._file.stamp
+            self._stamp = stamp
+            self._load()
+
+    def _load(self) -> None:
+        path = self._file.path.name
+        hint = threading.Timer(_SLOW, self._explain_wait, [path])
+        hint.daemon = True
+        hint.start()
+        try:
+            new = self._file.load()
+            if new.name != self._world.name:
+                raise UnknownName(f"world in {path}", new.name, [self._world.name])
+            try_world(new, self._device)
+            name, values = self._current()
+            self._replace(new, keep_changes(self._world, values, new) if name == new.name else {})
+        except HaptorbError as cause:
+            if not self._ending.is_set():
+                self.trouble = f"{path} was saved, but the previous world continues: {cause}"
+                show(f"{self.trouble}\n")
+            return
+        finally:
+            hint.cancel()
+            hint.join()  # what it says comes before what follows
+        self._world = new
+        show(f"{path} was saved: world '{new.name}' is reloaded\n")
+        self.trouble = ""  # last: a waiting thread finds the message shown
+
+    def _explain_wait(self, path: str) -> None:
+        """The new code does not return, and while it runs nothing else is loaded."""
+        self.trouble = (
+            f"{path} was saved, but has not returned from loading or its first call for {_SLOW:g} s; the previous "
+            "world continues. If it never returns, correct the file and restart"
+        )
+        if not self._ending.is_set():
+            show(f"{self.trouble}\n")

@@ -1,1 +1,0 @@
-"""From what was read to what is so: Sample in, Estimate out."""

@@ -1,1 +1,0 @@
-"""Magnetic and thermal calibration of one device."""

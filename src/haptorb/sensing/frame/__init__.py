@@ -1,1 +1,0 @@
-"""Registration of a tracker's frame and of the tool in its rigid body, from touches."""

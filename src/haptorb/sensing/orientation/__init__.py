@@ -1,1 +1,0 @@
-"""A rotor's orientation from field readings, by least squares over the field tables."""

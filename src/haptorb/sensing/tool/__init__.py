@@ -1,1 +1,0 @@
-"""The tool's place and axis from field readings: the Hall tracker."""

@@ -1,0 +1,775 @@
+"""`--serve foxglove[:PORT]`: the live view over WebSocket, to programs of this account on this computer only.
+
+The messages are foxglove-sdk's; the server is haptorb's own. That of the SDK (0.30.3) lets a page of any origin read
+along, and drops messages for a slow reader without telling how many.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import http
+import json
+import math
+import re
+import socket
+import struct
+from base64 import b64encode
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from math import pi
+from time import monotonic, monotonic_ns, time_ns
+from typing import Any, TypeGuard, final
+
+import numpy as np
+from foxglove.messages import (
+    ArrowPrimitive,
+    Color,
+    FrameTransform,
+    FrameTransforms,
+    LinePrimitive,
+    LinePrimitiveLineType,
+    Log,
+    LogLevel,
+    Point3,
+    Pose,
+    PoseInFrame,
+    Quaternion,
+    SceneEntity,
+    SceneUpdate,
+    SpherePrimitive,
+    Timestamp,
+    TriangleListPrimitive,
+    Vector3,
+)
+from websockets.asyncio.server import Server, ServerConnection
+from websockets.asyncio.server import serve as serve_websocket
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+from websockets.typing import Subprotocol
+
+from haptorb.arrays import Array
+from haptorb.control.trips import CoilState, GuardState, Trip
+from haptorb.devices.base import Device
+from haptorb.devices.geometry import Ball, Geometry, Rod, RoundPart, Spot
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.trackers.pose_filter import describe_trip
+from haptorb.serve.base import (
+    LOOPBACK,
+    Access,
+    ServedDevice,
+    ServerPreparation,
+    check_port,
+    choose_serve_token,
+    is_own_connection,
+    open_port,
+)
+
+__all__ = [
+    "ARROW",
+    "FORM",
+    "MOVER",
+    "PORT",
+    "ROOM",
+    "STATOR",
+    "LiveView",
+    "RowMessages",
+    "RowTopic",
+    "Topic",
+    "ViewerConnection",
+    "is_trusted",
+    "make_json_schema",
+    "make_shape",
+    "make_topic",
+    "make_tube",
+    "prepare",
+    "serve",
+    "turn_to",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# The device's shape as one SceneUpdate: the fixed parts in frame "stator", the moving ones in frame "mover".
+
+
+STATOR, MOVER = "stator", "mover"  #: names of the frames
+
+_SIDES = 36  #: of a round part
+_SPOT = 0.01  #: radius of a sensor or mark, in shares of the device's size
+_ROD = 0.004  #: thickness of a rod whose thickness is not known, the same
+_COLOURS = {  # red, green, blue, opacity
+    "coil": (0.80, 0.47, 0.24, 1.0),
+    "magnet": (0.62, 0.64, 0.68, 1.0),
+    "ring": (0.45, 0.48, 0.55, 1.0),
+    "core": (0.30, 0.31, 0.34, 1.0),
+    "dome": (0.55, 0.75, 0.95, 0.25),
+    "sensor": (0.20, 0.65, 0.35, 1.0),
+    "mark": (0.95, 0.75, 0.15, 1.0),
+    "rod": (0.25, 0.25, 0.28, 1.0),
+}
+
+
+def make_shape(device: Device, stamp: Timestamp) -> SceneUpdate:
+    """Every part of `device` whose place is known, one entity each, in metres; of a kind without geometry, none.
+
+    Parts of the mover are at their places relative to the mover's origin, so that frame "mover" carries them.
+    """
+    describe = device.kind.part("geometry")
+    if describe is None:
+        return SceneUpdate(entities=[])
+    geometry: Geometry = describe(device)
+    rest = np.asarray(device.rest_position, dtype=np.float64)
+    entities = [_describe_part(part, rest, stamp) for part in geometry.round_parts]
+    entities += [_describe_ball(ball, stamp) for ball in geometry.balls]
+    entities += [_describe_spot(spot, _SPOT * geometry.size, stamp) for spot in geometry.spots]
+    entities += [_describe_rod(rod, rest, _ROD * geometry.size, stamp) for rod in geometry.rods]
+    return SceneUpdate(entities=entities)
+
+
+def make_tube(inner: float, outer: float, length: float, sides: int = _SIDES) -> tuple[Array, list[int]]:
+    """(points (n, 3) [m], indices of triangles, three each) of a tube about z, or of a solid cylinder if `inner` is 0.
+
+    Seen from outside, the corners of each triangle run counterclockwise. [m]
+    """
+    angles = 2.0 * pi * np.arange(sides) / sides
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    # A ring of points for each edge of the profile, in the order in which it is walked: outside up, inside down.
+    profile = ((outer, -length / 2), (outer, length / 2), (inner, length / 2), (inner, -length / 2))
+    points = np.concatenate([np.column_stack([radius * circle, np.full(sides, z)]) for radius, z in profile])
+    indices: list[int] = []
+    for edge in range(4):
+        here, there = edge * sides, (edge + 1) % 4 * sides
+        if inner == 0.0 and edge == 2:  # a solid one has no inner wall
+            continue
+        for i in range(sides):
+            j = (i + 1) % sides
+            indices += [here + i, here + j, there + j, here + i, there + j, there + i]
+    return points, indices
+
+
+def turn_to(axis: Sequence[float] | Array, start: Sequence[float] = (0.0, 0.0, 1.0)) -> tuple[float, ...]:
+    """The least rotation that brings the unit vector `start` to the unit vector `axis`, as a quaternion (x, y, z, w).
+
+    >>> [round(number, 3) for number in turn_to((1.0, 0.0, 0.0))]
+    [0.0, 0.707, 0.0, 0.707]
+    """
+    a, b = np.asarray(start, dtype=np.float64), np.asarray(axis, dtype=np.float64)
+    w = 1.0 + float(a @ b)
+    if w < 1e-9:  # opposite: half a turn about any axis across
+        across = np.cross(a, (1.0, 0.0, 0.0) if abs(a[0]) < 0.9 else (0.0, 1.0, 0.0))
+        return (*(across / np.linalg.norm(across)).tolist(), 0.0)
+    turn = np.array([*np.cross(a, b), w])
+    return tuple((turn / np.linalg.norm(turn)).tolist())
+
+
+def _make_pose(position: Array, turn: Sequence[float] = (0.0, 0.0, 0.0, 1.0)) -> Pose:
+    x, y, z = (float(number) for number in position)
+    qx, qy, qz, qw = turn
+    return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+
+
+def _make_colour(role: str) -> Color:
+    r, g, b, a = _COLOURS.get(role, (0.6, 0.6, 0.6, 1.0))
+    return Color(r=r, g=g, b=b, a=a)
+
+
+def _make_points(points: Iterable[Array]) -> list[Point3]:
+    return [Point3(x=float(x), y=float(y), z=float(z)) for x, y, z in points]
+
+
+def _describe_part(part: RoundPart, rest: Array, stamp: Timestamp) -> SceneEntity:
+    points, indices = make_tube(part.inner_radius, part.outer_radius, part.length)
+    place = part.position - rest if part.moves else part.position
+    mesh = TriangleListPrimitive(
+        pose=_make_pose(place, turn_to(part.axis)),
+        points=_make_points(points),
+        color=_make_colour(part.role),
+        indices=indices,
+    )
+    frame = MOVER if part.moves else STATOR
+    return SceneEntity(timestamp=stamp, frame_id=frame, id=part.name, frame_locked=True, triangles=[mesh])
+
+
+def _describe_ball(ball: Ball, stamp: Timestamp) -> SceneEntity:
+    across = 2.0 * ball.radius
+    sphere = SpherePrimitive(
+        pose=_make_pose(np.zeros(3)), size=Vector3(x=across, y=across, z=across), color=_make_colour(ball.role)
+    )
+    return SceneEntity(timestamp=stamp, frame_id=STATOR, id=ball.name, frame_locked=True, spheres=[sphere])
+
+
+def _describe_spot(spot: Spot, radius: float, stamp: Timestamp) -> SceneEntity:
+    across = 2.0 * radius
+    sphere = SpherePrimitive(
+        pose=_make_pose(spot.position), size=Vector3(x=across, y=across, z=across), color=_make_colour(spot.role)
+    )
+    return SceneEntity(timestamp=stamp, frame_id=STATOR, id=spot.name, frame_locked=True, spheres=[sphere])
+
+
+def _describe_rod(rod: Rod, rest: Array, thickness: float, stamp: Timestamp) -> SceneEntity:
+    line = LinePrimitive(
+        type=LinePrimitiveLineType.LineStrip,
+        pose=_make_pose(np.zeros(3)),
+        thickness=thickness,
+        points=_make_points((rod.start - rest, rod.end - rest)),
+        color=_make_colour("rod"),
+    )
+    return SceneEntity(timestamp=stamp, frame_id=MOVER, id=rod.name, frame_locked=True, lines=[line])
+
+
+# --------------------------------------------------------------------------------------------------
+# What Foxglove receives about a topic before its first message: its name, and how its messages are read.
+
+
+_TIME = {"type": "object", "title": "time", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
+
+
+@final
+@dataclass(frozen=True)
+class Topic:
+    """A topic's name, the encoding of its messages, and their schema with its own encoding; `schema` is text."""
+
+    name: str
+    encoding: str
+    schema_name: str
+    schema_encoding: str
+    schema: str
+
+    def describe(self, number: int) -> dict[str, Any]:
+        """The channel `number`, as the protocol's message `advertise` has it."""
+        return {
+            "id": number,
+            "topic": self.name,
+            "encoding": self.encoding,
+            "schemaName": self.schema_name,
+            "schemaEncoding": self.schema_encoding,
+            "schema": self.schema,
+        }
+
+
+def make_topic(name: str, kind: Any) -> Topic:
+    """The topic of messages of one of Foxglove's own types, a class of `foxglove.messages`."""
+    schema = kind.get_schema()
+    return Topic(name, "protobuf", schema.name, schema.encoding, b64encode(schema.data).decode())
+
+
+def make_json_schema(name: str, title: str, properties: dict[str, Any]) -> Topic:
+    """The topic of JSON objects with these `properties` and a `timestamp` (sec, nsec since 1970-01-01 UTC)."""
+    schema = {"title": title, "type": "object", "properties": {"timestamp": _TIME, **properties}}
+    return Topic(name, "json", title, "jsonschema", json.dumps(schema, ensure_ascii=False))
+
+
+# --------------------------------------------------------------------------------------------------
+# Rows as messages that Foxglove's panels know: frames, pose, wrench, currents, temperatures, state, and an arrow.
+#
+# Poses, logs and scenes are Foxglove's own types (protobuf), numbers for plots JSON objects whose keys
+# end in the unit: _n newton, _nm newton metre, _a ampere, _c degree Celsius, _s second.
+
+
+ARROW = 0.01  #: length of the arrow of 1 N [m]
+_ICE = 273.15  #: [K]
+_AXES = ("x", "y", "z")
+_WRENCHES = ("asked", "modelled", "given")
+
+
+@final
+@dataclass(frozen=True)
+class RowTopic:
+    """A topic, how often a message of it is sent [Hz], what it is `about`, and how a row (width,) with its stamp [ns]
+    becomes a message."""
+
+    topic: Topic
+    rate: float
+    about: str
+    encode: Callable[[Array, int], bytes]
+
+
+@final
+class RowMessages:
+    """The topics of rows of `layout` of `device`."""
+
+    def __init__(self, device: Device, layout: RowLayout) -> None:
+        self._layout, self._coils, self._moded = layout, _name_coils(device), bool(device.kind.modes)
+        vector = {"type": "object", "properties": {axis: {"type": "number"} for axis in _AXES}}
+        wrench = {"force_n": vector, "torque_nm": vector}
+        coils = {name: {"type": "number"} for name in self._coils}
+        number, text, truth = {"type": "number"}, {"type": "string"}, {"type": "boolean"}
+        self.topics = (
+            RowTopic(
+                make_topic("/tf", FrameTransforms),
+                100.0,
+                "mover, pointer target and a motor's object in `stator`",
+                self._encode_frames,
+            ),
+            RowTopic(make_topic("/pose", PoseInFrame), 100.0, "estimated pose of the mover", self._encode_pose),
+            RowTopic(
+                make_topic("/force", SceneUpdate),
+                30.0,
+                "the force of the measured currents as an arrow",
+                self._encode_arrow,
+            ),
+            RowTopic(
+                make_json_schema("/wrench", "haptorb.Wrench", {name: _make_object(wrench) for name in _WRENCHES}),
+                100.0,
+                "wrenches asked, modelled and given",
+                self._encode_wrench,
+            ),
+            RowTopic(
+                make_json_schema(
+                    "/currents",
+                    "haptorb.Currents",
+                    {"wanted_a": _make_object(coils), "measured_a": _make_object(coils)},
+                ),
+                100.0,
+                "currents commanded and measured, by coil",
+                self._encode_currents,
+            ),
+            RowTopic(
+                make_json_schema(
+                    "/temperatures",
+                    "haptorb.Temperatures",
+                    {"winding_c": _make_object(coils), "boundary_c": _make_object(coils), "remaining_s": number},
+                ),
+                10.0,
+                "temperatures of windings and boundaries, time until derating",
+                self._encode_temperatures,
+            ),
+            RowTopic(
+                make_json_schema(
+                    "/state",
+                    "haptorb.State",
+                    {"guard": text, "trip": text, "coils": text, "gain": number, "valid": truth, "tick": number}
+                    | {"lateness_s": number, "age_s": number},
+                ),
+                20.0,
+                "guard, last trip, coils, gain, tick, lateness, age of the pose",
+                self._encode_state,
+            ),
+        )
+
+    def _take(self, row: Array, name: str) -> list[float]:
+        return [float(number) for number in row[self._layout[name]]]
+
+    def _number(self, row: Array, name: str) -> float:
+        return float(row[self._layout[name].start])
+
+    def _encode_frames(self, row: Array, stamp: int) -> bytes:
+        frames = [(MOVER, "p", "q"), ("target", "target", "target_q")]
+        if self._moded:
+            frames.append(("object", "object", "object_q"))
+        transforms = [
+            FrameTransform(
+                timestamp=make_stamp(stamp),
+                parent_frame_id=STATOR,
+                child_frame_id=name,
+                translation=_make_vector(self._take(row, place)),
+                rotation=_make_turn(self._take(row, turn)),
+            )
+            for name, place, turn in frames
+            if np.isfinite(row[self._layout[place]]).all() and np.isfinite(row[self._layout[turn]]).all()
+        ]
+        return FrameTransforms(transforms=transforms).encode()
+
+    def _encode_pose(self, row: Array, stamp: int) -> bytes:
+        pose = Pose(position=_make_vector(self._take(row, "p")), orientation=_make_turn(self._take(row, "q")))
+        return PoseInFrame(timestamp=make_stamp(stamp), frame_id=STATOR, pose=pose).encode()
+
+    def _encode_arrow(self, row: Array, stamp: int) -> bytes:
+        force, place = row[self._layout["modelled"]][:3], self._take(row, "p")
+        size = float(np.linalg.norm(force))
+        arrows = []
+        if math.isfinite(size) and size > 1e-6 and all(map(math.isfinite, place)):
+            pose = Pose(position=_make_vector(place), orientation=_make_turn(turn_to(force / size, (1.0, 0.0, 0.0))))
+            length = ARROW * size
+            arrows.append(
+                ArrowPrimitive(
+                    pose=pose, shaft_length=0.8 * length, shaft_diameter=0.0015, head_length=0.2 * length,
+                    head_diameter=0.003, color=Color(r=0.85, g=0.1, b=0.1, a=1.0),
+                )
+            )  # fmt: skip
+        entity = SceneEntity(timestamp=make_stamp(stamp), frame_id=STATOR, id="force", arrows=arrows)
+        return SceneUpdate(entities=[entity]).encode()
+
+    def _encode_wrench(self, row: Array, stamp: int) -> bytes:
+        found = {}
+        for name in _WRENCHES:
+            numbers = self._take(row, name)
+            found[name] = {"force_n": _by_name(_AXES, numbers[:3]), "torque_nm": _by_name(_AXES, numbers[3:])}
+        return _to_json(found, stamp)
+
+    def _encode_currents(self, row: Array, stamp: int) -> bytes:
+        wanted, measured = (_by_name(self._coils, self._take(row, name)) for name in ("wanted", "currents"))
+        return _to_json({"wanted_a": wanted, "measured_a": measured}, stamp)
+
+    def _encode_temperatures(self, row: Array, stamp: int) -> bytes:
+        found = {}
+        for name in ("winding", "boundary"):
+            found[f"{name}_c"] = _by_name(self._coils, [kelvin - _ICE for kelvin in self._take(row, name)])
+        remaining = _to_plain(self._number(row, "remaining"))
+        return _to_json({**found, "remaining_s": remaining}, stamp)
+
+    def _encode_state(self, row: Array, stamp: int) -> bytes:
+        found = {
+            "guard": name_code(GuardState, self._number(row, "guard")),
+            "trip": name_code(Trip, self._number(row, "trip")),
+            "coils": name_code(CoilState, self._number(row, "coil_state")),
+            "gain": _to_plain(self._number(row, "gain")),
+            "valid": self._number(row, "valid") == 1.0,
+            "tick": _to_plain(self._number(row, "tick")),
+            "lateness_s": _to_plain(self._number(row, "lateness")),
+            "age_s": _to_plain(self._number(row, "age")),
+        }
+        return _to_json(found, stamp)
+
+
+def name_code(kind: Any, code: float) -> str:
+    """The name of `code` among those of `kind`; "unknown" for no code of it.
+
+    >>> name_code(GuardState, 2.0), name_code(Trip, float("nan"))
+    ('running', 'unknown')
+    """
+    return next((one.name.lower().replace("_", " ") for one in kind if one.value == code), "unknown")
+
+
+def _name_coils(device: Device) -> list[str]:
+    """The names of the coils, as paths of Foxglove's plots can have them."""
+    names = device.coils.names
+    return [name if name.isidentifier() else f"coil_{name}" for name in names]
+
+
+def make_stamp(nanoseconds: int) -> Timestamp:
+    """A time since 1970-01-01 UTC [ns] as Foxglove has it."""
+    return Timestamp(nanoseconds // 10**9, nanoseconds % 10**9)
+
+
+def _make_object(properties: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "object", "properties": properties}
+
+
+def _make_vector(numbers: list[float]) -> Vector3:
+    x, y, z = numbers
+    return Vector3(x=x, y=y, z=z)
+
+
+def _make_turn(numbers: Any) -> Quaternion:
+    x, y, z, w = numbers
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def _by_name(names: Any, numbers: list[float]) -> dict[str, float | None]:
+    return {name: _to_plain(number) for name, number in zip(names, numbers, strict=True)}
+
+
+def _to_plain(number: float) -> float | None:
+    """`number`, or null, for JSON knows neither NaN nor infinity."""
+    return number if math.isfinite(number) else None
+
+
+def _to_json(found: dict[str, Any], stamp: int) -> bytes:
+    timestamp = {"sec": stamp // 10**9, "nsec": stamp % 10**9}
+    return json.dumps({"timestamp": timestamp, **found}, allow_nan=False, ensure_ascii=False).encode()
+
+
+# --------------------------------------------------------------------------------------------------
+# One program that looks on: what it subscribed to, and the messages that wait for it.
+
+
+ROOM = 256  #: messages that wait for a viewer; of more, the oldest are dropped and counted
+_SUBSCRIPTIONS = 64  #: of one viewer
+_HEAD = struct.Struct("<BIQ")  #: operation 1 (message data), subscription, time [ns]
+
+
+@final
+class ViewerConnection:
+    """Holds the messages for one connection; its `name` is for people."""
+
+    def __init__(self, name: str, session: int, topics: int) -> None:
+        self.name, self.session = name, session
+        self._topics = topics
+        self._subscriptions: dict[int, int] = {}  # of the viewer: its number → topic
+        self._waiting: deque[bytes] = deque()
+        self._arrival = asyncio.Event()
+        self.sent = 0  #: messages that were given to its connection
+        self.dropped = 0  #: messages that it was too slow for
+
+    def is_subscribed(self, topic: int) -> bool:
+        """Whether it subscribed to the topic with this number."""
+        return topic in self._subscriptions.values()
+
+    def offer(self, topic: int, data: bytes, stamp: int) -> None:
+        """The message `data` of a topic, of the time `stamp` [ns since 1970 UTC], once for each of its
+        subscriptions."""
+        for number, wanted in self._subscriptions.items():
+            if wanted == topic:
+                if len(self._waiting) >= ROOM:
+                    self._waiting.popleft()
+                    self.dropped += 1
+                self._waiting.append(_HEAD.pack(1, number, stamp) + data)
+                self._arrival.set()
+
+    async def take(self) -> bytes:
+        """The oldest message, when there is one."""
+        while not self._waiting:
+            self._arrival.clear()
+            await self._arrival.wait()
+        self.sent += 1
+        return self._waiting.popleft()
+
+    def take_message(self, text: str | bytes) -> list[int]:
+        """Do what the viewer's program asks; returns the topics that are new to it. What is none of the protocol's
+        subscriptions is passed over: a viewer may ask for more than a server has."""
+        try:
+            message = json.loads(text)
+        except (ValueError, RecursionError):
+            return []
+        if not isinstance(message, dict):
+            return []
+        match message.get("op"):
+            case "subscribe":
+                return [topic for one in _list(message.get("subscriptions")) for topic in self._subscribe(one)]
+            case "unsubscribe":
+                for number in _list(message.get("subscriptionIds")):
+                    if isinstance(number, int):
+                        self._subscriptions.pop(number, None)
+        return []
+
+    def _subscribe(self, asked: Any) -> list[int]:
+        number, topic = (asked.get("id"), asked.get("channelId")) if isinstance(asked, dict) else (None, None)
+        if not _is_number(number) or not _is_number(topic):
+            return []
+        if not 1 <= topic <= self._topics or len(self._subscriptions) >= _SUBSCRIPTIONS:
+            return []
+        self._subscriptions[number] = topic
+        return [topic]
+
+
+def _list(value: Any) -> list[Any]:
+    return value[:_SUBSCRIPTIONS] if isinstance(value, list) else []
+
+
+def _is_number(value: Any) -> TypeGuard[int]:
+    """Whether the protocol can have `value` as the number of a subscription or channel."""
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 32
+
+
+# --------------------------------------------------------------------------------------------------
+# Everything that viewers get: rows as messages when they are due, the device's shape, and what happened.
+
+
+_REMEMBERED = 50  #: log messages that a new viewer gets
+_NAME = "haptorb"
+
+
+@final
+class LiveView:
+    """The topics of `served`, and the viewers that look at them."""
+
+    def __init__(self, served: ServedDevice) -> None:
+        self._served = served
+        self._rows = RowMessages(served.device, served.layout).topics
+        self._due = [float("-inf")] * len(self._rows)
+        self._utc = time_ns() - monotonic_ns()
+        shape, log = make_topic("/shape", SceneUpdate), make_topic("/log", Log)
+        #: in the order of their numbers, which begin with 1
+        self.topics: tuple[Topic, ...] = (*(one.topic for one in self._rows), shape, log)
+        self._shape, self._log = len(self.topics) - 1, len(self.topics)
+        self._happened: deque[tuple[int, bytes]] = deque(maxlen=_REMEMBERED)
+        self._before: tuple[float, float, float] | None = None  # guard, trip and world of the row before
+        self.viewers: set[ViewerConnection] = set()
+
+    def welcome(self, viewer: ViewerConnection, topics: list[int]) -> None:
+        """Give `viewer` what belongs to its new `topics` and is not sent again: the shape, and what happened before."""
+        stamp = time_ns()
+        if self._shape in topics:
+            viewer.offer(self._shape, make_shape(self._served.device, make_stamp(stamp)).encode(), stamp)
+        if self._log in topics:
+            for earlier, data in self._happened:
+                viewer.offer(self._log, data, earlier)
+
+    def show(self, rows: Array) -> None:
+        """Offer `rows` (n, width), oldest first, to the viewers that listen, each topic at its own rate."""
+        t, wall = self._served.layout["t"].start, self._served.layout["wall"].start
+        for row in rows:
+            moment, stamp = float(row[t]), int(row[wall] * 1e9) + self._utc
+            self._note(row, stamp)
+            for i, one in enumerate(self._rows):
+                if moment < self._due[i] - 1e-6:
+                    continue
+                gap = 1.0 / one.rate
+                self._due[i] = (self._due[i] if moment - self._due[i] < gap else moment) + gap
+                listening = [viewer for viewer in self.viewers if viewer.is_subscribed(i + 1)]
+                if listening:
+                    data = one.encode(row, stamp)
+                    for viewer in listening:
+                        viewer.offer(i + 1, data, stamp)
+
+    def _note(self, row: Array, stamp: int) -> None:
+        """Log a trip, another state of the guard, another world."""
+        layout = self._served.layout
+        guard, trip, world = (float(row[layout[name].start]) for name in ("guard", "trip", "world"))
+        now, before = (guard, trip, world), self._before
+        if now == before:
+            return
+        self._before = now
+        if before is None or guard != before[0]:
+            level = LogLevel.Error if guard == GuardState.TRIPPED else LogLevel.Info
+            reason = next((one for one in Trip if one == trip), Trip.NONE)
+            tripped = guard == GuardState.TRIPPED and reason is not Trip.NONE
+            text = describe_trip(reason, self._served.facts["tracker"]) if tripped else name_code(GuardState, guard)
+            self._tell(level, f"trip {reason.name}: {text}" if tripped else f"guard: {text}", stamp)
+        if before is None or world != before[2]:
+            name = self._served.world.get("name", "")
+            self._tell(LogLevel.Info, f"world: {name}", stamp)
+
+    def _tell(self, level: LogLevel, text: str, stamp: int) -> None:
+        data = Log(timestamp=make_stamp(stamp), level=level, message=text, name=_NAME).encode()
+        self._happened.append((stamp, data))
+        for viewer in self.viewers:
+            viewer.offer(self._log, data, stamp)
+
+
+FORM = "foxglove[:PORT]"
+PORT = 8766  #: unless another is given; 8765, which Foxglove proposes, is the console's
+
+_PROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
+_EVERY = 0.005  #: between two looks for rows [s]
+_REPORT = 0.25  #: between two reports [s]
+_MOST = 16  #: viewers
+_LONGEST = 65536  #: of a viewer's message [bytes]
+_UNSENT = 65536  #: bytes that wait in a connection; behind them, messages wait in the viewer's own queue
+
+#: Foxglove in the browser and on the desktop, and pages of this computer, such as a viewer of one's own
+_ORIGIN = re.compile(r"https://([a-z0-9-]+\.)*foxglove\.dev|file://|https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")
+_HOST = re.compile(r"(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")
+
+
+def prepare(where: str) -> ServerPreparation:
+    """Open the PORT. Raises InputError if it cannot be had."""
+    opened = open_port(check_port(where, FORM) if where else PORT, f"--serve {FORM}")
+    address = f"ws://{LOOPBACK}:{opened.getsockname()[1]}"
+    return ServerPreparation({"address": address, "token": choose_serve_token(LOOPBACK)}, address, [opened.detach()])
+
+
+def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) -> None:
+    """Serve until `served.over`; `spec` and `descriptors` are those of `prepare`."""
+    asyncio.run(_FoxgloveServer(served, spec["address"], spec["token"]).run(socket.socket(fileno=descriptors[0])))
+
+
+def is_trusted(origin: str | None, host: str | None) -> bool:
+    """Whether a connection with these headers may look on: a program (no origin), Foxglove, a page of this computer.
+
+    >>> is_trusted("https://app.foxglove.dev", "localhost:8766"), is_trusted("https://example.org", "localhost:8766")
+    (True, False)
+    """
+    if host is None or not _HOST.fullmatch(host.lower()):  # safety: foxglove-host
+        return False
+    if origin is not None and not _ORIGIN.fullmatch(origin.lower()):  # noqa: SIM103  # safety: foxglove-origin
+        return False
+    return True
+
+
+@final
+class _FoxgloveServer:
+    def __init__(self, served: ServedDevice, address: str, token: str) -> None:
+        self._served, self._address, self._access = served, address, Access(token)
+        self._view = LiveView(served)
+        self._refused = self._dropped = 0
+        self._last = monotonic()
+        self._counts: dict[ViewerConnection, int] = {}
+
+    async def run(self, opened: socket.socket) -> None:
+        async with serve_websocket(
+            self._attend, sock=opened, subprotocols=_PROTOCOLS, process_request=self._check, compression=None,
+            max_size=_LONGEST, max_queue=4, write_limit=_UNSENT, server_header=None, logger=_make_silent_logger(),
+        ) as server:  # fmt: skip
+            while not self._served.over:
+                self._view.show(self._served.read_rows())
+                if monotonic() - self._last >= _REPORT:
+                    self._report()
+                await asyncio.sleep(_EVERY)
+            self._report()
+            _abort(server)
+
+    def _check(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Refuse pages of other sites, programs of other accounts, and one viewer too many."""
+        headers = request.headers
+        try:
+            trusted = is_trusted(headers.get("Origin"), headers.get("Host"))
+        except LookupError:  # a header that stands there twice
+            trusted = False
+        if not trusted:
+            self._refused += 1
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "pages of other sites may not connect\n")
+        names = {name.lower(): value for name, value in headers.raw_items()}
+        names.pop("origin", None)  # `is_trusted` knows Foxglove's own
+        transport = connection.transport
+        own = is_own_connection(transport.get_extra_info("peername"), transport.get_extra_info("sockname"))
+        if refusal := self._access.refuse(LOOPBACK, names, request.path, own=own):
+            self._refused += 1
+            return connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
+        if len(self._view.viewers) >= _MOST:
+            self._refused += 1
+            return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, f"{_MOST} viewers are already connected\n")
+        return None
+
+    async def _attend(self, connection: ServerConnection) -> None:
+        address = connection.remote_address or ("?", 0)
+        viewer = ViewerConnection(f"{address[0]}:{address[1]}", self._served.open_session(), len(self._view.topics))
+        with contextlib.suppress(ConnectionClosed):
+            await connection.send(json.dumps(self._describe_server()))
+            channels = [topic.describe(number) for number, topic in enumerate(self._view.topics, 1)]
+            await connection.send(json.dumps({"op": "advertise", "channels": channels}))
+            sending = asyncio.create_task(_send(connection, viewer))
+            self._view.viewers.add(viewer)
+            try:
+                async for text in connection:
+                    self._view.welcome(viewer, viewer.take_message(text))
+            finally:
+                self._view.viewers.discard(viewer)
+                self._dropped += viewer.dropped
+                self._counts.pop(viewer, None)
+                sending.cancel()
+
+    def _describe_server(self) -> dict[str, Any]:
+        facts = {key: str(self._served.facts.get(key, "")) for key in ("driver", "tracker", "haptorb")}
+        return {
+            "op": "serverInfo",
+            "name": f"haptorb, {self._served.device.name}",
+            "capabilities": [],
+            "supportedEncodings": [],
+            "metadata": facts,
+            "sessionId": str(time_ns()),
+        }
+
+    def _report(self) -> None:
+        now = monotonic()
+        seconds, self._last = max(now - self._last, 1e-3), now
+        clients, dropped = [], self._dropped
+        for viewer in self._view.viewers:
+            rate = (viewer.sent - self._counts.get(viewer, 0)) / seconds
+            self._counts[viewer] = viewer.sent
+            clients.append({"name": viewer.name, "session": viewer.session, "rate_hz": round(rate, 1), "holds": False})
+            dropped += viewer.dropped
+        self._served.report("foxglove", self._address, clients, not_sent=dropped, refused=self._refused)
+
+
+async def _send(connection: ServerConnection, viewer: ViewerConnection) -> None:
+    with contextlib.suppress(ConnectionClosed):
+        while True:
+            await connection.send(await viewer.take())
+
+
+def _abort(server: Server) -> None:
+    """End all connections at once: a viewer that does not read would be waited for."""
+    for connection in list(server.connections):
+        connection.transport.abort()
+
+
+def _make_silent_logger() -> Any:
+    import logging
+
+    silent = logging.getLogger("haptorb.foxglove")
+    silent.addHandler(logging.NullHandler())
+    silent.propagate = False
+    return silent

@@ -1,0 +1,881 @@
+"""The server of `--serve haply[:HOST][:PORT[:EVENTS]]`: its two ports, and the loop that serves them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import socket
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from fnmatch import fnmatchcase
+from functools import partial
+from itertools import cycle
+from time import monotonic
+from typing import Any, TypeAlias, cast, final
+from urllib.parse import parse_qs, unquote, urlsplit
+
+import h11
+from websockets.frames import Frame, Opcode
+from websockets.http11 import Request, Response
+from websockets.protocol import OPEN
+from websockets.server import ServerProtocol
+
+from haptorb.arrays import record
+from haptorb.control.trips import Trip
+from haptorb.errors import HaptorbError, InputError
+from haptorb.runtime.sockets import STALL, StreamTimes
+from haptorb.serve.base import (
+    KINDS,
+    LOOPBACK,
+    OTHER_LOOPBACK,
+    Access,
+    ServedDevice,
+    ServerPreparation,
+    ServerPriority,
+    check_port,
+    choose_serve_token,
+    has_other_loopback,
+    is_loopback,
+    is_own_connection,
+    open_port,
+)
+from haptorb.serve.haply_protocol import Cursor, DeviceIds, Service, Session, Settings, Space, default_space
+from haptorb.version import __version__
+
+__all__ = [
+    "GRIP",
+    "TOOL",
+    "AmbiguousDevice",
+    "Connection",
+    "DeviceWatcher",
+    "Endpoint",
+    "Event",
+    "HttpExchange",
+    "HttpReply",
+    "find_kind",
+    "find_session",
+    "prepare",
+    "read_headers",
+    "reply",
+    "serve",
+    "write_event",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# HTTP on the port of the WebSocket: short requests, answered in JSON.
+
+
+_BODY = 65536  #: longest body of a request [bytes]
+
+
+@record
+class HttpReply:
+    """The answer to a request: a status, and what its body says as JSON."""
+
+    status: int
+    body: Any
+
+
+def read_headers(head: bytes) -> dict[str, str]:
+    """The headers in the `head` of a request, their names in lower case.
+
+    >>> read_headers(b"GET / HTTP/1.1\\r\\nHost: localhost\\r\\nUpgrade: websocket")
+    {'host': 'localhost', 'upgrade': 'websocket'}
+    """
+    found = {}
+    for line in head.decode("latin-1").split("\r\n")[1:]:
+        name, colon, value = line.partition(":")
+        if colon:
+            found[name.strip().lower()] = value.strip()
+    return found
+
+
+@final
+class HttpExchange:
+    """Requests from `peer`, one after the other, each answered by `reply(method, target, body)`.
+
+    own   whether a program of this account has the connection
+
+    over  whether the connection is to be closed
+    """
+
+    def __init__(self, access: Access, peer: str, reply: Callable[[str, str, bytes], HttpReply], *, own: bool) -> None:
+        self.over = False
+        self._access, self._peer, self._reply, self._own = access, peer, reply, own
+        self._connection = h11.Connection(h11.SERVER)
+        self._request: h11.Request | None = None
+        self._body = b""
+
+    def receive(self, data: bytes) -> bytes:
+        """What is to be sent after `data` has come."""
+        answer = b""
+        try:
+            self._connection.receive_data(data)
+            while True:
+                event = self._connection.next_event()
+                if event is h11.NEED_DATA or event is h11.PAUSED:
+                    return answer
+                if isinstance(event, h11.Request):
+                    self._request, self._body = event, b""
+                elif isinstance(event, h11.Data):
+                    self._body += bytes(event.data)
+                    if len(self._body) > _BODY:
+                        return answer + self._write(
+                            HttpReply(413, {"ok": False, "error": "the body is too long"}), None
+                        )
+                elif isinstance(event, h11.EndOfMessage):
+                    answer += self._answer()
+                    if self._connection.our_state is not h11.DONE:
+                        self.over = True
+                        return answer
+                    self._connection.start_next_cycle()
+                else:
+                    self.over = True
+                    return answer
+        except h11.RemoteProtocolError as cause:
+            self.over = True
+            return answer + self._write(HttpReply(cause.error_status_hint, {"ok": False, "error": str(cause)}), None)
+        except h11.LocalProtocolError:  # it has closed already
+            self.over = True
+            return answer
+
+    def _answer(self) -> bytes:
+        assert self._request is not None
+        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in self._request.headers}
+        target, method = self._request.target.decode("latin-1"), self._request.method.decode("latin-1")
+        if refusal := self._access.refuse(self._peer, headers, target, own=self._own):
+            return self._write(HttpReply(403, {"ok": False, "error": refusal}), None)
+        origin = headers.get("origin")
+        if method == "OPTIONS":
+            return self._write(HttpReply(204, None), origin)
+        return self._write(self._reply(method, target, self._body), origin)
+
+    def _write(self, reply: HttpReply, origin: str | None) -> bytes:
+        """`reply` for a page of `origin`, which was let in; None: for a program."""
+        body = b"" if reply.body is None else json.dumps(reply.body).encode()
+        headers = [("Content-Type", "application/json"), ("Content-Length", str(len(body)))]
+        if origin is not None:
+            headers += [
+                ("Access-Control-Allow-Origin", origin),
+                ("Access-Control-Allow-Methods", "GET, POST, DELETE"),
+                ("Access-Control-Allow-Headers", "content-type, authorization"),
+            ]
+        if reply.status >= 400 and self._request is None:
+            headers.append(("Connection", "close"))
+        if self._connection.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
+            self.over = True
+            return b""
+        parts = [
+            self._connection.send(h11.Response(status_code=reply.status, headers=headers)),
+            self._connection.send(h11.Data(data=body)) if body else b"",
+            self._connection.send(h11.EndOfMessage()),
+        ]
+        return b"".join(part or b"" for part in parts)
+
+
+# --------------------------------------------------------------------------------------------------
+# One connection on one of the two ports: a WebSocket that is answered at once, or a request over HTTP.
+#
+# Messages are answered where they arrive, without a task or a queue between. Two are answered in a row, then another
+# connection has its turn; a client that does not read its replies is no longer read, and is closed after ten seconds.
+# A client that sends unreadable messages is read again a little later, a refused one is told so a little later, and
+# what follows a message
+# that is too long is thrown away: none of them takes the processor from the others.
+
+
+_ROOM = 4096  #: bytes that are read at once: a flood of small messages does not keep the others waiting
+_MESSAGE = 65536  #: longest message [bytes]
+_PARTS = 256  #: of one message: a client that never ends it must not fill the memory with empty ones
+_HEAD = 16384  #: of a request [bytes]
+_IN_A_ROW = 2  #: messages of one client that are answered before others have their turn
+_UNREAD = 65536  #: bytes of answers that may wait for a client that does not read
+_PATIENCE = 10.0  #: for a request, or for a client to read [s]
+_REST = 0.005  #: after a message that cannot be read [s]
+_REFUSAL = 0.05  #: before a refusal: a client that retries at once does so twenty times a second [s]
+_WASTE = 262144  #: bytes that are thrown away at once
+_FAREWELL = 1.0  #: for a client whose message was too long to read why [s]
+
+
+class Endpoint(ABC):
+    """What stands behind a port."""
+
+    access: Access
+    alive: float  #: when this process last looked for what came, on the monotonic clock [s]
+    connections: set[Connection]
+    room: int  #: how many connections there may be at once
+
+    @abstractmethod
+    def open(self, connection: Connection) -> None:
+        """A WebSocket is open: send it what it must know."""
+
+    @abstractmethod
+    def answer(self, connection: Connection, message: bytes, arrival: float) -> str | None:
+        """The answer to a message that came at `arrival` on the monotonic clock [s]; None: there is none. A message
+        that cannot be read lets the connection `rest`."""
+
+    @abstractmethod
+    def close(self, connection: Connection) -> None:
+        """The connection is lost, however it ended."""
+
+    @abstractmethod
+    def reply(self, method: str, target: str, body: bytes) -> HttpReply:
+        """The answer to a request over HTTP."""
+
+
+@final
+class Connection(asyncio.BufferedProtocol):
+    """A client of `endpoint`, at the address `peer`."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.endpoint, self.peer, self._own = endpoint, "", False
+        self._times, self._descriptor, self._arrival = StreamTimes(), -1, 0.0
+        self._buffer = bytearray(_ROOM)
+        self._head = b""
+        self._websocket: ServerProtocol | None = None
+        self._exchange: HttpExchange | None = None
+        self._open = self._paused = self._failed = self._rests = False
+        self._parts: list[bytes] = []  # of a message that comes in several frames
+        self._waiting: deque[tuple[float, bytes]] = deque()  # whole messages, each with its arrival [s]
+        self._timer: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """A client has connected."""
+        self._transport = cast(asyncio.Transport, transport)
+        self._transport.set_write_buffer_limits(high=_UNREAD)
+        peer, self._descriptor = transport.get_extra_info("peername"), transport.get_extra_info("socket").fileno()
+        self.peer = str((peer or ("",))[0])
+        self._own = is_own_connection(peer, transport.get_extra_info("sockname"))
+        self.endpoint.connections.add(self)
+        self._wait()
+        if len(self.endpoint.connections) > self.endpoint.room:
+            self._transport.write(b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
+            self._transport.close()
+
+    def get_buffer(self, sizehint: int) -> bytearray:
+        """Where the next bytes go."""
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """Bytes have come."""
+        if self._failed:
+            return
+        now = monotonic()
+        if now - self.endpoint.alive > STALL:
+            self._times.wait(self.endpoint.alive)
+        self._arrival = self._times.find(self._descriptor, now)
+        data = bytes(self._buffer[:nbytes])
+        if self._websocket is not None:
+            self._receive(data)
+        elif self._exchange is not None:
+            self._serve_http(data)
+        else:
+            self._read_head(data)
+
+    def _read_head(self, data: bytes) -> None:
+        """Until the head of the first request has arrived, its kind is unknown."""
+        self._head += data
+        end = self._head.find(b"\r\n\r\n")
+        if end < 0 and len(self._head) <= _HEAD:
+            return
+        data, self._head = self._head, b""
+        headers = read_headers(data[: max(end, 0)])
+        if headers.get("upgrade", "").lower() == "websocket":
+            self._websocket = ServerProtocol(max_size=_MESSAGE)
+            self._receive(data)
+        else:
+            self._exchange = HttpExchange(self.endpoint.access, self.peer, self.endpoint.reply, own=self._own)
+            self._serve_http(data)
+
+    def _serve_http(self, data: bytes) -> None:
+        assert self._exchange is not None
+        self._wait()
+        self._transport.write(self._exchange.receive(data))
+        if self._exchange.over:
+            self._transport.close()
+
+    def _receive(self, data: bytes) -> None:
+        websocket = self._websocket
+        assert websocket is not None
+        websocket.receive_data(data)
+        for event in websocket.events_received():
+            if isinstance(event, Request):
+                self._shake_hands(websocket, event)
+            elif isinstance(event, Frame):
+                self._collect(event)
+        self._flush()
+        if websocket.parser_exc is not None:
+            self._failed, self._buffer = True, bytearray(_WASTE)
+            self._wait(_FAREWELL)
+            return
+        self._work()
+
+    def _shake_hands(self, websocket: ServerProtocol, request: Request) -> None:
+        headers = {name.lower(): value for name, value in request.headers.raw_items()}
+        refusal = self.endpoint.access.refuse(self.peer, headers, request.path, own=self._own)
+        if refusal:
+            self._transport.pause_reading()
+            asyncio.get_running_loop().call_later(_REFUSAL, self._refuse, websocket.reject(403, f"{refusal}\n"))
+            return
+        websocket.send_response(websocket.accept(request))
+        self._flush()
+        if websocket.state is OPEN:
+            self._open = True
+            self._stop_waiting()
+            self.endpoint.open(self)
+
+    def _refuse(self, response: Response) -> None:
+        assert self._websocket is not None
+        if not self._transport.is_closing():
+            self._websocket.send_response(response)
+            self._flush()
+
+    def _collect(self, frame: Frame) -> None:
+        """Text or binary, in one frame or in several."""
+        if frame.opcode not in (Opcode.TEXT, Opcode.BINARY, Opcode.CONT):
+            return  # the protocol itself answers a ping
+        if frame.fin and not self._parts:
+            self._waiting.append((self._arrival, bytes(frame.data)))
+            return
+        self._parts.append(bytes(frame.data))
+        if len(self._parts) > _PARTS:
+            self.end(1009, "a message has too many fragments")
+            return
+        if frame.fin:
+            self._waiting.append((self._arrival, b"".join(self._parts)))
+            self._parts = []
+
+    def _work(self) -> None:
+        """Answer what waits: a few messages, then others have their turn."""
+        if self._rests:
+            return
+        for _ in range(_IN_A_ROW):
+            if not self._waiting or self._paused or self._rests or not self._open:
+                break
+            arrival, message = self._waiting.popleft()
+            answer = self.endpoint.answer(self, message, arrival)
+            if answer is not None:
+                self.send(answer)
+        if self._rests:
+            self._pause()
+            asyncio.get_running_loop().call_later(_REST, self._wake)
+        elif self._waiting and self._open and not self._paused:
+            self._pause()
+            asyncio.get_running_loop().call_soon(self._go_on)
+        elif not self._paused and self._open:
+            self._transport.resume_reading()
+
+    def _pause(self) -> None:
+        """Read nothing: what comes meanwhile waits, and grows old."""
+        if self._transport.is_reading():
+            self._times.wait(monotonic())
+        self._transport.pause_reading()
+
+    def rest(self) -> None:
+        """Read nothing for a while: the message was nonsense."""
+        self._rests = True
+
+    def _wake(self) -> None:
+        self._rests = False
+        self._go_on()
+
+    def _go_on(self) -> None:
+        if self._open and not self._paused:
+            self._work()
+
+    def send(self, text: str) -> None:
+        """One message, in text."""
+        if self._open and self._websocket is not None and self._websocket.state is OPEN:
+            self._websocket.send_text(text.encode())
+            self._flush()
+
+    @property
+    def unread(self) -> int:
+        """Bytes that were sent and that the client has not fetched."""
+        return self._transport.get_write_buffer_size()
+
+    def _flush(self) -> None:
+        assert self._websocket is not None
+        for data in self._websocket.data_to_send():
+            if data:
+                self._transport.write(data)
+            else:
+                self._transport.close()
+        if self._websocket.close_expected() and self._timer is None:
+            self._wait()
+
+    def end(self, code: int, why: str) -> None:
+        """Close it in order."""
+        if self._open and self._websocket is not None and self._websocket.state is OPEN:
+            self._websocket.send_close(code, why)
+            self._flush()
+        self._transport.close()
+
+    def pause_writing(self) -> None:
+        """The client does not read: nothing is read from it either, and after a while it is closed."""
+        self._paused = True
+        self._pause()
+        self._wait()
+
+    def resume_writing(self) -> None:
+        """It reads again."""
+        self._paused = False
+        if self._failed:
+            return
+        self._stop_waiting()
+        self._go_on()
+
+    def eof_received(self) -> bool:
+        """The client has nothing more to say: this side closes as well."""
+        return False
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """It is gone, however it ended."""
+        self._stop_waiting()
+        self.endpoint.connections.discard(self)
+        if self._open:
+            self._open = False
+            self.endpoint.close(self)
+
+    def _wait(self, patience: float = _PATIENCE) -> None:
+        self._stop_waiting()
+        self._timer = asyncio.get_running_loop().call_later(patience, self._transport.abort)
+
+    def _stop_waiting(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+
+# --------------------------------------------------------------------------------------------------
+# Whom a request over HTTP means: the device in its path, and the sessions of its ?session=.
+
+
+TOOL, GRIP = "inverse3", "wireless_verse_grip"
+_FAMILIES = {TOOL: TOOL, "*inverse": TOOL, GRIP: GRIP, "*verse_grip": GRIP}
+_LONGEST = 100  #: of a selector [characters]
+_NUMBER = re.compile(r"#?(\d{1,9})")
+_INDEX = re.compile(r"(.*?):(-?\d{1,4})")
+_NAMELESS = "default"  #: profile of a session that has not said its name
+
+
+class AmbiguousDevice(InputError):
+    """A request that needs one device names several."""
+
+
+def find_kind(identity: DeviceIds, kind: str, which: str, *, one: bool) -> str:
+    """The device's type that `kind`/`which` of a path means: a type or a family, and an id, an index or *.
+
+    Raises InputError if there is no such device, AmbiguousDevice for * where `one` is needed.
+    """
+    found = _FAMILIES.get(kind, "")
+    ids = {TOOL: identity.device, GRIP: identity.grip}
+    if not found or which.upper() not in ("0", "-1", "*", ids[found]):
+        raise InputError(
+            f"no device {kind[:_LONGEST]}/{which[:_LONGEST]}; there is {TOOL}/{ids[TOOL]} and {GRIP}/{ids[GRIP]}"
+        )
+    if one and which == "*":
+        raise AmbiguousDevice(f"* may mean several devices; name one: {kind}/0 or {kind}/{ids[found]}")
+    return found
+
+
+def find_session(sessions: Sequence[Session], text: str) -> Session:
+    """The session that `text` selects: its number (7 or #7), its place (:0, :-1), or its profile, in which * and ?
+    stand for any letters, and of several with that profile the one at a place (name:1).
+
+    Raises InputError if there is none.
+    """
+    if (number := _NUMBER.fullmatch(text)) is not None:
+        found = [one for one in sessions if one.number == int(number[1])]
+        return _choose(found, 0, text, sessions)
+    parts = _INDEX.fullmatch(text)
+    pattern, place = (parts[1], int(parts[2])) if parts else (text, 0)
+    pattern = pattern.removeprefix(":")[:_LONGEST].replace("[", "[[]")  # a bracket is a letter there
+    found = [one for one in sessions if not pattern or fnmatchcase(one.name or _NAMELESS, pattern)]
+    return _choose(found, place, text, sessions)
+
+
+def _choose(found: Sequence[Session], place: int, text: str, sessions: Sequence[Session]) -> Session:
+    if not -len(found) <= place < len(found):
+        raise InputError(f"no session {text[:_LONGEST]}; there are {len(sessions)}: /sessions lists them")
+    return found[place]
+
+
+# --------------------------------------------------------------------------------------------------
+# The HTTP routes of that service: version, devices, sessions, settings, and the config of a device.
+
+
+_PROTOCOL = "3.5.0"  #: of the service whose documentation this follows
+_FIXED = ("torque_scaling", "gravity_compensation", "home_return")  #: what this device cannot be made to do
+_CONFIG = ("basis", "preset", "mount", "transform", "workspace", "filters", "damping", "force_gate", "handedness",
+           "navigation", *_FIXED)  # fmt: skip
+_OLD = {"device_handedness": "handedness"}  #: routes of version 3.0 whose names differ
+_OLDER = ("3.1", "3.0")  #: that some programs write before a route
+
+
+def reply(service: Service, method: str, target: str, body: bytes) -> HttpReply:
+    """The answer of `service` to a request: of /version and /devices as they are, of all others {ok: true, data}.
+
+    Errors are {ok: false, error}.
+    """
+    parts = urlsplit(target)
+    query = parse_qs(parts.query)
+    words = [unquote(word) for word in parts.path.split("/") if word]
+    if words and words[0] in _OLDER:
+        del words[0]
+    try:
+        return _route(service, method, words, query, body)
+    except AmbiguousDevice as cause:
+        return _refuse(400, str(cause))
+    except InputError as cause:
+        return _refuse(404, str(cause))
+
+
+def _route(service: Service, method: str, words: list[str], query: Mapping[str, list[str]], body: bytes) -> HttpReply:
+    if method == "GET" and len(words) == 1:
+        match words[0]:
+            case "version":
+                return HttpReply(200, _describe_version())
+            case "devices":
+                return HttpReply(200, service.list_devices(_find_space(service, query)))
+            case "sessions":
+                sessions = [_describe_session(service, one) for one in service.sessions.values()]
+                return _answer({"session_count": len(sessions), "sessions": sessions})
+            case "settings":
+                return _answer({})
+    if len(words) in (3, 4) and words[2] == "config":
+        return _route_config(service, method, words, query, body)
+    if words and len(words) < 3 and (name := _OLD.get(words[-1], words[-1])) in _CONFIG:
+        service.tell("http-route-deprecated", "system", "warning", {"route": "/".join(words)[:100]})
+        return _refuse(404, f"'{words[-1]}' has another route now: /{TOOL}/0/config/{name}")
+    return _refuse(404, "no such route; there are /version, /devices, /sessions, /settings and /TYPE/ID/config/NAME")
+
+
+def _route_config(
+    service: Service, method: str, words: list[str], query: Mapping[str, list[str]], body: bytes
+) -> HttpReply:
+    kind = find_kind(service.identity, words[0], words[1], one=method == "GET")
+    name = words[3] if len(words) == 4 else ""
+    if name and (name not in _CONFIG or kind != TOOL):
+        return _refuse(404, f"{kind} has no config '{name}'; {TOOL} has {', '.join(_CONFIG)}")
+    session = _find_session(service, query)
+    try:
+        if method == "POST" and name:
+            service.configure(session, {name: json.loads(body)})
+        elif method == "DELETE" and name:
+            _restore(service, session, name)
+        elif method != "GET":
+            return _refuse(405, f"{method} is not allowed for this route")
+    except HaptorbError as cause:
+        return _refuse(400, str(cause))
+    except (ValueError, RecursionError) as cause:
+        return _refuse(400, f"the body is no JSON: {str(cause)[:200]}")
+    if kind != TOOL:
+        return _answer({"type": kind, "handedness": "right"})
+    space = service.space if session is None else session.space
+    if name:
+        return _answer(service.settings.as_command(name, service.identity, space))
+    return _answer(service.settings.as_json(service.identity, space))
+
+
+def _restore(service: Service, session: Session | None, name: str) -> None:
+    """What `name` is without anybody's word."""
+    if name in _FIXED:
+        return
+    first = default_space(service.served.device)
+    name = "preset" if name == "mount" else name
+    service.configure(session, {name: Settings().as_command(name, service.identity, first)})
+
+
+def _find_session(service: Service, query: Mapping[str, list[str]]) -> Session | None:
+    """The session that ?session= means; None, without: all of now, and all that connect from now on."""
+    given = query.get("session", [])
+    return find_session(list(service.sessions.values()), given[0]) if given else None
+
+
+def _find_space(service: Service, query: Mapping[str, list[str]]) -> Space:
+    session = _find_session(service, query)
+    return service.space if session is None else session.space
+
+
+def _describe_version() -> dict[str, Any]:
+    return {
+        "project_name": "haptorb",
+        "project_version": f"{_PROTOCOL}.0",
+        "git_tag": _PROTOCOL,
+        "git_describe": f"{_PROTOCOL}-haptorb-{__version__}",
+        "git_branch": "",
+        "git_hash": "",
+        "build_time": "",
+    }
+
+
+def _describe_session(service: Service, session: Session) -> dict[str, Any]:
+    return {
+        "session_id": session.number,
+        "profile": {"name": session.name},
+        "rate_hz": round(session.rate, 1),
+        "holds": service.served.holder == session.number,
+    }
+
+
+def _answer(data: Mapping[str, Any]) -> HttpReply:
+    return HttpReply(200, {"ok": True, "data": dict(data)})
+
+
+def _refuse(status: int, error: str) -> HttpReply:
+    return HttpReply(status, {"ok": False, "error": error})
+
+
+# --------------------------------------------------------------------------------------------------
+# Events of that service: what happened to the device and its clients, for listeners on the second port.
+#
+# A trip is its emergency brake; damping that the passivity control adds is its ceiling of stability. Coils so warm
+# that
+# less than the asked force is rendered have no word there: `thermal_derating` is this server's own.
+
+
+Event: TypeAlias = tuple[str, str, str, dict[str, Any], str]  #: name, category, level, data, message
+
+
+def write_event(name: str, category: str, level: str, data: dict[str, Any], message: str = "") -> str:
+    """One event as that service writes it."""
+    return json.dumps({"name": name, "category": category, "level": level, "data": data, "message": message})
+
+
+_CALM = 1.0  #: what lasted, and was over for so long, is new when it comes again [s]
+
+
+@final
+class _Spell:
+    """Something that comes and goes in the rows: `has_begun` is true once for each time that it comes."""
+
+    def __init__(self) -> None:
+        self._last = float("-inf")
+
+    def has_begun(self, there: bool, t: float) -> bool:
+        """Whether it has begun, given that it is `there` at the time `t` [s]."""
+        first = there and not self._last <= t < self._last + _CALM
+        self._last = t if there else self._last
+        return first
+
+
+@final
+class DeviceWatcher:
+    """Turns what the rows say into events: connection, trips, the way back, and what holds the force back."""
+
+    def __init__(self, served: ServedDevice, identity: DeviceIds) -> None:
+        self._served, self._identity, self._cursor = served, identity, Cursor(served)
+        self._tripped = False
+        self._warm, self._damped = _Spell(), _Spell()
+
+    def look(self) -> list[Event]:
+        """What has happened since the last look: name, category, level, data, message."""
+        cursor, found = self._cursor, list[Event]()
+        cursor.look()
+        if cursor.tripped and not self._tripped:
+            reason = Trip(cursor.trip)
+            found.append(self._warn("ebrake_triggered", "error", reason.text, reason=reason.name.lower()))
+        elif self._tripped and cursor.ready:
+            found.append(self._warn("ebrake_released", "notice", "a person has switched the coils on"))
+            self._tripped = False
+        self._tripped = self._tripped or cursor.tripped
+        if self._warm.has_begun(cursor.derated, cursor.t):
+            found.append(self._warn("thermal_derating", "warning", "the coils are warm: less force is rendered"))
+        if self._damped.has_begun(cursor.damped, cursor.t):
+            found.append(self._warn("stability_ceiling", "warning", "damping is added: the force gave energy away"))
+        return found
+
+    def _warn(self, kind: str, level: str, message: str, **more: str) -> Event:
+        return ("device-safety-triggered", "device", level, {**self._name(), "safety_type": kind, **more}, message)
+
+    def _name(self) -> dict[str, Any]:
+        return {"device_family": "inverse", "device_id": self._identity.device}
+
+    def introduce(self) -> str:
+        """For a listener that has just come: the device that is connected."""
+        text = f"{self._served.device.title} is connected"
+        return write_event("device-connected", "device", "info", self._name(), text)
+
+    def end(self) -> Event:
+        """The servo has ended."""
+        return ("device-disconnected", "device", "warning", self._name(), "the servo has ended")
+
+
+PORT, EVENTS = 10001, 10020  #: where that service is found
+_FORM = KINDS["haply"].form
+_CLIENTS = 128  #: connections at once, on each port
+_LOOK = 0.02  #: between two looks for what happened [s]
+_REPORT = 0.5  #: between two reports of who is connected [s]
+_BEHIND = 32768  #: bytes that wait for a listener, behind which events are dropped
+
+
+def prepare(where: str) -> ServerPreparation:
+    """Both ports, open; `where` is PORT, PORT:EVENTS, or these behind an address of this computer to be reached at."""
+    host, ports = _split_address(where)
+    if len(ports) > 2:
+        raise InputError(f"--serve {_FORM}: at most an address and two ports; got '{where}'")
+    token = choose_serve_token(host)
+    first = check_port(ports[0], _FORM) if ports else PORT
+    second = check_port(ports[1], _FORM) if len(ports) > 1 else (EVENTS if first in (PORT, EVENTS) else 0)
+    main = open_port(first, "--serve haply:PORT", host=host)
+    try:
+        events = open_port(second, f"--serve haply:{first}:EVENTS", host=host)
+    except BaseException:
+        main.close()
+        raise
+    place = f"[{host}]" if ":" in host else host
+    numbers = [int(one.getsockname()[1]) for one in (main, events)]
+    opened = [main, events]
+    try:
+        opened += _open_other_loopback(host, numbers, (first, second))
+    except BaseException:
+        for one in opened:
+            one.close()
+        raise
+    beyond = not is_loopback(host)
+    remarks = (f"haply: clients on other computers must send this token: {token}",) if beyond else ()
+    return ServerPreparation(
+        {"token": token, "address": f"ws://{place}:{numbers[0]}"},
+        f"ws://{place}:{numbers[0]}, events ws://{place}:{numbers[1]}",
+        [one.detach() for one in opened],
+        remarks,
+    )
+
+
+def _open_other_loopback(host: str, numbers: list[int], asked: tuple[int, int]) -> list[socket.socket]:
+    """Both ports on ::1 too, where `localhost` leads many programs first; none where this computer has no ::1.
+
+    Raises InputError if another program has a port that was asked for: programs would reach it instead.
+    """
+    opened = list[socket.socket]()
+    try:
+        for number in numbers if host == LOOPBACK and has_other_loopback() else ():
+            opened.append(open_port(number, "--serve haply:PORT:EVENTS", host=OTHER_LOOPBACK))
+    except InputError:
+        for one in opened:
+            one.close()
+        if all(asked):
+            raise
+        return []
+    return opened
+
+
+def _split_address(where: str) -> tuple[str, list[str]]:
+    """(host, ports as texts): 10001:10020, HOST:10001, [::1]:10001."""
+    if where.startswith("["):
+        host, _, rest = where[1:].partition("]")
+        return host, [one for one in rest.removeprefix(":").split(":") if one]
+    words = where.split(":") if where else []
+    host = words.pop(0) if words and not words[0].isdecimal() else LOOPBACK
+    return host or LOOPBACK, words
+
+
+def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) -> None:
+    """Serve on both sockets until the servo ends."""
+    asyncio.run(_serve(spec, [socket.socket(fileno=one) for one in descriptors], served))
+
+
+async def _serve(spec: dict[str, Any], sockets: list[socket.socket], served: ServedDevice) -> None:
+    access, loop = Access(spec["token"]), asyncio.get_running_loop()
+    listeners = _EventEndpoint(access)
+    service = Service(served, listeners.tell)
+    clients = _ClientEndpoint(access, service)
+    endpoints: list[Endpoint] = [clients, listeners]
+    watcher = DeviceWatcher(served, service.identity)
+    listeners.first = watcher.introduce
+    servers = [
+        await loop.create_server(partial(Connection, endpoint), sock=one)
+        for endpoint, one in zip(cycle(endpoints), sockets, strict=False)
+    ]
+    report, priority = 0.0, ServerPriority()
+    while not served.over:
+        clients.alive = listeners.alive = loop.time()
+        for event in watcher.look():
+            listeners.tell(*event)
+        if loop.time() >= report:
+            report = loop.time() + _REPORT
+            _report(service, spec["address"])
+            priority.look()
+        await asyncio.sleep(_LOOK / 4)
+        clients.alive = listeners.alive = loop.time()
+        await asyncio.sleep(_LOOK / 4)
+    listeners.tell(*watcher.end())
+    for server in servers:
+        server.close()
+    for endpoint in endpoints:
+        for connection in list(endpoint.connections):
+            connection.end(1001, "the servo has ended")
+    await asyncio.sleep(_LOOK)
+
+
+def _report(service: Service, address: str) -> None:
+    holder = service.served.holder
+    clients = [
+        {
+            "name": one.name or f"{one.peer} #{one.number}",
+            "session": one.number,
+            "rate_hz": round(one.measure(), 1),
+            "holds": one.number == holder,
+        }
+        for one in service.sessions.values()
+    ]
+    service.served.report("haply", address, clients)
+
+
+@final
+class _ClientEndpoint(Endpoint):
+    def __init__(self, access: Access, service: Service) -> None:
+        self.access, self.connections, self.room, self.alive = access, set(), _CLIENTS, monotonic()
+        self._service = service
+        self._sessions: dict[Connection, Session] = {}
+
+    def open(self, connection: Connection) -> None:
+        session = self._service.open(connection.peer)
+        self._sessions[connection] = session
+        connection.send(self._service.inventory(session))
+
+    def answer(self, connection: Connection, message: bytes, arrival: float) -> str | None:
+        session = self._sessions[connection]
+        unreadable = session.unreadable
+        answer = self._service.answer(session, message, arrival)
+        if session.unreadable > unreadable:
+            connection.rest()
+        return answer
+
+    def close(self, connection: Connection) -> None:
+        if (session := self._sessions.pop(connection, None)) is not None:
+            self._service.close(session)
+
+    def reply(self, method: str, target: str, body: bytes) -> HttpReply:
+        return reply(self._service, method, target, body)
+
+
+@final
+class _EventEndpoint(Endpoint):
+    """Send events to a connection; what it sends is not read."""
+
+    def __init__(self, access: Access) -> None:
+        self.access, self.connections, self.room, self.alive = access, set(), _CLIENTS, monotonic()
+        self.first: Callable[[], str] = str  #: the first message to a new client
+
+    def tell(self, name: str, category: str, level: str, data: dict[str, Any], message: str = "") -> None:
+        """One event to all; who is slow to read misses it."""
+        text = write_event(name, category, level, data, message)
+        for connection in list(self.connections):
+            if connection.unread < _BEHIND:
+                connection.send(text)
+
+    def open(self, connection: Connection) -> None:
+        connection.send(self.first())
+
+    def answer(self, connection: Connection, message: bytes, arrival: float) -> str | None:
+        return None
+
+    def close(self, connection: Connection) -> None:
+        return
+
+    def reply(self, method: str, target: str, body: bytes) -> HttpReply:
+        return HttpReply(404, {"ok": False, "error": "this port has events only, over a WebSocket"})

@@ -1,0 +1,872 @@
+"""The protocol itself: one inventory for a new client, and one state message in reply to every message."""
+
+from __future__ import annotations
+
+import json
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from math import isfinite, sqrt
+from time import monotonic
+from typing import Any, final
+
+from haptorb.arrays import record
+from haptorb.control.trips import GuardState
+from haptorb.devices.base import Device
+from haptorb.errors import HaptorbError, InputError, UnknownName
+from haptorb.serve.base import LATE, ServedDevice
+from haptorb.version import __version__
+
+__all__ = [
+    "IDENTITY",
+    "MAPPING",
+    "PRESETS",
+    "Basis",
+    "Cursor",
+    "DeviceCommand",
+    "DeviceIds",
+    "Service",
+    "Session",
+    "Settings",
+    "Space",
+    "Transform",
+    "Vector",
+    "default_space",
+    "multiply",
+    "parse_basis",
+    "parse_transform",
+    "read_device_force",
+    "read_list",
+    "rotate",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# Axes, mount and scale as that service's clients set them: where they see the cursor, and whither their forces point.
+#
+# The order is that of the service's documentation: from the device's own frame (X to the right, Y forward, Z up)
+# through
+# the basis, which names the axes, then the mount, then the transform of the workspace, both in the axes that the
+# basis
+# names.
+
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]  #: x, y, z, w
+
+_FARTHEST = 1e3  #: a mount lies within [m], and its scale below
+
+
+def rotate(q: Quaternion, v: Sequence[float]) -> Vector:
+    """`v` (3,) turned by the quaternion `q` (x, y, z, w) of length 1; in the unit of `v` [any]."""
+    x, y, z, w = q
+    a, b, c = v
+    tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return (a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx)
+
+
+def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
+    """The quaternion (4,) (x, y, z, w) [1] of the turn `q`, then the turn `p`."""
+    a, b, c, d = p
+    x, y, z, w = q
+    return (
+        d * x + a * w + b * z - c * y,
+        d * y - a * z + b * w + c * x,
+        d * z + a * y - b * x + c * w,
+        d * w - a * x - b * y - c * z,
+    )
+
+
+@dataclass(frozen=True)
+class Transform:
+    """v → position + rotation · (scale v): `position` [m], `rotation` (x, y, z, w), `scale` along each axis."""
+
+    position: Vector = (0.0, 0.0, 0.0)
+    rotation: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    scale: Vector = (1.0, 1.0, 1.0)
+
+    def place(self, p: Sequence[float]) -> Vector:
+        """Of a point (3,) [m]."""
+        x, y, z = self.turn(p)
+        return (x + self.position[0], y + self.position[1], z + self.position[2])
+
+    def turn(self, v: Sequence[float]) -> Vector:
+        """Of a velocity (3,) [m/s]: scaled and turned."""
+        a, b, c = self.scale
+        return rotate(self.rotation, (a * v[0], b * v[1], c * v[2]))
+
+    def pull_force(self, force: Sequence[float]) -> Vector:
+        """Back from the client's side: a force (3,) [N] turns, and is mirrored where the scale mirrors, but a newton
+        stays a newton."""
+        x, y, z, w = self.rotation
+        f = rotate((-x, -y, -z, w), force)
+        a, b, c = (1.0 if one > 0.0 else -1.0 for one in self.scale)
+        return (a * f[0], b * f[1], c * f[2])
+
+    def push_force(self, force: Sequence[float]) -> Vector:
+        """To the client's side: the reverse of `pull_force` [N]."""
+        a, b, c = (1.0 if one > 0.0 else -1.0 for one in self.scale)
+        return rotate(self.rotation, (a * force[0], b * force[1], c * force[2]))
+
+    def as_json(self) -> dict[str, Any]:
+        """As that service writes it."""
+        return {
+            "position": dict(zip("xyz", self.position, strict=True)),
+            "rotation": dict(zip("xyzw", self.rotation, strict=True)),
+            "scale": dict(zip("xyz", self.scale, strict=True)),
+        }
+
+
+IDENTITY = Transform()
+
+
+@dataclass(frozen=True)
+class Basis:
+    """The client's axis i is the service's axis `axes[i]`, with the sign `signs[i]`; written as `permutation`."""
+
+    permutation: str = "XYZ"
+    axes: tuple[int, int, int] = (0, 1, 2)
+    signs: Vector = (1.0, 1.0, 1.0)
+
+    def name_axes(self, v: Sequence[float]) -> Vector:
+        """`v` (3,) in the client's axes, in its own unit [any]."""
+        (i, j, k), (a, b, c) = self.axes, self.signs
+        return (a * v[i], b * v[j], c * v[k])
+
+    def undo(self, v: Sequence[float]) -> Vector:
+        """`v` (3,) of the client in the service's axes, in its own unit [any]."""
+        found = [0.0, 0.0, 0.0]
+        for axis, sign, value in zip(self.axes, self.signs, v, strict=True):
+            found[axis] = sign * value
+        return (found[0], found[1], found[2])
+
+    @property
+    def hand(self) -> float:
+        """1 where the client's axes are right-handed, −1 where they are not."""
+        even = self.axes in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+        return (1.0 if even else -1.0) * self.signs[0] * self.signs[1] * self.signs[2]
+
+    def name_turn(self, q: Quaternion) -> Quaternion:
+        """The orientation `q` (x, y, z, w) in the client's axes: a turn's axis is mirrored with them."""
+        x, y, z = self.name_axes(q[:3])
+        return (self.hand * x, self.hand * y, self.hand * z, q[3])
+
+    def name_transform(self, transform: Transform) -> Transform:
+        """`transform` of the device's own frame, in the client's axes."""
+        i, j, k = self.axes
+        scale = (transform.scale[i], transform.scale[j], transform.scale[k])
+        return Transform(self.name_axes(transform.position), self.name_turn(transform.rotation), scale)
+
+
+def parse_basis(text: object) -> Basis:
+    """A basis such as "XZY" or "X-YZ". Raises InputError for what is no permutation of X, Y, Z.
+
+    >>> parse_basis("X-YZ").name_axes((1.0, 2.0, 3.0))
+    (1.0, -2.0, 3.0)
+    """
+    if not isinstance(text, str) or len(text) > 12:
+        raise InputError(
+            "a basis must be a permutation of X, Y and Z, each optionally preceded by + or -, such as 'XZY'"
+        )
+    axes, signs, sign = list[int](), list[float](), 1.0
+    for letter in text.upper():
+        if letter in "+-":
+            sign = -1.0 if letter == "-" else 1.0
+        else:
+            axes.append("XYZ".find(letter))
+            signs.append(sign)
+            sign = 1.0
+    if sorted(axes) != [0, 1, 2]:
+        raise InputError(f"a basis names each of X, Y and Z once, such as 'XZY'; got '{text}'")
+    return Basis(text.upper(), (axes[0], axes[1], axes[2]), (signs[0], signs[1], signs[2]))
+
+
+def parse_transform(found: object, before: Transform = IDENTITY) -> Transform:
+    """A transform as that service writes it; what is missing stays as `before`. Raises InputError for what cannot be:
+    numbers that are not finite, a rotation of length 0, a scale of 0."""
+    if isinstance(found, Mapping) and isinstance(found.get("transform"), Mapping):
+        found = found["transform"]
+    if not isinstance(found, Mapping):
+        raise InputError("a transform is an object with position, rotation and scale")
+    position = _numbers(found.get("position"), "xyz", before.position, "position")
+    rotation = _numbers(found.get("rotation"), "xyzw", before.rotation, "rotation")
+    scale = _numbers(found.get("scale"), "xyz", before.scale, "scale")
+    length = sqrt(sum(one * one for one in rotation))
+    if length < 1e-6:
+        raise InputError("a rotation is a quaternion {x, y, z, w} that is not zero")
+    if any(abs(one) < 1e-3 for one in scale):
+        raise InputError("a scale is 0.001 or more along each axis, or -0.001 or less")
+    x, y, z, w = (one / length for one in rotation)
+    return Transform((position[0], position[1], position[2]), (x, y, z, w), (scale[0], scale[1], scale[2]))
+
+
+def _numbers(found: object, names: str, before: Sequence[float], what: str) -> list[float]:
+    if found is None:
+        return list(before)
+    if what == "scale" and isinstance(found, int | float) and not isinstance(found, bool):
+        found = dict.fromkeys(names, found)
+    if isinstance(found, Sequence) and not isinstance(found, str) and len(found) == len(names):
+        found = dict(zip(names, found, strict=True))
+    if not isinstance(found, Mapping):
+        raise InputError(f"{what} is an object with {', '.join(names)}")
+    numbers = [found.get(name, old) for name, old in zip(names, before, strict=True)]
+    for one in numbers:
+        if isinstance(one, bool) or not isinstance(one, int | float) or not -_FARTHEST <= one <= _FARTHEST:
+            raise InputError(f"{what} has finite numbers, at most {_FARTHEST:g} in size")
+    found = [float(one) for one in numbers]
+    assert all(map(isfinite, found))
+    return found
+
+
+# --------------------------------------------------------------------------------------------------
+# The tool as a cursor: the newest tick in plain numbers, the last ones that were finite.
+
+
+@final
+class Cursor:
+    """What the newest row of `served` says; `look` at it before reading.
+
+    place, velocity, force   of the tool, or of a motor's target, in the stator's frame [m, m/s, N]
+    turn                     orientation of the tool or the handle, quaternion (x, y, z, w)
+    tick                     rows published when it looked: the same number is the same cursor
+    known                    whether a pose was ever valid
+    ready, tripped           whether forces are rendered now; whether the guard has switched off
+    derated, damped          whether less is rendered for warm coils; whether the passivity control adds damping
+    trip                     code of the last trip's reason
+    """
+
+    def __init__(self, served: ServedDevice) -> None:
+        self._served, layout = served, served.layout
+        self._direct = not served.facts.get("modes")
+        self._p = layout["p" if self._direct else "object"]
+        self._v, self._q = layout["v"], layout["q"]
+        self._force = layout["asked" if self._direct else "object_wrench"].start
+        self._t = layout["t"].start
+        self._guard, self._trip, self._valid = layout["guard"].start, layout["trip"].start, layout["valid"].start
+        self._injected = layout["injected"].start
+        self.place: Vector = self._rest(served)
+        self.velocity: Vector = (0.0, 0.0, 0.0)
+        self.force: Vector = (0.0, 0.0, 0.0)
+        self.turn: Quaternion = (0.0, 0.0, 0.0, 1.0)
+        self.tick, self.t, self.trip = -1, 0.0, 0
+        self.known = self.ready = self.tripped = self.derated = self.damped = False
+
+    def _rest(self, served: ServedDevice) -> Vector:
+        shell = served.device.shell
+        return (0.0, 0.0, 0.0 if shell is None else shell.contact_distance)
+
+    def look(self) -> None:
+        """Read the newest row, if there is a newer one."""
+        served = self._served
+        tick = served.tick_count
+        if tick == self.tick or (row := served.latest()) is None:
+            return
+        self.tick = tick
+        n = row.tolist()
+        guard, trip = n[self._guard], n[self._trip]
+        self.tripped = guard == GuardState.TRIPPED
+        self.ready = guard in (GuardState.RAMPING, GuardState.RUNNING, GuardState.DERATED)
+        self.derated, self.damped = guard == GuardState.DERATED, n[self._injected] > 0.0
+        self.trip = int(trip) if isfinite(trip) else 0
+        if n[self._valid] != 1.0:
+            self.velocity = self.force = (0.0, 0.0, 0.0)
+            return
+        x, y, z = n[self._p]
+        if isfinite(x + y + z):
+            if self._direct:
+                self.velocity = self._check_vector(n[self._v])
+            elif self.known and n[self._t] > self.t:  # of a target the rows have places only
+                dt = n[self._t] - self.t
+                a, b, c = self.place
+                self.velocity = ((x - a) / dt, (y - b) / dt, (z - c) / dt)
+            self.place, self.t, self.known = (x, y, z), n[self._t], True
+        a, b, c, d = n[self._q]
+        if isfinite(a + b + c + d):
+            self.turn = (a, b, c, d)
+        self.force = self._check_vector(n[self._force : self._force + 3])
+
+    @staticmethod
+    def _check_vector(numbers: list[float]) -> Vector:
+        a, b, c = numbers
+        return (a, b, c) if isfinite(a + b + c) else (0.0, 0.0, 0.0)
+
+
+# --------------------------------------------------------------------------------------------------
+# Where a client of that service sees the tool: the device's space in the place of the other device's, adjustable.
+#
+# By default the tool's place of rest, on top of the Omni's dome, is the middle of the other device's workspace, and
+# ways
+# are seen twice as long, because a shell of 10 cm takes the place of a space of 20 cm. A motor's target moves by
+# millimetres, and is seen ten times as far. Forces keep their size: so a client's stiffness is felt that much
+# greater.
+
+
+MAPPING = ("workspace", "basis", "preset", "mount", "transform")  #: what a client can set of its space
+
+#: the middle of the other device's workspace in the frame of its base, as public clients place what they draw [m]
+_MIDDLE = (0.0, -0.14, 0.20)
+_ABOUT_Z = (0.0, 0.0, 1.0, 0.0)  # half a turn
+_SCALES = {True: 2.0, False: 10.0}  # of a tool over a shell, of a motor's target
+
+#: name → mount in the device's own frame, as that service's documentation describes them
+PRESETS: dict[str, Transform] = {
+    "defaults": IDENTITY,
+    "arm_front": IDENTITY,
+    "arm_front_centered": Transform((-_MIDDLE[0], -_MIDDLE[1], -_MIDDLE[2])),
+    "led_front": Transform(rotation=_ABOUT_Z),
+    "led_front_centered": Transform((_MIDDLE[0], _MIDDLE[1], -_MIDDLE[2]), _ABOUT_Z),
+}
+
+
+@dataclass(frozen=True)
+class Space:
+    """How one client sees the device.
+
+    workspace   from the stator's frame into that of the other device's base: the documented default, adjustable
+    basis       the client's axes
+    preset      name of the mount; "custom": that of the client
+    own_mount   the client's, in its axes; only "custom" uses it
+    transform   of the workspace, in the client's axes, which a client moves while it runs
+    """
+
+    workspace: Transform
+    preset: str = "defaults"
+    own_mount: Transform = IDENTITY
+    transform: Transform = IDENTITY
+    basis: Basis = field(default_factory=Basis)
+
+    @cached_property
+    def mount(self) -> Transform:
+        """Of the other device, in the client's axes."""
+        return self.own_mount if self.preset == "custom" else self.basis.name_transform(PRESETS[self.preset])
+
+    def place(self, p: Sequence[float]) -> Vector:
+        """Of the tool at `p` (3,) [m] in the stator's frame."""
+        return self.transform.place(self.mount.place(self.basis.name_axes(self.workspace.place(p))))
+
+    def velocity(self, v: Sequence[float]) -> Vector:
+        """Of the tool's velocity (3,) [m/s] in the stator's frame."""
+        return self.transform.turn(self.mount.turn(self.basis.name_axes(self.workspace.turn(v))))
+
+    def force(self, force: Sequence[float]) -> Vector:
+        """Of a force (3,) [N] in the stator's frame."""
+        return self.transform.push_force(self.mount.push_force(self.basis.name_axes(self.workspace.push_force(force))))
+
+    def stator_force(self, force: Sequence[float]) -> Vector:
+        """A client's force (3,) [N] in the stator's frame."""
+        return self.workspace.pull_force(self.basis.undo(self.mount.pull_force(self.transform.pull_force(force))))
+
+    def orientation(self, q: Quaternion) -> Quaternion:
+        """Of the tool's orientation `q` (x, y, z, w) in the stator's frame."""
+        turned = self.basis.name_turn(multiply(self.workspace.rotation, q))
+        return multiply(self.transform.rotation, multiply(self.mount.rotation, turned))
+
+    def with_preset(self, name: object) -> Space:
+        """With the mount of a preset. Raises UnknownName."""
+        if name == "custom":
+            return replace(self, preset="custom", own_mount=self.mount)
+        if not isinstance(name, str) or name not in PRESETS:
+            raise UnknownName("preset", str(name)[:100], [*PRESETS, "custom"])
+        return replace(self, preset=name)
+
+    def configure(self, found: Mapping[str, Any]) -> Space:
+        """With what `found` sets of preset, basis, mount, transform, and this server's own `workspace`.
+
+        Raises InputError for what cannot be, and for mount and preset together: that service refuses them, too.
+        """
+        if "mount" in found and "preset" in found:
+            raise InputError("mount and preset exclude each other: a preset is a mount with a name")
+        space = self
+        if "basis" in found:
+            basis = found["basis"]
+            space = replace(space, basis=parse_basis(basis.get("permutation") if isinstance(basis, Mapping) else basis))
+        if "preset" in found:
+            preset = found["preset"]
+            space = space.with_preset(
+                preset.get("preset", preset.get("name")) if isinstance(preset, Mapping) else preset
+            )
+        if "mount" in found:
+            space = replace(space, preset="custom", own_mount=parse_transform(found["mount"], space.mount))
+        if "transform" in found:
+            space = replace(space, transform=parse_transform(found["transform"], space.transform))
+        if "workspace" in found:
+            space = replace(space, workspace=parse_transform(found["workspace"], space.workspace))
+        return space
+
+
+def default_space(device: Device) -> Space:
+    """How clients see `device` unless they say otherwise."""
+    shell = device.shell
+    scale = _SCALES[shell is not None]
+    rest = 0.0 if shell is None else shell.contact_distance
+    x, y, z = _MIDDLE
+    return Space(Transform((x, y, z - scale * rest), scale=(scale, scale, scale)))
+
+
+# --------------------------------------------------------------------------------------------------
+# What a client's message commands of the device, in all spellings that clients use; what is misspelt is nothing.
+
+
+_MOST = 16  #: entries of one message that are read
+_STIFFNESS = 40.0  #: of the spring that draws the tool to a commanded place [N/m]
+_PULL = 1.0  #: and its greatest force [N]
+
+
+@record
+class DeviceCommand:
+    """force      (3,) in the client's axes [N]; None: none is commanded
+    transform  of the workspace, as the client wrote it; None: it stays
+    """
+
+    force: Vector | None
+    transform: object
+
+
+def read_list(found: object) -> list[Mapping[str, Any]]:
+    """The entries of a message's array that are objects; a single object is an array of one."""
+    if isinstance(found, Mapping):
+        found = [found]
+    return [one for one in found[:_MOST] if isinstance(one, Mapping)] if isinstance(found, list) else []
+
+
+def read_device_force(entry: Mapping[str, Any], space: Space, cursor: Cursor) -> DeviceCommand:
+    """What one `entry` of `inverse3` commands; forces of one message add.
+
+    A commanded place draws the tool there with a weak spring: this device is driven by forces.
+    """
+    total, transform = None, None
+    for name in ("commands", "command"):
+        for commands in read_list(entry.get(name)):
+            force = _read_vector(commands.get("set_cursor_force"), ("vector", "values"))
+            place = _read_vector(commands.get("set_cursor_position"), ("position", "values", "vector"))
+            if place is not None:
+                force = _add(force, _pull(place, space.place(cursor.place)))
+            if force is not None:
+                total = _add(total, force)
+            moved = commands.get("set_transform")
+            transform = moved if isinstance(moved, Mapping) else transform
+    return DeviceCommand(total, transform)
+
+
+def _read_vector(found: object, names: tuple[str, ...]) -> Vector | None:
+    if not isinstance(found, Mapping):
+        return None
+    for name in names:
+        if isinstance(inner := found.get(name), Mapping | list):
+            found = inner
+            break
+    if isinstance(found, list):
+        found = dict(zip("xyz", found, strict=False))
+    if not any(name in found for name in "xyz"):
+        return None
+    numbers = []
+    for name in "xyz":
+        number = found.get(name, 0.0)
+        if isinstance(number, bool) or not isinstance(number, int | float):
+            return None
+        try:
+            number = float(number)
+        except OverflowError:
+            return None
+        if not isfinite(number):
+            return None
+        numbers.append(number)
+    return (numbers[0], numbers[1], numbers[2])
+
+
+def _add(a: Vector | None, b: Vector) -> Vector:
+    return b if a is None else (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def _pull(place: Vector, now: Vector) -> Vector:
+    ways = [goal - here for goal, here in zip(place, now, strict=True)]
+    size = sum(way * way for way in ways) ** 0.5
+    share = min(_STIFFNESS, _PULL / size) if size > 0.0 else 0.0
+    return (share * ways[0], share * ways[1], share * ways[2])
+
+
+# --------------------------------------------------------------------------------------------------
+# What that service says of its devices beside their state: ids, config, and what this device has of all that.
+
+
+@dataclass(frozen=True)
+class DeviceIds:
+    """The ids under which clients know the tool and its grip: hexadecimal digits that stay the same for a device."""
+
+    device: str
+    grip: str
+    unique: str
+
+    @classmethod
+    def of(cls, device: Device) -> DeviceIds:
+        """From the digest of `device`'s file."""
+        digits = device.digest.upper()
+        return cls(digits[:4], digits[4:8], str(uuid.uuid5(uuid.NAMESPACE_URL, f"haptorb:{device.digest}")))
+
+    def is_meant(self, given: object) -> bool:
+        """Whether a client that says this id may mean the tool: its id, also as the number that it writes, or none, as
+        from one that does not know it yet."""
+        if given is None or given in ("", "*", 0, "0"):
+            return True
+        if isinstance(given, str):
+            return given.upper().removeprefix("0X").rjust(len(self.device), "0") == self.device
+        return isinstance(given, int) and given == int(self.device, 16)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What clients may set of the device beside its space. Handedness, damping and gate are kept and told; they change
+    no force: the guard and the passivity control are this device's own. Of `navigation` nothing is kept: the space is
+    small."""
+
+    handedness: str = "right"
+    damping: Mapping[str, Any] = field(default_factory=lambda: {"scalar": 0.0})
+    gate: float = 1.0
+
+    def configure(self, found: Mapping[str, Any]) -> Settings:
+        """With what `found` sets. Raises InputError for what cannot be, and for what this device does not have."""
+        settings = self
+        if "handedness" in found:
+            hand = found["handedness"]
+            hand = hand.get("handedness") if isinstance(hand, Mapping) else hand
+            if hand not in ("left", "right"):
+                raise InputError("handedness is 'left' or 'right'")
+            settings = replace(settings, handedness=hand)
+        filters = found.get("filters")
+        both = {**(filters if isinstance(filters, Mapping) else {}), **found}
+        if "damping" in both:
+            settings = replace(settings, damping=_read_damping(both["damping"]))
+        if "force_gate" in both:
+            settings = replace(settings, gate=_share(both["force_gate"], "gain", "force_gate"))
+        for name in ("gravity_compensation", "torque_scaling", "home_return"):
+            wanted = found.get(name)
+            if wanted is True or (isinstance(wanted, Mapping) and wanted.get("enabled") is True):
+                raise InputError(
+                    f"this device has no {name}: a spherical electromagnet has no arm that it could act on"
+                )
+        return settings
+
+    def as_json(self, identity: DeviceIds, space: Space) -> dict[str, Any]:
+        """The `config` of the device for a client that sees it through `space`, as an inventory has it."""
+        return {
+            "type": "inverse3",
+            "handedness": self.handedness,
+            "port": "haptorb",
+            "streaming_mode": "USB",
+            "device_info": {
+                "major_version": 3,
+                "minor_version": 5,
+                "id": identity.device,
+                "device_type": 4,
+                "uuid": identity.unique,
+            },
+            "extended_device_id": identity.unique,
+            "extended_firmware_version": __version__,
+            "gravity_compensation": {"enabled": False, "scaling_factor": 0.0},
+            "torque_scaling": {"enabled": False},
+            "home_return": {"enabled": False},
+            "preset": space.preset,
+            "basis": {"permutation": space.basis.permutation},
+            "mount": space.mount.as_json(),
+            "transform": space.transform.as_json(),
+            "workspace": space.workspace.as_json(),
+            "filters": {"force_gate": {"gain": self.gate}, "damping": dict(self.damping)},
+        }
+
+    def as_command(self, name: str, identity: DeviceIds, space: Space) -> dict[str, Any]:
+        """The config `name` as a client writes it to set it: that service wraps transforms there, and names of presets,
+        which its inventory has plain."""
+        known = self.as_json(identity, space)
+        found = known["filters"].get(name, known.get(name))
+        if name in ("mount", "transform", "workspace"):
+            return {"transform": found}
+        return dict(found) if isinstance(found, Mapping) else {name: found}
+
+
+def _share(found: object, name: str, what: str) -> float:
+    number = found.get(name) if isinstance(found, Mapping) else found
+    if isinstance(number, bool) or not isinstance(number, int | float) or not 0.0 <= number <= 1.0:
+        raise InputError(f"{what} is a number from 0 to 1, or an object with {name}")
+    return float(number)
+
+
+def _read_damping(found: object) -> dict[str, Any]:
+    """A scalar, a vector of shares along the axes, or both."""
+    vector = found.get("vector") if isinstance(found, Mapping) else None
+    if not isinstance(vector, Mapping):
+        return {"scalar": _share(found, "scalar", "damping")}
+    scalar = {"scalar": _share(found, "scalar", "damping")} if isinstance(found, Mapping) and "scalar" in found else {}
+    return {**scalar, "vector": {axis: _share(vector.get(axis, 0.0), "", f"damping along {axis}") for axis in "xyz"}}
+
+
+# --------------------------------------------------------------------------------------------------
+# One connection of a client: its number, its name, how it sees the device, and how often it asks.
+
+
+_NAME = 60  #: of a client's profile [characters]
+_SMOOTH = 0.5  #: weight of the newest rate
+_TURNED = 0.087  #: change of a unit force that is no small turn: 5°
+
+
+@final
+class Session:
+    """The client `number` at the address `peer`, seeing the device as `space` says.
+
+    unreadable  how many of its messages were unreadable; one without text is readable
+    refused     whether it was informed that another client holds the device, since it could last command
+    """
+
+    def __init__(self, number: int, peer: str, space: Space) -> None:
+        self.number, self.peer, self.space = number, peer, space
+        self.mapping = 0  #: number of its mapping: with another one the same command points elsewhere
+        self._axes = _force_axes(space)
+        self.name = ""
+        self.messages = self.unreadable = 0
+        self.rate = 0.0  #: messages per second
+        self.refused = False
+        self._since, self._counted = monotonic(), 0
+
+    def change_space(self, space: Space) -> None:
+        """See the device as `space` says from now on: where its force points is not what it was."""
+        if space != self.space:
+            self.space, self._axes = space, _force_axes(space)
+            self.mapping += 1  # safety: mapping-counts
+
+    def move_space(self, space: Space) -> None:
+        """As `change_space`, for what a client moves while it commands: small turns, one after the other, stay the same
+        mapping, because its force turns no faster than the guard permits."""
+        self.space = space
+        axes = _force_axes(space)
+        if max(abs(a - b) for a, b in zip(axes, self._axes, strict=True)) > _TURNED:
+            self._axes = axes
+            self.mapping += 1
+
+    def rename(self, name: object) -> None:
+        """Its profile's name, cut to what a list of clients can show."""
+        if isinstance(name, str):
+            self.name = "".join(letter for letter in name if letter.isprintable())[:_NAME]
+
+    def measure(self) -> float:
+        """The rate of its messages [1/s], smoothed over the last looks."""
+        now = monotonic()
+        passed = now - self._since
+        if passed > 0.0:
+            newest = (self.messages - self._counted) / passed
+            self.rate += (newest - self.rate) * (_SMOOTH if self.rate else 1.0)
+            self._since, self._counted = now, self.messages
+        return self.rate
+
+
+def _force_axes(space: Space) -> tuple[float, ...]:
+    """Whither unit forces along the client's axes point in the stator's frame, nine numbers."""
+    return tuple(part for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)) for part in space.stator_force(axis))
+
+
+@final
+class Service:
+    """All clients of one server, before the device `served`; `tell` sends an event: name, category, level, data,
+    message."""
+
+    def __init__(self, served: ServedDevice, tell: Callable[..., None]) -> None:
+        self.served, self.tell = served, tell
+        self.sessions: dict[int, Session] = {}
+        self.identity = DeviceIds.of(served.device)
+        self.settings = Settings()
+        self.space: Space = default_space(served.device)  #: of clients that say nothing else
+        self.cursor = Cursor(served)
+        self._tick, self._texts = -1, dict[tuple[int | bool, ...], tuple[Space, str]]()
+
+    def open(self, peer: str) -> Session:
+        """A client has connected from the address `peer`."""
+        session = Session(self.served.open_session(), peer, self.space)
+        self.sessions[session.number] = session
+        self.tell("session-connected", "session", "info", {"session_id": session.number})
+        return session
+
+    def close(self, session: Session) -> None:
+        """Its connection is lost, however it ended: so is its force."""
+        if self.sessions.pop(session.number, None) is not None:
+            self.served.lose(session.number)
+            self.tell("session-disconnected", "session", "info", {"session_id": session.number})
+
+    def inventory(self, session: Session) -> str:
+        """The inventory: what a client that has just connected is sent, unasked."""
+        return self._write(session, config=True, inventory=True)
+
+    def answer(self, session: Session, text: str | bytes, arrival: float) -> str:
+        """The one reply to a client's message, which came at `arrival` on the monotonic clock [s]: the state, whatever
+        the message. What has waited for long is answered and not done."""
+        session.messages += 1
+        self.cursor.look()
+        try:
+            message = json.loads(text)
+        except (ValueError, RecursionError):
+            message, session.unreadable = None, session.unreadable + bool(text.strip())
+        late = monotonic() - arrival > LATE  # safety: late-messages
+        full = self._obey(session, message, arrival) if isinstance(message, dict) and not late else False
+        return self._write(session, config=full)
+
+    def _obey(self, session: Session, message: dict[str, Any], arrival: float) -> bool:
+        """Do what `message` says, as far as it can be understood; whether the answer has the config again."""
+        full = False
+        wanted = message.get("session")
+        if isinstance(wanted, Mapping):
+            full = "force_render_full_state" in wanted
+            self._set_session(session, wanted.get("configure"))
+        force: list[float] | None = None
+        for entry in read_list(message.get("inverse3")):
+            if not self.identity.is_meant(entry.get("device_id")):
+                continue
+            if isinstance(given := entry.get("configure"), Mapping):
+                self._try(partial(self.configure, session, given, by=session))
+            found = read_device_force(entry, session.space, self.cursor)
+            if found.transform is not None:
+                self._try(partial(self._move, session, found.transform))
+            if found.force is not None:
+                force = [a + b for a, b in zip(force or (0.0, 0.0, 0.0), found.force, strict=True)]
+        if force is not None:
+            self._command(session, force, arrival)
+        return full
+
+    def _command(self, session: Session, force: list[float], arrival: float) -> None:
+        stator = session.space.stator_force(force)
+        refusals = self.served.busy
+        if self.served.command(session.number, stator, arrival=arrival, mapping=session.mapping):
+            session.refused = False
+        elif self.served.busy > refusals and not session.refused:
+            session.refused = True  # said once, not with each of a thousand commands a second
+            self.tell(
+                "device-busy", "device", "warning",
+                {
+                    "device_family": "inverse", "device_id": self.identity.device,
+                    "session_id": session.number, "holder": self.served.holder,
+                },
+                "another session commands this device; this one may watch",
+            )  # fmt: skip
+
+    def _set_session(self, session: Session, given: object) -> None:
+        if not isinstance(given, Mapping):
+            return
+        profile = given.get("profile")
+        if isinstance(profile, Mapping):
+            session.rename(profile.get("name"))
+        for found in (given, profile):
+            if isinstance(found, Mapping) and "basis" in found:
+                basis = found["basis"]
+                text = basis.get("permutation") if isinstance(basis, Mapping) else basis
+                self._try(partial(self._rename_axes, session, text))
+
+    def _rename_axes(self, session: Session, text: object) -> None:
+        session.change_space(replace(session.space, basis=parse_basis(text)))
+
+    def _move(self, session: Session, given: object) -> None:
+        session.move_space(replace(session.space, transform=parse_transform(given, session.space.transform)))
+
+    def configure(self, session: Session | None, found: Mapping[str, Any], *, by: Session | None = None) -> None:
+        """What one client sets for itself, or, for None, somebody for all clients of now and later; `by` whom, None for
+        a request over HTTP. Raises InputError for what cannot be; then nothing changes.
+
+        How the client that holds the device sees it, only that client itself changes: its force would turn.
+        """
+        changed = list(self.sessions.values()) if session is None else [session]
+        holder = self.served.holder
+        concerned = holder and any(one.number == holder for one in changed) and (by is None or by.number != holder)
+        if concerned and any(name in found for name in MAPPING):  # safety: holder-maps
+            raise InputError(
+                f"session {holder} commands the device, and only its own messages change how it sees it: wait until "
+                "it has let the device go (2 s after its last command), or name another session"
+            )
+        spaces = [one.space.configure(found) for one in changed]
+        later = self.space.configure(found) if session is None else self.space
+        self.settings, self.space = self.settings.configure(found), later
+        for one, space in zip(changed, spaces, strict=True):
+            one.change_space(space)
+
+    @staticmethod
+    def _try(change: Callable[[], None]) -> None:
+        """What cannot be set changes nothing; the answer is the state all the same."""
+        try:
+            change()
+        except HaptorbError:
+            return
+
+    def _write(self, session: Session, *, config: bool, inventory: bool = False) -> str:
+        cursor = self.cursor
+        cursor.look()
+        holder, buttons = self.served.holder, self.served.buttons
+        if not config and not inventory:
+            return self._write_state(session.space, holder, buttons)
+        return json.dumps({"session_id": session.number, **self._describe_all(session.space, holder, buttons)})
+
+    def list_devices(self, space: Space) -> dict[str, Any]:
+        """Config, state and status of all devices, as who sees them through `space`."""
+        self.cursor.look()
+        return self._describe_all(space, self.served.holder, self.served.buttons)
+
+    def _describe_all(self, space: Space, holder: int, buttons: dict[str, bool]) -> dict[str, Any]:
+        state = self._describe(space, holder, buttons)
+        state["inverse3"][0]["config"] = self.settings.as_json(self.identity, space)
+        state["wireless_verse_grip"][0]["config"] = {"type": "wireless_verse_grip", "handedness": "right"}
+        return state
+
+    def _write_state(self, space: Space, holder: int, buttons: dict[str, bool]) -> str:
+        """The state as clients receive it that see the device through `space`, written once per tick."""
+        if self._tick != self.cursor.tick:
+            self._tick, self._texts = self.cursor.tick, {}
+        # With the space itself kept beside the text, no other one can have its id within the tick.
+        key = (id(space), holder, *buttons.values())
+        found = self._texts.get(key)
+        if found is None:
+            found = self._texts[key] = (space, json.dumps(self._describe(space, holder, buttons)))
+        return found[1]
+
+    def _describe(self, space: Space, holder: int, buttons: dict[str, bool]) -> dict[str, Any]:
+        cursor = self.cursor
+        place, force = _point(space.place(cursor.place)), _point(space.force(cursor.force))
+        x, y, z, w = space.orientation(cursor.turn)
+        turn = {"w": w, "x": x, "y": y, "z": z}
+        mode = "force" if holder else "idle"
+        still = {"a0": 0.0, "a1": 0.0, "a2": 0.0}  # this device has no joints
+        return {
+            "inverse3": [
+                {
+                    "device_id": self.identity.device,
+                    "state": {
+                        "cursor_position": place,
+                        "cursor_velocity": _point(space.velocity(cursor.velocity)),
+                        "current_cursor_force": force,
+                        "current_cursor_position": place,
+                        "angular_position": still,
+                        "angular_velocity": still,
+                        "current_angular_position": still,
+                        "current_angular_torques": still,
+                        "body_orientation": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0},
+                        "control_domain": "cartesian",
+                        "control_mode": mode,
+                        "mode": mode,
+                        "transform": space.transform.as_json(),
+                    },
+                    "status": {
+                        "calibrated": cursor.known,
+                        "in_use": holder != 0,
+                        "power_supply": not cursor.tripped,
+                        "ready": cursor.ready and self.served.renders_force,
+                        "started": True,
+                    },
+                }
+            ],
+            "verse_grip": [],
+            "wireless_verse_grip": [
+                {
+                    "device_id": self.identity.grip,
+                    "state": {"orientation": turn, "buttons": buttons, "battery_level": 1.0, "hall": 0},
+                    "status": {"connected": True, "awake": True, "ready": cursor.known},
+                }
+            ],
+            "custom_verse_grip": [],
+        }
+
+
+def _point(v: tuple[float, float, float]) -> dict[str, float]:
+    return {"x": v[0], "y": v[1], "z": v[2]}

@@ -1,0 +1,63 @@
+"""A server's own process: `python -m haptorb.serve.server_process`; what it is to do comes on its standard input.
+
+Whatever its clients do, the loop only reads what this process has written into the shared memory.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import sys
+import traceback
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from haptorb.errors import HaptorbError
+from haptorb.runtime.linux import die_with_parent
+from haptorb.runtime.plan import unpack
+from haptorb.runtime.shared_memory import Phase, SharedMemory, Word
+from haptorb.serve.base import ServedDevice, load_kind
+
+__all__ = ["main"]
+
+
+def main(spec: dict[str, Any]) -> int:
+    """Serve until the servo ends; returns the exit code.
+
+    `spec`: shared (path), slot, parent (process id), kind, given (the preparation's spec), descriptors (open sockets),
+    device (Device), facts (of the run).
+    """
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # the servo's end is this one's end
+    die_with_parent()
+    shared = SharedMemory(Path(spec["shared"]))
+    served = ServedDevice(shared, spec["slot"], spec["parent"], spec["device"], spec["facts"])
+
+    def end(number: int, frame: FrameType | None) -> None:
+        served.ending = True
+
+    signal.signal(signal.SIGTERM, end)
+    phase = Word.SERVERS + int(spec["slot"])
+    try:
+        kind = load_kind(spec["kind"])
+        gc.collect()
+        gc.freeze()  # a search through all that is loaded would hold up an answer
+        shared.words[phase] = Phase.RUNNING
+        kind.serve(spec["given"], spec["descriptors"], served)
+    except Exception as cause:
+        text = str(cause) if isinstance(cause, HaptorbError) else "".join(traceback.format_exception(cause))
+        sys.stderr.write(text)
+        shared.words[phase] = Phase.FAILED
+        return 1
+    finally:
+        served.conclude()
+    shared.words[phase] = Phase.ENDED
+    return 0
+
+
+if __name__ == "__main__":
+    number = main(unpack(sys.stdin.buffer.read()))
+    sys.stderr.flush()
+    os._exit(number)  # threads of a server's library must not keep the process

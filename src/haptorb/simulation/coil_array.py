@@ -1,0 +1,298 @@
+"""A coil array, its tool and a hand, simulated: what the driver of a real one would meet.
+
+The truth is not what the controller knows: coils are off their places, askew and stronger or weaker than in the device
+file, within its `[tolerance]`; they have inductance and warm up, the moving tool induces a voltage in them, and sensors
+are noisy. Left out: mutual inductance between coils, eddy currents, the core's remanence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import final
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.arrays import Array, Records, check_finite, fields, vectors
+from haptorb.compiled import kernel
+from haptorb.devices.base import State
+from haptorb.devices.coil_array import ArrayMap, CoilArray, PlacedCoils, array_wrench
+from haptorb.errors import DriverError, InputError
+from haptorb.estimation.types import Pose, Sample
+from haptorb.simulation.base import CoilSimulation
+from haptorb.simulation.parts import (
+    TOOL,
+    coil_step,
+    cold_coils,
+    contact,
+    fill_remaining_rotation,
+    fill_tool,
+    matrix,
+    move,
+    plate_contact,
+    read_tool,
+    set_goal,
+)
+
+__all__ = ["COIL_ARRAY", "SimulatedCoilArray", "advance_array", "draw_coils"]
+
+
+# --------------------------------------------------------------------------------------------------
+# A coil array's physics in compiled code: some steps of coils, core, tool, surface and hand.
+#
+# The map of a hundred coils takes as long as all the rest of a tick. So it is computed at most once a millisecond,
+# and
+# between two times it follows the mover's change from the last to the newest: its error is then of the
+# second order in that way. A loop that catches up some missed ticks in one call gets one map for them, or it would
+# miss
+# the next ones, too.
+
+
+_MOVED = 2e-5  #: the map is computed again when the mover has moved so far [m] …
+_TURNED = 1e-3  #: … or an entry of its rotation has changed so much …
+_APART = 4  #: … and not before so many steps …
+_MANY = 32  #: … nor, in one call, more than once and once more for so many
+_ARM = 0.02  #: at which a turn counts as a way [m]
+_SHORT = 4e-3  #: a longer way between two maps says nothing of how they change [m]
+_LEAST, _MOST = -1.0, 4.0  #: shares of that way by which the newest map may be continued
+
+#: All that a simulated coil array remembers but its coils and its map.
+COIL_ARRAY = fields(
+    ("tool", TOOL),
+    ("plate", "?"),  # the surface is a plate, not a dome
+    ("dt", "f8"),  # of a step [s]
+    ("steps", "i8"),  # in one call
+    ("heat", "f8", (2, 3)),  # `TwoNode.step` of a step
+    ("wrench", "f8", (6,)),  # of coils and core on the tool, mean of the last call [N, N·m]
+    ("depth", "f8"),  # how far the surface gives way under the tool [m]
+    ("age", "i8"),  # of the newest map [steps]
+)
+
+
+@kernel
+def _is_elsewhere(pose: Array, R: Array, p: Array) -> bool:
+    square, turn = 0.0, 0.0
+    for i in range(3):
+        square += (pose[3, i] - p[i]) ** 2
+        for j in range(3):
+            turn = max(turn, abs(pose[i, j] - R[i, j]))
+    return not (square <= _MOVED * _MOVED and turn <= _TURNED)
+
+
+@kernel
+def _find_share(pose: Array, change: Array, R: Array, p: Array) -> float:
+    """How far the mover, at R (3, 3) and p (3,) [m], is beyond `pose` (4, 3) as a share of its `change` (4, 3) before
+    that."""
+    along, square = 0.0, 0.0
+    for j in range(3):
+        along += (p[j] - pose[3, j]) * change[3, j]
+        square += change[3, j] * change[3, j]
+        for i in range(3):
+            along += _ARM * _ARM * (R[i, j] - pose[i, j]) * change[i, j]
+            square += _ARM * _ARM * change[i, j] * change[i, j]
+    if not (1e-18 < square < _SHORT * _SHORT):
+        return 0.0
+    return float(min(max(along / square, _LEAST), _MOST))
+
+
+@kernel
+def _renew(magnetics: ArrayMap, R: Array, p: Array, newest: Array, change: Array) -> None:
+    """The map at R (3, 3) and p (3,) [m] into `newest` (11, w), and what it has changed by into `change` (11, w)."""
+    count = magnetics.coils.shape[0]
+    pose, passive, matrix = np.empty((4, 3)), np.empty(6), np.empty((6, count))
+    pose[:3], pose[3] = R, p
+    array_wrench(magnetics, pose, matrix, passive)
+    change[:] = -newest
+    newest[:4, :3], newest[4, :6], newest[5:, :count] = pose, passive, matrix
+    change += newest
+    if not np.isfinite(change[3, 0]):  # the first
+        change[:] = 0.0
+
+
+@kernel
+def advance_array(
+    array: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, magnetics: ArrayMap, held: Array
+) -> None:
+    """Some steps of coils, core, tool, surface and hand: `array` (1,) COIL_ARRAY and `coils` (m,) COIL advance.
+
+    duties (m,); the hand goes to wish_p (3,) [m] and wish_q (4,) where they are numbers and a turn, else to where it
+    went; held (2, 11, max(m, 6)): pose (4), passive (1) and matrix (6, m) of the newest map, and what they have changed
+    by since the one before.
+    """
+    e = array[0]
+    tool, truth, dt, count = e.tool, e.wrench, e.dt, coils.size
+    set_goal(tool, wish_p, wish_q)
+    R, turn = np.empty((3, 3)), np.empty(3)
+    given, total, per_current = np.empty(6), np.empty(6), np.empty((6, count))
+    newest, change = held[0], held[1]
+    for k in range(count):
+        coils[k].duty = duties[k]
+    truth[:] = 0.0
+    left = 1 + e.steps // _MANY
+    for _ in range(e.steps):
+        matrix(tool.q[:], R)
+        e.age += 1
+        if left > 0 and e.age >= _APART and _is_elsewhere(newest, R, tool.p):
+            _renew(magnetics, R, tool.p, newest, change)
+            e.age = 0
+            left -= 1
+        share = _find_share(newest, change, R, tool.p)
+        for i in range(6):
+            given[i] = newest[4, i] + share * change[4, i]
+            for k in range(count):
+                per_current[i, k] = newest[5 + i, k] + share * change[5 + i, k]
+        for k in range(count):  # the power that leaves the coil's circuit is the power that the tool gets
+            emf = 0.0
+            for i in range(3):
+                emf += per_current[i, k] * tool.v[i] + per_current[3 + i, k] * tool.w[i]
+            coils[k].emf = emf
+        coil_step(coils, e.heat, dt)
+        for i in range(6):
+            for k in range(count):
+                given[i] += per_current[i, k] * coils[k].mean
+            truth[i] += given[i] / e.steps
+            total[i] = given[i]
+        e.depth = plate_contact(tool, R, dt, total) if e.plate else contact(tool, R, dt, total)
+        fill_remaining_rotation(tool.q, tool.goal_q, turn)
+        move(tool, R, turn, total, dt)
+
+
+_STEP = 2.5e-4  #: of the simulation [s]
+_OLD = 1_000_000  #: age of a map at which it is computed again [steps]
+
+
+def draw_coils(device: CoilArray, specimen: int = 0) -> PlacedCoils:
+    """The coils of a `specimen` of `device` as they could be built: of one file and number always the same."""
+    coils, tolerance = device.windings, device.tolerance
+    draw = np.random.Generator(np.random.PCG64([crc32(device.digest.encode()), specimen]))
+    shift, lean = draw.standard_normal((2, *coils.position.shape))
+    stronger = draw.standard_normal(len(coils.turns))
+    axis = coils.axis + tolerance.tilt * np.cross(lean, coils.axis)
+    return replace(
+        coils,
+        position=coils.position + tolerance.position * shift,
+        axis=axis / np.linalg.norm(axis, axis=1, keepdims=True),
+        turns=coils.turns * (1.0 + tolerance.strength * stronger),
+    )
+
+
+@final
+class SimulatedCoilArray(CoilSimulation):
+    """Coils, core, tool, surface and hand of `device`.
+
+    specimen: number of the device among its like, from 0: its coils' places are drawn with it. held=False lets the tool
+    go: no hand, and gravity acts on it. With a hand, the hand carries the tool's weight.
+
+    >>> from haptorb.devices.loader import load
+    >>> simulated = SimulatedCoilArray(load("tetrahedron"), seed=1)
+    >>> for _ in range(20):
+    ...     simulated.advance(1e-3, np.zeros(4), np.array([0, 0, 0.06]), np.array([0, 0, 0, 1.0]))
+    >>> bool(-13e-3 < simulated.truth()[2] < -11.5e-3)      # currents off, and still the core pulls
+    True
+    """
+
+    def __init__(self, device: CoilArray, seed: int = 0, *, held: bool = True, specimen: int = 0) -> None:
+        self.device: CoilArray = device
+        self._magnetics = device.compute_magnetics(draw_coils(device, specimen))
+        super().__init__(np.zeros(1, dtype=COIL_ARRAY), cold_coils(device), _STEP, device.supply.duty_bits)
+        self._wrench: Array = self._state["wrench"][0]
+        self._tool = self._state["tool"]
+        surface = device.surface
+        fill_tool(self._tool, device.tool, device.hand if held else None, surface.contact)
+        self._tool["tail"], self._tool["dome"]["radius"] = device.tool.reach, surface.dome_radius or surface.height
+        self._state["plate"] = not surface.is_dome
+        self.reset(seed)
+
+    def reset(self, seed: int = 0) -> None:
+        """Cold coils without currents, the tool at rest above the surface, noise from `seed`."""
+        self._noise = np.random.default_rng(seed)
+        self._coils = cold_coils(self.device)
+        self._state["wrench"] = self._state["depth"] = 0.0
+        self._held = np.full((2, 11, max(self.device.channels, 6)), np.nan)
+        self._t = 0.0
+        self.place(self.device.rest_position, (0.0, 0.0, 0.0, 1.0))
+
+    def place(self, p: ArrayLike, q: ArrayLike) -> None:
+        """Put the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; below the surface it is lifted to contact.
+
+        Raises InputError for what is no place or no quaternion.
+        """
+        at, turned = vectors(p, "p"), check_finite(q, "q")
+        if at.shape != (3,) or turned.shape != (4,) or not turned.any():
+            raise InputError(f"p must be a position, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}")
+        tool, contact = self._tool, self.device.contact_height
+        tool["p"] = lift(at, contact, self.device.surface.is_dome)
+        tool["q"] = turned / np.linalg.norm(turned)
+        tool["v"] = tool["w"] = 0.0
+        tool["goal"], tool["goal_q"] = at, tool["q"]
+        self._state["age"] = _OLD
+
+    def _fill_heat(self, dt: float) -> None:
+        self._state["heat"] = self.device.coils.heat.coil.step(dt)
+
+    def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
+        """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one.
+
+        Raises InputError for less than 0 or more than 10 s.
+        """
+        if self._set_steps(dt):
+            advance_array(self._state, self._coils, duties, goal_p, goal_q, self._magnetics, self._held)
+            self._t += dt
+
+    def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
+        """One reading of every sensor, and the tool's true pose as the tracker's word.
+
+        Raises DriverError where the simulation has left the numbers.
+        """
+        device, coils, state = self.device, self._coils, self.state()
+        if not np.isfinite(state.p @ state.p + state.v @ state.v + state.w @ state.w):
+            raise DriverError(
+                "the simulated tool's state is not finite: a value of the device file is unrealistic; "
+                "compare tool, hand and contact with the file of 'tetrahedron'"
+            )
+        noise = self._noise.standard_normal((2, device.channels))
+        current = quantise_reading(
+            coils["current"] + device.supply.current_noise * noise[0], device.supply.current_step
+        )
+        warmth = quantise_reading(coils["body"] + device.thermometer_noise * noise[1], device.thermometer_step)
+        pose = Pose(pose_stamp, state.R_SR, state.p, state.w, state.v, pose_valid)
+        return Sample(t, current, warmth, np.empty((0, 3)), pose)
+
+    def truth(self) -> Array:
+        """(6,) mean wrench of coils and core on the tool over the last `advance` [N, N·m about the tool's origin]."""
+        return self._wrench.copy()
+
+    def state(self) -> State:
+        """The tool as it really is."""
+        return read_tool(self._tool, self._t)
+
+    @property
+    def depth(self) -> float:
+        """How far the surface gives way under the tool just now [m]; 0: no contact."""
+        return float(self._state["depth"][0])
+
+
+def lift(p: Array, contact: float, is_dome: bool) -> Array:
+    """(3,) `p` (3,) [m] itself, or the place over it where the tool's origin is in contact, `contact` [m] up or out.
+
+    >>> lift(np.array([0.0, 0.0, 0.01]), 0.05, True).tolist()
+    [0.0, 0.0, 0.05]
+    """
+    if not is_dome:
+        return np.array([p[0], p[1], max(float(p[2]), contact)])
+    distance = float(np.linalg.norm(p))
+    if distance < 1e-9:
+        return np.array([0.0, 0.0, contact])
+    lifted: Array = p * max(1.0, contact / distance)
+    return lifted
+
+
+def quantise_reading(values: Array, step: float) -> Array:
+    """(m,) `values` (m,) in whole steps of a converter, of the same unit; a step of 0 changes nothing.
+
+    >>> quantise_reading(np.array([0.26]), 0.1).round(3).tolist()
+    [0.3]
+    """
+    stepped: Array = np.rint(values / step) * step if step > 0.0 else values
+    return stepped

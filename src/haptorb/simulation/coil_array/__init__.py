@@ -1,1 +1,0 @@
-"""A coil array, its tool and a hand, simulated."""

@@ -1,0 +1,510 @@
+"""The simulated hand: guided motion, paths that a program commands, a hand at rest, and a person who leads the tool."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from math import acos, exp
+from typing import Any, TypeAlias, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.arrays import Array
+from haptorb.compiled import kernel
+from haptorb.devices.base import Device, rotation_to_axis
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.display import format_number
+from haptorb.errors import InputError, quote
+from haptorb.rotations import quaternion
+
+__all__ = [
+    "DURATION",
+    "FARTHEST",
+    "AtRest",
+    "DomeMotion",
+    "GuidedMotion",
+    "HandPose",
+    "HandleMotion",
+    "PathFunction",
+    "RelaxedHand",
+    "SampledPath",
+    "check_pose",
+    "dome_guide",
+    "handle_guide",
+    "handle_quaternion",
+    "lead_tool",
+    "position_on_path",
+    "split_pose",
+    "upright_quaternion",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# The guided motion: the hand's motion while the pointer is not held, so that a first look shows something.
+#
+# Twelve seconds over the dome and four of leaning on it near the summit; then the hand goes to the dome's edge and
+# rests
+# there, touching, where next to no force is asked of it: left alone, the coils never grow too warm. A pure function
+# of
+# time: two runs see the same hand.
+
+
+DURATION = 20.0  #: after this the hand rests [s]
+
+_HIGH = 0.062  #: distance of the tool's magnet from the device's centre before touching down [m]
+_PRESSED = 0.048  #: while pressing [m]: 2 mm below contact, so that a soft hand leans on the dome
+_TOUCHING = 0.0505  #: at rest [m]
+_STILL = 12.0  #: from here the hand leans on the dome without moving along it [s]
+_LEAVE = 16.0  #: from here it goes to the edge [s]
+_LANDING = math.radians(30.0)  #: tilt at touch-down [rad]
+_CIRCLE = math.radians(18.0)  #: tilt of the circle around the summit [rad]
+_GUIDED_MOTION_LEAN = math.radians(10.0)  #: tilt of leaning near the summit, on the far side [rad]
+_EDGE = math.radians(58.0)  #: tilt at rest, on the near side [rad]
+_BEARING = math.radians(-60.0)  #: meridian of the slide [rad]
+_GUIDED_MOTION_TURN = 2 * math.pi  #: once around
+
+
+@kernel
+def _smooth(t: float, start: float, end: float) -> float:
+    """0 before `start`, 1 after `end`, between them the path of least jerk (Flash and Hogan 1985): a hand's."""
+    s = min(max((t - start) / (end - start), 0.0), 1.0)
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
+
+
+@kernel
+def _position(t: float, p: Array) -> None:
+    # A signed tilt along one meridian passes the summit without a turn of the hand.
+    tilt = (
+        _LANDING
+        - (_LANDING + _CIRCLE) * _smooth(t, 1.5, 5.0)  # over the summit to the far side
+        + (_CIRCLE - _GUIDED_MOTION_LEAN) * _smooth(t, 10.5, _STILL)
+        + (_GUIDED_MOTION_LEAN + _EDGE) * _smooth(t, _LEAVE, DURATION)
+    )
+    bearing = _BEARING + _GUIDED_MOTION_TURN * _smooth(t, 5.0, 10.5)
+    d = _HIGH + (_PRESSED - _HIGH) * _smooth(t, 0.0, 1.5) + (_TOUCHING - _PRESSED) * _smooth(t, _LEAVE, DURATION)
+    s = d * math.sin(tilt)
+    p[0], p[1], p[2] = s * math.cos(bearing), s * math.sin(bearing), d * math.cos(tilt)
+
+
+def _turn_upright(p: Array, q: Array) -> None:
+    x, y, z = p[0], p[1], p[2]
+    length = math.sqrt(x * x + y * y + z * z)
+    if length < 1e-12 or z <= -length * (1 - 1e-12):  # no direction, or no shortest way to it
+        q[0], q[1], q[2], q[3] = 1.0, 0.0, 0.0, 0.0
+        return
+    w = length + z
+    n = math.sqrt(x * x + y * y + w * w)
+    q[0], q[1], q[2], q[3] = -y / n, x / n, 0.0, w / n
+
+
+def position_on_path(t: float) -> Array:
+    """(3,) [m] where the hand wants the tool's magnet at time `t` [s], frame S; the summit is +z.
+
+    >>> round(1e3 * float(np.linalg.norm(position_on_path(20.0))), 3)
+    50.5
+    """
+    p = np.empty(3)
+    _position(float(t), p)
+    return p
+
+
+def upright_quaternion(p: Array) -> Array:
+    """(4,) the quaternion (x, y, z, w) that turns the tool's z axis to the direction of `p` (3,) by the shortest way.
+
+    >>> upright_quaternion(np.array([0.0, -0.05, 0.0])).round(3).tolist()
+    [0.707, 0.0, 0.0, 0.707]
+    """
+    q = np.empty(4)
+    # Not the compiled one: a host says it while its heart beats, and compiling holds up all of its threads for seconds.
+    _turn_upright(p, q)
+    return q
+
+
+# --------------------------------------------------------------------------------------------------
+# The hand's motion while the pointer is not held: a path for each kind of device, and the way back to its end.
+
+
+class GuidedMotion(ABC):
+    """A motion that begins at time zero and rests after `duration` [s]; a pure function of time."""
+
+    duration: float
+
+    @abstractmethod
+    def at(self, t: float) -> tuple[Array, Array]:
+        """(3,) position [m] and (4,) quaternion (x, y, z, w) at time `t` [s]."""
+
+    @abstractmethod
+    def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
+        """(3,) position [m] and (4,) quaternion on the way to rest from where a hand released it, `p` (3,) [m] and `q`
+        (4,); `share` of the way runs from 0 to 1."""
+
+
+@final
+class DomeMotion(GuidedMotion):
+    """A stylus slides over the dome and circles its summit: see `guide_calibration`."""
+
+    duration = DURATION
+
+    def __init__(self) -> None:
+        self._rest = position_on_path(DURATION)
+        self.pose_on_return(
+            self._rest, upright_quaternion(self._rest), 1.0
+        )  # compiled now, not when a hand releases it
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """(3,) the tool's magnet [m] and (4,) its turn as a quaternion (x, y, z, w), axis radial."""
+        p = position_on_path(t)
+        return p, upright_quaternion(p)
+
+    def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
+        """(3,) position [m] on the way from `p` (3,) [m] along the sphere, not through the device, and (4,) quaternion.
+
+        The axis is radial all the way, however it was released: `q` (4,) is ignored.
+        """
+        place = np.empty(3)
+        _fill_arc(np.ascontiguousarray(p), self._rest, share, place)
+        return place, upright_quaternion(place)
+
+
+@kernel
+def _fill_arc(start: Array, rest: Array, s: float, p: Array) -> None:
+    r0 = np.sqrt(start[0] ** 2 + start[1] ** 2 + start[2] ** 2)
+    r1 = np.sqrt(rest[0] ** 2 + rest[1] ** 2 + rest[2] ** 2)
+    for i in range(3):
+        p[i] = rest[i] / r1
+        if r0 >= 1e-6:  # a hand inside the device has no direction; from there it goes straight
+            p[i] = (1.0 - s) * start[i] / r0 + s * p[i]
+    length = np.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
+    if length < 1e-6:  # exactly opposite: no way is the shortest
+        for i in range(3):
+            p[i] = rest[i] / r1
+        length = 1.0
+    for i in range(3):
+        p[i] *= ((1.0 - s) * r0 + s * r1) / length
+
+
+def dome_guide(device: Device) -> DomeMotion:
+    """The guided motion over a dome; every dome's is the same."""
+    return DomeMotion()
+
+
+@final
+class AtRest(GuidedMotion):
+    """A hand that holds the mover where it rests: for devices of which no better motion is known."""
+
+    duration = 0.0
+
+    def __init__(self, device: Device) -> None:
+        self._rest = np.array(device.rest_position, dtype=np.float64)
+        self._upright = np.array([0.0, 0.0, 0.0, 1.0])
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """Always the same: (3,) the device's place of rest [m], and (4,) no turn."""
+        return self._rest, self._upright
+
+    def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
+        """From `p` (3,) [m] straight back, and from `q` (4,) the short way, (3,) and (4,)."""
+        upright = self._upright if q[3] >= 0.0 else -self._upright
+        turned = (1.0 - share) * q + share * upright
+        length = float(turned @ turned) ** 0.5
+        return (1.0 - share) * p + share * self._rest, turned / length if length > 1e-9 else self._upright
+
+
+# --------------------------------------------------------------------------------------------------
+# The guided motion of a motor's handle: the plug is pulled out of its outlet, put back, and wriggled.
+#
+# Eighteen seconds in the translating mode, where a tilt λ moves the plug out, ψ moves it sideways. Forty degrees of
+# tilt
+# are the plug's whole way with the gains of `assembly`. At rest the plug is out, which asks nothing of the
+# coils.
+
+
+_HOME = math.radians(-20.0)  #: λ where the plug is home
+_OUT = math.radians(20.0)  #: λ where it is out
+_HALF = math.radians(-13.0)  #: λ of the wriggle: a little pulled
+_ASIDE = math.radians(6.0)  #: ψ of the wriggle
+_NOWHERE = np.zeros(3)
+
+
+@kernel
+def _fill_quaternion(psi: float, lam: float, phi: float, q: Array) -> None:
+    a, b, c = math.sin(0.5 * psi), math.sin(0.5 * lam), math.sin(0.5 * phi)
+    u, v, w = math.cos(0.5 * psi), math.cos(0.5 * lam), math.cos(0.5 * phi)
+    q[0] = a * v * w + u * b * c
+    q[1] = u * b * w - a * v * c
+    q[2] = u * v * c + a * b * w
+    q[3] = u * v * w - a * b * c
+
+
+@kernel
+def _handle(t: float, q: Array) -> None:
+    lam = (
+        _HOME
+        + (_OUT - _HOME) * _smooth(t, 1.0, 5.0)  # out
+        + (_HOME - _OUT) * _smooth(t, 5.5, 9.0)  # and back in
+        + (_HALF - _HOME) * _smooth(t, 9.5, 11.0)
+        + (_OUT - _HALF) * _smooth(t, 15.0, 18.0)
+    )
+    psi = _ASIDE * (_smooth(t, 11.0, 12.0) - 2.0 * _smooth(t, 12.0, 13.5) + _smooth(t, 13.5, 15.0))
+    _fill_quaternion(psi, lam, 0.0, q)
+
+
+def handle_quaternion(psi: float, lam: float, phi: float) -> Array:
+    """(4,) the quaternion (x, y, z, w) of R = Rx(ψ) Ry(λ) Rz(φ), angles in [rad].
+
+    >>> handle_quaternion(0.0, 0.0, np.pi).round(12).tolist()
+    [0.0, 0.0, 1.0, 0.0]
+    """
+    q = np.empty(4)
+    _fill_quaternion(float(psi), float(lam), float(phi), q)
+    return q
+
+
+@final
+class HandleMotion(GuidedMotion):
+    """A hand on the handle of a motor."""
+
+    duration = 18.0
+
+    def __init__(self) -> None:
+        self._rest = self.at(self.duration)[1]
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """No position, (3,) zeros [m]; how the handle is turned, (4,) quaternion (x, y, z, w).
+
+        >>> HandleMotion().at(0.0)[1].round(4).tolist()
+        [0.0, -0.1736, 0.0, 0.9848]
+        """
+        q = np.empty(4)
+        _handle(float(t), q)
+        return _NOWHERE, q
+
+    def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
+        """No position, (3,) zeros [m], for any `p` (3,); turned from `q` (4,) the short way, (4,) quaternion."""
+        rest = self._rest if float(q @ self._rest) >= 0.0 else -self._rest
+        way = (1.0 - share) * q + share * rest
+        length = float(way @ way) ** 0.5
+        return _NOWHERE, way / length if length > 1e-9 else self._rest
+
+
+def handle_guide(device: Device) -> HandleMotion:
+    """The guided motion of a motor's handle; every motor's is the same."""
+    return HandleMotion()
+
+
+# --------------------------------------------------------------------------------------------------
+# The pose or path at which a program wants the hand, checked before the loop receives it.
+
+
+FARTHEST = 1.0  #: distance from the device's centre at which no tool can be meant [m]
+
+#: (3,) place [m] and (4,) quaternion (x, y, z, w)
+HandPose: TypeAlias = tuple[Array, Array]
+#: a path that a program computes: a pose from the time [s] since it began
+PathFunction: TypeAlias = Callable[[float], Any]
+
+
+def check_pose(
+    p: ArrayLike, q: ArrayLike | None = None, farthest: float = FARTHEST, *, upright: bool = False
+) -> HandPose:
+    """(3,) `p` [m] and (4,) `q` as a quaternion of length 1; None: the tool's axis radial, or `upright`.
+
+    Raises InputError for another shape, a number that is not finite, a place farther than `farthest` [m] from the
+    device's centre, or a quaternion of zeros.
+    """
+    position = _check_numbers(p, 3, "p must be the position of the tool's magnet, 3 finite numbers [m]")
+    distance = float(np.linalg.norm(position))
+    if distance > farthest:
+        raise InputError(
+            f"p must be within {farthest:g} m of the device's centre; got {quote(p)}, {format_number(distance)} m from "
+            "it. It is in metres: 50 mm are 0.05"
+        )
+    if q is None:
+        return position, np.array([0.0, 0.0, 0.0, 1.0]) if upright else upright_quaternion(position)
+    wanted = "q must be a quaternion (x, y, z, w), 4 finite numbers that are not all zero"
+    turn = _check_numbers(q, 4, wanted)
+    length = float(np.linalg.norm(turn))
+    if length < 1e-6:
+        raise InputError(f"{wanted}; got {quote(q)}. Leave it out for a radial axis")
+    return position, turn / length
+
+
+def split_pose(pose: Any) -> tuple[Any, Any]:
+    """A place and a quaternion or None, from a place (3,) [m], a pair (place, quaternion), or both in one row (7,).
+
+    >>> split_pose((0.0, 0.0, 0.05))
+    ((0.0, 0.0, 0.05), None)
+    >>> split_pose(np.arange(7.0))[1]
+    array([3., 4., 5., 6.])
+    """
+    if isinstance(pose, tuple) and len(pose) == 2:
+        return pose
+    if isinstance(pose, np.ndarray | list | tuple) and len(pose) == 7:
+        return pose[:3], pose[3:]
+    return pose, None
+
+
+@final
+class SampledPath:
+    """Poses at times, straight lines between them, and the last one from its time on.
+
+    poses   (n, 3) places [m], or (n, 7) places and quaternions (x, y, z, w)
+    times   (n,) when the hand is there [s] after the start, each later than the one before
+    farthest   from the device's centre [m]
+    upright    whether a place alone means an upright tool, not a radial one
+
+    >>> path = SampledPath([(0, 0, 0.05), (0, 0, 0.06)], [0.0, 1.0])
+    >>> path(0.5)[0].round(3).tolist(), path(9.0)[0].tolist()
+    ([0.0, 0.0, 0.055], [0.0, 0.0, 0.06])
+    """
+
+    def __init__(
+        self, poses: ArrayLike, times: ArrayLike, farthest: float = FARTHEST, *, upright: bool = False
+    ) -> None:
+        """Raises InputError for other shapes, times that do not grow, and poses as `check_pose` does."""
+        rows = _check_numbers(poses, None, "path must be poses (n, 3) or (n, 7), finite numbers [m]")
+        if rows.ndim != 2 or rows.shape[1] not in (3, 7) or not len(rows):
+            raise InputError(
+                f"path must be poses (n, 3), or (n, 7) with quaternions, or a function of time [s] that returns one; "
+                f"got shape {rows.shape}"
+            )
+        self._times = _check_numbers(times, len(rows), f"times must be {len(rows)} numbers [s], one for each pose")
+        if not (np.diff(self._times) > 0).all() or self._times[0] < 0:
+            raise InputError(f"times must increase from pose to pose and begin at 0 s or later; got {quote(times)}")
+        checked = []
+        for number, row in enumerate(rows):
+            try:
+                checked.append(check_pose(*split_pose(row), farthest, upright=upright))
+            except InputError as cause:
+                raise InputError(f"pose {number} of the path: {cause}") from cause
+        self._places = np.array([place for place, _ in checked])
+        self._turns = np.array([turn for _, turn in checked])
+        for before, turn in zip(self._turns, self._turns[1:], strict=False):
+            if before @ turn < 0.0:  # the same turn, but the short way to it
+                turn *= -1.0
+
+    def __call__(self, t: float) -> HandPose:
+        """(3,) place [m] and (4,) quaternion `t` [s] after the start."""
+        place = np.array([np.interp(t, self._times, column) for column in self._places.T])
+        turn = np.array([np.interp(t, self._times, column) for column in self._turns.T])
+        length = float(np.linalg.norm(turn))
+        return place, turn / length if length > 1e-6 else upright_quaternion(place)
+
+
+def _check_numbers(value: ArrayLike, count: int | None, wanted: str) -> Array:
+    """`value` as finite numbers; `count` of them in a row, None: any shape."""
+    try:
+        numbers = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as cause:
+        raise InputError(f"{wanted}; got {quote(value)}") from cause
+    if not np.isfinite(numbers).all() or (count is not None and numbers.shape != (count,)):
+        raise InputError(f"{wanted}; got {quote(value)}")
+    return numbers
+
+
+# --------------------------------------------------------------------------------------------------
+# A simulated hand at rest yields: left alone, it does not load the device permanently.
+#
+# A resting hand creeps to where the device pushes the tool, as a relaxed arm does, so that the force asked of the
+# coils
+# fades and the coils stay cool. It gives way around the device, not away from it, where the same force would cost
+# more
+# current, and no further than a hand can without moving its arm. Where giving way does not help, as in a stream, it
+# goes back, and tries again after a while.
+
+
+_YIELD = 1.0  #: time constant with which the hand gives way [s]
+_REACH = 0.03  #: farthest from where it rested [m]
+_RELAXED_HAND_TURN = np.radians(40.0)  #: farthest from how it rested [rad]
+_ARM = 0.05  #: length by which a turn counts as a way [m]
+_PACE = 0.02  #: time between two looks at the tool [s]
+_SETTLE = 1.0  #: of rest until the hand gives way; how far it is pushed by then is what must fade [s]
+_TRY = 12.0  #: in which that must fade to a half [s]
+_AGAIN = 120.0  #: until it tries again [s]
+
+
+@final
+class RelaxedHand:
+    """Where a hand that rests wants the mover, after it gave way."""
+
+    def __init__(self) -> None:
+        self._place = np.zeros(7)
+        self._rest = np.full(7, np.nan)
+        self._start = self._next = 0.0
+        self._pushed = 0.0  # when it began to give way, as a length [m]
+        self._helps = True
+
+    def rest_at(self, rest: Array, now: float) -> Array:
+        """(7,) [m], quaternion (x, y, z, w): where a hand is that rests at `rest` (7,), at `now` [s]; if it has rested
+        there before, after it gave way."""
+        if not np.array_equal(rest, self._rest):
+            self._rest[:] = self._place[:] = rest
+            self._start = self._next = now
+        return self._place
+
+    def is_due(self, now: float) -> bool:
+        """Whether `yield_to` has anything to do at `now` [s]."""
+        return now >= self._next
+
+    def yield_to(self, tool: Array, now: float) -> None:
+        """Creep towards the mover at `tool` (7,) [m], quaternion (x, y, z, w), at `now` [s], or back to rest."""
+        self._next = now + _PACE
+        pushed = _distance(tool, self._place)
+        if now - self._start >= _AGAIN:
+            self._start = now
+        since = now - self._start
+        if since < _SETTLE:
+            self._pushed, self._helps = pushed, True
+            return
+        if since >= _TRY and pushed > 0.5 * self._pushed:
+            self._helps = False
+        place = _approach(self._place, tool if self._helps else self._rest, 1.0 - exp(-_PACE / _YIELD))
+        far, length = float(np.linalg.norm(self._rest[:3])), float(np.linalg.norm(place[:3]))
+        place[:3] *= far / length if length > 0.5 * far > 0.0 else 0.0
+        if (
+            float(np.linalg.norm(place[:3] - self._rest[:3])) <= _REACH
+            and _turn(place, self._rest) <= _RELAXED_HAND_TURN
+        ):
+            self._place[:] = place
+
+
+def _approach(place: Array, goal: Array, share: float) -> Array:
+    """(7,) `place` after `share` of the way to `goal`, both (7,)."""
+    found = place + share * (goal - place)
+    turned = goal[3:] if float(goal[3:] @ place[3:]) >= 0.0 else -goal[3:]
+    found[3:] = place[3:] + share * (turned - place[3:])
+    found[3:] /= float(found[3:] @ found[3:]) ** 0.5
+    return found
+
+
+def _turn(a: Array, b: Array) -> float:
+    return 2.0 * acos(min(1.0, abs(float(a[3:] @ b[3:]))))
+
+
+def _distance(a: Array, b: Array) -> float:
+    return float(np.linalg.norm(a[:3] - b[:3])) + _ARM * _turn(a, b)
+
+
+# --------------------------------------------------------------------------------------------------
+# How a person leads the tool over the dome when the field sensors calibrate themselves: for simulated devices.
+
+
+_LED_TOOL_LEAN = 0.4  #: greatest slope of a tool that is led, each way
+
+
+def lead_tool(device: SphericalElectromagnet, now: float, reach: float = 1.0) -> tuple[Array, Array]:
+    """Position (3,) [m] and quaternion (4,) that a person who leads the tool over the whole dome wants at `now` [s].
+
+    Round and up and down, up to `reach` of the workspace's angle, lifted and leaning to all sides; three to thirteen
+    seconds for each of these motions.
+    """
+    turn = 2 * np.pi * now / 4.7
+    polar = device.workspace_half_angle * reach * (0.52 - 0.46 * np.cos(2 * np.pi * now / 13.1))
+    lift = device.shell_thickness * (0.45 - 0.40 * np.cos(2 * np.pi * now / 3.1))
+    outward = np.array([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)])
+    lean = _LED_TOOL_LEAN * np.array([np.sin(2 * np.pi * now / 5.3), np.sin(2 * np.pi * now / 7.9 + 1.0)])
+    R = rotation_to_axis(outward)
+    axis = outward + lean[0] * R[:, 0] + lean[1] * R[:, 1]
+    return (device.contact_distance + lift) * outward, quaternion(rotation_to_axis(axis / np.linalg.norm(axis)))

@@ -1,0 +1,562 @@
+"""A spherical motor and a hand on its handle, simulated: what the driver of a real one would meet.
+
+The coils have inductance, warm up, and feel the turning magnets as an electromotive force from the same torque
+characteristic that turns currents into torque; weight and regulator act on the rotor; the bearing rubs and the rotor
+stops at the edge of its workspace; 48 imperfect Hall sensors see the magnets and the coils. Not modelled: eddy currents
+(all parts but the magnets are non-magnetic, and the frame is taken as non-conducting), mutual inductance of the coils,
+the chopper's ripple, and the bearing's clearance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from math import cos
+from typing import NamedTuple, final
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike
+
+from haptorb.arrays import Array, Record, Records, check_finite, fields
+from haptorb.compiled import kernel, pack, part
+from haptorb.devices.base import State
+from haptorb.devices.field_sensors import SensorErrors, draw_sensors
+from haptorb.devices.motor import Grasp, SphericalMotor
+from haptorb.devices.motor_model import torque_over_sine
+from haptorb.devices.tables import sensor_field, torque_characteristic
+from haptorb.errors import DriverError, InputError
+from haptorb.estimation.types import Pose, Sample
+from haptorb.simulation.base import CoilSimulation
+from haptorb.simulation.parts import (
+    coil_step,
+    cold_coils,
+    fill_normal,
+    fill_remaining_rotation,
+    let_fail,
+    make_halls,
+    matrix,
+    quantise,
+    read_halls,
+    seed_noise,
+)
+
+__all__ = [
+    "MOTOR",
+    "ROTOR",
+    "STRIDE",
+    "Magnetics",
+    "SimulatedMotor",
+    "advance",
+    "angular_velocity",
+    "kick",
+    "limit_tilt",
+    "make_rotor_record",
+    "pack_magnetics",
+    "potential_energy",
+    "sense",
+    "turn",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# A rotor on a ball joint as a rigid body: it falls, springs back, rubs, is held by a hand and stops at the edge.
+#
+# A step is a free turn for half of it, one kick by all torques, and the other half of the turn. The free turn is
+# composed
+# of turns about the three principal axes, each exact: it keeps the angular momentum to rounding and its energy error
+# does
+# not grow. Springs and weight have potentials; dampers and friction only ever take: a damper acts as the exponential
+# that
+# it is, dry friction stops a motion within a step but cannot turn it round.
+
+
+#: The rotor, its bearing and the hand on its handle.
+ROTOR = fields(
+    ("inertia", "f8", (3,)),  # principal moments about the centre, with the hand's mass, rotor frame [kg·m²]
+    ("damping", "f8", (3,)),  # bearing and hand, about the rotor's axes [N·m·s/rad]
+    ("friction", "f8"),  # dry, of the bearing [N·m]
+    ("grip", "f8"),  # spring of the hand towards its goal [N·m/rad]
+    ("least", "f8"),  # the least cos(tilt) that the torque of weight and regulator is known for
+    ("edge", "f8"),  # cosine of the tilt at which the end stop begins
+    ("stop", "f8"),  # its stiffness [N·m/rad]
+    ("stop_damping", "f8"),  # [N·m·s/rad]
+    ("goal", "f8", (4,)),  # quaternion to which the hand turns
+    ("q", "f8", (4,)),  # quaternion of R_SR (x, y, z, w)
+    ("momentum", "f8", (3,)),  # angular, rotor frame [N·m·s]
+)
+
+
+@kernel
+def angular_velocity(momentum: Array, inertia: Array, R: Array, w: Array) -> None:
+    """Fill w (3,) [rad/s], stator frame, for the momentum (3,) of a ROTOR at R (3, 3)."""
+    a, b, c = momentum[0] / inertia[0], momentum[1] / inertia[1], momentum[2] / inertia[2]
+    for i in range(3):
+        w[i] = R[i, 0] * a + R[i, 1] * b + R[i, 2] * c
+
+
+@kernel
+def _rotate_about_axis(q: Array, momentum: Array, axis: int, dt: float, inertia: Array) -> None:
+    """Turn freely about one principal axis: the momentum, fixed in space, turns back in the rotor's frame."""
+    angle = dt * momentum[axis] / inertia[axis]
+    c, s = np.cos(angle), np.sin(angle)
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    mj, mk = momentum[j], momentum[k]
+    momentum[j], momentum[k] = c * mj + s * mk, c * mk - s * mj
+    c, s = np.cos(0.5 * angle), np.sin(0.5 * angle)
+    qi, qj, qk, qw = q[axis], q[j], q[k], q[3]
+    q[axis], q[j], q[k], q[3] = c * qi + s * qw, c * qj + s * qk, c * qk - s * qj, c * qw - s * qi
+
+
+@kernel
+def turn(q: Array, momentum: Array, inertia: Array, dt: float) -> None:
+    """A free rigid body for `dt` [s]: Strang's composition of three exact turns, symplectic and of second order."""
+    half = 0.5 * dt
+    _rotate_about_axis(q, momentum, 0, half, inertia)
+    _rotate_about_axis(q, momentum, 1, half, inertia)
+    _rotate_about_axis(q, momentum, 2, dt, inertia)
+    _rotate_about_axis(q, momentum, 1, half, inertia)
+    _rotate_about_axis(q, momentum, 0, half, inertia)
+    size = np.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
+    for i in range(4):
+        q[i] /= size
+
+
+@kernel
+def kick(rotor: Record, coefficients: Array, R: Array, passive: Array, coils: Array, dt: float) -> float:
+    """`dt` [s] of torque on a ROTOR at the orientation R; returns how far the end stop is pressed [rad].
+
+    passive (3,) is filled with the torque of weight and regulator, whose `coefficients` (n,) `torque_over_sine`
+    takes; coils (3,) is that of the currents [N·m].
+    """
+    momentum, inertia = rotor.momentum, rotor.inertia
+    nx, ny, nz = R[0, 2], R[1, 2], R[2, 2]
+    back = torque_over_sine(nz, coefficients, rotor.least)
+    passive[0], passive[1], passive[2] = back * ny, -back * nx, 0.0  # back · ẑ_R × Ẑ
+    left = np.empty(3)
+    fill_remaining_rotation(rotor.q, rotor.goal, left)
+    total = np.empty(3)
+    for i in range(3):
+        total[i] = passive[i] + coils[i] + rotor.grip * left[i]
+    pressed = 0.0
+    if nz < rotor.edge:
+        lean = np.sqrt(nx * nx + ny * ny)
+        pressed = np.arctan2(lean, nz) - np.arccos(rotor.edge)
+        ux, uy = ny / lean, -nx / lean  # about this axis it turns upright
+        w = np.empty(3)
+        angular_velocity(momentum, inertia, R, w)
+        push = rotor.stop * pressed - rotor.stop_damping * (w[0] * ux + w[1] * uy)
+        # A damper that would turn the motion round within a step is cut, and a stop never pulls.
+        push = max(push, 0.0)
+        total[0] += push * ux
+        total[1] += push * uy
+    for i in range(3):
+        momentum[i] += dt * (R[0, i] * total[0] + R[1, i] * total[1] + R[2, i] * total[2])
+        momentum[i] *= np.exp(-dt * rotor.damping[i] / inertia[i])
+    a, b, c = momentum[0] / inertia[0], momentum[1] / inertia[1], momentum[2] / inertia[2]
+    rate = np.sqrt(a * a + b * b + c * c)
+    if rate > 0.0:
+        a, b, c = a / rate, b / rate, c / rate
+        yielding = a * a / inertia[0] + b * b / inertia[1] + c * c / inertia[2]
+        rub = min(dt * rotor.friction, rate / yielding)
+        momentum[0] -= rub * a
+        momentum[1] -= rub * b
+        momentum[2] -= rub * c
+    return pressed
+
+
+# --------------------------------------------------------------------------------------------------
+# A motor's physics in compiled code: some steps of rotor and coils, and one reading of every sensor.
+
+
+STRIDE = 5e-3  #: turn [rad] over which one torque characteristic holds: K changes over tenths of a radian
+
+#: All that a simulated motor remembers but its coils and field sensors, and the numbers that it goes by.
+MOTOR = fields(
+    ("rotor", ROTOR),
+    ("dt", "f8"),  # of a step [s]
+    ("steps", "i8"),  # in one call
+    ("heat", "f8", (2, 3)),  # `TwoNode.step` of a step
+    ("torque", "f8", (3,)),  # of coils, weight and regulator on the rotor, mean of the last call [N·m]
+    ("pressed", "f8"),  # how far the end stop gives way [rad]
+    ("current_noise", "f8"),  # [A]
+    ("current_step", "f8"),  # [A]
+    ("warming", "f8"),  # rise of the sensors' temperature as a share of the coils' at their boundary
+    ("heat_noise", "f8"),  # [K]
+    ("heat_step", "f8"),  # [K]
+    ("generator", "u8", (4,)),  # of the sensors' noise
+)
+
+
+class Magnetics(NamedTuple):
+    """Magnets, coils and sensors for compiled code."""
+
+    torque_cells: Array
+    torque_scale: float
+    field_cells: Array
+    field_scale: float
+    magnets: Array  #: (p, 3) rotor frame
+    coils: Array  #: (c, 3)
+    sensors: Array  #: (k, 3)
+    groups: Array  #: (c, m)
+    coil_field: Array  #: (m, 3 k) field of the coils at the sensors [T/A]
+    tilt_torque: Array  #: (n,) coefficients of weight and regulator, as `regulator.torque_over_sine` takes them [N·m]
+
+
+def pack_magnetics(m: Magnetics) -> Array:
+    """(n,) `m` as compiled code takes it, each number in the unit [..] of its field."""
+    return pack(
+        (m.torque_scale, m.field_scale), m.torque_cells, m.field_cells, m.magnets, m.coils, m.sensors, m.groups,
+        m.coil_field, m.tilt_torque,
+    )  # fmt: skip
+
+
+@kernel
+def _unpack_magnetics(blob: Array) -> Magnetics:
+    one = part(blob, 0)
+    return Magnetics(
+        part(blob, 1), one[0, 0], part(blob, 2), one[0, 1], part(blob, 3), part(blob, 4), part(blob, 5), part(blob, 6),
+        part(blob, 7), part(blob, 8)[0],
+    )  # fmt: skip
+
+
+@kernel
+def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, duties: Array, wish: Array) -> None:
+    """Some steps of rotor and coils: `motor` (1,) MOTOR and `coils` (m,) COIL advance.
+
+    The torque characteristic changes with the pose, and little from step to step: it is looked up once for as many
+    steps as the rotor needs for STRIDE, in their middle.
+
+    magnetics as `pack_magnetics` made them; strength (p,) of the magnets; duties (m,); the hand goes to wish (4,) if
+    that is a quaternion, else to where it went.
+    """
+    m, parts = motor[0], _unpack_magnetics(magnetics)
+    rotor, truth, dt, steps, channels = m.rotor, m.torque, m.dt, m.steps, coils.size
+    R, w, K = np.empty((3, 3)), np.empty(3), np.empty((3, channels))
+    passive, given, mean = np.empty(3), np.empty(3), np.empty(channels)
+    size = wish[0] * wish[0] + wish[1] * wish[1] + wish[2] * wish[2] + wish[3] * wish[3]
+    if 0.0 < size < 1e12:  # false for NaN as well
+        for i in range(4):
+            rotor.goal[i] = wish[i] / math.sqrt(size)
+    for k in range(channels):
+        coils[k].duty = duties[k]
+    for i in range(3):
+        truth[i] = 0.0
+    held = 0
+    for step in range(steps):
+        if held == 0:
+            held = _stride(rotor, dt, steps - step)
+            _characteristic(rotor, 0.5 * held * dt, parts, strength, K)
+        held -= 1
+        turn(rotor.q[:], rotor.momentum[:], rotor.inertia[:], 0.5 * dt)
+        matrix(rotor.q[:], R)
+        angular_velocity(rotor.momentum[:], rotor.inertia[:], R, w)
+        for k in range(channels):  # the power that leaves the coil's circuit is the power that the rotor gets
+            coils[k].emf = K[0, k] * w[0] + K[1, k] * w[1] + K[2, k] * w[2]
+        coil_step(coils, m.heat, dt)
+        for k in range(channels):
+            mean[k] = coils[k].mean
+        for i in range(3):
+            given[i] = 0.0
+            for k in range(channels):
+                given[i] += K[i, k] * mean[k]
+        m.pressed = kick(rotor, parts.tilt_torque, R, passive, given, dt)
+        for i in range(3):
+            truth[i] += (given[i] + passive[i]) / steps
+        turn(rotor.q[:], rotor.momentum[:], rotor.inertia[:], 0.5 * dt)
+
+
+@kernel
+def _stride(rotor: Record, dt: float, most: int) -> int:
+    """How many steps of `dt` [s], 1 to `most`, the rotor may take until it has turned by STRIDE."""
+    momentum, inertia = rotor.momentum, rotor.inertia
+    a, b, c = momentum[0] / inertia[0], momentum[1] / inertia[1], momentum[2] / inertia[2]
+    turned = dt * math.sqrt(a * a + b * b + c * c)
+    if not turned * most > STRIDE:  # also where it is nowhere
+        return most
+    return max(int(STRIDE / turned), 1)
+
+
+@kernel
+def _characteristic(rotor: Record, ahead: float, parts: Magnetics, strength: Array, K: Array) -> None:
+    """Fill K (3, m) [N·m/A] as it will be `ahead` [s] from now if the rotor turns freely until then."""
+    q, momentum, R = rotor.q.copy(), rotor.momentum.copy(), np.empty((1, 3, 3))
+    turn(q, momentum, rotor.inertia[:], ahead)
+    matrix(q, R[0])
+    places, groups = parts.coils, parts.groups
+    single = np.empty((1, 3, places.shape[0]))
+    torque_characteristic(parts.torque_cells, parts.torque_scale, parts.magnets, strength, places, R, single)
+    for i in range(3):
+        for k in range(K.shape[1]):
+            K[i, k] = 0.0
+        for j in range(places.shape[0]):
+            for k in range(K.shape[1]):
+                K[i, k] += single[0, i, j] * groups[j, k]
+
+
+@kernel
+def _is_finite(rotor: Record) -> bool:
+    """Whether pose and momentum of a ROTOR are numbers."""
+    total = rotor.q[3]
+    for i in range(3):
+        total += rotor.q[i] + rotor.momentum[i]
+    return bool(np.isfinite(total))
+
+
+@kernel
+def sense(
+    motor: Records, coils: Records, halls: Records, magnetics: Array, strength: Array, pose: Array, read: Array,
+    field: Array,
+) -> bool:  # fmt: skip
+    """One reading of every sensor, and the rotor's true motion; False, and nothing read, if the rotor is nowhere.
+
+    motor, coils, magnetics and strength as in `advance`; halls (k,) HALL; pose (4, 3) becomes R and w; read (2 m,)
+    currents [A], then temperatures [K]; field (k, 3) [T].
+    """
+    m, parts, channels = motor[0], _unpack_magnetics(magnetics), coils.size
+    rotor = m.rotor
+    if not _is_finite(rotor):
+        return False
+    matrix(rotor.q[:], pose[:3])
+    angular_velocity(rotor.momentum[:], rotor.inertia[:], pose[:3], pose[3])
+    draws = np.empty(2 * channels)
+    fill_normal(m.generator, draws)
+    for k in range(channels):
+        read[k] = quantise(coils[k].current + m.current_noise * draws[k], m.current_step)
+        read[channels + k] = quantise(coils[k].body + m.heat_noise * draws[channels + k], m.heat_step)
+    sensor_field(
+        parts.field_cells, parts.field_scale, parts.magnets, strength, parts.sensors, pose[:3].reshape(1, 3, 3),
+        field.reshape(1, -1, 3),
+    )  # fmt: skip
+    total_field, coil_field = field.reshape(-1), parts.coil_field
+    for j in range(channels):
+        ampere = coils[j].current
+        for r in range(total_field.shape[0]):
+            total_field[r] += coil_field[j, r] * ampere
+    warmth = 0.0
+    for j in range(channels):
+        warmth += m.warming * (coils[j].body - coils[j].ambient) / channels
+    read_halls(halls, m.generator, warmth, field)
+    return True
+
+
+# --------------------------------------------------------------------------------------------------
+# How a motor's rotor hangs: its joint from device and hand, the energy in it, and the edge of its workspace.
+
+
+def make_rotor_record(device: SphericalMotor, grasp: Grasp) -> Records:
+    """(1,) ROTOR of `device` with the hand `grasp` on its handle: upright and at rest."""
+    rotor, made = device.rotor, np.zeros(1, dtype=ROTOR)
+    arm = rotor.handle_length
+    hand = np.array([grasp.mass * arm**2, grasp.mass * arm**2, 0.5 * grasp.mass * grasp.radius**2])
+    made["inertia"] = np.array(rotor.inertia, dtype=np.float64) + hand
+    made["damping"] = float(rotor.viscous_friction) + grasp.damping * arm**2
+    made["friction"], made["grip"] = rotor.dry_friction, grasp.stiffness * arm**2
+    made["least"], made["edge"] = device.tilt_torque[1], cos(device.workspace_tilt)
+    made["stop"], made["stop_damping"] = device.end_stop.stiffness, device.end_stop.damping
+    made["q"] = made["goal"] = (0.0, 0.0, 0.0, 1.0)
+    return made
+
+
+def potential_energy(coefficients: Array, least: float, cosine: float) -> float:
+    """Potential of weight and regulator [J]: dU/d(cos) = −(torque over sin), which the coefficients (n,) give."""
+
+    def integral(c: float) -> float:
+        x = (2 * c - (1 + least)) / (1 - least)
+        return 0.5 * (1 - least) * float(chebyshev.chebval(x, chebyshev.chebint(coefficients)))
+
+    beyond = max(least - cosine, 0.0) * float(chebyshev.chebval(-1.0, coefficients))
+    return integral(1.0) - integral(max(cosine, least)) + beyond
+
+
+def limit_tilt(q: Array, tilt: float) -> Array:
+    """`q`, its tilt reduced to `tilt` about the same axis if it leans further; the spin stays.
+
+    Quaternions (4,), `tilt` in [rad].
+    """
+    R = np.empty((3, 3))
+    matrix(q, R)
+    nx, ny, nz = R[:, 2].tolist()
+    lean = np.arctan2((nx * nx + ny * ny) ** 0.5, nz)
+    if lean <= tilt:
+        return q
+    half = 0.5 * (lean - tilt)
+    size = (nx * nx + ny * ny) ** 0.5
+    ux, uy = (ny / size, -nx / size) if size > 1e-12 else (1.0, 0.0)
+    x, y, z, w = q.tolist()
+    a, b, d = np.sin(half) * ux, np.sin(half) * uy, np.cos(half)
+    return np.array([d * x + w * a + b * z, d * y + w * b - a * z, d * z + a * y - b * x, d * w - a * x - b * y])
+
+
+@final
+class SimulatedMotor(CoilSimulation):
+    """Coils, magnets, rotor, hand and sensors of `device`, in steps of at most `step` [s].
+
+    grasp           another hand than the device's; HANDLE_LOOSE for none
+    quality         other lasting errors of the field sensors than the device's
+    magnet_spread   relative standard deviation of the magnets' strengths, which no controller knows
+
+    Raises InputError for a step above 1 ms, or a spread that is no share.
+
+    >>> from haptorb.devices.motor import HANDLE_LOOSE
+    >>> from haptorb.devices.loader import load
+    >>> motor = SimulatedMotor(load("pmsm"), seed=1, grasp=HANDLE_LOOSE)
+    >>> upright = np.array([0, 0, 0, 1.0])
+    >>> for _ in range(20):
+    ...     motor.advance(1e-3, np.zeros(12), np.zeros(3), upright)
+    >>> motor.state().axis.tolist(), motor.sample(0.02, 0.02, True).field.shape
+    ([0.0, 0.0, 1.0], (48, 3))
+    """
+
+    def __init__(
+        self,
+        device: SphericalMotor,
+        seed: int = 0,
+        *,
+        grasp: Grasp | None = None,
+        quality: SensorErrors | None = None,
+        magnet_spread: float = 0.0,
+        step: float = 2.5e-4,
+    ) -> None:
+        if not (np.isfinite(step) and 0.0 < step <= 1e-3):
+            raise InputError(f"step of the simulation must be above 0 and at most 1 ms; got {step} s")
+        if not (np.isfinite(magnet_spread) and 0.0 <= magnet_spread < 1.0):
+            raise InputError(f"magnet_spread must be a share from 0 to below 1; got {magnet_spread!r}")
+        self.device: SphericalMotor = device
+        self.grasp = grasp or device.hand
+        self._quality, self._spread = quality or device.hall.errors, float(magnet_spread)
+        tables, supply = device.tables, device.supply
+        super().__init__(np.zeros(1, dtype=MOTOR), cold_coils(device), float(step), supply.duty_bits)
+        self._still = np.zeros(3)
+        self._state["current_noise"], self._state["current_step"] = supply.current_noise, supply.current_step
+        self._state["warming"] = device.hall.warming
+        self._state["heat_noise"], self._state["heat_step"] = device.thermometer_noise, device.thermometer_step
+        self._state["rotor"] = make_rotor_record(device, self.grasp)
+        self._rotor, self._torque = self._state["rotor"], self._state["torque"][0]
+        self._parts = Magnetics(
+            tables.torque_pair.cells,
+            float(tables.torque_pair.scale),
+            tables.field_pair.cells,
+            float(tables.field_pair.scale),
+            device.magnets.directions,
+            device.electromagnets.directions,
+            device.sensor_layout.directions,
+            device.groups,
+            device.sensor_field_per_ampere,
+            device.tilt_torque[0],
+        )
+        self._magnetics = pack_magnetics(self._parts)
+        self._failures = np.zeros(device.sensors, dtype=np.int64)
+        self.reset(seed)
+
+    def reset(self, seed: int = 0) -> None:
+        """Cold coils without currents, the rotor upright and at rest, noise and lasting errors from `seed`."""
+        self._state["generator"] = seed_noise(seed)
+        device, hall = self.device, self.device.hall
+        specimen = draw_sensors(self._quality, device.sensors, seed)
+        self._halls = make_halls(device.sensor_layout.frames, specimen, hall.noise, hall.step)
+        self._halls["failure"] = self._failures
+        draw = np.random.Generator(np.random.PCG64([seed, 1]))
+        polarity = np.array(device.polarity, dtype=np.float64)
+        self._strength = polarity * (1.0 + self._spread * draw.standard_normal(len(polarity)))
+        self._coils = cold_coils(device)
+        self._rotor["q"] = self._rotor["goal"] = (0.0, 0.0, 0.0, 1.0)
+        self._rotor["momentum"] = self._state["torque"] = self._state["pressed"] = 0.0
+        self._t = 0.0
+
+    def place(self, p: ArrayLike, q: ArrayLike) -> None:
+        """Turn the rotor to `q` (4,), at rest; beyond the edge it is set onto the edge. `p` (3,) means nothing here.
+
+        Raises InputError for what is no quaternion.
+        """
+        turned = check_finite(q, "q")
+        if turned.shape != (4,) or not turned.any():
+            raise InputError(f"q must be a quaternion (x, y, z, w) that is not zero; got {q!r}")
+        self._rotor["q"] = limit_tilt(turned / np.linalg.norm(turned), self.device.workspace_tilt)
+        self._rotor["momentum"] = 0.0
+        self._rotor["goal"] = turned / np.linalg.norm(turned)
+
+    def spin(self, w: ArrayLike) -> None:
+        """Give the rotor the angular velocity `w` (3,) [rad/s], stator frame. Raises InputError for another shape."""
+        rate = check_finite(w, "w")
+        if rate.shape != (3,):
+            raise InputError(f"w must have shape (3,); got {rate.shape}")
+        self._rotor["momentum"] = self._rotor["inertia"] * (self.state().R_SR.T @ rate)
+
+    def fail(self, sensors: Iterable[int], kind: str = "dead") -> None:
+        """Let field sensors of these numbers, from 0, fail: "dead", "stuck", "saturated" or "none" (`let_fail`).
+
+        A reset does not repair them.
+        """
+        let_fail(self._halls, sensors, kind)
+        self._failures[:] = self._halls["failure"]
+
+    def _fill_heat(self, dt: float) -> None:
+        self._state["heat"] = self.device.coils.heat.coil.step(dt)
+
+    def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
+        """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one, and `goal_p` means nothing here.
+
+        Raises InputError for less than 0 or more than 10 s.
+        """
+        if self._set_steps(dt):
+            advance(self._state, self._coils, self._magnetics, self._strength, duties, goal_q)
+            self._t += dt
+
+    def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
+        """One reading of every sensor; the pose is the true one, as an external tracker would tell it.
+
+        Raises DriverError where the simulation has left the numbers.
+        """
+        channels = self.device.channels
+        read, pose = np.empty(2 * channels), np.empty((4, 3))
+        field = np.empty((self.device.sensors, 3))
+        if not sense(self._state, self._coils, self._halls, self._magnetics, self._strength, pose, read, field):
+            raise DriverError(
+                "the simulated rotor's state is not finite: a value of the device file is unrealistic; "
+                "compare rotor and regulator with the file of 'pmsm'"
+            )
+        tracked = Pose(pose_stamp, pose[:3], self._still, pose[3], self._still, pose_valid)
+        return Sample(t, read[:channels], read[channels:], field, tracked)
+
+    def truth(self) -> Array:
+        """(6,) mean wrench over the last `advance`: torque of coils, regulator and weight on the rotor [N·m]; neither
+        hand, nor bearing, nor end stop. The bearing carries every force: the first three are zero."""
+        wrench = np.zeros(6)
+        wrench[3:] = self._torque
+        return wrench
+
+    def state(self) -> State:
+        """The rotor as it really is."""
+        R, w = np.empty((3, 3)), np.empty(3)
+        rotor = self._rotor
+        matrix(rotor["q"][0], R)
+        angular_velocity(rotor["momentum"][0], rotor["inertia"][0], R, w)
+        return State(self._t, R, np.zeros(3), w, np.zeros(3))
+
+    @property
+    def stop_deflection(self) -> float:
+        """How far the end stop gives way under the rotor just now [rad]; 0: it is not reached."""
+        return float(self._state["pressed"][0])
+
+    @property
+    def momentum(self) -> Array:
+        """(3,) angular momentum of rotor and hand, stator frame [N·m·s]."""
+        momentum: Array = self.state().R_SR @ self._rotor["momentum"][0]
+        return momentum
+
+    @property
+    def energy(self) -> float:
+        """Kinetic energy, and that of weight, regulator, grip and end stop [J]; zero upright at the hand's goal."""
+        rotor = self._rotor[0]
+        kinetic = 0.5 * float((rotor["momentum"] ** 2 / rotor["inertia"]).sum())
+        left = np.empty(3)
+        fill_remaining_rotation(rotor["q"], rotor["goal"], left)
+        cosine = float(self.state().R_SR[2, 2])
+        over = max(np.arccos(min(cosine, 1.0)) - np.arccos(rotor["edge"]), 0.0)
+        return float(
+            kinetic
+            + 0.5 * rotor["grip"] * float(left @ left)
+            + 0.5 * rotor["stop"] * float(over) ** 2
+            + potential_energy(self._parts.tilt_torque, float(rotor["least"]), cosine)
+        )

@@ -1,1 +1,0 @@
-"""A spherical motor, simulated."""

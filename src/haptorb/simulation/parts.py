@@ -1,0 +1,618 @@
+"""The coils as an electrician meets them: chopped supply, R and L in series, resistance and heat that follow the load.
+
+Every step is exact for a duty, an electromotive force and a resistance held in it: the current is an exponential, its
+square's mean is known, and the heat is a matrix: of two nodes each, or of all coils and what lies between them. Left
+out: the chopper's ripple (its period is short against L/R), mutual inductance between the nearly orthogonal coils, and
+eddy currents in the core.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptorb.arrays import Array, Record, Records, fields
+from haptorb.compiled import kernel, tick_kernel
+from haptorb.devices.base import Device, State
+from haptorb.devices.coil_array import ArrayMover
+from haptorb.devices.electromagnet import DomeContact, Hand, Tool
+from haptorb.devices.field_sensors import SensorSpecimen
+from haptorb.errors import InputError, UnknownName
+from haptorb.thermal import heat_step, network_step
+
+__all__ = [
+    "COIL",
+    "DOME",
+    "FAILURES",
+    "GRAVITY",
+    "GRIP",
+    "HALL",
+    "TOOL",
+    "Noise",
+    "chop",
+    "coil_step",
+    "cold_coils",
+    "contact",
+    "fill_normal",
+    "fill_remaining_rotation",
+    "fill_tool",
+    "greatest_reading",
+    "let_fail",
+    "make_halls",
+    "matrix",
+    "move",
+    "network_coil_step",
+    "plate_contact",
+    "quantise",
+    "read_halls",
+    "read_tool",
+    "seed_noise",
+    "set_goal",
+]
+
+
+#: Of each coil: what does not change about it, and how it is now.
+COIL = fields(
+    ("resistance", "f8"),  # at the reference temperature [Ω]
+    ("inductance", "f8"),  # [H]
+    ("voltage", "f8"),  # of the supply [V]
+    ("coefficient", "f8"),  # of the resistance [1/K]
+    ("reference", "f8"),  # temperature [K]
+    ("ambient", "f8"),  # temperature [K]
+    ("duty", "f8"),  # −1 to 1
+    ("emf", "f8"),  # that the moving mover induces against the current [V]
+    ("current", "f8"),  # [A]
+    ("winding", "f8"),  # temperature [K]
+    ("body", "f8"),  # temperature [K]
+    ("mean", "f8"),  # current of the last step [A]
+)
+
+
+def cold_coils(device: Device) -> Records:
+    """(m,) COIL of `device`: no current, everything at the ambient temperature."""
+    coils = device.coils
+    made = np.zeros(device.channels, dtype=COIL)
+    made["resistance"], made["inductance"] = coils.resistance, coils.inductance
+    made["voltage"] = device.supply.voltage
+    made["coefficient"], made["reference"] = coils.temperature_coefficient, coils.reference_temperature
+    made["ambient"] = made["winding"] = made["body"] = coils.heat.ambient
+    return made
+
+
+@tick_kernel
+def chop(duties: Array, steps: float, out: Array) -> None:
+    """Clip `duties` (m,) to −1…1 and round their magnitudes to 1/steps; what is not finite becomes zero."""
+    for k in range(duties.shape[0]):
+        duty = duties[k]
+        if not np.isfinite(duty):
+            duty = 0.0
+        out[k] = np.rint(min(max(duty, -1.0), 1.0) * steps) / steps
+
+
+@kernel
+def _drive(c: Record, dt: float) -> float:
+    """Advance the current of a COIL by `dt` [s] under its duty and emf; the mean power that heats it meanwhile [W]."""
+    resistance = c.resistance * (1.0 + c.coefficient * (c.winding - c.reference))
+    end = (c.duty * c.voltage - c.emf) / resistance
+    gap = c.current - end
+    x = resistance * dt / c.inductance
+    gone = -np.expm1(-x)
+    share = gone / x if x > 0.0 else 1.0  # mean of the decaying part; the mean of its square too
+    c.mean = end + gap * share
+    square = end * end + 2.0 * end * gap * share + gap * gap * share * (1.0 - 0.5 * gone)
+    c.current = end + gap * (1.0 - gone)
+    return float(resistance * square)
+
+
+@kernel
+def coil_step(coils: Records, heat: Array, dt: float) -> None:
+    """Advance `coils`, (m,) COIL, that do not warm each other by `dt` [s] under their duties and emf.
+
+    heat (2, 3) is `TwoNode.step(dt)`.
+    """
+    for k in range(coils.size):
+        c = coils[k]
+        power = _drive(c, dt)
+        c.winding, c.body = heat_step(heat, c.winding, c.body, c.ambient, power)
+
+
+@kernel
+def network_coil_step(coils: Records, heat: Array, core: float, dt: float) -> float:
+    """Advance `coils`, (m,) COIL, by `dt` [s] under their duties and emf; the core's temperature after it [K].
+
+    heat (2 m + 1, 3 m + 1) is the step of a `ThermalNetwork` of windings, bodies and a core, which is at `core` [K].
+    """
+    m = coils.size
+    rises, after, power = np.empty(2 * m + 1), np.empty(2 * m + 1), np.empty(m)
+    ambient = coils[0].ambient
+    for k in range(m):
+        c = coils[k]
+        rises[k], rises[m + k] = c.winding - ambient, c.body - ambient
+        power[k] = _drive(c, dt)
+    rises[2 * m] = core - ambient
+    network_step(heat, rises, power, after)
+    for k in range(m):
+        coils[k].winding, coils[k].body = ambient + after[k], ambient + after[m + k]
+    return float(ambient + after[2 * m])
+
+
+# --------------------------------------------------------------------------------------------------
+# Noise that is the same on every machine for a seed: xoshiro256++ (Blackman and Vigna 2019), inside compiled code.
+
+
+Noise: TypeAlias = NDArray[np.uint64]
+
+_TO_MIDDLE = 0x3FF0000000000000 - 0x3FE6A09E667F3BCD  #: in bits, from 1/√2 to 1: rounds to the nearest power of two
+_LN2 = math.log(2.0)
+_U17, _U19, _U23, _U41, _U45, _U11 = (np.uint64(n) for n in (17, 19, 23, 41, 45, 11))
+
+
+def seed_noise(seed: int) -> Noise:
+    """(4,) a generator's state for `seed`, any integer from 0 on.
+
+    Raises InputError for what is none.
+
+    >>> bool((seed_noise(1) == seed_noise(1)).all() and (seed_noise(1) != seed_noise(2)).any())
+    True
+    """
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"seed must be an integer, 0 or more; got {seed!r}")
+    state: Noise = np.random.SeedSequence(int(seed)).generate_state(4, np.uint64).astype(np.uint64)
+    return state
+
+
+@kernel
+def _uniform(s: Noise) -> float:
+    """A number in (0, 1]: 53 bits, never zero, so that its logarithm exists."""
+    mixed = s[0] + s[3]
+    mixed = ((mixed << _U23) | (mixed >> _U41)) + s[0]
+    shift = s[1] << _U17
+    s[2] ^= s[0]
+    s[3] ^= s[1]
+    s[1] ^= s[2]
+    s[0] ^= s[3]
+    s[2] ^= shift
+    s[3] = (s[3] << _U45) | (s[3] >> _U19)
+    return (np.float64(mixed >> _U11) + 1.0) * (1.0 / 9007199254740992.0)
+
+
+@kernel
+def _fill_uniform(s: Noise, first: Array, second: Array) -> None:
+    """Two numbers in (0, 1] in turn, as long as there is room."""
+    for i in range(first.shape[0]):
+        first[i] = _uniform(s)
+        second[i] = _uniform(s)
+
+
+@kernel
+def _radii(u: Array) -> None:
+    """u (n,) becomes √(−2 ln u): ln m for the mantissa m from 1/√2 to √2 as 2 artanh((m − 1)/(m + 1)), by its series.
+
+    Plain arithmetic runs in vectors, which the library's logarithm does not; likewise below.
+    """
+    bits = u.view(np.int64)
+    for i in range(u.shape[0]):
+        exponent = np.float64(np.int32((bits[i] + _TO_MIDDLE) >> 52) - 1023)
+        bits[i] = bits[i] - (np.int64(np.int32((bits[i] + _TO_MIDDLE) >> 52) - 1023) << 52)  # the mantissa alone
+        f = (u[i] - 1.0) / (u[i] + 1.0)
+        g = f * f  # at most 0.0295
+        series = 1.0 / 19.0 + g * (1.0 / 21.0)
+        series = 1.0 / 17.0 + g * series
+        series = 1.0 / 15.0 + g * series
+        series = 1.0 / 13.0 + g * series
+        series = 1.0 / 11.0 + g * series
+        series = 1.0 / 9.0 + g * series
+        series = 1.0 / 7.0 + g * series
+        series = 1.0 / 5.0 + g * series
+        series = 1.0 / 3.0 + g * series
+        u[i] = math.sqrt(max(-2.0 * (exponent * _LN2 + 2.0 * f * (1.0 + g * series)), 0.0))
+
+
+@kernel
+def _fill_cos_sin(turns: Array, radius: Array, across: Array) -> None:
+    """radius (n,) becomes radius · cos, across (n,) radius · sin of 2π `turns` (n,), from 0 to 1: Taylor over ±45°."""
+    for i in range(turns.shape[0]):
+        quarter = np.rint(4.0 * turns[i])
+        r = (4.0 * turns[i] - quarter) * (0.5 * math.pi)
+        g = r * r  # at most 0.617
+        s = -1.0 / 1307674368000.0 + g * (1.0 / 355687428096000.0)
+        s = 1.0 / 6227020800.0 + g * s
+        s = -1.0 / 39916800.0 + g * s
+        s = 1.0 / 362880.0 + g * s
+        s = -1.0 / 5040.0 + g * s
+        s = 1.0 / 120.0 + g * s
+        s = -1.0 / 6.0 + g * s
+        s = r * (1.0 + g * s)
+        c = -1.0 / 87178291200.0 + g * (1.0 / 20922789888000.0)
+        c = 1.0 / 479001600.0 + g * c
+        c = -1.0 / 3628800.0 + g * c
+        c = 1.0 / 40320.0 + g * c
+        c = -1.0 / 720.0 + g * c
+        c = 1.0 / 24.0 + g * c
+        c = 1.0 + g * (-0.5 + g * c)
+        # after so many quarter turns (cos, sin) is (c, s), (−s, c), (−c, −s), (s, −c) and (c, s) again
+        odd = quarter == 1.0 or quarter == 3.0
+        x = s if odd else c
+        y = c if odd else s
+        size = radius[i]
+        radius[i] = -size * x if quarter == 1.0 or quarter == 2.0 else size * x
+        across[i] = -size * y if quarter == 2.0 or quarter == 3.0 else size * y
+
+
+@kernel
+def fill_normal(s: Noise, out: Array) -> None:
+    """Fill out (n,) with independent standard normals (Box and Muller 1958), advancing `s` (4,)."""
+    pairs = (out.shape[0] + 1) // 2
+    radius, turns, across = np.empty(pairs), np.empty(pairs), np.empty(pairs)
+    _fill_uniform(s, radius, turns)
+    _radii(radius)
+    _fill_cos_sin(turns, radius, across)
+    for i in range(out.shape[0] // 2):
+        out[2 * i] = radius[i]
+        out[2 * i + 1] = across[i]
+    if out.shape[0] % 2:
+        out[out.shape[0] - 1] = radius[pairs - 1]
+
+
+@kernel
+def quantise(value: float, step: float) -> float:
+    """`value` as a converter with quantum `step` reports it; step 0: an ideal one."""
+    return np.rint(value / step) * step if step > 0.0 else value
+
+
+# --------------------------------------------------------------------------------------------------
+# Three-axis Hall sensors as they come: gain, offset, cross-axis, drift, noise, quantum, range, and some that fail.
+#
+# Every sensor reads along its own axes, the columns of its frame, and what it reads is turned into the stator frame,
+# as a
+# driver does. The errors that stay are those of a SensorSpecimen; the noise is drawn with every reading. Where a
+# sensor
+# really is, is up to who computes the field that it reads.
+
+
+#: how a sensor can fail, and the number that stands for it
+FAILURES = {"none": 0, "dead": 1, "stuck": 2, "saturated": 3}
+
+
+#: Of each sensor.
+HALL = fields(
+    ("frame", "f8", (3, 3)),  # columns ϑ̂, φ̂, r̂
+    ("mixing", "f8", (3, 3)),  # reading per field along the sensor's own axes
+    ("offset", "f8", (3,)),  # [T]
+    ("gain_drift", "f8", (3,)),  # [1/K]
+    ("offset_drift", "f8", (3,)),  # [T/K]
+    ("noise", "f8"),  # [T]
+    ("step", "f8"),  # [T]
+    ("reach", "f8"),  # greatest reading of an axis [T]
+    ("failure", "i8"),  # a number of FAILURES
+    ("held", "f8", (3,)),  # last good reading, own axes: what a stuck one says [T]
+)
+
+
+def greatest_reading(step: float) -> float:
+    """Of an axis of a converter of 16 bits with quantum `step` [T]; inf for an ideal one."""
+    return 32767 * step if step > 0 else np.inf
+
+
+def make_halls(frames: Array, specimen: SensorSpecimen, noise: float, step: float) -> Records:
+    """(k,) HALL with `frames` (k, 3, 3) and the lasting errors of `specimen`; none fails. Fields in [T]."""
+    made = np.zeros(len(frames), dtype=HALL)
+    made["frame"] = frames
+    for name in ("mixing", "offset", "gain_drift", "offset_drift"):
+        made[name] = getattr(specimen, name)
+    made["noise"], made["step"], made["reach"] = noise, step, greatest_reading(step)
+    return made
+
+
+def let_fail(halls: Records, sensors: Iterable[int], kind: str) -> None:
+    """Let those of `halls` (k,) with these numbers, from 0, fail: "dead" (nothing but offset and noise), "stuck" at the
+    last reading, "saturated"; "none" repairs them.
+
+    Raises UnknownName for another kind, InputError for a sensor that is not there; then nothing has changed.
+    """
+    if kind not in FAILURES:
+        raise UnknownName("failure of a field sensor", kind, FAILURES)
+    numbers = list(sensors)
+    for number in numbers:
+        if not 0 <= number < len(halls):
+            raise InputError(f"sensor must be 0 to {len(halls) - 1}; got {number}")
+    halls["failure"][numbers] = FAILURES[kind]
+
+
+@kernel
+def _convert(value: float, reach: float, step: float) -> float:
+    return quantise(min(max(value, -reach), reach), step)
+
+
+@kernel
+def _fault_value(failure: int, held: float, own: float, quiet: float, reach: float) -> float:
+    """What an axis of a sensor that fails says: held, its greatest, or nothing but offset and noise (`quiet`) [T]."""
+    if failure == 2:
+        return held
+    if failure == 3:
+        return reach if own >= 0.0 else -reach
+    return quiet
+
+
+@kernel
+def read_halls(halls: Records, noise: Noise, warmth: float, field: Array) -> None:
+    """Turn the true `field` (k, 3) [T], stator frame, into what `halls`, (k,) HALL, read of it, in place.
+
+    warmth [K]: by how much the sensors are warmer than when they were calibrated.
+    """
+    draws = np.empty(3 * halls.size)
+    fill_normal(noise, draws)
+    for k in range(halls.size):
+        hall = halls[k]
+        F, M, offset, held = hall.frame, hall.mixing, hall.offset, hall.held
+        gain_drift, offset_drift = hall.gain_drift, hall.offset_drift
+        sigma, reach, step, failure = hall.noise, hall.reach, hall.step, hall.failure
+        x, y, z = field[k, 0], field[k, 1], field[k, 2]
+        a = F[0, 0] * x + F[1, 0] * y + F[2, 0] * z  # along its own axes
+        b = F[0, 1] * x + F[1, 1] * y + F[2, 1] * z
+        c = F[0, 2] * x + F[1, 2] * y + F[2, 2] * z
+        u = offset[0] + warmth * offset_drift[0] + sigma * draws[3 * k]
+        v = offset[1] + warmth * offset_drift[1] + sigma * draws[3 * k + 1]
+        w = offset[2] + warmth * offset_drift[2] + sigma * draws[3 * k + 2]
+        if failure == 0:
+            u = _convert(u + warmth * gain_drift[0] * a + (M[0, 0] * a + M[0, 1] * b + M[0, 2] * c), reach, step)
+            v = _convert(v + warmth * gain_drift[1] * b + (M[1, 0] * a + M[1, 1] * b + M[1, 2] * c), reach, step)
+            w = _convert(w + warmth * gain_drift[2] * c + (M[2, 0] * a + M[2, 1] * b + M[2, 2] * c), reach, step)
+            held[0], held[1], held[2] = u, v, w
+        else:
+            u = _convert(_fault_value(failure, held[0], a, u, reach), reach, step)
+            v = _convert(_fault_value(failure, held[1], b, v, reach), reach, step)
+            w = _convert(_fault_value(failure, held[2], c, w, reach), reach, step)
+        field[k, 0] = F[0, 0] * u + F[0, 1] * v + F[0, 2] * w
+        field[k, 1] = F[1, 0] * u + F[1, 1] * v + F[1, 2] * w
+        field[k, 2] = F[2, 0] * u + F[2, 1] * v + F[2, 2] * w
+
+
+# --------------------------------------------------------------------------------------------------
+# A hand on the tool: springs and dampers towards where it wants the tool, in place and in turn.
+#
+# The hand moves with the tool (its mass is added) and carries the tool's weight, as people do without thinking: what
+# is
+# seen of its yielding is the device's doing. The dampers act against the stator. Grips from the literature run from
+# 0.1
+# kg, 2 N·s/m, 100 N/m (a pen, lightly) to 0.8 kg, 10 N·s/m, 500 N/m.
+
+
+#: How firmly the tool is held; zeros: no hand at all.
+GRIP = fields(
+    ("stiffness", "f8"),  # [N/m]
+    ("damping", "f8"),  # [N·s/m]
+    ("turn_stiffness", "f8"),  # [N·m/rad]
+    ("turn_damping", "f8"),  # [N·m·s/rad]
+)
+
+
+@kernel
+def fill_remaining_rotation(q: Array, goal: Array, out: Array) -> None:
+    """out (3,) [rad], stator frame: the shortest turn from the unit quaternion q to `goal` (both (x, y, z, w))."""
+    x = -goal[3] * q[0] + goal[0] * q[3] - goal[1] * q[2] + goal[2] * q[1]
+    y = -goal[3] * q[1] + goal[1] * q[3] - goal[2] * q[0] + goal[0] * q[2]
+    z = -goal[3] * q[2] + goal[2] * q[3] - goal[0] * q[1] + goal[1] * q[0]
+    w = goal[3] * q[3] + goal[0] * q[0] + goal[1] * q[1] + goal[2] * q[2]
+    if w < 0.0:
+        x, y, z, w = -x, -y, -z, -w
+    s = np.sqrt(x * x + y * y + z * z)
+    scale = 2.0 * np.arctan2(s, w) / s if s > 1e-12 else 2.0
+    out[0], out[1], out[2] = scale * x, scale * y, scale * z
+
+
+# --------------------------------------------------------------------------------------------------
+# The tool as a rigid body over the dome: pose, motion, and contact along its shaft.
+#
+# Pose and motion are in the stator frame. Steps are linearly implicit in the hand's springs and dampers (stable at
+# any
+# step), explicit in the rest.
+
+
+GRAVITY = 9.80665  #: [m/s²], along −z of the stator
+
+#: The sphere under the tip; or a level plate, whose height stands in place of the radius.
+DOME = fields(
+    ("radius", "f8"),  # [m]
+    ("stiffness", "f8"),  # [N/m]
+    ("damping", "f8"),  # [N·s/m]
+    ("friction", "f8"),  # [1]
+)
+
+#: The tool with the part of the hand that moves with it, the dome that it touches, and the hand's goal for it.
+TOOL = fields(
+    ("mass", "f8"),  # tool and hand [kg]
+    ("weight", "f8"),  # of the tool, where no hand carries it [N]
+    ("inertia", "f8", (3,)),  # principal moments about the magnet's centre, mover frame [kg·m²]
+    ("tip", "f8"),  # distance of the tip from the magnet's centre, along −z of the mover [m]
+    ("tail", "f8"),  # how far behind the magnet's centre the shaft can touch, along +z [m]
+    ("dome", DOME),
+    ("grip", GRIP),
+    ("goal", "f8", (3,)),  # position to which the hand pulls [m]
+    ("goal_q", "f8", (4,)),  # quaternion to which the hand turns
+    ("p", "f8", (3,)),  # [m]
+    ("q", "f8", (4,)),  # quaternion of R_SR
+    ("v", "f8", (3,)),  # [m/s]
+    ("w", "f8", (3,)),  # angular velocity [rad/s]
+)
+
+
+def fill_tool(state: Records, tool: Tool | ArrayMover, hand: Hand | None, surface: DomeContact) -> None:
+    """Fill `state`, (1,) TOOL, with tool, hand and surface as the device file has them; without a hand it falls.
+
+    A hand carries the tool's weight.
+    """
+    state["mass"] = tool.mass + (0.0 if hand is None else hand.mass)
+    state["weight"] = tool.mass * GRAVITY if hand is None else 0.0
+    state["inertia"], state["tip"] = tool.inertia, tool.tip_distance
+    for name in ("stiffness", "damping", "friction"):
+        state["dome"][name] = getattr(surface, name)
+    if hand is not None:
+        for name in ("stiffness", "damping", "turn_stiffness", "turn_damping"):
+            state["grip"][name] = getattr(hand, name)
+
+
+def read_tool(state: Records, t: float) -> State:
+    """Pose and motion at `t` [s] of the tool in `state`, (1,) TOOL."""
+    R = np.empty((3, 3))
+    p, q, v, w = (state[name][0].copy() for name in "pqvw")
+    matrix(q, R)
+    return State(t, R, p, w, v)
+
+
+@kernel
+def matrix(q: Array, R: Array) -> None:
+    """Fill R (3, 3) from the unit quaternion q (4,), (x, y, z, w)."""
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
+    R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
+    R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+
+
+@kernel
+def _inverse_mass(tool: Record, R: Array, rx: float, ry: float, rz: float, ux: float, uy: float, uz: float) -> float:
+    """Inverse of the mass felt at arm r along the unit vector u [1/kg]: 1/m + (r×u)·I⁻¹(r×u)."""
+    cx, cy, cz = ry * uz - rz * uy, rz * ux - rx * uz, rx * uy - ry * ux
+    bx = R[0, 0] * cx + R[1, 0] * cy + R[2, 0] * cz
+    by = R[0, 1] * cx + R[1, 1] * cy + R[2, 1] * cz
+    bz = R[0, 2] * cx + R[1, 2] * cy + R[2, 2] * cz
+    turning: float = bx * bx / tool.inertia[0] + by * by / tool.inertia[1] + bz * bz / tool.inertia[2]
+    yielding: float = 1.0 / tool.mass + turning
+    return yielding
+
+
+@kernel
+def set_goal(tool: Record, wish_p: Array, wish_q: Array) -> None:
+    """The hand's goal becomes the wish; what is not finite, or no turn, stays as it was."""
+    square = 0.0
+    for i in range(4):
+        square += wish_q[i] * wish_q[i]
+    if 0.0 < square < 1e12:  # false for NaN as well
+        for i in range(4):
+            tool.goal_q[i] = wish_q[i] / np.sqrt(square)
+    if np.isfinite(wish_p[0] + wish_p[1] + wish_p[2]):
+        for i in range(3):
+            tool.goal[i] = wish_p[i]
+
+
+@kernel
+def contact(tool: Record, R: Array, dt: float, out: Array) -> float:
+    """Add to out (6,) the dome's push on `tool`, a TOOL at R (3, 3): force [N] and torque about p [N·m]; returns the
+    depth [m].
+
+    The shaft is a line from the tip to behind the magnet; its point nearest to the centre touches. So a tool lying on
+    the dome rests on its side, and no tilt brings the magnet into the dome. The push is a spring with a damper that
+    never pulls; friction opposes sliding and, within one step, can stop it but not turn it round.
+    """
+    nx, ny, nz = R[0, 2], R[1, 2], R[2, 2]
+    px, py, pz = tool.p[0], tool.p[1], tool.p[2]
+    s = min(max(-(px * nx + py * ny + pz * nz), -tool.tip), tool.tail)
+    x, y, z = px + s * nx, py + s * ny, pz + s * nz
+    distance = np.sqrt(x * x + y * y + z * z)
+    depth: float = tool.dome.radius - distance
+    if depth <= 0.0:
+        return 0.0
+    ux, uy, uz = 0.0, 0.0, 1.0
+    if distance > 1e-9:
+        ux, uy, uz = x / distance, y / distance, z / distance
+    _push_back(tool, R, s, (ux, uy, uz), depth, dt, out)
+    return depth
+
+
+@kernel
+def plate_contact(tool: Record, R: Array, dt: float, out: Array) -> float:
+    """As `contact`, of a level plate at z = `dome.radius`: the lower end of the shaft touches."""
+    s = -tool.tip if R[2, 2] >= 0.0 else tool.tail
+    depth: float = tool.dome.radius - (tool.p[2] + s * R[2, 2])
+    if depth <= 0.0:
+        return 0.0
+    _push_back(tool, R, s, (0.0, 0.0, 1.0), depth, dt, out)
+    return depth
+
+
+@kernel
+def _push_back(
+    tool: Record, R: Array, s: float, normal: tuple[float, float, float], depth: float, dt: float, out: Array
+) -> None:
+    """Add to out (6,) what a surface does to the shaft `s` [m] along its axis from p, `depth` [m] inside."""
+    dome, v, w = tool.dome, tool.v, tool.w
+    ux, uy, uz = normal
+    rx, ry, rz = s * R[0, 2], s * R[1, 2], s * R[2, 2]
+    vx = v[0] + w[1] * rz - w[2] * ry
+    vy = v[1] + w[2] * rx - w[0] * rz
+    vz = v[2] + w[0] * ry - w[1] * rx
+    speed = vx * ux + vy * uy + vz * uz
+    # A damper that would turn the motion round within a step is cut to one that stops it.
+    damping = min(dome.damping, 1.0 / (dt * _inverse_mass(tool, R, rx, ry, rz, ux, uy, uz)))
+    push = max(dome.stiffness * depth - damping * speed, 0.0)
+    fx, fy, fz = push * ux, push * uy, push * uz
+    sx, sy, sz = vx - speed * ux, vy - speed * uy, vz - speed * uz
+    slide = np.sqrt(sx * sx + sy * sy + sz * sz)
+    if slide > 1e-12:
+        sx, sy, sz = sx / slide, sy / slide, sz / slide
+        stopping = slide / (dt * _inverse_mass(tool, R, rx, ry, rz, sx, sy, sz))
+        drag = min(dome.friction * push, stopping)
+        fx -= drag * sx
+        fy -= drag * sy
+        fz -= drag * sz
+    out[0] += fx
+    out[1] += fy
+    out[2] += fz
+    out[3] += ry * fz - rz * fy
+    out[4] += rz * fx - rx * fz
+    out[5] += rx * fy - ry * fx
+
+
+@kernel
+def move(tool: Record, R: Array, turn: Array, wrench: Array, dt: float) -> None:
+    """One step of `dt` [s] under `wrench` (6,), gravity and the grip; `turn` (3,) is the rotation left to the goal.
+
+    Velocities first, then the pose with the new velocities; the grip is taken at the step's end:
+    v' = [m v + dt (F + k (g − p))] / (m + dt c + dt² k), and so about every principal axis.
+    """
+    grip, p, v, w = tool.grip, tool.p, tool.v, tool.w
+    stiff, damp = grip.stiffness, grip.damping
+    for i in range(3):
+        force = wrench[i] - (tool.weight if i == 2 else 0.0)
+        speed = tool.mass * v[i] + dt * (force + stiff * (tool.goal[i] - p[i]))
+        v[i] = speed / (tool.mass + dt * damp + dt * dt * stiff)
+        p[i] += dt * v[i]
+    ix, iy, iz = tool.inertia[0], tool.inertia[1], tool.inertia[2]
+    wx = R[0, 0] * w[0] + R[1, 0] * w[1] + R[2, 0] * w[2]
+    wy = R[0, 1] * w[0] + R[1, 1] * w[1] + R[2, 1] * w[2]
+    wz = R[0, 2] * w[0] + R[1, 2] * w[1] + R[2, 2] * w[2]
+    tx, ty, tz = (
+        wrench[3] + grip.turn_stiffness * turn[0],
+        wrench[4] + grip.turn_stiffness * turn[1],
+        wrench[5] + grip.turn_stiffness * turn[2],
+    )
+    bx = R[0, 0] * tx + R[1, 0] * ty + R[2, 0] * tz - (iz - iy) * wy * wz  # Euler's equations
+    by = R[0, 1] * tx + R[1, 1] * ty + R[2, 1] * tz - (ix - iz) * wz * wx
+    bz = R[0, 2] * tx + R[1, 2] * ty + R[2, 2] * tz - (iy - ix) * wx * wy
+    held = dt * grip.turn_damping + dt * dt * grip.turn_stiffness
+    wx = (ix * wx + dt * bx) / (ix + held)
+    wy = (iy * wy + dt * by) / (iy + held)
+    wz = (iz * wz + dt * bz) / (iz + held)
+    for i in range(3):
+        w[i] = R[i, 0] * wx + R[i, 1] * wy + R[i, 2] * wz
+    _turn(tool.q, wx, wy, wz, dt)
+
+
+@kernel
+def _turn(q: Array, wx: float, wy: float, wz: float, dt: float) -> None:
+    """Turn the quaternion q (4,) by the mover-frame rate w over dt, exactly for a rate held in it."""
+    rate = np.sqrt(wx * wx + wy * wy + wz * wz)
+    half = 0.5 * rate * dt
+    s = np.sin(half) / rate if half > 1e-8 else 0.5 * dt
+    a, b, c, d = s * wx, s * wy, s * wz, np.cos(half)
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    nx = w * a + x * d + y * c - z * b
+    ny = w * b - x * c + y * d + z * a
+    nz = w * c + x * b - y * a + z * d
+    nw = w * d - x * a - y * b - z * c
+    scale = 1.0 / np.sqrt(nx * nx + ny * ny + nz * nz + nw * nw)
+    q[0], q[1], q[2], q[3] = nx * scale, ny * scale, nz * scale, nw * scale

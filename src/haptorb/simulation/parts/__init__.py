@@ -1,1 +1,0 @@
-"""What simulations share: coils, hand, tool, noise."""

@@ -1,0 +1,348 @@
+"""Databases that programs write answers and results to: SQLite in a file, PostgreSQL by URL.
+
+SQLite runs with a write-ahead log and `synchronous = FULL`: a committed transaction is on the disk, power loss or not.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from time import sleep
+from types import TracebackType
+from typing import Any, Self, final
+
+from sqlalchemy import Connection, MetaData, Table, create_engine, event, inspect, select, text
+from sqlalchemy.engine import Connection as engine_Connection
+from sqlalchemy.engine import Engine, make_url
+from sqlalchemy.exc import ArgumentError, SQLAlchemyError
+
+from haptorb.errors import RecordingError, quote
+from haptorb.file_kind import FileKind
+from haptorb.files import open_regular
+
+__all__ = [
+    "BUSY",
+    "ProgramLock",
+    "TableSet",
+    "explain_error",
+    "lock_database",
+    "make_engine",
+    "mask_password",
+    "path_of",
+    "url_of",
+]
+
+
+BUSY = 10_000  #: milliseconds for which a writer waits while another program holds the database
+_LONGEST = 64 * 1024 * 1024  #: bytes of a value
+_PATIENCE = 5  #: seconds until a server that does not answer counts as unreachable
+
+
+def url_of(place: str | Path) -> str:
+    """`place` as a URL: a path means SQLite.
+
+    >>> url_of("study.db")
+    'sqlite:///study.db'
+    """
+    text = str(place)
+    return text if "://" in text else f"sqlite:///{text}"
+
+
+def path_of(place: str | Path) -> Path | None:
+    """The file of a SQLite database, None for a server's."""
+    url = url_of(place)
+    return Path(url.removeprefix("sqlite:///")) if url.startswith("sqlite:///") else None
+
+
+def make_engine(place: str | Path) -> Engine:
+    """An engine for the database at `place`, which nothing was asked yet; RecordingError if `place` names none."""
+    try:
+        url = make_url(url_of(place))
+        if url.drivername == "postgresql":
+            url = url.set(drivername="postgresql+psycopg")
+        engine = create_engine(url, connect_args=_watched if url.get_backend_name() == "postgresql" else {})
+    except ArgumentError as cause:
+        raise RecordingError(
+            f"'{place}' is not a database; give a file, or a URL like postgresql://host/name"
+        ) from cause
+    except ImportError as cause:
+        raise RecordingError(
+            f"database {place} needs a driver that is not installed ({cause.name or cause}): "
+            "pip install 'haptorb[study]' brings PostgreSQL's"
+        ) from cause
+    if engine.dialect.name == "sqlite":
+        event.listen(engine, "connect", _set_pragmas)
+    return engine
+
+
+def lock_database(connection: Connection, family: int) -> None:
+    """No other program of `family` passes here until the transaction that has just begun on `connection` ends."""
+    if connection.dialect.name == "sqlite":
+        connection.execute(text("BEGIN IMMEDIATE"))  # Python's sqlite3 would begin only at the first change of data
+    else:
+        connection.execute(text("SELECT pg_advisory_xact_lock(:family, 0)"), {"family": family})
+
+
+def mask_password(place: str | Path) -> str:
+    """`place` without the password that a URL may hold."""
+    return make_url(url_of(place)).render_as_string() if "://" in str(place) else str(place)
+
+
+#: a station that loses its power must not hold its session, nor one that loses its server wait, for hours
+_watched = {
+    "connect_timeout": _PATIENCE, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3,
+    "tcp_user_timeout": 30_000,
+}  # fmt: skip
+
+
+def _set_pragmas(connection: Any, record: Any) -> None:
+    """Durable, and careful: what a database from somebody else computes by its own schema is nothing of ours."""
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST)
+    cursor = connection.cursor()
+    for pragma in (
+        "trusted_schema = OFF",
+        "cell_size_check = ON",
+        "journal_mode = WAL",
+        "synchronous = FULL",
+        "foreign_keys = ON",
+        f"busy_timeout = {BUSY}",
+    ):
+        cursor.execute(f"PRAGMA {pragma}")
+    cursor.close()
+
+
+# --------------------------------------------------------------------------------------------------
+# The tables of one program in a database, made at its first opening; what is none of ours, or newer, is refused.
+
+
+_TABLE_SET_TRIES, _PAUSE = 20, 0.02  #: for another program that makes the database [s]
+_HEAD = 256 * 1024  #: bytes by which a file is recognised
+
+
+def explain_error(cause: SQLAlchemyError) -> str:
+    """The database's own words, one line."""
+    return str(getattr(cause, "orig", None) or cause).splitlines()[0]
+
+
+def _check_neighbours(path: Path) -> None:
+    """RecordingError for files beside the database that SQLite would obey: they may have come with it.
+
+    A write-ahead log that is a link has what it leads to overwritten. A rollback journal, which a database of ours
+    never has, as it begins with a write-ahead log, names a file that is deleted.
+    """
+    for end in ("-wal", "-shm"):
+        beside = path.with_name(path.name + end)
+        if beside.is_symlink() or (beside.exists() and not beside.is_file()):  # safety: database-link
+            raise RecordingError(f"{beside} is not a regular file, so {path} is not opened: remove it")
+    journal = path.with_name(f"{path.name}-journal")
+    for _ in range(_TABLE_SET_TRIES):
+        if not (journal.is_symlink() or journal.exists()):  # safety: database-journal
+            return
+        sleep(_PAUSE)  # another program may be making the database
+    raise RecordingError(
+        f"{path} has a rollback journal beside it, {journal.name}, so another program was writing it: it is not opened"
+    )
+
+
+def _check_schema(connection: Connection, place: str | Path) -> None:
+    """RecordingError for a database that computes: views, triggers, virtual tables and generated columns."""
+    for kind, name, made in connection.exec_driver_sql("SELECT type, name, sql FROM sqlite_master").all():
+        words = str(made or "").upper().split()
+        generated: list[str] = []
+        if kind == "table":
+            columns = connection.exec_driver_sql("SELECT name, hidden FROM pragma_table_xinfo(?)", (name,)).all()
+            generated = [column for column, hidden in columns if hidden]
+        if kind in ("view", "trigger") or words[1:2] == ["VIRTUAL"] or generated:  # safety: database-schema
+            what = kind if kind in ("view", "trigger") else "computed table"
+            raise RecordingError(
+                f"database {mask_password(place)} has a {what}, {quote(name)}, which haptorb does not make: it is not "
+                "opened"
+            )
+
+
+@dataclass(frozen=True)
+class TableSet:
+    """Tables that belong together, and the version of their schema.
+
+    content    what a database with these tables holds, such as "a study"
+    kind       of the file, if it is one
+    metadata   the tables
+    versions   the table whose only row has the schema's version
+    newest     version of this haptorb
+    family     of PostgreSQL's advisory locks of this program
+    migrate    (connection, version): bring tables of an older version forward; None where there are none
+    """
+
+    content: str
+    kind: FileKind
+    metadata: MetaData
+    versions: Table
+    newest: int
+    family: int
+    migrate: Callable[[Connection, int], object] | None = None
+
+    def open(self, place: str | Path, *, make: bool) -> Engine:
+        """The database at `place`, with these tables; RecordingError if it cannot be reached, is newer, or another.
+
+        With `make` false one without tables is refused.
+        """
+        path = path_of(place)
+        if path is not None:
+            self._check_file(path)
+        engine = make_engine(place)
+        try:
+            with engine.connect() as connection:
+                version = self._read_version(connection, place)
+            if version is None and not make:
+                raise RecordingError(f"database {mask_password(place)} does not hold {self.content}")
+            if version is None or version < self.newest:
+                with engine.begin() as connection:
+                    self._bring_forward(connection, place)
+        except SQLAlchemyError as cause:
+            engine.dispose()
+            raise RecordingError(
+                f"database {mask_password(place)} cannot be opened, and nothing was started: {explain_error(cause)}"
+            ) from cause
+        except RecordingError:
+            engine.dispose()
+            raise
+        return engine
+
+    def _check_file(self, path: Path) -> None:
+        """RecordingError for what is there and is no database of this kind: opening it to write could change it."""
+        _check_neighbours(path)
+        if not path.exists() and not path.is_symlink():
+            return
+        with open_regular(path, "database", RecordingError) as file:
+            head = file.read(_HEAD)
+        if not head:  # as made by `touch`, or by a program that was ended before its first table
+            return
+        if other := self.kind.explain_other(path, head):
+            raise RecordingError(other)
+        if not head.startswith(b"SQLite format 3\0"):
+            raise RecordingError(f"{path} is not a database, so it does not hold {self.content}; choose another name")
+
+    def _bring_forward(self, connection: Connection, place: str | Path) -> None:
+        lock_database(connection, self.family)
+        version = self._read_version(connection, place)  # another program may have been quicker
+        if version is None:
+            self.metadata.create_all(connection)
+            connection.execute(self.versions.insert().values(version=self.newest))
+        elif self.migrate is not None:
+            self.migrate(connection, version)
+
+    def _read_version(self, connection: Connection, place: str | Path) -> int | None:
+        """Version of the tables, None where there are none; RecordingError if they are not these, or newer."""
+        names = set(inspect(connection).get_table_names())
+        if not names:
+            return None
+        if connection.dialect.name == "sqlite":
+            _check_schema(connection, place)
+        if self.versions.name not in names:
+            raise RecordingError(
+                f"database {mask_password(place)} holds other tables, not {self.content}; choose another"
+            )
+        version = int(connection.execute(select(self.versions.c.version)).scalar_one())
+        if version > self.newest:
+            raise RecordingError(
+                f"database {mask_password(place)} has schema {version}; this haptorb knows up to {self.newest}: "
+                "update haptorb"
+            )
+        return version
+
+
+# --------------------------------------------------------------------------------------------------
+# One program at a time: a lock that the operating system, or PostgreSQL, releases when its holder ends.
+
+
+_PROGRAM_LOCK_TRIES = 20  #: to lock a file that others remove meanwhile
+
+
+@final
+class ProgramLock:
+    """Held in a `with` block, or until `release`; `conflict` if another program holds it.
+
+    family, number  what is locked in a PostgreSQL database
+    end             what is locked beside a SQLite file: a file whose name is that file's and this end
+
+    A killed process loses it at once, so that its work can be resumed without waiting for anything. The file is
+    removed on release; one that a killed process left is removed by the next holder.
+    """
+
+    def __init__(self, engine: Engine, family: int, number: int, end: str, conflict: RecordingError) -> None:
+        self._file: sqlite3.Connection | None = None
+        self._path = Path(f"{engine.url.database}{end}")
+        self._connection: engine_Connection | None = None
+        if engine.dialect.name == "sqlite":
+            self._file = _lock_file(self._path, conflict)
+        else:
+            self._connection = engine.connect()
+            lock = text("SELECT pg_try_advisory_lock(:family, :number)")
+            held = self._connection.execute(lock, {"family": family, "number": number}).scalar_one()
+            self._connection.commit()
+            if not held:
+                self._connection.close()
+                raise conflict
+
+    def release(self) -> None:
+        """Give it back; may be called twice."""
+        if self._file is not None:
+            with suppress(
+                OSError
+            ):  # while it is locked: who opened it meanwhile sees that it is another file's name now
+                self._path.unlink()
+            self._file.close()
+            self._file = None
+        if self._connection is not None:
+            self._connection.invalidate()  # the lock belongs to the connection, which a pool would keep
+            self._connection.close()
+            self._connection = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.release()
+
+
+def _lock_file(path: Path, conflict: RecordingError) -> sqlite3.Connection:
+    """Holds the empty file `path` until it is closed. Raises `conflict`, or RecordingError if it cannot be made.
+
+    SQLite knows how each operating system locks files.
+    """
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise RecordingError(f"{path} is not a regular file, so nothing can be locked by it: remove it")
+    tries = 0
+    while True:
+        tries += 1
+        file = None
+        try:
+            with suppress(FileExistsError):  # no more than this: who closes the file loses what it locked in it
+                os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
+            before = _identify(path)
+            file = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
+            file.execute("BEGIN EXCLUSIVE")
+            if before is not None and before == _identify(path):
+                return file
+            file.close()  # its last holder removed it between the two: what is locked has no name any more
+        except (OSError, sqlite3.Error) as cause:
+            if file is not None:
+                file.close()
+            if isinstance(cause, sqlite3.Error) and cause.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+                raise conflict from cause
+            if isinstance(cause, sqlite3.Error) and tries < _PROGRAM_LOCK_TRIES:
+                continue  # its last holder removed it while SQLite opened it
+            raise RecordingError(f"{path} cannot be locked: {cause}") from cause
+
+
+def _identify(path: Path) -> tuple[int, int, int] | None:
+    """Which file has this name now; None: none has."""
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return None
+    return status.st_dev, status.st_ino, status.st_ctime_ns

@@ -1,0 +1,653 @@
+"""The one way in which every command prints: prose, facts, tables and JSON, whatever the terminal can show."""
+
+from __future__ import annotations
+
+import codecs
+import inspect
+import json
+import os
+import re
+import shutil
+import sys
+import unicodedata
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from threading import Timer
+from typing import TYPE_CHECKING, Any, TextIO
+
+import typer
+from rich.cells import cell_len
+from typer.core import TyperCommand, TyperGroup
+
+from haptorb.errors import quote
+from haptorb.files import visible
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+    from rich.status import Status
+
+__all__ = [
+    "Column",
+    "CommandLine",
+    "TextTable",
+    "announce_wait",
+    "drop_output",
+    "find_width",
+    "fit_encoding",
+    "format_facts",
+    "make_console",
+    "make_progress",
+    "open_output",
+    "print_facts",
+    "print_file",
+    "print_json",
+    "print_table",
+    "print_text",
+    "say",
+    "show_status",
+    "tell",
+    "use_ascii_fallback",
+    "wrap",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# Greek letters, signs and superscripts in ASCII, for outputs whose encoding cannot carry them.
+
+
+_HANDLER = "haptorb.ascii"
+
+#: sign → ASCII, where neither its name nor its decomposition gives it
+_SIGNS = {
+    "°": "deg", "℃": "degC", "Ω": "Ohm", "µ": "u", "μ": "u", "·": ".", "⋅": ".", "×": "x", "−": "-", "–": "-",
+    "—": "-", "±": "+/-", "∓": "-/+", "≤": "<=", "≥": ">=", "≪": "<<", "≫": ">>", "≈": "~", "≠": "!=", "√": "sqrt",
+    "∞": "inf", "∂": "d", "∇": "grad", "∫": "integral", "∮": "integral", "∈": "in", "‖": "||", "…": "...",
+    "½": "1/2", "‰": " per mille", "§": "section ", "′": "'", "‘": "'", "’": "'", "“": '"', "”": '"', "„": '"',
+    "•": "*", "◆": "o", "→": "->", "←": "<-", "↦": "->", "↑": "up", "↓": "down", "↗": "NE", "↖": "NW", "↙": "SW",
+    "↘": "SE", "‾": "", "ℓ": "l", "€": "EUR", "█": "#", "━": "=", "─": "-", "│": "|", "├": "+", "└": "+", "┐": "+",
+    "╭": "+", "╮": "+", "╯": "+", "╰": "+", "▶": ">",
+}  # fmt: skip
+_SCRIPTS = {"<super>": "^", "<sub>": "_"}
+
+
+def fit_encoding(text: str, encoding: str) -> str:
+    r"""`text` with ASCII in place of those characters that `encoding` does not have, and what would act on a terminal
+    made visible: all that is printed passes here, as it may come from somebody's file.
+
+    >>> fit_encoding("2 µΩ", "latin-1")
+    '2 µOhm'
+    >>> fit_encoding("θ = 30°, 2.5 µm², R ≤ 0.6 Ω → l̄ (Zárate)", "ascii")
+    'theta = 30deg, 2.5 um^2, R <= 0.6 Ohm -> l (Zarate)'
+    >>> print(fit_encoding("a recording called \x1b[2J", "utf-8"))
+    a recording called \x1b[2J
+    """
+    text = visible(text)
+    try:
+        text.encode(encoding)
+    except UnicodeEncodeError:
+        return "".join(letter if _can_encode(encoding, letter) else _spell(letter) for letter in text)
+    return text
+
+
+def use_ascii_fallback() -> None:
+    """Let standard output and error spell what their encoding cannot carry, instead of failing."""
+    codecs.register_error(_HANDLER, _replace)
+    for stream in (sys.stdout, sys.stderr):
+        reconfigure = getattr(stream, "reconfigure", None)
+        if reconfigure is not None and not (stream.encoding or "").lower().startswith("utf"):
+            reconfigure(errors=_HANDLER)
+
+
+def _replace(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(_spell, error.object[error.start : error.end])), error.end
+
+
+def _can_encode(encoding: str, letter: str) -> bool:
+    try:
+        letter.encode(encoding)
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _spell(letter: str) -> str:
+    if letter.isascii():
+        return letter
+    if letter in _SIGNS:
+        return _SIGNS[letter]
+    if unicodedata.combining(letter):
+        return ""
+    name = unicodedata.name(letter, "")
+    if name.startswith("GREEK"):
+        word = name.split()[-1 if "LETTER" in name else 1].lower().replace("lamda", "lambda")
+        return word.capitalize() if "CAPITAL" in name else word
+    kind, *_ = unicodedata.decomposition(letter).split()[:1] or [""]
+    plain = "".join(_SIGNS.get(part, part) for part in unicodedata.normalize("NFKD", letter))
+    return _SCRIPTS.get(kind, "") + plain.encode("ascii", "ignore").decode() or "?"
+
+
+# --------------------------------------------------------------------------------------------------
+# Consoles, and prose and JSON on them.
+
+
+#: what JSON does not escape by itself and a terminal, or a reader, would be misled by
+_HIDDEN = re.compile("[\x7f-\x9f\u061c\u200b\u200e\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]")
+_HARD = "\N{NO-BREAK SPACE}"
+_TOGETHER = re.compile(
+    r"\[(?:default|required)[^]]*\]"
+    r"|`haptorb [^`\n]*`"  # a command is copied in one piece
+    r"|[\d.] (?:%|×|±|°C?|1/s|[nµmkMG]?(?:N|m|s|A|V|W|Ω|Hz|T|g|K|J|B)[²³]?(?:[·/][\w·/²]+)?)(?![\w])"
+)
+
+
+def make_console(*, error: bool = False) -> Console:
+    """A console on standard output, or standard error.
+
+    Prose is wrapped at the width of a terminal, or at COLUMNS; into a pipe or a file it goes as it is.
+    """
+    from rich.console import Console
+
+    wraps = _has_width(sys.stderr if error else sys.stdout)
+    return Console(stderr=error, markup=False, emoji=False, highlight=False, soft_wrap=not wraps)
+
+
+def find_width() -> int:
+    """Columns of the terminal, or COLUMNS; 80 where there is neither."""
+    return shutil.get_terminal_size().columns
+
+
+def wrap(text: str, width: int, indent: str = "") -> str:
+    """`text` wrapped at spaces; each paragraph's later lines begin with `indent`.
+
+    Longer words stay whole, and so do a number with its unit and a default in brackets.
+
+    >>> wrap("a force of 0.28 N", 14, "  ")
+    'a force of\\n  0.28 N'
+    """
+    lines = []
+    for paragraph in _TOGETHER.sub(lambda found: found[0].replace(" ", _HARD), text).split("\n"):
+        words = paragraph.lstrip(" ")
+        line, fresh = paragraph[: len(paragraph) - len(words)], True
+        for word in words.split(" "):
+            if fresh:
+                line += word
+                fresh = not word
+            elif cell_len(line) + 1 + cell_len(word) > width:
+                lines.append(line.rstrip())
+                line, fresh = indent + word, not word
+            else:
+                line += f" {word}"
+        lines.append(line)
+    return "\n".join(lines).replace(_HARD, " ")
+
+
+def print_text(console: Console, text: str = "", style: str = "", indent: str = "") -> None:
+    """Print `text`, wrapped at spaces only: paths, addresses and numbers stay whole.
+
+    `style` is one of rich's; `indent` begins the later lines of a paragraph.
+    """
+    from rich.text import Text
+
+    text = fit_encoding(text, console.encoding)
+    if not console.soft_wrap:
+        text = wrap(text, console.width, indent)
+    console.print(Text(text, style=style), soft_wrap=True)
+
+
+def print_json(numbers: Any, *, line: bool = False) -> None:
+    """Print plain JSON types to standard output, escaped where it could not carry them; `line`: on one line."""
+    plain = not (sys.stdout.encoding or "utf-8").lower().startswith("utf")
+    text = json.dumps(numbers, indent=None if line else 2, ensure_ascii=plain)
+    print(_HIDDEN.sub(lambda found: json.dumps(found[0])[1:-1], text), flush=True)
+
+
+def print_file(text: str) -> None:
+    """Print the text of a file to standard output, line by line as it is: a line that is wrapped is another file."""
+    print(fit_encoding(text, sys.stdout.encoding or "utf-8"), end="", flush=True)
+
+
+def say(text: str, indent: str = "") -> None:
+    """Tell people something beside the result, on standard error."""
+    _print(sys.stderr, text, indent)
+
+
+def tell(text: str, indent: str = "") -> None:
+    """Tell the result, or a part of it, on standard output."""
+    _print(sys.stdout, text, indent)
+
+
+def _print(stream: TextIO, text: str, indent: str) -> None:
+    text = fit_encoding(text, stream.encoding or "utf-8")
+    print(wrap(text, find_width(), indent) if _has_width(stream) else text, file=stream, flush=True)
+
+
+def _has_width(stream: TextIO) -> bool:
+    return stream.isatty() or "COLUMNS" in os.environ
+
+
+# --------------------------------------------------------------------------------------------------
+# Tables that fit: side by side, with heads and texts wrapped, in pages of columns, or one row under the other.
+
+
+_GAP = 2  #: between columns
+_TEXT_TABLE_NARROW = 22  #: least width of a text that is wrapped beside numbers
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column.
+
+    head  what stands in it
+    unit  of its numbers; printed behind the head in brackets
+    kind  "number": to the right, never wrapped; "text": to the left, wrapped where there is no room; "short": to the
+          left, never wrapped; "note": a text that goes under the row's first cell where there is no room; "key": to
+          the left, never wrapped, on every page
+    """
+
+    head: str
+    unit: str = ""
+    kind: str = "number"
+
+    @property
+    def title(self) -> str:
+        """Head and unit.
+
+        >>> Column("peak", "mN").title
+        'peak [mN]'
+        """
+        return f"{self.head} [{self.unit}]".strip() if self.unit else self.head
+
+
+@dataclass
+class TextTable:
+    """Columns and rows of what is printed; `title` stands above them."""
+
+    columns: tuple[Column, ...]
+    title: str = ""
+    rows: list[tuple[str, ...]] = field(default_factory=list)
+    ends: set[int] = field(default_factory=set)  #: rows that a blank line follows
+
+    def add_row(self, *cells: str) -> None:
+        """One cell for each column."""
+        if len(cells) != len(self.columns):
+            raise ValueError(f"a row of this table has {len(self.columns)} cells; got {len(cells)}")
+        self.rows.append(cells)
+
+    def end_section(self) -> None:
+        """Leave a blank line behind the row that came last."""
+        self.ends.add(len(self.rows) - 1)
+
+
+def print_table(console: Console, table: TextTable) -> None:
+    """Print `table` within the console's width: no head, unit or number is cut. Empty columns are left out."""
+    encoding = console.encoding
+    columns = tuple(Column(fit_encoding(c.head, encoding), fit_encoding(c.unit, encoding), c.kind)
+                    for c in table.columns)  # fmt: skip
+    rows = [tuple(fit_encoding(cell, encoding) for cell in row) for row in table.rows]
+    spelled = TextTable(columns, table.title, rows, table.ends)
+    spelled = _choose(spelled, [n for n in range(len(columns)) if any(row[n] for row in rows)])
+    if table.title:
+        print_text(console, table.title, "bold")
+    pages = _pages(spelled, console.width)
+    for number, page in enumerate(pages):
+        if number:
+            console.print()
+        if page is None:
+            _print_stack(console, spelled)
+        else:
+            _print_grid(console, page)
+
+
+def _pages(table: TextTable, width: int) -> list[TextTable | None]:
+    """What is printed one under the other; None: the rows, each as a list of names and values."""
+    for layout in (
+        table,
+        _wrap_heads(table, 12),
+        _wrap_heads(table),
+        _wrap_texts(table, width),
+        _wrap_texts(_fold_notes(table), width),
+    ):
+        if layout is not None and _width(layout) <= width:
+            return [layout]
+    keys = [n for n, column in enumerate(table.columns) if column.kind == "key"]
+    if not keys or any(column.kind in ("text", "note") for column in table.columns):
+        return [None]
+    heads = _wrap_heads(table)
+    pages: list[TextTable | None] = []
+    chosen: list[int] = []
+    for n in [n for n in range(len(heads.columns)) if n not in keys]:
+        if chosen and _width(_choose(heads, [*keys, *chosen, n])) > width:
+            pages.append(_choose(heads, [*keys, *chosen]))
+            chosen = []
+        chosen.append(n)
+        if _width(_choose(heads, [*keys, n])) > width:
+            return [None]
+    return [*pages, _choose(heads, [*keys, *chosen])]
+
+
+def _choose(table: TextTable, which: Sequence[int]) -> TextTable:
+    rows = [tuple(row[n] for n in which) for row in table.rows]
+    return TextTable(tuple(table.columns[n] for n in which), rows=rows, ends=table.ends)
+
+
+def _widths(table: TextTable) -> list[int]:
+    cells = zip(*table.rows, strict=True) if table.rows else [()] * len(table.columns)
+    return [
+        max([_widest(column.title), *map(_widest, column_cells)])
+        for column, column_cells in zip(table.columns, cells, strict=True)
+    ]
+
+
+def _width(table: TextTable) -> int:
+    return sum(_widths(table)) + _GAP * (len(table.columns) - 1)
+
+
+def _widest(cell: str) -> int:
+    return max(map(cell_len, cell.split("\n")))
+
+
+def _wrap_heads(table: TextTable, least: int = 0) -> TextTable:
+    """Heads no wider than their longest word, their cells or `least`."""
+    columns = []
+    for n, column in enumerate(table.columns):
+        words = map(cell_len, column.title.split())
+        room = max([least, *words, *(_widest(row[n]) for row in table.rows)])
+        columns.append(Column(wrap(column.title, room), kind=column.kind))
+    return TextTable(tuple(columns), rows=table.rows, ends=table.ends)
+
+
+def _wrap_texts(table: TextTable | None, width: int) -> TextTable | None:
+    """Texts wrapped into the room that the numbers leave, shared by their lengths; None where that is too little."""
+    if table is None:
+        return None
+    table = _wrap_heads(table)
+    widths = _widths(table)
+    texts = [n for n, column in enumerate(table.columns) if column.kind in ("text", "note")]
+    room = width - _GAP * (len(widths) - 1) - sum(w for n, w in enumerate(widths) if n not in texts)
+    for n in sorted(texts, key=lambda n: widths[n]):  # short ones get what they need
+        share = room // max(1, sum(widths[k] >= widths[n] for k in texts))
+        widths[n] = min(widths[n], share)
+        room -= widths[n]
+        if widths[n] < min(_TEXT_TABLE_NARROW, _widths(table)[n]):
+            return None
+    if not texts:
+        return None
+    rows = [
+        tuple(_wrap_cell(cell, widths[n]) if n in texts else cell for n, cell in enumerate(row)) for row in table.rows
+    ]
+    return TextTable(table.columns, rows=rows, ends=table.ends)
+
+
+def _wrap_cell(cell: str, width: int) -> str:
+    """Lines that begin with spaces keep them when they are wrapped."""
+    lines = []
+    for line in cell.split("\n"):
+        margin = " " * (len(line) - len(line.lstrip()))
+        body = wrap(line.lstrip(), width - len(margin)).split("\n")
+        lines += [margin + part for part in body]
+    return "\n".join(lines)
+
+
+def _fold_notes(table: TextTable) -> TextTable | None:
+    """Notes under the first cell of their row, as `head: text`; None without notes."""
+    notes = [n for n, column in enumerate(table.columns) if column.kind == "note"]
+    if not notes:
+        return None
+    stay = [n for n in range(len(table.columns)) if n not in notes]
+    rows = []
+    for row in table.rows:
+        texts = [f"{table.columns[n].title}: {row[n]}".removeprefix(": ") for n in notes if row[n]]
+        first = "\n".join([row[stay[0]], *(f"  {line}" for line in texts)])
+        rows.append((first, *(row[n] for n in stay[1:])))
+    first_column = Column(table.columns[stay[0]].title, kind="text")
+    return TextTable((first_column, *(table.columns[n] for n in stay[1:])), rows=rows, ends=table.ends)
+
+
+def _print_grid(console: Console, table: TextTable) -> None:
+    from rich.box import Box
+    from rich.table import Table
+    from rich.text import Text
+
+    ascii_only = not console.encoding.startswith("utf")
+    rule = " -- " if ascii_only else " ── "
+    box = Box("\n".join(["    ", "    ", rule, *["    "] * 5]), ascii=ascii_only)
+    grid = Table(box=box, padding=(0, _GAP - 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
+    for column in table.columns:
+        grid.add_column(Text(column.title), justify="right" if column.kind == "number" else "left", no_wrap=True,
+                        vertical="top")  # fmt: skip
+    for n, row in enumerate(table.rows):
+        grid.add_row(*map(Text, row))
+        if n in table.ends and n + 1 < len(table.rows):
+            grid.add_row(*("" for _ in row))
+    console.print(grid, soft_wrap=False)
+
+
+def _print_stack(console: Console, table: TextTable) -> None:
+    """Each row by itself: its first cell as a title, then the others under it with their heads."""
+    last = [""] * len(table.columns)
+    for row in table.rows:
+        # A key that is left out is that of the row above.
+        last = [cell or before if c.kind == "key" else cell
+                for cell, before, c in zip(row, last, table.columns, strict=True)]  # fmt: skip
+        first, *others = zip(table.columns, last, strict=True)
+        title = f"{first[0].title} {first[1]}" if first[0].unit else first[1]
+        print_text(console, wrap(title, console.width, "  "), "bold")
+        for column, cell in others:
+            if cell:
+                text = f"{column.title}: {cell}" if column.title else cell
+                print_text(console, wrap(f"  {text}", console.width, "    "))
+
+
+# --------------------------------------------------------------------------------------------------
+# Names and what is to be said of each: the facts of a device, the options of a command.
+
+
+_FACTS_NARROW = 24  #: least width of what is said; below it, it goes under the name
+_LONGEST = 26  #: of the names beside which something is said
+_ENDLESS = 100_000  #: lines in a pipe or a file are not wrapped
+
+
+def format_facts(facts: Iterable[tuple[str, str]], width: int, margin: str = "") -> list[str]:
+    """Lines of at most `width`: each name, and beside or under it its text.
+
+    >>> format_facts([("coils", "0.6 Ω at 20 °C")], 40)
+    ['coils  0.6 Ω at 20 °C']
+    """
+    pairs = list(facts)
+    names = [cell_len(name) for name, _ in pairs if cell_len(name) <= _LONGEST]
+    column = len(margin) + max(names, default=0) + 2
+    if width - column < _FACTS_NARROW:
+        column = len(margin) + 2
+    lines = []
+    for name, text in pairs:
+        first = f"{margin}{name}"
+        body = wrap(text, width - column).split("\n") if text else []
+        if not body or cell_len(first) + 2 > column:
+            lines.append(first)
+        else:
+            lines.append(f"{first}{' ' * (column - cell_len(first))}{body.pop(0)}")
+        lines += [f"{' ' * column}{line}" for line in body]
+    return lines
+
+
+def print_facts(console: Console, facts: Iterable[tuple[str, str]]) -> None:
+    """Print names and their texts side by side, or under each other where the terminal is narrow.
+
+    Into a pipe or a file: one line each.
+    """
+    spelled = [(fit_encoding(name, console.encoding), fit_encoding(text, console.encoding)) for name, text in facts]
+    for line in format_facts(spelled, _ENDLESS if console.soft_wrap else console.width):
+        print_text(console, line)
+
+
+# --------------------------------------------------------------------------------------------------
+# The help of commands, as it was written: no bracket is markup, nothing is cut, at any width.
+
+
+_DEVICES = ("device", "devices", "names")  #: arguments that can be a device; `names` are those of `bench`
+_WIDEST = 100  #: longer lines are hard to read
+
+
+class CommandLine(typer.Typer):
+    """Commands whose help and errors are text, never markup."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(
+            cls=HelpGroup, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
+            rich_markup_mode=None, **settings,
+        )  # fmt: skip
+
+    def command(self, name: str | None = None, **settings: Any) -> Any:
+        """As typer's."""
+        return super().command(name, **{"cls": HelpCommand, **settings})
+
+
+class HelpCommand(TyperCommand):
+    """A command whose help is laid out here. Its device is an argument; `--device` works as before."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As click's, with the value of `--device` moved to where a device stands; an option that takes one value and
+        is given twice is an error: the first value would be lost."""
+        if any(parameter.name in _DEVICES for parameter in self.params):
+            args = _move_device(args)
+        _check_repeated(self, ctx, args)
+        words = list(args)
+        try:
+            return super().parse_args(ctx, args)
+        except typer.BadParameter as mistake:
+            mistake.message = _explain_number(mistake, words)
+            raise
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write usage, text, arguments and options."""
+        formatter.write(_compose_help(self, ctx))
+
+
+class HelpGroup(TyperGroup):
+    """A group of commands whose help is laid out here."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write usage, text, options and the commands with the first paragraph of each."""
+        commands = []
+        for name in self.list_commands(ctx):
+            command = self.get_command(ctx, name)
+            if command is not None and not command.hidden:
+                commands.append((name, inspect.cleandoc(command.help or "").split("\n\n")[0].replace("\n", " ")))
+        formatter.write(_compose_help(self, ctx, commands))
+
+
+def _move_device(args: list[str]) -> list[str]:
+    """`args` with what follows `--device`, or stands behind `--device=`, as the last argument.
+
+    >>> _move_device(["--device", "pmsm", "--json"]), _move_device(["a.toml", "--device=pmsm"])
+    (['--json', 'pmsm'], ['a.toml', 'pmsm'])
+    """
+    before = args[: args.index("--")] if "--" in args else args
+    for place, word in enumerate(before):
+        if word == "--device" and place + 1 < len(before):
+            return [*args[:place], *args[place + 2 :], args[place + 1]]
+        if word.startswith("--device="):
+            return [*args[:place], *args[place + 1 :], word.removeprefix("--device=")]
+    return args
+
+
+def _check_repeated(command: Any, ctx: Any, args: list[str]) -> None:
+    """Raise a usage error for an option of `command` that takes one value and has several in `args`."""
+    for option, count in Counter(command.make_parser(ctx).parse_args(list(args))[2]).items():
+        if count > 1 and option.param_type_name == "option" and not (option.multiple or option.is_flag):
+            ctx.fail(f"{option.opts[0]} takes one value; it is given {count} times")
+
+
+def _explain_number(mistake: Any, words: list[str]) -> str:
+    """The message of `mistake`; where it is about a number, what was expected and what of `words` stood there."""
+    if not mistake.message.startswith("Input should be a valid"):
+        return str(mistake.message)
+    expected = "a whole number" if "integer" in mistake.message else "a number"
+    values = [
+        word.removeprefix(f"{option}=") if word.startswith(f"{option}=") else following
+        for option in mistake.param.opts
+        for word, following in zip(words, [*words[1:], ""], strict=True)
+        if word == option or word.startswith(f"{option}=")
+    ]
+    return f"must be {expected}" + (f"; got {quote(values[-1])}" if values else "")
+
+
+def _compose_help(command: Any, ctx: Any, commands: list[tuple[str, str]] | None = None) -> str:
+    width = min(find_width(), _WIDEST)
+    usage = " ".join(["Usage:", ctx.command_path, *command.collect_usage_pieces(ctx)])
+    text = inspect.cleandoc(command.help or "")
+    paragraphs = [" ".join(paragraph.split("\n")) for paragraph in text.split("\n\n") if paragraph]
+    lines = [wrap(usage, width, "    "), *(f"\n{wrap(paragraph, width)}" for paragraph in paragraphs)]
+    records: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+    for parameter in command.get_params(ctx):
+        record = parameter.get_help_record(ctx)
+        if record is not None:
+            records["Arguments" if parameter.param_type_name == "argument" else "Options"].append(record)
+    records["Commands"] = commands or []
+    for title, pairs in records.items():
+        if pairs:
+            lines += [f"\n{title}:", *format_facts(pairs, width, "  ")]
+    return "\n".join(fit_encoding(line, sys.stdout.encoding or "utf-8") for line in lines) + "\n"
+
+
+# --------------------------------------------------------------------------------------------------
+# Standard output and error where there is none, or where it takes no more.
+
+
+def open_output() -> None:
+    """Let what is printed go nowhere where the program was started without standard output or error (`>&-`)."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 (until the program ends)
+
+
+def drop_output() -> None:
+    """Standard output is closed: discard what waits for it, or Python would try again, and report it, at exit."""
+    with suppress(OSError, ValueError):  # a stream without a file
+        output, nowhere = sys.stdout.fileno(), os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, output)
+        os.close(nowhere)
+
+
+# --------------------------------------------------------------------------------------------------
+# Bars and status lines on standard error; nothing is drawn where that is no terminal.
+
+
+def make_progress(*, show: bool = True) -> Progress:
+    """A bar with its task's description and the time that remains; it vanishes at the end."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn()
+    console = make_console(error=True)  # rich ends a bar with an empty line where it has drawn none
+    return Progress(*columns, console=console, transient=True, disable=not (show and console.is_interactive))
+
+
+def show_status(text: str) -> Status:
+    """A line that says what is running, until its block ends."""
+    from rich.status import Status
+
+    return Status(text, console=make_console(error=True), spinner="line")
+
+
+# --------------------------------------------------------------------------------------------------
+# The message while a command waits for another package's code.
+
+
+_AFTER = 2.0  #: no message sooner [s]
+
+
+@contextmanager
+def announce_wait(message: str) -> Iterator[None]:
+    """Say `message` on standard error if the block takes longer than 2 s, and that Ctrl-C ends it."""
+    timer = Timer(_AFTER, say, [f"{message} for {_AFTER:g} s; still waiting. Ctrl-C ends."])
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

@@ -1,0 +1,821 @@
+"""The viewer's server: one port on this computer only, served until the user ends it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import re
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self, final
+from uuid import uuid4
+
+import numpy as np
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from haptorb.arrays import Array
+from haptorb.devices.base import Device, DeviceText
+from haptorb.devices.loader import catalogue, load, parse
+from haptorb.errors import HaptorbError, InputError, quote
+from haptorb.recording.export import column_heads
+from haptorb.recording.recording import Recording
+from haptorb.recording.row import Field, RowLayout
+from haptorb.version import __version__
+from haptorb.web.access import PROTOCOL, AccessGate, choose_token
+from haptorb.web.console_hub import PATIENCE, to_json, wait_for_first
+from haptorb.web.force_map import ForceMapSource, shell
+from haptorb.web.overview import Overview
+from haptorb.web.server import HOST, bind_socket, open_browser_at, page_files, respond, server, signals
+from haptorb.web.server import command as read_command
+from haptorb.web.session import list_shapes, session, target_scene, world_remarks, worlds
+from haptorb.web.wire import COLUMNS, MODED, encode_force_frame, mesh_frame, rows_frame
+from haptorb.worlds import CATALOGUE
+from haptorb.worlds.base import parameters
+
+__all__ = [
+    "MOST_ROWS",
+    "PORT",
+    "STATIC",
+    "PaintedWorlds",
+    "PlayedRecording",
+    "RecordedServo",
+    "RecordingPart",
+    "RowColumns",
+    "RowSocket",
+    "Viewer",
+    "application",
+    "describe_world",
+    "find_device",
+    "find_row",
+    "list_worlds",
+    "parse_part",
+    "read_worlds",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# The device that a recording was made with, from the text of its file that the recording carries.
+
+
+def find_device(path: Path, note: Mapping[str, str], name: str | None) -> tuple[Device, str]:
+    """The device, and what a person should know about where it came from (else "").
+
+    note  of the recording, on its device
+    name  of a device, or path of its file, that overrides the recording's; None: the recording's
+
+    Raises DeviceError or UnknownName for a wrong `name`, InputError where the device is unknown.
+    """
+    if name is not None:
+        device = load(name)
+        digest = note.get("digest", device.digest)
+        return (
+            device,
+            "" if digest == device.digest else f"drawn as '{device.name}'; it was recorded with another device",
+        )
+    if text := DeviceText.from_note(note):
+        try:
+            return parse(text.own, note.get("name", "of the recording"), bases=text.bases), ""
+        except HaptorbError as cause:
+            if note.get("name", "") not in catalogue():
+                raise InputError(
+                    f"{path}: this version of haptorb cannot read its device: {cause}; name one with --as"
+                ) from cause
+            trouble = f"device '{note['name']}' is drawn as in this version, not as in the recording: {cause}"
+            return load(note["name"]), trouble
+    # The file of a trip says no device; its name begins with the device's.
+    known = sorted(catalogue(), key=len, reverse=True)
+    for one in (note.get("name", ""), *(one for one in known if path.name.startswith(f"{one}-"))):
+        if one in known:
+            return load(one), f"the recording does not describe its device: '{one}' is assumed"
+    raise InputError(f"{path} does not state its device: name one with --as")
+
+
+# --------------------------------------------------------------------------------------------------
+# The servo that made a recording, as far as the console's description asks for it: nothing of it runs.
+
+
+@final
+class RecordedServo:
+    """Device, driver, tracker and models of a run, by the recording's note of it."""
+
+    part_remarks: tuple[str, ...] = ()  #: the numbers alone show how a part was rendered
+
+    def __init__(self, device: Device, run: Mapping[str, str]) -> None:
+        self.device = device
+        self.layout = RowLayout.of(device)
+        self.modes = device.kind.modes
+        self.driver = run.get("driver", "") or "unknown"
+        self.tracker = run.get("tracker", "") or "pointer"
+        self.models: tuple[str, ...] = tuple(device.models)
+        self.model = run.get("model", "") if run.get("model", "") in self.models else self.models[0]
+        self.render = run.get("render", "") or None
+
+
+# --------------------------------------------------------------------------------------------------
+# The worlds of a recording, each as the page shows it: values, bodies, target scene, and what is missing.
+
+
+_UNKNOWN = "its code is not part of haptorb: neither its force map nor its bodies can be drawn"
+
+
+def read_worlds(notes: Sequence[Mapping[str, str]]) -> dict[int, tuple[str, dict[str, Any]]]:
+    """Number of the change → name and values; notes that haptorb did not write are passed over."""
+    found: dict[int, tuple[str, dict[str, Any]]] = {}
+    for note in notes:
+        try:
+            world = json.loads(note["world"])
+            name, values = world["name"], world["values"]
+            if not isinstance(name, str) or not isinstance(values, dict):
+                continue
+            found[int(note["change"])] = name, _complete(name, values)
+        except (KeyError, TypeError, ValueError, RecursionError):
+            continue
+    return found
+
+
+def _complete(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a world as this version knows it: another one may have had fewer parameters, or others."""
+    known = {key: value for key, value in values.items() if _is_number(value) or _are_numbers(value)}
+    if name not in CATALOGUE:
+        return known
+    defaults = {key: one.default for key, one in parameters(CATALOGUE[name]).items()}
+    return {
+        key: known[key] if key in known and isinstance(known[key], list) == isinstance(default, tuple) else default
+        for key, default in defaults.items()
+    }
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
+def _are_numbers(value: Any) -> bool:
+    return isinstance(value, list) and all(map(_is_number, value))
+
+
+def list_worlds(device: Device, names: Sequence[str]) -> list[dict[str, Any]]:
+    """The catalogue's worlds among `names`, with their parameters in their units; one of a user's own with none."""
+    known = {one["name"]: one for one in worlds(device, {}) if one["name"] in names}
+    return [known.get(name, {"name": name, "about": "", "parameters": []}) for name in names]
+
+
+def describe_world(name: str, values: Mapping[str, Any], model: str, device: Device) -> dict[str, Any]:
+    """What the console's event of a world says: parameters in their units, lengths of its picture [m]."""
+    return {
+        "name": name,
+        "values": {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()},
+        "model": model,
+        "scene": target_scene(name, values) if device.kind.modes else None,
+        "shapes": list_shapes(name, values, {}, device),
+        "remarks": world_remarks(name, values) if name in CATALOGUE else [f"'{name}': {_UNKNOWN}."],
+    }
+
+
+# --------------------------------------------------------------------------------------------------
+# The columns of the console's frames, taken from the fields of a recording by name, in any order.
+
+
+@final
+class RowColumns:
+    """What the page shows of a recording's rows; a column that the recording has not is NaN."""
+
+    def __init__(self, recording: Recording, layout: RowLayout, *, moded: bool) -> None:
+        """`layout`: of the device as this version of haptorb has it; `moded`: whether that has modes."""
+        self._recording = recording
+        found = {field.name: field for field in recording.fields}
+        usual = {field.name: field for field in layout.fields}
+        free = ("memory", "contacts")  #: as wide as the recording has them
+        self._fields: list[tuple[Field, bool]] = []
+        for name in COLUMNS + (MODED if moded else ()):
+            field = found.get(name, usual[name])
+            fits = name in found and (name in free or field.width == usual[name].width)
+            self._fields.append((field if fits else usual[name], fits))
+        self.missing = [field.name for field, fits in self._fields if not fits and field.width]
+        self.width = sum(field.width for field, _ in self._fields)
+        self._names = [field.name for field, fits in self._fields if fits]
+        self._all: Any = np.arange(self.width)
+        self._places = np.concatenate(
+            [np.arange(at, at + field.width) for (field, fits), at in zip(self._fields, self._offsets(), strict=True)
+             if fits] or [np.empty(0, dtype=np.int64)]
+        )  # fmt: skip
+
+    def _offsets(self) -> Sequence[int]:
+        widths = [field.width for field, _ in self._fields]
+        return [0, *np.cumsum(widths).tolist()][:-1]
+
+    def describe(self) -> list[dict[str, Any]]:
+        """Name, offset, width, unit, meaning and headings of each column, as the page reads them."""
+        return [
+            {
+                "name": field.name,
+                "offset": offset,
+                "width": field.width,
+                "unit": field.unit,
+                "about": field.about,
+                "heads": list(column_heads(field)),
+            }
+            for (field, _), offset in zip(self._fields, self._offsets(), strict=True)
+        ]
+
+    def read(self, first: int, last: int) -> Array:
+        """(last − first, width) of these rows, each number in the unit of its column; NaN where there is none."""
+        read = self._recording.read(first, last, self._names)
+        if len(self._places) == self.width:
+            return read
+        rows = np.full((len(read), self.width), np.nan)
+        rows[:, self._places] = read
+        return rows
+
+    def frame(self, first: int, last: int, question: float) -> bytes:
+        """Rows `first` up to `last` as a frame of the console, at least one.
+
+        Its `echo` is the page's number of the `question`, its `dropped` the number of the first row.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):  # a foreign number may be too large for float32
+            return rows_frame(self.read(first, last), self._all, 0, 1, question, first)
+
+
+# --------------------------------------------------------------------------------------------------
+# Finding the row of a time in a recording of any length: a few short reads, not all times.
+
+
+_PIECE = 64  #: rows that are read at once; a chunk of a recording has about as many
+
+
+def find_row(read: Callable[[int, int], Array], rows: int, value: float, ends: tuple[float, float]) -> int:
+    """The last of `rows` ≥ 1 rows whose number is at most `value`, the first row where none is.
+
+    read  (first, last) → (n,) numbers of these rows, in any unit, that increase
+    ends  numbers of the first and the last row
+
+    Times are almost evenly spaced, so the first guess is nearly always right. Where they are not, every second guess
+    halves what is left; numbers that do not increase give some row, after as many steps.
+
+    >>> find_row(lambda a, b: np.arange(a, b) / 1000.0, 10_000, 1.2345, (0.0, 9.999))
+    1234
+    """
+    low, high = 0, rows - 1
+    least, most = ends
+    if not value > least:
+        return 0
+    if value >= most:
+        return rows - 1
+    halve = False
+    while high - low > 1:
+        guess = (low + high) // 2
+        if not halve and most > least and math.isfinite(most - least):
+            guess = low + int((value - least) / (most - least) * (high - low))
+        first = min(max(guess - _PIECE // 2, low), high)
+        last = min(first + _PIECE, high + 1)
+        piece = read(first, last)
+        count = int(np.searchsorted(piece, value, side="right"))
+        if 0 < count < len(piece):
+            return first + count - 1
+        if count == 0:
+            high, most = first, float(piece[0])
+        else:
+            low, least = last - 1, float(piece[-1])
+        halve = not halve
+    return low
+
+
+# --------------------------------------------------------------------------------------------------
+# One recording, ready to be played: its device, columns, worlds, and where a time is.
+
+
+_NEAR = 2e-6  #: the page's times come as float32: a tick's own time must find it [s]
+_NEWEST = 64  #: characters of a version that are shown
+
+
+@final
+class PlayedRecording:
+    """The recording at `path`, of the device that it describes, or of `device` (name or path of a device file).
+
+    recording  what is played; damaged rows are left out
+    device   what is drawn
+    start    time of the first tick on the loop's clock [s]
+    seconds  from the first tick to the last [s]
+    notices  what a person should know: cut short, another version, no device, missing fields
+
+    Raises RecordingError for a file that is none, InputError for one without rows or times.
+    """
+
+    def __init__(self, path: Path, device: str | None = None) -> None:
+        self.recording = recording = Recording(path)
+        recording.check()
+        if not len(recording):
+            cut = "it was cut short before its first ticks" if recording.truncated else "nothing was recorded"
+            raise InputError(f"{path} has no ticks to play: {cut}")
+        recording.require("t")
+        self._t = recording["t"]
+        self.start, end = self._ends = float(self._t[0]), float(self._t[-1])
+        self.seconds = end - self.start
+        if not math.isfinite(self.seconds) or self.seconds < 0:
+            raise InputError(
+                f"{path} cannot be played: its times must increase; the first is {self.start:g} s, the last {end:g} s"
+            )
+        self.device, trouble = find_device(path, recording.metadata.get("device", {}), device)
+        self._servo = RecordedServo(self.device, recording.metadata.get("run", {}))
+        self._columns = RowColumns(recording, self._servo.layout, moded=bool(self._servo.modes))
+        self._worlds = read_worlds(recording.worlds)
+        self.overview = Overview(recording, self.start, end)
+        self.notices = [*self._list_notices(), *([trouble] if trouble else [])]
+
+    @property
+    def name(self) -> str:
+        """Of its file."""
+        return self.recording.path.name
+
+    def __len__(self) -> int:
+        """Rows."""
+        return len(self.recording)
+
+    @property
+    def render(self) -> str | None:
+        """Part of the wrench that was rendered, overriding the world; None: the world's."""
+        return self._servo.render
+
+    def _list_notices(self) -> list[str]:
+        notices = list(self.recording.damage)
+        if self.recording.truncated:
+            notices.append(f"the file is truncated: recorded up to {self.seconds:.2f} s, the rest was cut off")
+        made = self.recording.metadata.get("versions", {}).get("haptorb", "")[:_NEWEST]
+        if _order(made) > _order(__version__):
+            notices.append(f"made by haptorb {made}, newer than this one ({__version__}): new fields are not shown")
+        if self._columns.missing:
+            notices.append(f"not in the recording, so not shown: {', '.join(self._columns.missing)}")
+        notices += [f"at tick {one.get('tick', '?')}: {one.get('text', '')[:300]}" for one in self.recording.errors[:3]]
+        return notices
+
+    def find_row(self, seconds: float) -> int:
+        """The row at `seconds` after the first tick: the last that is not later. Raises RecordingError for damage."""
+        return find_row(self._read_times, len(self), self.start + seconds + _NEAR, self._ends)
+
+    def _read_times(self, first: int, last: int) -> Array:
+        times: Array = self._t[first:last]
+        return times
+
+    def frame(self, first: int, last: int, question: float) -> bytes:
+        """Rows `first` up to `last`, as far as there are such, as a frame; see `RowColumns.frame`."""
+        first = min(max(first, 0), len(self) - 1)
+        return self._columns.frame(first, min(max(last, first + 1), len(self)), question)
+
+    def find_world(self, change: int) -> tuple[str, dict[str, Any]] | None:
+        """Name and values of the world after that `change`, the latest known one before it; None: not noted."""
+        known = [number for number in self._worlds if number <= change]
+        return self._worlds[max(known)] if known else None
+
+    def describe_world(self, change: int, model: str) -> dict[str, Any]:
+        """What the page shows of the world after `change`, for a controller that inverts `model`."""
+        found = self.find_world(change)
+        if found is None:
+            return {"name": "unknown", "values": {}, "model": model, "scene": None, "shapes": [],
+                    "remarks": ["The recording does not state which world this was."]}  # fmt: skip
+        return describe_world(*found, model, self.device)
+
+    def describe(self, started: str) -> dict[str, Any]:
+        """The console's session of this recording, and `played`: what there is to play."""
+        names = list(dict.fromkeys(name for name, _ in self._worlds.values()))
+        known = session(self._servo, started)
+        return known | {
+            "columns": self._columns.describe(),
+            "worlds": list_worlds(self.device, names),
+            "world": self.describe_world(min(self._worlds, default=0), self._servo.model),
+            "feel": None,
+            "played": {
+                "name": self.name,
+                "rows": len(self),
+                "start": self.start,
+                "seconds": self.seconds,
+                "notices": self.notices,
+                "changes": {str(number): name for number, (name, _) in self._worlds.items()},
+            },
+        }
+
+    def close(self) -> None:
+        """End what reads the file."""
+        self.overview.close()
+
+
+def _order(version: str) -> tuple[int, ...]:
+    """Numbers of a version such as 0.2.1; of anything else, none.
+
+    >>> _order("0.10.0") > _order("0.9.3"), _order("unknown")
+    (True, ())
+    """
+    parts = version.split(".")[:3]
+    return tuple(int(part) for part in parts) if all(part.isascii() and part.isdecimal() for part in parts) else ()
+
+
+# --------------------------------------------------------------------------------------------------
+# The force maps of a recording's worlds, computed once each by the device that made it.
+
+
+_MOST = 32  #: maps
+
+
+@final
+class PaintedWorlds:
+    """Paints worlds of `recording`, whose device must have a dome, with `force_map`; `end` ends what computes it."""
+
+    def __init__(
+        self, recording: PlayedRecording, force_map: ForceMapSource, end: Callable[[], None] = lambda: None
+    ) -> None:
+        self._recording, self._force_map, self.close = recording, force_map, end
+        self.directions, self.triangles = shell()
+        self._points = self.directions * recording.device.shell.contact_distance if recording.device.shell else None
+        self._frames: OrderedDict[tuple[str, str, str], bytes] = OrderedDict()
+
+    async def paint(self, change: int, model: str) -> bytes | None:
+        """The frame of the force map after `change`, as a controller gives it that inverts `model`; None for a world
+        that is not noted, or not one of the catalogue.
+
+        Raises HaptorbError where it cannot be computed.
+        """
+        found = self._recording.find_world(change)
+        if found is None or self._points is None or found[0] not in CATALOGUE:
+            return None  # what the page says of such a world is a remark
+        name, values = found
+        key = name, repr(sorted(values.items())), model
+        if key not in self._frames:
+            force, saturated = await asyncio.to_thread(self._force_map, name, values, model, self._points)
+            self._frames[key] = encode_force_frame(force, saturated, change)
+            while len(self._frames) > _MOST:
+                self._frames.popitem(last=False)
+        return self._frames[key]
+
+
+# --------------------------------------------------------------------------------------------------
+# One page's socket: it asks for rows and worlds of a recording, and gets them in the console's frames.
+
+
+MOST_ROWS = 4000  #: in one answer
+_COMMANDS = "at, rows, world"
+
+
+@final
+class RowSocket:
+    """Answers in the order of the questions; a force map comes when it is computed.
+
+    {"do": "at", "n": N, "t": SECONDS} → one row, the last that is not later than SECONDS after the first tick
+    {"do": "rows", "n": N, "first": ROW, "count": COUNT} → these rows, at most 4000
+    {"do": "world", "change": CHANGE, "model": MODEL} → the event `world`, and its force map if it has one
+
+    A mistake is answered with the event `mistake`, with the question's number.
+    """
+
+    def __init__(self, socket: WebSocket, recording: PlayedRecording, painted: PaintedWorlds | None) -> None:
+        self._socket, self._recording, self._painted = socket, recording, painted
+        self._wanted: tuple[int, str] | None = None
+        self._changed = asyncio.Event()
+        self._sending = asyncio.Lock()
+
+    async def serve(self) -> None:
+        """Until the page goes away, or does not take what it asked for."""
+        await self._socket.accept(PROTOCOL if PROTOCOL in self._socket.scope["subprotocols"] else None)
+        try:
+            if self._painted is not None:
+                await self._send(mesh_frame(self._painted.directions, self._painted.triangles))
+            await wait_for_first(self._listen(), self._paint())
+        except (WebSocketDisconnect, RuntimeError, TimeoutError):
+            pass  # the page went away while something was on its way, or it does not listen
+
+    async def _listen(self) -> None:
+        while True:
+            message = await self._socket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            question: Mapping[str, Any] = {}
+            try:
+                question = read_command(message.get("text") or "")
+                await self._answer(question)
+            except HaptorbError as mistake:
+                number = question.get("n")
+                await self._tell("mistake", text=str(mistake), n=number if _is_whole(number) else -1)
+            await asyncio.sleep(0)  # however much one page asks, the others have their turn
+
+    async def _answer(self, question: Mapping[str, Any]) -> None:
+        match question["do"]:
+            case "at":
+                seconds = question.get("t")
+                if not isinstance(seconds, int | float) or isinstance(seconds, bool):
+                    raise InputError("`t` must be a number of seconds after the first tick")
+                self._recording.overview.give_way()
+                row = self._recording.find_row(float(seconds))
+                await self._send(self._recording.frame(row, row + 1, _read_whole(question, "n")))
+            case "rows":
+                first, count = _read_whole(question, "first"), _read_whole(question, "count")
+                if not 1 <= count <= MOST_ROWS:
+                    raise InputError(f"`count` must be from 1 to {MOST_ROWS}; got {count}")
+                await self._send(self._recording.frame(first, first + count, _read_whole(question, "n")))
+            case "world":
+                change, model = _read_whole(question, "change"), question.get("model")
+                if not isinstance(model, str) or model not in self._recording.device.models:
+                    raise InputError(f"`model` must be one of {', '.join(self._recording.device.models)}")
+                await self._tell("world", change=change, **self._recording.describe_world(change, model))
+                self._wanted = change, model
+                self._changed.set()
+            case other:
+                raise InputError(f"unknown command {other!r} (known: {_COMMANDS})")
+
+    async def _paint(self) -> None:
+        """Send the map of the world that was asked for last."""
+        while True:
+            await self._changed.wait()
+            self._changed.clear()
+            if self._wanted is None or self._painted is None:
+                continue
+            change, model = self._wanted
+            try:
+                frame = await self._painted.paint(change, model)
+            except HaptorbError as mistake:
+                await self._tell("unpainted", change=change, text=f"no force map of this world: {mistake}")
+                continue
+            if frame is not None and self._wanted == (change, model):
+                await self._send(frame)
+
+    async def _send(self, frame: bytes) -> None:
+        async with self._sending, asyncio.timeout(PATIENCE):
+            await self._socket.send_bytes(frame)
+
+    async def _tell(self, event: str, **what: Any) -> None:
+        text = json.dumps({"event": event, **what}, allow_nan=False, default=to_json)
+        async with self._sending, asyncio.timeout(PATIENCE):
+            await self._socket.send_text(text)
+
+
+def _is_whole(number: object) -> bool:
+    return isinstance(number, int) and not isinstance(number, bool)
+
+
+def _read_whole(question: Mapping[str, Any], key: str) -> int:
+    number = question.get(key)
+    if not isinstance(number, int) or isinstance(number, bool) or abs(number) > 2**53:
+        raise InputError(f"`{key}` must be a whole number")
+    return number
+
+
+# --------------------------------------------------------------------------------------------------
+# The viewer as an ASGI application: a page with the timeline, in it one page for each recording, and their rows.
+
+
+#: where the build hook puts the pages
+STATIC = Path(__file__).parent / "view_static"
+
+MOST = 16  #: pages of a recording at the same time
+_FULL = 1013  #: of a WebSocket that is closed: try again later
+_NONE = 4404  #: of one for a recording that there is not
+
+
+def application(
+    recordings: Sequence[PlayedRecording], painted: Sequence[PaintedWorlds | None], opening: Mapping[str, Any]
+) -> Starlette:
+    """The ASGI application that plays `recordings`, for those who know `app.state.token`.
+
+    painted   the force maps of each recording, None where its device has none
+    opening   what the page begins with: `at` [s], `range` ([s, s] or None), `offset` [s] of the second recording
+
+    Raises InputError if the pages have not been built, or the environment's HAPTORB_TOKEN cannot be one.
+    """
+    token = choose_token()
+    files = page_files(STATIC)
+    if not {"view.html", "player.html"} <= set(files):
+        raise InputError(
+            "the viewer's pages have not been built: run `cd web && npm ci && npm run build`, or `make run`"
+        )
+    started = uuid4().hex
+    known = [recording.describe(started) for recording in recordings]
+    open_pages = [0 for _ in recordings]
+
+    def number_of(asked: HTTPConnection) -> int | None:
+        text = asked.query_params.get("recording", "0")
+        return int(text) if text in map(str, range(len(recordings))) else None
+
+    async def file(request: Request) -> Response:
+        return respond(files, request.path_params.get("name", "view.html"))
+
+    async def player(request: Request) -> Response:
+        return respond(files, "player.html")
+
+    async def describe(request: Request) -> Response:
+        descriptions = [one["played"] | {"gives": one["scene"]["gives"], "trips": one["trips"]} for one in known]
+        return JSONResponse({"version": __version__, "started": started, "recordings": descriptions, **opening})
+
+    async def describe_one(request: Request) -> Response:
+        number = number_of(request)
+        return _refuse() if number is None else JSONResponse(known[number])
+
+    async def overview(request: Request) -> Response:
+        number = number_of(request)
+        if number is None:
+            return _refuse()
+        recordings[number].overview.start()
+        return Response(recordings[number].overview.encode(), media_type="application/octet-stream")
+
+    async def rows(socket: WebSocket) -> None:
+        number = number_of(socket)
+        if number is None or open_pages[number] >= MOST:
+            await socket.accept()
+            await socket.close(*((_NONE, "no such recording") if number is None else (_FULL, "too many pages")))
+            return
+        open_pages[number] += 1
+        try:
+            await RowSocket(socket, recordings[number], painted[number]).serve()
+        finally:
+            open_pages[number] -= 1
+
+    app = Starlette(
+        routes=[
+            Route("/", file),
+            Route("/player", player),
+            Route("/static/{name}", file),
+            Route("/api/view", describe),
+            Route("/api/session", describe_one),
+            Route("/api/overview", overview),
+            WebSocketRoute("/ws", rows),
+        ],
+        middleware=[Middleware(AccessGate, token=token, free=("/", "/player"), framed=True)],
+    )
+    app.state.token = token
+    return app
+
+
+def _refuse() -> Response:
+    return Response("there is no such recording\n", status_code=404, media_type="text/plain")
+
+
+PORT = 8767  #: default; the console's and the study's are others
+_LOOK = 0.1  #: between two looks whether to end [s]
+
+
+@final
+class Viewer:
+    """A page that plays one recording, or two side by side, at `url`: only who knows the part behind its # may look.
+
+        with Viewer(["run.mcap"]) as viewer:
+            print(viewer.url)
+            viewer.serve()
+
+    paths     of one or two recordings
+    port      0 takes any free one
+    at        time after the first tick at which it begins [s]; None: where `span` does
+    span      first and last time of the part that is repeated, on the loop's clock [s]; None: nothing is
+    offset    how much later the second recording begins than the first [s]; below 0: earlier
+    device    name or path of the device that is drawn; None: that of the recording
+    force_map  answers what a device would give at points in space; None: the device's own simulation
+    Raises RecordingError or InputError for files that cannot be played, a port that cannot be had, or pages that are
+    not built.
+    """
+
+    def __init__(
+        self,
+        paths: Sequence[Path | str],
+        port: int = PORT,
+        *,
+        at: float | None = None,
+        span: tuple[float, float] | None = None,
+        offset: float = 0.0,
+        device: str | None = None,
+        force_map: ForceMapSource | None = None,
+    ) -> None:
+        if not 1 <= len(paths) <= 2:
+            raise InputError(f"one or two recordings can be played; got {len(paths)}")
+        self._socket = bind_socket(port)
+        self.recordings: list[PlayedRecording] = []
+        self._painted: list[PaintedWorlds | None] = []
+        try:
+            for path in paths:
+                self.recordings.append(PlayedRecording(Path(path), device))
+            self._painted = [_paint(recording, force_map) for recording in self.recordings]
+            part = self._clip(span)
+            begin = (part[0] if part else 0.0) if at is None else at
+            self.opening = {"at": begin, "range": part, "offset": offset}  #: what the page begins with [s]
+            app = application(self.recordings, self._painted, self.opening)
+        except BaseException:
+            self._end()
+            raise
+        self.port = int(self._socket.getsockname()[1])
+        self.token: str = app.state.token
+        self.url = f"http://{HOST}:{self.port}/#{self.token}"
+        self._server = server(app)
+
+    def serve(
+        self, *, open_browser: bool = False, ready: Callable[[], None] = lambda: None, until: float | None = None
+    ) -> int | None:
+        """Serve until `close`, SIGINT or SIGTERM (the signal's number is returned), or for `until` seconds.
+
+        `ready` is called once a browser gets a reply. Signals are received only in the main thread.
+        """
+        signals_seen: list[int] = []
+
+        def end(number: int) -> None:
+            signals_seen.append(number)
+            self.close()
+
+        with signals(end):
+            asyncio.run(self._serve(open_browser, ready, until))
+        return signals_seen[0] if signals_seen else None
+
+    async def _serve(self, open_browser: bool, ready: Callable[[], None], until: float | None) -> None:
+        clock = asyncio.get_running_loop().time
+        end = float("inf") if until is None else clock() + until
+        serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))
+        answers = False
+        while not serving.done():
+            if self._server.started and not answers:
+                answers = True
+                ready()
+                if open_browser:
+                    threading.Thread(target=open_browser_at, args=(self.url,), daemon=True).start()
+            if clock() > end:
+                self._server.should_exit = True
+            await asyncio.sleep(_LOOK if answers else _LOOK / 10)
+        await serving
+        for painted in self._painted:  # a map that is being computed would be waited for
+            if painted is not None:
+                painted.close()
+
+    def close(self) -> None:
+        """End `serve`; may be called from any thread, and twice."""
+        self._server.should_exit = True
+
+    def _clip(self, span: tuple[float, float] | None) -> tuple[float, float] | None:
+        """`span` on the loop's clock, in times after the first tick of the first recording, within it."""
+        if span is None:
+            return None
+        one = self.recordings[0]
+        first, last = (min(max(time - one.start, 0.0), one.seconds) for time in span)
+        if last <= first:
+            raise InputError(
+                f"{one.name} has no ticks from {span[0]:g} s to {span[1]:g} s: it is from {one.start:g} s to "
+                f"{one.start + one.seconds:g} s"
+            )
+        return first, last
+
+    def _end(self) -> None:
+        self._socket.close()
+        for recording in self.recordings:
+            recording.close()
+        for painted in self._painted:
+            if painted is not None:
+                painted.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+        self._end()
+
+
+def _paint(recording: PlayedRecording, force_map: ForceMapSource | None) -> PaintedWorlds | None:
+    compute = recording.device.kind.part("force_map")
+    if compute is None or recording.device.shell is None:
+        return None
+    if force_map is not None:
+        return PaintedWorlds(recording, force_map)
+    process = compute(recording.device)
+    process.render = recording.render
+    return PaintedWorlds(recording, process, process.close)
+
+
+# --------------------------------------------------------------------------------------------------
+# Which part of which recording is meant: FILE, or FILE#t=FROM,TO as studies note their trials.
+
+
+_PART = re.compile(r"(?P<path>.+)#t=(?P<first>[0-9.eE+-]{1,32}),(?P<last>[0-9.eE+-]{1,32})")
+
+
+class RecordingPart(NamedTuple):
+    """A recording, and what of it: from and to on the loop's clock [s], or None for all of it."""
+
+    path: Path
+    span: tuple[float, float] | None
+
+
+def parse_part(text: str) -> RecordingPart:
+    """The part that `text` names; InputError for one whose times are none.
+
+    >>> parse_part("a.mcap#t=1.5,3").span, parse_part("a.mcap").span
+    ((1.5, 3.0), None)
+    """
+    path, mark, _ = text.partition("#t=")
+    if not mark or Path(text).exists():  # a file may be called so
+        return RecordingPart(Path(text), None)
+    found = _PART.fullmatch(text)
+    try:
+        first, last = (float(found[one]) for one in ("first", "last")) if found else (math.nan, math.nan)
+    except ValueError:
+        first = last = math.nan
+    if not 0 <= last - first < math.inf:
+        raise InputError(f"part of a recording must be FILE#t=FROM,TO in seconds, FROM first; got {quote(text)}")
+    return RecordingPart(Path(path), (first, last))

@@ -1,0 +1,402 @@
+"""The abstract world: it maps the state of the mover to a wrench. Worlds add."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
+from typing import Any, ClassVar, Final, Literal, Self
+
+import numpy as np
+
+from haptorb.arrays import Array
+from haptorb.devices.base import Device, State
+from haptorb.display import Presentable, format_number, table_html
+from haptorb.errors import InputError, UnknownName, quote
+
+__all__ = [
+    "PARTS",
+    "SHAPES",
+    "ContactWorld",
+    "Parameter",
+    "Shape",
+    "Sum",
+    "TargetWorld",
+    "World",
+    "WrenchPart",
+    "check",
+    "check_part",
+    "find_part",
+    "join_parts",
+    "parameter",
+    "parameters",
+    "values",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# The part of a wrench that a world defines, and the part that is rendered: force, torque, or both.
+
+
+WrenchPart = Literal["force", "torque", "both"]
+
+PARTS: Final[tuple[WrenchPart, ...]] = ("force", "torque", "both")  #: their places are the numbers in recordings
+
+
+def check_part(name: str) -> WrenchPart:
+    """`name` itself. Raises UnknownName with the most similar name.
+
+    >>> check_part("torque")
+    'torque'
+    """
+    for part in PARTS:
+        if part == name:
+            return part
+    raise UnknownName("part of a wrench to render", name, PARTS)
+
+
+def join_parts(parts: Iterable[WrenchPart | None]) -> WrenchPart | None:
+    """The part that worlds with these `parts` define together; None if one of them does not declare it.
+
+    >>> join_parts(["force", "torque"]), join_parts(["force", None]), join_parts([])
+    ('both', None, 'force')
+    """
+    whole = set(parts)
+    if None in whole and "both" not in whole:
+        return None
+    named = whole - {None}
+    if len(named) > 1:
+        return "both"
+    return named.pop() if named else "force"
+
+
+def find_part(wrench: Array) -> WrenchPart | None:
+    """The part of a `wrench` (6,) [N, N·m] that is not zero; None for a zero wrench.
+
+    >>> import numpy as np
+    >>> find_part(np.array([0, 0, 0, 0, 0.01, 0])), find_part(np.array([1.0, 0, 0, 0, 0, 1e-3])), find_part(np.zeros(6))
+    ('torque', 'both', None)
+    """
+    pushes, turns = bool(wrench[:3].any()), bool(wrench[3:].any())
+    if pushes and turns:
+        return "both"
+    return "force" if pushes else "torque" if turns else None
+
+
+# --------------------------------------------------------------------------------------------------
+# The parameters of a world: range, unit and description, checked at every input.
+#
+# Parameters are the fields of the world's dataclass; those declared with `parameter(...)` get a slider in the
+# console, a
+# line in `haptorb worlds NAME` and a check in every constructor.
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter: `size` numbers (1, or 3 for a direction) between `low` and `high` in `unit`."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    about: str
+    default: float | tuple[float, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return len(self.default) if isinstance(self.default, tuple) else 1
+
+
+def parameter(default: float | tuple[float, ...], unit: str, low: float, high: float, about: str) -> Any:
+    """A dataclass field that is a parameter: see `Parameter`."""
+    return field(default=default, metadata={"unit": unit, "low": low, "high": high, "about": about})
+
+
+def parameters(world: type[Any]) -> dict[str, Parameter]:
+    """The parameters of a world's class, by name, in the order of declaration."""
+    found = {}
+    for item in fields(world):
+        if "about" in item.metadata and item.default is not MISSING:
+            found[item.name] = Parameter(item.name, default=item.default, **item.metadata)
+    return found
+
+
+def values(world: Any) -> dict[str, float | tuple[float, ...]]:
+    """The current values of a world's parameters."""
+    return {name: getattr(world, name) for name in parameters(type(world))}
+
+
+def check(world: Any) -> None:
+    """Raise InputError if a parameter of `world` is not finite or outside its range; called by every constructor."""
+    kind = type(world).__name__
+    for name, known in parameters(type(world)).items():
+        value = getattr(world, name)
+        several = isinstance(value, tuple | list)
+        # safety: list-no-number
+        if several is not isinstance(known.default, tuple) or (several and len(value) != known.size):
+            wanted = f"{known.size} numbers" if isinstance(known.default, tuple) else "a finite number, not a list"
+            raise InputError(f"{kind}.{name} must be {wanted}; got {quote(value)}")
+        for number in value if several else (value,):
+            if isinstance(number, bool) or not isinstance(number, int | float) or not _is_finite(number):
+                raise InputError(f"{kind}.{name} must be a finite number; got {quote(value)}")
+            if not known.low <= number <= known.high:
+                raise InputError(
+                    f"{kind}.{name} must lie between {known.low:g} and {known.high:g} {known.unit}; got {number:g}"
+                )
+
+
+def _is_finite(number: float) -> bool:
+    try:
+        return math.isfinite(number)
+    except OverflowError:  # an integer that no float can hold
+        return False
+
+
+def check_names(world: type[Any], given: Mapping[str, Any]) -> None:
+    """Raise UnknownName for the first key of `given` that is not a parameter of `world`."""
+    known = parameters(world)
+    for name in given:
+        if name not in known:
+            raise UnknownName(f"parameter of {world.__name__}", name, known)
+
+
+_LONGEST = 160  #: characters of a `repr`
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+
+
+def _format_value(value: float | tuple[float, ...]) -> str:
+    return f"({', '.join(f'{x:g}' for x in value)})" if isinstance(value, tuple) else f"{value:g}"
+
+
+def _to_tuple(value: Any) -> Any:
+    """Arrays and lists as tuples, a number of numpy's as Python's."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    return tuple(value) if isinstance(value, list) else value
+
+
+@dataclass(frozen=True)
+class World(Presentable, ABC):
+    """A world renders a wrench (6,) for a state: force [N] and torque about the mover's origin [N·m], frame S.
+
+    It has no clock and no memory: two calls with the same state give the same wrench. A `DynamicWorld` has a memory.
+    """
+
+    passive: ClassVar[bool] = True  #: no closed path can take energy out of it
+    continuous: ClassVar[bool] = True  #: no jumps: a small step of the state is a small step of the wrench
+    #: acts on a target that a device moves through modes, whose frame is not the stator's
+    needs_target: ClassVar[bool] = False
+    #: part of the wrench that it asks of a tool; None: every part that is not zero
+    asks: ClassVar[WrenchPart | None] = None
+    remembers: ClassVar[bool] = False  #: a `DynamicWorld`: it has a memory, and renders more than a state
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    @property
+    def name(self) -> str:
+        """Its name in lists of worlds: the class name in lower case."""
+        return type(self).__name__.lower()
+
+    @property
+    def wrench_code(self) -> Callable[..., Any]:
+        """The code that computes the wrench, for messages about it."""
+        return type(self).wrench
+
+    @abstractmethod
+    def wrench(self, state: State) -> Array:
+        """(6,) the wrench on the mover at `state`."""
+
+    @property
+    def bound(self) -> float:
+        """Largest force that it can ask [N], anywhere a mover can be; inf if no bound is known."""
+        return float("inf")
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Remarks about the world with its current parameters, such as the stress in a hook."""
+        return ()
+
+    def _summarize(self) -> str:
+        """As a call: all parameters, or, where that is long, those that are not at their defaults."""
+        known, now = parameters(type(self)), values(self)
+        name = type(self).__name__
+        whole = f"{name}({', '.join(f'{key}={_format_value(value)}' for key, value in now.items())})"
+        if len(whole) <= _LONGEST:
+            return whole
+        other = [f"{key}={_format_value(value)}" for key, value in now.items() if value != known[key].default]
+        return _cut(f"{name}({', '.join(other)})")
+
+    def _list_facts(self) -> list[tuple[str, str]]:
+        bound = f"{format_number(self.bound)} N" if np.isfinite(self.bound) else "no bound is known"
+        yes = {True: "yes", False: "no"}
+        facts = [("largest force", bound), ("passive", yes[self.passive]), ("continuous", yes[self.continuous])]
+        facts += [("asks", self.asks.replace("both", "force and torque"))] if self.asks else []
+        return facts + [("remark", remark) for remark in self.remarks]
+
+    def _picture_html(self) -> str:
+        """Every parameter: value, unit, range and meaning."""
+        now = values(self)
+        rows = [
+            [
+                f"{one.name}: {one.about}",
+                _format_value(now[one.name]) + (f" {one.unit}" if one.unit not in ("", "1") else ""),
+                f"{one.low:g} to {one.high:g}",
+            ]
+            for one in parameters(type(self)).values()
+        ]  # fmt: skip
+        return table_html(["parameter", "value", "range"], rows) if rows else ""
+
+    def for_device(self, device: Device) -> World:
+        """This world adapted to `device`; by default the world itself.
+
+        Raises InputError for a device without a target, if this world needs one.
+        """
+        if self.needs_target and not device.kind.modes:
+            raise InputError(
+                f"world {type(self).__name__} acts on a target that a device moves in two modes; device "
+                f"'{device.name}' ({device.kind.title}) has none: choose another world, or a "
+                "device with modes, such as pmsm"
+            )
+        return self
+
+    def replace(self, **values: Any) -> Self:
+        """A copy with some parameters changed; UnknownName and InputError as in the constructor."""
+        check_names(type(self), values)
+        tuples = {key: _to_tuple(value) for key, value in values.items()}
+        return replace(self, **tuples)
+
+    def __add__(self, other: World) -> Sum:
+        """Both at once."""
+        if other.remembers:
+            return NotImplemented  # `DynamicWorld` adds both kinds
+        parts = [part for world in (self, other) for part in (world.parts if isinstance(world, Sum) else (world,))]
+        return Sum(tuple(parts))
+
+
+@dataclass(frozen=True)
+class TargetWorld(World):
+    """A world that acts on a target that a device moves in two modes, such as a plug in its socket.
+
+    Its states and wrenches are the target's, in a frame that is not the stator's: a device on whose tool the world
+    would act directly refuses it.
+    """
+
+    needs_target: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class Sum(World):
+    """Several worlds together: their wrenches add."""
+
+    parts: tuple[World, ...] = ()
+
+    def __post_init__(self) -> None:
+        World.__post_init__(self)
+        for promise in ("passive", "continuous"):  # of the class, but a sum keeps only what all of its parts keep
+            object.__setattr__(self, promise, all(getattr(part, promise) for part in self.parts))
+        object.__setattr__(self, "asks", join_parts(part.asks for part in self.parts))
+
+    @property
+    def bound(self) -> float:
+        """The sum of the parts' bounds [N]."""
+        return sum(part.bound for part in self.parts)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Those of all parts."""
+        return tuple(remark for part in self.parts for remark in part.remarks)
+
+    def _summarize(self) -> str:
+        return _cut(" + ".join(map(repr, self.parts)) or "Sum()")
+
+    def _picture_html(self) -> str:
+        """The parameters of all parts."""
+        return "".join(part._repr_html_() for part in self.parts)
+
+    def wrench(self, state: State) -> Array:
+        """(6,) the sum over the parts [N, N·m]."""
+        total = np.zeros(6)
+        for part in self.parts:
+            total += part.wrench(state)
+        return total
+
+    def for_device(self, device: Device) -> Self:
+        """Every part adapted to `device`."""
+        return replace(self, parts=tuple(part.for_device(device) for part in self.parts))
+
+
+# --------------------------------------------------------------------------------------------------
+# A world that reports its contacts, for drawing and recording.
+
+
+@dataclass(frozen=True)
+class ContactWorld(World):
+    """A world that computes its wrench from contacts. They are recorded if the kind of device has contacts.
+
+    A kind of device states how many contacts its rows have (`DeviceKind.contacts`); excess contacts are left out.
+    """
+
+    @abstractmethod
+    def render_contacts(self, state: State) -> tuple[Array, Array]:
+        """(6,) the wrench at `state` [N, N·m], and (n, 8) its contacts: deflection [m], distance of the contact
+        from the root [m], point (3) [m], force (3) on the object [N]; zero for an open contact."""
+
+    def wrench(self, state: State) -> Array:
+        """(6,) the wrench on the mover at `state` [N, N·m]."""
+        return self.render_contacts(state)[0]
+
+    @property
+    def wrench_code(self) -> Callable[..., Any]:
+        """The code that computes the wrench, for messages about it."""
+        return type(self).render_contacts
+
+
+# --------------------------------------------------------------------------------------------------
+# Bodies that the console draws for a world with memory, at poses from its memory.
+
+
+#: kind → how many numbers its `size` has, all [m]: sphere radius; capsule and cylinder radius and half length along
+#: their own z axis; box half lengths; ellipsoid radii; a mesh has points
+SHAPES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3, "mesh": 0}
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A body that the console draws at a pose from the memory.
+
+    kind      "sphere", "capsule", "cylinder" or "box", see `SHAPES`
+    size      its dimensions [m]
+    place     memory field with its centre, (3,) [m], in the frame of the world's states
+    attitude  memory field with its orientation, a quaternion (x, y, z, w); empty: along the frame
+    row       row of those fields, if they are tables (n, 3) and (n, 4)
+    at        (7,) initial centre [m] and quaternion; without place and attitude it stays there
+    role      "held", "moves", "fixed" or "path", for its colour; empty: only one kind of body
+    points    (3 n,) x, y, z of a mesh's vertices [m]
+    corners   (3 m,) indices of the vertices of its triangles
+    """
+
+    name: str
+    kind: str
+    size: tuple[float, ...]
+    place: str
+    attitude: str = ""
+    row: int = 0
+    at: tuple[float, ...] = ()
+    role: str = ""
+    points: tuple[float, ...] = ()
+    corners: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.kind not in SHAPES:
+            raise UnknownName("shape", self.kind, SHAPES)
+        if len(self.size) != SHAPES[self.kind] or not all(0.0 < one < 10.0 for one in self.size):
+            raise InputError(
+                f"shape '{self.name}': a {self.kind} has {SHAPES[self.kind]} measures above 0 m and below 10 m; got "
+                f"{self.size}"
+            )

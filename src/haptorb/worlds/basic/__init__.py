@@ -1,1 +1,0 @@
-"""Single effects: wall, fluid, friction, detents, texture, vibration, magnet, guidance."""

@@ -1,0 +1,699 @@
+"""The abstract world with memory: its wrench depends on the past."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from math import prod
+from typing import Any, ClassVar, final
+
+import numpy as np
+
+from haptorb.arrays import Array, Record, Records, fields
+from haptorb.compiled import kernel, tick_kernel
+from haptorb.devices.base import State
+from haptorb.errors import HaptorbError, InputError, quote
+from haptorb.worlds.base import Shape, Sum, World, parameter
+
+__all__ = [
+    "CLIENT_FORCE",
+    "FADE",
+    "HOLD",
+    "BoundWorld",
+    "DynamicSum",
+    "DynamicWorld",
+    "MemoryField",
+    "MemoryNotFinite",
+    "Remote",
+    "WorldWork",
+    "bind_world",
+    "check_memory",
+    "check_world_period",
+    "count_numbers",
+    "find_number",
+    "join_remote",
+    "make_client_force",
+    "make_memory",
+    "memory_dtype",
+    "numbers_of",
+    "split_remote",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# The memory of a world: named numbers with units, in a structured array of one record.
+#
+# Every field is float64, a flag is 0 or 1: so a memory is also a plain row of numbers, which is recorded, sent to the
+# console and checked for non-finite numbers without a loop over fields.
+
+
+@dataclass(frozen=True)
+class MemoryField:
+    """One named part of a world's memory: a number, or an array of `shape`, in `unit`.
+
+    >>> MemoryField("place", "m", "of the ball, stator frame", (3,)).size
+    3
+    """
+
+    name: str
+    unit: str
+    about: str
+    shape: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.name, str) and self.name.isidentifier()):
+            raise InputError(f"a memory field needs a name like 'place'; got {quote(self.name)}")
+        if not isinstance(self.shape, tuple) or any(type(n) is not int or n < 1 for n in self.shape):
+            raise InputError(
+                f"memory field '{self.name}': its shape must be a tuple of whole numbers above 0, () for a single "
+                f"number; got {quote(self.shape)}"
+            )
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return prod(self.shape)
+
+
+@cache
+def memory_dtype(fields: tuple[MemoryField, ...]) -> np.dtype[Any]:
+    """The dtype of a memory with these `fields`: all float64, contiguous.
+
+    Raises InputError for no fields, and for two fields of the same name.
+    """
+    names = [field.name for field in fields]
+    if not names or len(set(names)) != len(names):
+        raise InputError(f"a memory needs fields, each with its own name; got {quote(names)}")
+    return np.dtype([(field.name, np.float64, field.shape) for field in fields])
+
+
+def make_memory(fields: tuple[MemoryField, ...]) -> Records:
+    """(1,) a record with these `fields`, all zero, in their units.
+
+    >>> memory = make_memory((MemoryField("speed", "m/s", "of the fluid"),))
+    >>> memory["speed"].tolist()
+    [0.0]
+    """
+    return np.zeros(1, dtype=memory_dtype(tuple(fields)))
+
+
+def numbers_of(memory: Records) -> Array:
+    """(n,) all numbers of `memory` (1,) in the order of its fields, each in the unit [..] of its field: a view."""
+    return memory.view(np.float64)
+
+
+def count_numbers(fields: Sequence[MemoryField]) -> int:
+    """How many numbers a memory with these `fields` has."""
+    return sum(field.size for field in fields)
+
+
+def find_number(fields: Sequence[MemoryField], name: str, row: int = 0) -> int:
+    """The index of the first number of the field `name`, or of its `row`, among all numbers of the memory.
+
+    Raises InputError if there is no such field or row.
+    """
+    start = 0
+    for field in fields:
+        if field.name == name:
+            if not 0 <= row < (field.shape[0] if len(field.shape) > 1 else 1):
+                raise InputError(f"memory field '{name}' has no row {row}; its shape is {field.shape}")
+            return start + row * (prod(field.shape[1:]) if len(field.shape) > 1 else 0)
+        start += field.size
+    raise InputError(f"the memory has no field '{name}'; it has {', '.join(field.name for field in fields)}")
+
+
+def check_memory(memory: object, name: str) -> Records:
+    """`memory` itself, (1,) a record of float64 fields in their own units.
+
+    Raises InputError, naming the world `name`, for anything else and for numbers that are not finite.
+    """
+    if not isinstance(memory, np.ndarray) or memory.dtype.names is None:
+        raise InputError(
+            f"world '{name}': begin must return a structured array of one record, such as from make_memory(fields); "
+            "got "
+            f"{quote(memory)}"
+        )
+    if memory.shape != (1,) or not memory.flags.writeable:
+        raise InputError(
+            f"world '{name}': begin must return one record, shape (1,), that may be written to; got shape "
+            f"{memory.shape}"
+        )
+    others = [path for path, kind in _leaves(memory.dtype) if kind != np.float64]
+    if others or memory.dtype.itemsize != 8 * _size(memory.dtype):
+        raise InputError(
+            f"world '{name}': every field of a memory must be float64 (a flag is 0.0 or 1.0), without gaps; "
+            f"{', '.join(others) or 'its fields'} is not: use make_memory(fields)"
+        )
+    if not np.isfinite(numbers_of(memory)).all():
+        raise InputError(f"world '{name}': its memory begins with a number that is not finite")
+    return memory
+
+
+def _leaves(dtype: np.dtype[Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    for name in dtype.names or ():
+        kind = dtype[name]
+        base = kind.subdtype[0] if kind.subdtype else kind
+        if base.names is None:
+            yield f"{path}{name}", base
+        else:
+            yield from _leaves(base, f"{path}{name}.")
+
+
+def _size(dtype: np.dtype[Any]) -> int:
+    total = 0
+    for name in dtype.names or ():
+        kind = dtype[name]
+        base, shape = kind.subdtype if kind.subdtype else (kind, ())
+        total += prod(shape) * (_size(base) if base.names else 1)
+    return total
+
+
+_FIRST = 1e-3  #: time step of a wrench that is asked for outside a loop [s]
+
+
+class WorldWork(ABC):
+    """Work of a world that may take longer than a tick: it is computed in the background, from copies of a memory."""
+
+    @abstractmethod
+    def compute(self) -> Any:
+        """The result, for `DynamicWorld.take_over`. The same copies give the same result, bit for bit."""
+
+    @abstractmethod
+    def fits(self, memory: Records) -> bool:
+        """Whether `memory` (1,) still waits for this work: it has not been restarted, or replaced."""
+
+
+@dataclass(frozen=True)
+class DynamicWorld(World):
+    """A world with memory: a structured array of one record, advanced by `dt` in every tick.
+
+    It declares the fields of its memory (`memory_fields`), creates one (`begin`), and in each tick changes it in
+    place and returns the wrench (`advance`). Nothing else has state: the world itself is frozen, has no clock,
+    and stores nothing that grows, so the same memory, state and dt give the same memory and wrench, bit for bit.
+
+    It advances in every tick with a valid pose, even while the coils are off: a hand still moves objects then,
+    without feeling them. Without a valid pose its time stops and it renders nothing. dt is always the loop's
+    nominal period: if ticks are missed, its time slows down, but never jumps. After a trip or a stop it
+    continues. If it fails, or its memory is no longer finite, the coils go off, and it restarts when a person
+    engages.
+
+    passive  it delivers no more energy than it received since it began. If it has a memory field `energy` [J], the
+             energy stored after the tick, the passivity control includes it in the energy of the hand, and damps
+             energy that a time step generates.
+    """
+
+    remembers: ClassVar[bool] = True
+    takes_commands: ClassVar[bool] = False  #: renders what programs outside the loop command: see `take_command`
+
+    @property
+    @abstractmethod
+    def memory_fields(self) -> tuple[MemoryField, ...]:
+        """The fields of its memory, in order. They may depend on parameters, but not on the device."""
+
+    def begin(self) -> Records:
+        """(1,) the initial memory: all zero unless overridden. It must be fast, because it runs between two ticks.
+        `for_device` has already put device-dependent values into the world's own fields."""
+        return make_memory(self.memory_fields)
+
+    @abstractmethod
+    def advance(self, memory: Records, state: State, dt: float) -> Array:
+        """(6,) the wrench on the mover at `state`, `dt` [s] after the previous tick; changes `memory` (1,) in
+        place. Force [N] and torque about the mover's origin [N·m]."""
+
+    def take_command(self, memory: Records, client: Records) -> None:
+        """Before each `advance` of a world that `takes_commands`: copy the command of a program outside the loop,
+        `client` (1,) CLIENT_FORCE [N, s], into `memory` (1,). By default it does nothing."""
+
+    def advance_with_client(self, memory: Records, state: State, dt: float, commanded: Array) -> Array:
+        """As `advance`; the part of the wrench that programs outside the loop command is added to `commanded` (6,)
+        [N, N·m]. Of a world that takes commands it is all of it."""
+        wrench = self.advance(memory, state, dt)
+        if self.takes_commands:
+            commanded += wrench
+        return wrench
+
+    def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
+        """This world replaces `previous`, whose memory is `old` (1,): parameters were changed, or its file was
+        saved. `memory` (1,) is the new initial memory; copy into it what shall be kept, each field in its unit.
+
+        Default rule: the memory is kept if name and fields are the same, else the world restarts.
+        """
+        if previous.name == self.name and old.dtype == memory.dtype:
+            memory[:] = old
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """Bodies that the console draws at poses from the memory; none by default."""
+        return ()
+
+    def check_period(self, dt: float) -> None:
+        """Raise InputError if it cannot be advanced in ticks of `dt` [s]; called before the first one."""
+
+    def lighten(self, memory: Records) -> None:
+        """Steps take too long for their tick: reduce the work of the next ones, noted in `memory` (1,) in the unit
+        of a field. By default it does nothing."""
+
+    def restore(self, memory: Records) -> None:
+        """There is time again: undo one step of `lighten` in `memory` (1,), in the unit of a field."""
+
+    def find_work(self, memory: Records) -> WorldWork | None:
+        """The work that `memory` (1,) waits for, each field in its unit; by default none."""
+        return None
+
+    def is_work_due(self, memory: Records) -> bool:
+        """Whether that work's result may be taken over before the next `advance` of `memory` (1,), in its units."""
+        return False
+
+    def take_over(self, memory: Records, result: Any) -> None:
+        """Take the `result` of the work into `memory` (1,), each field in its unit."""
+
+    @property
+    def stores_energy(self) -> bool:
+        """Whether its memory has a field `energy` [J]."""
+        return any(field.name == "energy" for field in self.memory_fields)
+
+    def wrench(self, state: State) -> Array:
+        """(6,) its wrench at `state` in the first millisecond after the start [N, N·m]."""
+        return self.advance(self.begin(), state, _FIRST)
+
+    @property
+    def wrench_code(self) -> Callable[..., Any]:
+        """The code that computes the wrench, for messages about it."""
+        return type(self).advance
+
+    def __add__(self, other: World) -> DynamicSum:
+        """Both at once."""
+        return DynamicSum((*_parts_of(self), *_parts_of(other)))
+
+    def __radd__(self, other: World) -> DynamicSum:
+        """Both at once, of a world without memory and this one."""
+        return DynamicSum((*_parts_of(other), *_parts_of(self)))
+
+
+def _parts_of(world: World) -> tuple[World, ...]:
+    return world.parts if isinstance(world, Sum) else (world,)
+
+
+class _PartsWork(WorldWork):
+    """The `works` of the parts of a sum that have any, by their names."""
+
+    def __init__(self, works: dict[str, WorldWork]) -> None:
+        self._works = works
+
+    def compute(self) -> dict[str, Any]:
+        """The result of each part."""
+        return {name: work.compute() for name, work in self._works.items()}
+
+    def fits(self, memory: Records) -> bool:
+        """By each part's own memory, in `memory` (1,) [1]."""
+        return all(work.fits(memory[name]) for name, work in self._works.items())
+
+
+@dataclass(frozen=True)
+class DynamicSum(Sum, DynamicWorld):
+    """Several worlds at once, with and without memory: their wrenches add, and each has its own memory."""
+
+    @property
+    def name(self) -> str:
+        """`sum`, as for worlds without memory."""
+        return "sum"
+
+    @cached_property
+    def _remembering(self) -> tuple[tuple[str, DynamicWorld], ...]:
+        """The parts with memory, each with the name of its own in this sum: `ball`, `ball_2`."""
+        named: dict[str, DynamicWorld] = {}
+        for part in self.parts:
+            if isinstance(part, DynamicWorld):
+                own, count = _identify(part.name), 1
+                name = own
+                while name in named:
+                    count += 1
+                    name = f"{own}_{count}"
+                named[name] = part
+        return tuple(named.items())
+
+    @cached_property
+    def _still(self) -> tuple[World, ...]:
+        return tuple(part for part in self.parts if not part.remembers)
+
+    @property
+    def memory_fields(self) -> tuple[MemoryField, ...]:
+        """Those of all parts, as `ball_place`."""
+        return tuple(
+            replace(field, name=f"{name}_{field.name}")
+            for name, part in self._remembering
+            for field in part.memory_fields
+        )
+
+    def begin(self) -> Records:
+        """(1,) a record with the memory of each part under its name."""
+        memories = {name: part.begin() for name, part in self._remembering}
+        memory: Records = np.zeros(1, dtype=[(name, one.dtype) for name, one in memories.items()])
+        for name, one in memories.items():
+            memory[name] = one
+        return memory
+
+    def advance(self, memory: Records, state: State, dt: float) -> Array:
+        """(6,) the sum over the parts [N, N·m], each with its own part of `memory`; dt in [s]."""
+        return self.advance_with_client(memory, state, dt, np.empty(6))
+
+    def advance_with_client(self, memory: Records, state: State, dt: float, commanded: Array) -> Array:
+        """(6,) the sum; the wrenches of those parts that take commands are added to `commanded` (6,) [N, N·m] too."""
+        total = np.zeros(6)
+        for name, part in self._remembering:
+            total += part.advance_with_client(memory[name], state, dt, commanded)
+        for still in self._still:
+            total += still.wrench(state)
+        return total
+
+    @property
+    def takes_commands(self) -> bool:  # type: ignore[override]  # of a class, but a sum does what one of its parts does
+        """Whether one of the parts renders commands of a program outside the loop."""
+        return any(part.takes_commands for _, part in self._remembering)
+
+    def take_command(self, memory: Records, client: Records) -> None:
+        """Each part that takes commands copies `client` (1,) CLIENT_FORCE [N, s] into its own part of `memory` (1,)."""
+        for name, part in self._remembering:
+            if part.takes_commands:
+                part.take_command(memory[name], client)
+
+    def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
+        """Each part by its own rule, with the memory of the previous part of the same name; in the fields' units."""
+        before = (
+            dict(previous._remembering) if isinstance(previous, DynamicSum) else {_identify(previous.name): previous}
+        )
+        for name, part in self._remembering:
+            if name in before:
+                part.keep(memory[name], before[name], old[name] if isinstance(previous, DynamicSum) else old)
+
+    def check_period(self, dt: float) -> None:
+        """Of every part, for ticks of `dt` [s]."""
+        for _, part in self._remembering:
+            part.check_period(dt)
+
+    def lighten(self, memory: Records) -> None:
+        """Every part, in its own part of `memory` (1,), in the units of its fields."""
+        for name, part in self._remembering:
+            part.lighten(memory[name])
+
+    def find_work(self, memory: Records) -> WorldWork | None:
+        """That of every part that has any, in its own part of `memory` (1,), in the units of its fields."""
+        found = {name: part.find_work(memory[name]) for name, part in self._remembering}
+        works = {name: work for name, work in found.items() if work is not None}
+        return _PartsWork(works) if works else None
+
+    def is_work_due(self, memory: Records) -> bool:
+        """Of all parts that have work, in their own parts of `memory` (1,), in the units of their fields."""
+        due = [part.is_work_due(memory[name]) for name, part in self._remembering if part.find_work(memory[name])]
+        return bool(due) and all(due)
+
+    def take_over(self, memory: Records, result: Any) -> None:
+        """Each part its own, in its part of `memory` (1,), in the units of its fields."""
+        for name, part in self._remembering:
+            if name in result:
+                part.take_over(memory[name], result[name])
+
+    def restore(self, memory: Records) -> None:
+        """Every part, in its own part of `memory` (1,), in the units of its fields."""
+        for name, part in self._remembering:
+            part.restore(memory[name])
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """Those of all parts."""
+        return tuple(
+            replace(
+                shape,
+                place=f"{name}_{shape.place}" if shape.place else "",
+                attitude=f"{name}_{shape.attitude}" if shape.attitude else "",
+            )
+            for name, part in self._remembering
+            for shape in part.shapes
+        )
+
+    @property
+    def stores_energy(self) -> bool:
+        """Whether all parts have a field `energy`."""
+        return all(isinstance(part, DynamicWorld) and part.stores_energy for part in self.parts)
+
+
+def _identify(name: str) -> str:
+    """The `name` of a world as the beginning of a field's: a scene's has a hyphen, and a user's may have anything."""
+    return "".join(letter if letter.isalnum() else "_" for letter in name)
+
+
+# --------------------------------------------------------------------------------------------------
+# The force that a program outside the loop commands, as the loop passes it to the worlds that render it.
+
+
+CLIENT_FORCE = fields(
+    ("force", "f8", (3,)),  # as the client commanded it, stator frame [N]
+    ("session", "f8"),  # number of its connection; 0: no command yet
+    ("age", "f8"),  # of the command [s]
+    ("lost", "f8"),  # since the connection was lost; 0: it is there [s]
+    ("mapping", "f8"),  # number of its mapping into the stator's frame
+)
+
+
+def make_client_force() -> Records:
+    """(1,) CLIENT_FORCE without a client: no force [N], session 0."""
+    return np.zeros(1, dtype=CLIENT_FORCE)
+
+
+# --------------------------------------------------------------------------------------------------
+# A world with memory in one run of a loop: world, memory and time step together.
+
+
+class MemoryNotFinite(HaptorbError):
+    """A world computed a memory with numbers that are not finite."""
+
+
+@tick_kernel
+def _is_finite(numbers: Array) -> bool:
+    finite = True
+    for i in range(numbers.size):
+        finite &= np.isfinite(numbers[i])
+    return finite
+
+
+@final
+class BoundWorld:
+    """`world` with a memory of its own, advanced by `dt` [s] in each call of `wrench`; what a linkage renders.
+
+    numbers  (n,) all of its memory, in the units of its fields: a view
+    paused   there is no pose: its time stops and it renders nothing
+    failed   it raised an exception, or its memory is not finite: it renders nothing until `restart`
+    client   (1,) CLIENT_FORCE: the command of a program outside the loop; filled by the loop
+    commanded  (6,) the part of the last wrench that this program commands [N, N·m]
+    """
+
+    def __init__(self, world: DynamicWorld, dt: float) -> None:
+        self.world = world
+        self.paused = self.failed = False
+        self.memory = check_memory(world.begin(), world.name)
+        self.numbers = numbers_of(self.memory)
+        names = [field.name for field in world.memory_fields]
+        sizes = [field.size for field in world.memory_fields]
+        if sum(sizes) != self.numbers.size:
+            raise InputError(
+                f"world '{world.name}': its memory has {self.numbers.size} numbers, but its memory_fields state "
+                f"{sum(sizes)}"
+            )
+        starts = np.cumsum([0, *sizes]).tolist()
+        stored = [start for name, start in zip(names, starts, strict=False) if name.rpartition("_")[2] == "energy"]
+        self._energies = stored if world.stores_energy else []
+        self._dt, self._advance, self._still = dt, world.advance, np.zeros(6)
+        self.takes_commands, self.client = world.takes_commands, make_client_force()
+        self.commanded: Array = np.zeros(6)
+        _is_finite(self.numbers)  # compiled now
+
+    @property
+    def energy(self) -> float:
+        """Energy stored in its memory [J]; NaN if the world does not state it, or renders nothing now."""
+        if not self._energies or self.paused or self.failed:
+            return np.nan
+        return sum(map(self.numbers.item, self._energies))
+
+    def wrench(self, state: State) -> Array:
+        """(6,) the wrench of the world at `state` after one more time step [N, N·m].
+
+        Raises MemoryNotFinite, and any exception of the world.
+        """
+        self.commanded[:] = 0.0
+        if self.paused or self.failed:
+            return self._still
+        # After any failure in there: half of a step is no memory to continue with.
+        self.failed = True  # safety: half-a-step
+        if self.takes_commands:
+            self.world.take_command(self.memory, self.client)
+            wrench = self.world.advance_with_client(self.memory, state, self._dt, self.commanded)
+        else:
+            wrench = self._advance(self.memory, state, self._dt)
+        if not _is_finite(self.numbers):  # safety: memory-finite
+            raise MemoryNotFinite(self._explain())
+        self.failed = False
+        return wrench
+
+    def restart(self) -> None:
+        """Restart."""
+        self.memory[:] = check_memory(self.world.begin(), self.world.name)
+        self.failed = False
+
+    def _explain(self) -> str:
+        start, bad = 0, []
+        for field in self.world.memory_fields:
+            if not np.isfinite(self.numbers[start : start + field.size]).all():
+                bad.append(field.name)
+            start += field.size
+        return f"the memory of world '{self.world.name}' is no longer finite in {', '.join(bad)}"
+
+
+def check_world_period(world: World, dt: float) -> None:
+    """Raise InputError if `world` cannot be advanced in ticks of `dt` [s]; one without memory always can."""
+    if isinstance(world, DynamicWorld):
+        world.check_period(dt)
+
+
+def bind_world(
+    world: World, dt: float, before: BoundWorld | None = None, client: Records | None = None
+) -> BoundWorld | None:
+    """`world` bound to a memory, for ticks `dt` [s] apart; None for a world without memory.
+
+    before: the previous world, whose memory it may keep by its own rule; client: (1,) CLIENT_FORCE that
+    a loop fills before every tick [N, s]. Raises InputError for an invalid memory.
+    """
+    if not isinstance(world, DynamicWorld):
+        return None
+    bound = BoundWorld(world, dt)
+    bound.client = bound.client if client is None else client
+    if before is not None and not before.failed:
+        world.keep(bound.memory, before.world, before.memory)
+        if not np.isfinite(bound.numbers).all():
+            raise InputError(f"world '{world.name}': after keep, its memory has numbers that are not finite")
+    return bound
+
+
+# --------------------------------------------------------------------------------------------------
+# The force of a program outside the loop: held briefly after its last command, then faded to zero.
+
+
+HOLD = 0.05  #: after the last command the force stands for so long [s]
+FADE = 0.02  #: and is nothing so much later [s]
+
+_FIELDS = (
+    MemoryField("force", "N", "force commanded by the client, stator frame", (3,)),
+    MemoryField("session", "1", "number of the client's session; 0: no command yet"),
+    MemoryField("age", "s", "age of the client's last command"),
+    MemoryField("lost", "s", "time since the client's connection was lost; 0: connected"),
+    MemoryField("fade", "1", "share of the force that is rendered: 1 before the fade, 0 after it"),
+    MemoryField("mapping", "1", "number of the client's mapping: with another one the same command points elsewhere"),
+)
+
+
+@kernel
+def _take_command(memory: Records, client: Records) -> None:
+    """Take over what the `client` (1,) CLIENT_FORCE commands; a command that is no number is none."""
+    m, c = memory[0], client[0]
+    finite = np.isfinite(c.session + c.age + c.lost)
+    for i in range(3):
+        finite &= np.isfinite(c.force[i])
+    fade = 0.0
+    if finite and c.session > 0.0:
+        late = max(c.age - HOLD, c.lost)  # safety: client-silence-fades, client-loss-fades
+        fade = min(max(1.0 - late / FADE, 0.0), 1.0)
+    for i in range(3):
+        m.force[i] = c.force[i] if finite else 0.0  # safety: client-force-finite
+    m.session = c.session if finite else 0.0
+    m.age = c.age if finite else 0.0
+    m.lost = c.lost if finite else 0.0
+    m.fade = fade
+    m.mapping = c.mapping if np.isfinite(c.mapping) else 0.0
+
+
+@kernel
+def _push(m: Record, limit: float, wrench: Array) -> None:
+    """`wrench` (6,) becomes the client's force [N], faded and no greater than `limit` [N]."""
+    wrench[:] = 0.0
+    largest = max(abs(m.force[0]), abs(m.force[1]), abs(m.force[2]))
+    if largest == 0.0 or m.fade == 0.0:
+        return
+    size = 0.0  # of the force over its largest part: squares of the numbers themselves may overflow
+    for i in range(3):
+        size += (m.force[i] / largest) ** 2
+    share = m.fade * min(1.0, limit / largest / np.sqrt(size))  # safety: client-force-limit
+    for i in range(3):
+        wrench[i] = share * m.force[i]
+
+
+@kernel
+def _render(memory: Records, limit: float, wrench: Array) -> None:
+    _push(memory[0], limit, wrench)
+
+
+@dataclass(frozen=True)
+class Remote(DynamicWorld):
+    """The force of a program connected with `haptorb run --serve`: the latest command, faded if no other follows.
+
+    A command lasts 50 ms. If none follows, its force fades to zero within 20 ms; when the connection is lost,
+    the fade begins at once. The memory contains the client's command and the share that is rendered, so that the
+    same memory gives the same force again. It may put energy into the hand, so it is not `passive`.
+
+    >>> Remote().wrench(State.at((0, 0, 0.05))).tolist()  # no client is connected
+    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    """
+
+    passive: ClassVar[bool] = False
+    continuous: ClassVar[bool] = False
+    takes_commands: ClassVar[bool] = True
+    asks = "force"
+
+    limit: float = parameter(10.0, "N", 0.0, 100.0, "maximum force accepted from a client")
+
+    @property
+    def memory_fields(self) -> tuple[MemoryField, ...]:
+        """The client's command, and the share that is rendered."""
+        return _FIELDS
+
+    @property
+    def bound(self) -> float:
+        """[N] the maximum force accepted from a client."""
+        return self.limit
+
+    def take_command(self, memory: Records, client: Records) -> None:
+        """Copy the command of `client`, (1,) CLIENT_FORCE [N, s], into `memory` (1,)."""
+        _take_command(memory, client)
+
+    def advance(self, memory: Records, state: State, dt: float) -> Array:
+        """(6,) the force in `memory` [N], independent of `state` and dt [s]."""
+        wrench = np.empty(6)
+        _render(memory, self.limit, wrench)
+        return wrench
+
+
+# --------------------------------------------------------------------------------------------------
+# A world with the clients' force added to it: the world keeps its name and its parameters.
+
+
+def split_remote(world: World) -> tuple[World, Remote | None]:
+    """(the world, the clients' force) of a sum that ends with the clients' force; else (world, None).
+
+    >>> from haptorb.worlds.dome import Dome
+    >>> split_remote(Dome(moment=1.0) + Remote())
+    (Dome(summit=(0, 0, 1), half_width_deg=18, cut_off_deg=54, moment=1), Remote(limit=10))
+    """
+    if not isinstance(world, DynamicSum) or len(world.parts) < 2:
+        return world, None
+    *others, last = world.parts
+    if not isinstance(last, Remote):
+        return world, None
+    plain = others[0]
+    for other in others[1:]:
+        plain = plain + other
+    return plain, last
+
+
+def join_remote(world: World, remote: Remote | None) -> World:
+    """`world` plus the clients' force `remote`, if there is one and `world` is not the clients' force itself."""
+    return world if remote is None or isinstance(world, Remote) else world + remote

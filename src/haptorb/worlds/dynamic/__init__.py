@@ -1,1 +1,0 @@
-"""Worlds with memory: their wrench depends on the past."""

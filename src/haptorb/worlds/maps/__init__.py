@@ -1,1 +1,0 @@
-"""Force maps over a dome: summits, valleys, terrain."""

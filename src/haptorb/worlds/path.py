@@ -1,0 +1,328 @@
+"""A path for guidance: a curve on or above the dome, parametrised by arc length."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.arrays import Array, vectors
+from haptorb.devices.base import Device
+from haptorb.errors import InputError, UnknownName, quote
+from haptorb.file_kind import FileKind
+from haptorb.files import read_text
+from haptorb.worlds.base import Shape
+
+__all__ = [
+    "SHAPES",
+    "GuidancePath",
+    "check_crossing",
+    "check_workspace",
+    "draw_path",
+    "load_path",
+    "make_path",
+    "make_shape",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# Checks of a path: it must not cross itself or leave the workspace.
+
+
+_CLOSE = 1e-3  #: parts nearer to each other cannot be distinguished with a hand on the tool [m]
+_PATH_CHECKS_APART = 6e-3  #: along the path; nearer places belong to one part, also around a corner of 20 degrees [m]
+_INSIDE = 0.5e-3  #: by which a path may lie below contact, where only a tilted tool gets [m]
+
+
+def _write_place(p: Array) -> str:
+    x, y, z = (1e3 * p + 0.0).round(1).tolist()
+    return f"({x:g}, {y:g}, {z:g}) mm"
+
+
+def check_crossing(places: Array, spacing: float, closed: bool) -> None:
+    """Raise InputError where `places` (n, 3) [m], `spacing` [m] apart, come within 1 mm of an earlier section."""
+    every = max(round(0.5 * _CLOSE / spacing), 1)
+    points = places[::every]
+    step, count = every * spacing, len(points)
+    total = spacing * (len(places) - 1)
+    for k in range(count):
+        arcs = step * (np.arange(k + 1, count) - k)
+        away = np.minimum(arcs, total - arcs) if closed else arcs
+        gap = np.linalg.norm(points[k + 1 :] - points[k], axis=1)
+        near = (away > _PATH_CHECKS_APART) & (gap < _CLOSE)
+        if near.any():
+            other = float(step * (k + 1 + int(np.argmax(near))))
+            raise InputError(
+                f"the path crosses itself, or comes within 1 mm of itself, near {_write_place(points[k])}: "
+                f"{1e3 * k * step:.0f} mm and {1e3 * other:.0f} mm along it. Move its points apart, or guide along "
+                "its parts one after the other"
+            )
+
+
+def check_workspace(places: Array, spacing: float, device: Device) -> None:
+    """Raise InputError unless `places` (n, 3) [m], `spacing` [m] apart, are in the shell over the dome of `device`."""
+    shell = device.shell
+    if shell is None:
+        raise InputError(
+            f"guidance along a path is for a tool over a sphere; device '{device.name}' has none: choose omni or "
+            "another spherical electromagnet"
+        )
+    distance = np.linalg.norm(places, axis=1)
+    highest = shell.contact_distance + shell.thickness
+    steepest = float(getattr(device, "workspace_half_angle", np.pi / 2))
+    tilt = np.arccos(np.clip(places[:, 2] / distance, -1.0, 1.0))
+    ways = (
+        (shell.contact_distance - distance - _INSIDE, "inside the dome, where the tool cannot be", "m",
+         f"keep every point at least {1e3 * shell.contact_distance:g} mm from the centre"),
+        (distance - highest - 1e-6, "above the shell in which forces are rendered", "m",
+         f"keep every point within {1e3 * highest:g} mm of the centre"),
+        (tilt - steepest - 1e-6, "outside the workspace", "rad",
+         f"keep every point within {np.degrees(steepest):.0f} deg of the summit"),
+    )  # fmt: skip
+    for beyond, where, unit, remedy in ways:
+        worst = int(np.argmax(beyond))
+        if beyond[worst] > 0.0:
+            over = f"{1e3 * beyond[worst]:.3g} mm" if unit == "m" else f"{np.degrees(beyond[worst]):.3g} deg"
+            raise InputError(
+                f"the path leaves the workspace of device '{device.name}': {1e3 * worst * spacing:.0f} mm along it, at "
+                f"{_write_place(places[worst])}, it is {over} {where}; {remedy}"
+            )
+
+
+_SPACING = 0.25e-3  #: between two stored places [m], finer than a hand can tell
+_SHORTEST = 5e-3  #: a shorter path gives no guidance [m]
+_LONGEST = 2.0  #: [m]
+_GUIDANCE_PATH_MOST = 10_000  #: points that a person may give
+_SAME = 1e-6  #: two points nearer to each other are one [m]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class GuidancePath:
+    """A curve at even steps of its arc length, in the stator frame.
+
+    >>> path = make_path([(0, -0.02, 0.05), (0, 0, 0.055), (0, 0.02, 0.05)])
+    >>> path.closed, 0.04 < path.length < 0.05
+    (False, True)
+    """
+
+    places: Array  #: (n, 3) [m], the first again at the end where the path is closed
+    tangents: Array  #: (n, 3) unit vectors along it
+    spacing: float  #: arc length between two places [m]
+    closed: bool  #: it ends where it begins
+
+    @property
+    def length(self) -> float:
+        """[m]"""
+        return self.spacing * (len(self.places) - 1)
+
+    def find_place(self, arc: float) -> Array:
+        """(3,) [m] the point at `arc` [m] along the path; its ends, beyond them."""
+        at = min(max(arc / self.spacing, 0.0), len(self.places) - 1.0)
+        k = min(int(at), len(self.places) - 2)
+        place: Array = self.places[k] + (at - k) * (self.places[k + 1] - self.places[k])
+        return place
+
+    def check(self, device: Device) -> None:
+        """Raise InputError unless `device` has a dome and the whole path is on or above it, within the workspace."""
+        check_workspace(self.places, self.spacing, device)
+
+
+def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = True) -> GuidancePath:
+    """The path through `points` (k, 3) [m], k ≥ 2, in their order.
+
+    smooth: a spline through the points; else arcs about the dome's centre from one to the next, with corners. Between
+    points the distance from the centre changes evenly, so that points on a dome give a path on it. closed: the
+    path continues from the last point to the first; None: closed if the last point equals the first.
+
+    Raises InputError for fewer points, points that are not numbers or are at the centre, a length below 5 mm or
+    above 2 m, and a path that crosses itself; the message states where.
+    """
+    corners = vectors(points, "points of the path")
+    if corners.ndim != 2 or len(corners) < 2:
+        raise InputError(f"a path needs at least two points, shape (k, 3); got shape {corners.shape}")
+    if len(corners) > _GUIDANCE_PATH_MOST:
+        raise InputError(
+            f"a path may have at most {_GUIDANCE_PATH_MOST} points; got {len(corners)}: leave out every other one"
+        )
+    ends_meet = bool(np.linalg.norm(corners[0] - corners[-1]) <= _SAME)
+    closed = ends_meet if closed is None else closed
+    if closed and not ends_meet:
+        corners = np.vstack((corners, corners[:1]))
+    steps = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    if (steps <= _SAME).any():
+        twice = int(np.argmax(steps <= _SAME)) + 1
+        raise InputError(f"points {twice} and {twice + 1} of the path are equal: leave one out")
+    if closed and len(corners) < 4:
+        raise InputError("a closed path needs at least three points")
+    distances = np.linalg.norm(corners, axis=1)
+    if distances.min() < 1e-3:
+        raise InputError(
+            f"point {int(distances.argmin()) + 1} of the path lies in the dome's centre: points are in metres"
+        )
+    total = float(steps.sum())
+    if not 0.5 * _SHORTEST <= total <= 2 * _LONGEST:
+        raise InputError(
+            f"a path must be 5 mm to 2 m long; this one is {total:.4g} m: points are in metres, or mm in a file"
+        )
+    fine = _interpolate(corners, np.concatenate(([0.0], np.cumsum(steps))), closed, smooth)
+    gone = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))))
+    if not _SHORTEST <= gone[-1] <= _LONGEST:
+        raise InputError(f"a path must be 5 mm to 2 m long; this one is {gone[-1]:.4g} m")
+    count = max(int(np.ceil(gone[-1] / _SPACING)), 20)
+    places = _resample(fine, gone, np.linspace(0.0, gone[-1], count + 1))
+    spacing = float(gone[-1] / count)
+    check_crossing(places, spacing, closed)
+    along = np.empty_like(places)
+    along[1:-1] = places[2:] - places[:-2]
+    if closed:
+        along[0] = along[-1] = places[1] - places[-2]
+    else:
+        along[0], along[-1] = places[1] - places[0], places[-1] - places[-2]
+    tangents = along / np.linalg.norm(along, axis=1, keepdims=True)
+    return GuidancePath(np.ascontiguousarray(places), np.ascontiguousarray(tangents), spacing, closed)
+
+
+def _interpolate(corners: Array, gone: Array, closed: bool, smooth: bool) -> Array:
+    """(n, 3) many places between `corners` (k, 3), which lie at the chord lengths `gone` (k,) [m]."""
+    at = np.unique(np.concatenate([gone, np.linspace(0.0, gone[-1], 2 + int(gone[-1] / (0.5 * _SPACING)))]))
+    straight = _resample(corners, gone, at)
+    if smooth and len(corners) > 2:
+        from scipy.interpolate import CubicSpline  # loaded only where points are given
+
+        straight = CubicSpline(gone, corners, bc_type="periodic" if closed else "natural")(at)
+    lengths = np.linalg.norm(straight, axis=1, keepdims=True)
+    if lengths.min() < 1e-3:
+        raise InputError("the path goes through the dome's centre; give points on its way around")
+    wanted = np.interp(at, gone, np.linalg.norm(corners, axis=1))
+    places: Array = straight * (wanted[:, None] / lengths)
+    return places
+
+
+def _resample(places: Array, gone: Array, at: Array) -> Array:
+    """(n, 3) what lies at the lengths `at` (n,) [m] of a line through `places`, which lie at `gone` [m]."""
+    return np.column_stack([np.interp(at, gone, places[:, i]) for i in range(3)])
+
+
+# --------------------------------------------------------------------------------------------------
+# A path in a table: one point per line, in millimetres.
+
+
+_HEAD = "x_mm,y_mm,z_mm"
+
+
+def load_path(file: str | Path, *, closed: bool | None = None, smooth: bool = True) -> GuidancePath:
+    """The path through the points of a CSV file whose first line is x_mm,y_mm,z_mm; see `make_path` for the rest.
+
+    Raises InputError, with the line, for a file that cannot be read, another header, or an invalid number.
+    """
+    path = Path(file).expanduser()
+    # Spreadsheet programs begin a file with a byte order mark.
+    lines = read_text(path, "path file", InputError, kind=FileKind.TABLE).removeprefix("\ufeff").splitlines()
+    if not lines or "".join(lines[0].split()) != _HEAD:
+        raise InputError(
+            f"path file {path}, line 1: the header must be '{_HEAD}'; got "
+            f"{quote(lines[0] if lines else 'an empty file')}"
+        )
+    points = []
+    for number, line in enumerate(lines[1:], 2):
+        if not line.strip():
+            continue
+        try:
+            x, y, z = (1e-3 * float(cell) for cell in line.split(","))
+            finite = math.isfinite(x + y + z)
+        except ValueError:
+            finite = False
+        if not finite:
+            raise InputError(f"path file {path}, line {number}: expected three numbers; got {quote(line)}")
+        points.append((x, y, z))
+    try:
+        return make_path(points, closed=closed, smooth=smooth)
+    except InputError as mistake:
+        raise InputError(f"path file {path}: {mistake}") from mistake
+
+
+# --------------------------------------------------------------------------------------------------
+# Four paths on a sphere about the dome's centre: line, circle, square and spiral.
+
+
+#: in the order of the world's parameter `shape`
+SHAPES = ("line", "circle", "square", "spiral")
+_FIRST_TILT = 6.0  #: at which the spiral begins [deg]
+_PITCH = 9.0  #: by which it widens in a turn [deg]
+
+
+@lru_cache(maxsize=32)
+def make_shape(name: str, size_deg: float = 25.0, radius: float = 0.05) -> GuidancePath:
+    """The path `name` of SHAPES within `size_deg` [deg] of the summit, at `radius` [m] from the centre.
+
+    line: over the summit, from `size_deg` on one side to the same on the other. circle: about the summit. square: its
+    corners at `size_deg`. spiral: outward from 6°, 9° per turn. Raises UnknownName for another name.
+
+    >>> make_shape("circle").closed, make_shape("spiral").closed
+    (True, False)
+    """
+    if name not in SHAPES:
+        raise UnknownName("path", name, SHAPES)
+    if name == "line":
+        return make_path(_place(np.linspace(-size_deg, size_deg, 9), np.zeros(9), radius), smooth=False)
+    if name == "circle":
+        turn = np.linspace(0.0, 2 * np.pi, 361)
+        return make_path(_place(np.full(361, size_deg), turn, radius), closed=True, smooth=False)
+    if name == "square":
+        turn = np.radians([45.0, 135.0, 225.0, 315.0])
+        return make_path(_place(np.full(4, size_deg), turn, radius), closed=True, smooth=False)
+    turns = max((size_deg - _FIRST_TILT) / _PITCH, 0.5)
+    turn = np.linspace(0.0, 2 * np.pi * turns, 1 + round(180 * turns))
+    return make_path(_place(np.linspace(_FIRST_TILT, size_deg, len(turn)), turn, radius), smooth=False)
+
+
+def _place(tilt_deg: Array, turn: Array, radius: float) -> Array:
+    """(n, 3) [m] the places at `tilt_deg` (n,) [deg] from the summit and `turn` (n,) [rad] about it."""
+    tilt = np.radians(tilt_deg)
+    return radius * np.column_stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+
+
+# --------------------------------------------------------------------------------------------------
+# A path as the console draws it: a thin tube.
+
+
+_RADIUS = 0.35e-3  #: of the tube [m]
+_PATH_DRAWING_APART = 1.5e-3  #: of two rings, unless there are `_MOST` [m]
+_PATH_DRAWING_MOST = 320  #: rings: a path of 2 m is no load for the page
+_SIDES = 4
+
+
+def draw_path(path: GuidancePath, lower: float = 0.0) -> Shape:
+    """A tube along `path`, open at its ends, or closed as the path is; `lower` [m] nearer to the centre: the path
+    of the tip below the tool's magnet.
+
+    >>> from haptorb.worlds.path import make_shape
+    >>> draw_path(make_shape("line")).kind
+    'mesh'
+    """
+    last = len(path.places) - 1
+    count = min(max(int(np.ceil(path.length / _PATH_DRAWING_APART)), 2), _PATH_DRAWING_MOST)
+    rings = np.round(np.linspace(0, last, count + 1)).astype(int)
+    centres, along = path.places[rings], path.tangents[rings]
+    outward = centres / np.linalg.norm(centres, axis=1, keepdims=True)
+    side = np.cross(along, outward)
+    steep = np.linalg.norm(side, axis=1) < 0.1  # straight away from the centre: any direction across will do
+    side[steep] = np.cross(along[steep], (0.6, 0.8, 0.0))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    turn = np.arange(_SIDES) * 2 * np.pi / _SIDES
+    across = np.cos(turn)[:, None] * side[:, None] + np.sin(turn)[:, None] * np.cross(side, along)[:, None]
+    points = (centres[:, None] - lower * outward[:, None] + _RADIUS * across).round(5)
+    here = _SIDES * np.arange(count)[:, None] + np.arange(_SIDES)
+    beside = _SIDES * np.arange(count)[:, None] + (np.arange(_SIDES) + 1) % _SIDES
+    corners = np.stack([here, beside, here + _SIDES, beside, beside + _SIDES, here + _SIDES], axis=-1)
+    at = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    return Shape(
+        "path", "mesh", (), "", at=at, role="path", points=tuple(points.ravel().tolist()),
+        corners=tuple(corners.ravel().tolist()),
+    )  # fmt: skip

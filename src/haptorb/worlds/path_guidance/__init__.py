@@ -1,1 +1,0 @@
-"""Planned guidance: a path, its checks, and a predictive controller of the deviation from it."""

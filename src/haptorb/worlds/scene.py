@@ -1,0 +1,389 @@
+"""A scene as a world: the mover holds one of its bodies through a virtual coupling."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+
+from haptorb.arrays import Array, Records
+from haptorb.devices.base import Device, State
+from haptorb.errors import InputError
+from haptorb.files import read_bytes
+from haptorb.worlds.base import Shape, World, parameter
+from haptorb.worlds.dynamic import DynamicWorld, MemoryField, WorldWork, make_memory
+from haptorb.worlds.scene_physics import (
+    COUPLING,
+    LEVELS,
+    PACE_FIELDS,
+    SceneModel,
+    SceneStepper,
+    advance_pace,
+    find_scene_file,
+    load_engine,
+    make_scene_model,
+    state_size,
+    take_over_step,
+)
+
+__all__ = ["Scene", "SceneFile", "SceneWork", "describe_scene", "parse_scene_file"]
+
+
+# --------------------------------------------------------------------------------------------------
+# Shapes of a scene for the console: fixed, or moved by rows of the memory.
+
+
+_SCENE_SHAPES_MOST = 20_000  #: corners of all meshes; more is no picture but a load for the page
+_PLANE = (0.1, 0.1, 5e-4)  #: half lengths of the plate that stands for an endless plane [m]
+
+
+def describe_scene(scene: SceneModel, body: int, drawn: tuple[int, ...]) -> tuple[Shape, ...]:
+    """Every visible shape of `scene`; `drawn` are those whose poses are in the memory, in the order of its rows.
+
+    A shape of `body`, or of its children, is held. Shapes that MuJoCo does not draw by default (groups 3 to 5) are
+    left out, and so are meshes beyond 20 000 vertices in total.
+    """
+    engine, model = load_engine(), scene.model
+    data = engine.MjData(model)
+    if model.nkey:
+        engine.mj_resetDataKeyframe(model, data, 0)
+    engine.mj_kinematics(model, data)
+    rows = {shape: row for row, shape in enumerate(drawn)}
+    found, corners = [], 0
+    for n in range(model.ngeom):
+        kind, size, points, triangles = _describe(engine, model, n)
+        corners += len(points) // 3
+        if not kind or int(model.geom_group[n]) > 2 or corners > _SCENE_SHAPES_MOST:
+            continue
+        name = model.geom(n).name or f"shape {n}"
+        turn = np.zeros(4)
+        engine.mju_mat2Quat(turn, data.geom_xmat[n])
+        at = (*data.geom_xpos[n].tolist(), *turn[1:].tolist(), float(turn[0]))
+        if n in rows:
+            role = "held" if _is_carried(model, int(model.geom_bodyid[n]), body) else "moves"
+            found.append(Shape(name, kind, size, "place", "attitude", rows[n], at, role, points, triangles))
+        else:
+            found.append(Shape(name, kind, size, "", "", 0, at, "fixed", points, triangles))
+    return tuple(found)
+
+
+def _is_carried(model: Any, body: int, carrier: int) -> bool:
+    while body > 0:
+        if body == carrier:
+            return True
+        body = int(model.body_parentid[body])
+    return False
+
+
+def _describe(engine: Any, model: Any, n: int) -> tuple[str, tuple[float, ...], tuple[float, ...], tuple[int, ...]]:
+    """Kind, measures, points and corners of shape `n`; an empty kind for what has no picture here."""
+    kinds, size = engine.mjtGeom, [max(float(x), 1e-6) for x in model.geom_size[n]]
+    kind = int(model.geom_type[n])
+    if kind == kinds.mjGEOM_MESH:
+        mesh = int(model.geom_dataid[n])
+        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+        start, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+        points = model.mesh_vert[first : first + count].ravel().astype(float).round(7)
+        corners = model.mesh_face[start : start + faces].ravel()
+        return "mesh", (), tuple(points.tolist()), tuple(corners.tolist())
+    if kind == kinds.mjGEOM_PLANE:
+        half = [size[i] if size[i] > 1e-6 else _PLANE[i] for i in range(2)]
+        return "box", (half[0], half[1], _PLANE[2]), (), ()
+    known = {
+        int(kinds.mjGEOM_SPHERE): ("sphere", 1), int(kinds.mjGEOM_CAPSULE): ("capsule", 2),
+        int(kinds.mjGEOM_CYLINDER): ("cylinder", 2), int(kinds.mjGEOM_BOX): ("box", 3),
+        int(kinds.mjGEOM_ELLIPSOID): ("ellipsoid", 3),
+    }  # fmt: skip
+    if kind not in known:
+        return "", (), (), ()
+    name, count = known[kind]
+    return name, tuple(size[:count]), (), ()
+
+
+# --------------------------------------------------------------------------------------------------
+# A step of a scene as background work.
+
+
+@final
+class SceneWork(WorldWork):
+    """The step from `state` (n,) with the wrench `share` (6,) on the held body [N, N·m]; copies of both."""
+
+    def __init__(self, pad: SceneStepper, state: Array, share: Array) -> None:
+        self._pad, self._state, self._share = pad, state.copy(), share.copy()
+
+    def compute(self) -> Array:
+        """(n,) the state after the step."""
+        return self._pad.compute_step(self._state, self._share)
+
+    def fits(self, memory: Records) -> bool:
+        """Whether `memory` (1,) still waits for this step, from this state [m, m/s]."""
+        one = memory[0]
+        return bool(
+            one["pending"] and np.array_equal(one["state"], self._state) and np.array_equal(one["share"], self._share)
+        )
+
+
+@dataclass(frozen=True)
+class Scene(DynamicWorld):
+    """A MuJoCo scene; the mover, or a motor's target, holds one of its bodies through a virtual coupling.
+
+    source  a supplied scene ("peg", "outlet", "boxes", "drawer"), the path of an XML file (MJCF), or an MjModel
+    body    name of the held body; it, or a parent body, needs a joint. Empty: the one that
+            the file names, <custom><text name="held" data="BODY"/></custom>, else "peg"
+
+    The coupling is a spring and a damper between the mover and the origin of the body's frame; for a motor's target
+    it also couples the orientation. The hand feels the coupling, so the loop is stable with any passive scene if
+    it is stable with the coupling against a wall. Stiffness 0 means: not chosen yet. A servo chooses it for its
+    rate, latency and hand (`control.stability.coupling_choice`); until then `UNCHOSEN` is used.
+
+    A tool's position is in the frame S of its device, in metres, times `scale`. A motor's target begins at zero, at
+    the initial pose of the body. The hand feels `scale` times the force, so that power is the same as in the
+    scene.
+
+    Needs the extra haptorb[scenes]. Simplified: energy stored in contacts is not in `energy`; the passivity control
+    therefore damps earlier, never later.
+    """
+
+    source: Any = field(default="peg", repr=False)
+    body: str = ""
+    stiffness: float = parameter(0.0, "N/m", 0, 20e3, "stiffness of the coupling; 0: chosen for rate, latency and hand")
+    damping: float = parameter(0.0, "N·s/m", 0, 200, "damping of the coupling, if stiffness is given")
+    greatest: float = parameter(0.0, "N", 0, 200, "maximum force of the coupling; 0: that of the device")
+    turn_stiffness: float = parameter(
+        0.0, "N·m/rad", 0, 200, "rotational stiffness of the coupling; 0: chosen, or none"
+    )
+    turn_damping: float = parameter(0.0, "N·m·s/rad", 0, 10, "rotational damping of the coupling")
+    turn_greatest: float = parameter(0.0, "N·m", 0, 20, "maximum torque of the coupling; 0: that of the device")
+    slow_damping: float = parameter(0.0, "N·s/m", 0, 2000, "maximum damping while time is slow; 0: no increase")
+    slow_turn_damping: float = parameter(0.0, "N·m·s/rad", 0, 100, "maximum rotational damping while time is slow")
+    scale: float = parameter(1.0, "1", 0.01, 100, "scale: metres in the scene per metre of the mover")
+    anchored: bool = False  #: the mover begins where the scene has the body: a motor's target
+
+    def __post_init__(self) -> None:
+        World.__post_init__(self)
+        object.__setattr__(self, "source", make_scene_model(self.source))
+        object.__setattr__(self, "body", self.body or self.source.held)
+        object.__setattr__(self, "_index", self.source.find_body(self.body))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the scratch pads, which the receiver creates again."""
+        return {one.name: getattr(self, one.name) for one in fields(self)} | {"_index": self._index}
+
+    _index: int = field(default=0, init=False, repr=False, compare=False)
+
+    @property
+    def model(self) -> SceneModel:
+        """The compiled scene."""
+        found: SceneModel = self.source
+        return found
+
+    @property
+    def name(self) -> str:
+        """`scene-peg` for peg.xml."""
+        return f"scene-{self.model.title}"
+
+    @property
+    def bound(self) -> float:
+        """Spring and damper at their maximum [N]."""
+        return 2.0 * self.greatest * self.scale if self.greatest else float("inf")
+
+    def for_device(self, device: Device) -> Scene:
+        """With the limits of `device`, and the coupling in six degrees of freedom for one with a target."""
+        target, limits = bool(device.kind.modes), device.limits
+        stiffness, damping = (self.stiffness, self.damping) if self.stiffness else UNCHOSEN[target][:2]
+        turn, turn_damping = self.turn_stiffness, self.turn_damping
+        if target and not turn:
+            turn, turn_damping = UNCHOSEN[target][2:]
+        return replace(
+            self, stiffness=stiffness, damping=damping, turn_stiffness=turn, turn_damping=turn_damping,
+            greatest=self.greatest or (_TARGET_FORCE if target else limits.force / self.scale),
+            turn_greatest=self.turn_greatest or (_TARGET_TORQUE if target else max(limits.torque, 1e-3)),
+            anchored=target,
+        )  # fmt: skip
+
+    @cached_property
+    def drawn(self) -> tuple[int, ...]:
+        """Indices [1] of the shapes that move."""
+        model = self.model.model
+        return tuple(n for n in range(model.ngeom) if self.model.count_freedoms(int(model.geom_bodyid[n])))
+
+    @cached_property
+    def memory_fields(self) -> tuple[MemoryField, ...]:
+        """Poses of the drawn bodies, energy, detail, and the state of the engine."""
+        count = max(len(self.drawn), 1)
+        return (
+            MemoryField("place", "m", "position of each moving shape, scene frame", (count, 3)),
+            MemoryField("attitude", "1", "orientation of each moving shape, quaternion (x, y, z, w)", (count, 4)),
+            MemoryField("energy", "J", "energy: kinetic, potential, in springs and in the coupling"),
+            *PACE_FIELDS,
+            MemoryField(
+                "state", "SI", "state of MuJoCo: time, positions, velocities, warm start", (state_size(self.model),)
+            ),
+        )
+
+    @cached_property
+    def _pad(self) -> SceneStepper:
+        # One for all worlds of a scene: creating it could take several ticks, and it keeps no state.
+        pads = self.model.pads
+        if self._index not in pads:
+            pads[self._index] = SceneStepper(self.model, self._index, np.array(self.drawn, dtype=np.int64))
+        found: SceneStepper = pads[self._index]
+        return found
+
+    @cached_property
+    def effective_inertia(self) -> tuple[float, float]:
+        """The smallest effective mass [kg] and moment of inertia [kg·m²] of the body at its frame's origin, in the
+        initial state without contact; at most 1e6 each."""
+        return self._pad.effective_inertia()
+
+    @cached_property
+    def _couplings(self) -> Records:
+        made = np.zeros(1, dtype=COUPLING)
+        for name in COUPLING.names or ():
+            made[name] = getattr(self, name)
+        return made
+
+    @cached_property
+    def _beginning(self) -> tuple[Records, Array, Array]:
+        """Memory, and place and attitude of the body, at the beginning."""
+        memory = make_memory(self.memory_fields)
+        state, places, turns, place, attitude = self._pad.begin()
+        memory["state"][0], memory["pace"] = state, 1.0
+        if len(places):
+            memory["place"][0], memory["attitude"][0] = places, turns
+        return memory, place, attitude
+
+    @cached_property
+    def _wish(self) -> tuple[Array, Array, Array]:
+        return np.zeros(3), np.eye(3), np.zeros(6)
+
+    @cached_property
+    def shapes(self) -> tuple[Shape, ...]:
+        """All bodies of the scene, moving or fixed."""
+        return describe_scene(self.model, self._index, self.drawn)
+
+    def begin(self) -> Records:
+        """The initial state of the file, or its first keyframe [m, m/s]."""
+        return self._beginning[0].copy()
+
+    def advance(self, memory: Records, state: State, dt: float) -> Array:
+        """(6,) the wrench of the coupling on the mover [N, N·m], while the scene advances by `dt` [s]."""
+        one, pad, wish = memory[0], self._pad, self._wish
+        place, R, motion = wish
+        np.multiply(state.p, self.scale, out=place)
+        np.multiply(state.v, self.scale, out=motion[:3])
+        motion[3:] = state.w
+        if self.anchored:
+            _, beginning, attitude = self._beginning
+            place += beginning
+            np.matmul(state.R_SR, attitude, out=R)
+        else:
+            R[:] = state.R_SR
+        time = advance_pace(one, self._count_steps(dt), dt)
+        wrench, energy = pad.advance(one, wish, self._couplings, time, dt)
+        one["energy"] = energy
+        if self.drawn:
+            pad.fill_poses(one["place"], one["attitude"])
+        rendered = np.negative(wrench)
+        rendered[:3] *= self.scale
+        return rendered
+
+    def _count_steps(self, dt: float) -> int:
+        return max(round(dt / self._timestep), 1)
+
+    @cached_property
+    def _timestep(self) -> float:
+        return float(self.model.model.opt.timestep)
+
+    def check_period(self, dt: float) -> None:
+        """Raise InputError if the scene's timestep does not divide a tick of `dt` [s]."""
+        self.model.check_period(dt)
+
+    def lighten(self, memory: Records) -> None:
+        """A step took too long: reduce the solver's iterations, then slow down time, then compute background steps
+        [1]."""
+        memory["detail"] = min(float(memory["detail"][0]) + 1.0, len(LEVELS) - 1.0)
+
+    def find_work(self, memory: Records) -> WorldWork | None:
+        """The step that is computed in the background, of a scene whose single steps are longer than a tick [1]."""
+        one = memory[0]
+        return SceneWork(self._pad, one["state"], one["share"]) if one["pending"] else None
+
+    def is_work_due(self, memory: Records) -> bool:
+        """Whether the scene's time [1] has come to the end of that step."""
+        return bool(memory["pending"][0]) and float(memory["due"][0]) >= 1.0
+
+    def take_over(self, memory: Records, result: Any) -> None:
+        """The step led to the state `result` (n,) [m, m/s]."""
+        take_over_step(memory[0], result)
+
+    def restore(self, memory: Records) -> None:
+        """There is time again: restore one level of detail [1]."""
+        memory["detail"] = max(float(memory["detail"][0]) - 1.0, 0.0)
+
+    def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
+        """The scene continues [m, m/s] if it is the same one; a file that was saved again restarts."""
+        if isinstance(previous, Scene) and previous.source is self.source and old.dtype == memory.dtype:
+            memory[:] = old
+
+
+#: for a target or not: stiffness, damping, and both about each axis, as long as nothing has chosen them: far inside of
+#: what every loop at 1 kHz renders in a light hand
+UNCHOSEN = {False: (150.0, 1.0, 0.0, 0.0), True: (1000.0, 5.0, 0.5, 0.005)}
+_TARGET_FORCE, _TARGET_TORQUE = 60.0, 2.0  #: that a target is ever pushed with [N, N·m]; the guard limits the rest
+
+
+# --------------------------------------------------------------------------------------------------
+# A scene in a user's XML file, reloaded whenever it or a file that it includes is saved.
+
+
+_SCENE_FILE_MOST = 8 * 1024 * 1024  #: bytes of a scene
+_NAMES = 200  #: files that are looked at
+_NAMED = re.compile(r'\bfile\s*=\s*"([^"]+)"')
+
+
+def parse_scene_file(text: str, body: str = "", folder: Path | None = None) -> SceneFile:
+    """The file of the scene `text`, supplied or a path; relative to `folder`, else to the working directory.
+
+    Raises UnknownName for anything else.
+    """
+    return SceneFile(find_scene_file(text, folder), body)
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """The scene in the XML file `path`, whose `body` is held, with `values` for some of its parameters."""
+
+    path: Path
+    body: str = ""
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    def load(self) -> Scene:
+        """Compile the file and return its world. Raises UnknownName and InputError as `Scene` does."""
+        scene = Scene(self.path, self.body)
+        return scene.replace(**self.values) if self.values else scene
+
+    @property
+    def stamp(self) -> tuple[tuple[int, int, int], ...] | None:
+        """Changes when the file or one that it includes is saved: time [ns], size, inode; None without it."""
+        try:
+            found = [_stamp(self.path)]
+            text = read_bytes(self.path, _SCENE_FILE_MOST, "scene", InputError).decode("utf-8", "replace")
+        except (OSError, InputError):
+            return None
+        for name in _NAMED.findall(text)[:_NAMES]:
+            try:
+                found.append(_stamp(self.path.parent / name))
+            except OSError:  # a mesh in the folder of <compiler meshdir>, or missing: then loading reports it
+                continue
+        return tuple(found)
+
+
+def _stamp(path: Path) -> tuple[int, int, int]:
+    found = path.stat()
+    return found.st_mtime_ns, found.st_size, found.st_ino

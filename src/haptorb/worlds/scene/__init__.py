@@ -1,1 +1,0 @@
-"""MuJoCo scenes: bodies, joints and contacts from a file; the mover holds one of the bodies."""

@@ -1,0 +1,72 @@
+"""A scene compiled by MuJoCo in a process of its own, with limits of time and memory, and stepped once.
+
+MuJoCo's compiler reads what anybody wrote: a mesh or a number can cost it hours, all memory, or its life. Here it
+costs a child process. The child loads MuJoCo's library and nothing else: it is there in a tenth of a second.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+__all__ = ["compile_scene"]
+
+_SECONDS = 10  #: of the processor
+_MEMORY = 4 * 1024**3  #: bytes of addresses
+_FILE = 1024**3  #: bytes of the compiled model
+
+
+def compile_scene(engine: Any, path: Path) -> Any:
+    """The MjModel of the scene in `path`. Raises ProcessFailure if it does not compile within the limits."""
+    from haptorb.limited_process import ProcessFailure, run_limited
+
+    library = next(Path(engine.__file__).parent.glob("libmujoco.so.*"), None)
+    if library is None:  # not Linux
+        return engine.MjModel.from_xml_path(str(path))
+    with tempfile.TemporaryDirectory(prefix="haptorb-scene-") as folder:
+        made = Path(folder, "model.mjb")
+        words = [str(library), str(path.absolute()), str(made)]
+        run_limited(Path(__file__), words, Path(folder), _SECONDS, _MEMORY)
+        if not made.is_file():
+            raise ProcessFailure("MuJoCo wrote no model of it")
+        return engine.MjModel.from_binary_path(str(made))
+
+
+def _compile(library: str, path: str, made: str) -> int:
+    """In the child: compile, step once, write the model."""
+    engine = ctypes.CDLL(library, mode=ctypes.RTLD_GLOBAL)
+    for name in ("mj_loadXML", "mj_makeData"):
+        getattr(engine, name).restype = ctypes.c_void_p
+    plugins = os.path.join(os.path.dirname(library), "plugin")
+    if os.path.isdir(plugins):
+        engine.mj_loadAllPluginLibraries(plugins.encode(), None)
+    message = ctypes.create_string_buffer(1000)
+    model = engine.mj_loadXML(os.fsencode(path), None, message, len(message))
+    if not model:
+        print(message.value.decode("utf-8", "replace"))
+        return 1
+    data = engine.mj_makeData(ctypes.c_void_p(model))
+    if not data:
+        print("could not allocate its state")
+        return 1
+    engine.mj_step(ctypes.c_void_p(model), ctypes.c_void_p(data))
+    engine.mj_saveModel(ctypes.c_void_p(model), made.encode(), None, 0)
+    return 0
+
+
+def _main() -> int:
+    import runpy  # haptorb itself is not on the path of this process, and need not be loaded
+
+    limits = runpy.run_path(str(Path(__file__).parents[2] / "files" / "limited_process.py"))
+    limits["set_limits"](int(sys.argv[1]), int(sys.argv[2]), _FILE)
+    return _compile(*sys.argv[3:6])
+
+
+if __name__ == "__main__":
+    code = _main()
+    sys.stdout.flush()
+    os._exit(code)

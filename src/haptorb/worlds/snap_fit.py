@@ -1,0 +1,732 @@
+"""A snap-fit: cantilever hooks and the part that slides over their wedges.
+
+Frame: X' points out of the socket (pulling apart is +X'), Y' towards one hook; `state` is the pose of the part's
+reference point o' (devices.State: p and R_SR in that frame), which is at the origin when the part is seated. Each
+hook is touched by one edge of the part. Bai 2012, eqs. (10)–(13), Fig. 6.
+
+The hand feels, during insertion: the front face, the top, then the snap; during removal: the rear face, the top,
+and the release down the front. There is no memory: the position of the edge and its direction of sliding
+determine the force.
+
+The hook has one bending mode: its surface at the wedge moves by δ·(κ, 1), κ = Ω₋/Ω₊, which is eq. (10) as a
+mechanism, and stores U = E w δ²/(2 Ω₊(x)). So without friction f_y = E w δ/(Ω₊ ± tan γ Ω₋) as in (10), and the
+rotation of the face by the bending, arctan(δ/x) in (11), follows from Ω₊(x), as required for conservation of
+energy. Edges are
+rounded, so the force is continuous. Left out: tilt of the wedge across its width, inertia of the hook, wear.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from haptorb.arrays import Array, Record, Records, cubic_spline, fields
+from haptorb.beams import MATERIALS, TABLE_3, Hook, Model, appendix_b, compliance, root_strain
+from haptorb.compiled import kernel, tick_kernel
+from haptorb.devices.base import State
+from haptorb.errors import GeometryError, InputError
+from haptorb.worlds.base import ContactWorld, TargetWorld, parameter
+
+__all__ = [
+    "CONTACT",
+    "HookContact",
+    "Outlet",
+    "PublishedOutlet",
+    "RootLoad",
+    "SnapFit",
+    "add_contact",
+    "compute_root_load",
+    "sliding_push",
+    "view_contacts",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# State of one hook at an instant: as compiled code fills it, and for drawing.
+
+
+#: The numbers of a contact in the order of `ContactWorld.render_contacts`.
+CONTACT = fields(
+    ("deflection", "f8"),  # how far the hook is bent [m]
+    ("place", "f8"),  # where along the hook it is touched, from the root [m]
+    ("point", "f8", (3,)),  # where it is touched [m]
+    ("force", "f8", (3,)),  # on the part [N]
+)
+
+
+class HookContact(NamedTuple):
+    """Contact point of a hook, force and deflection."""
+
+    face: str  #: "rear", "top" or "front", "" where nothing touches
+    point: Array  #: (3,) where it is touched [m]
+    force: Array  #: (3,) on the part [N]
+    deflection: float  #: how far the hook is bent [m]
+    place: float  #: where along the hook it is touched, from the root [m]
+
+
+def view_contacts(rows: Array) -> Records:
+    """(n,) CONTACT, fields in [m] and [N]; the same memory as rows (n, 8)."""
+    return np.ndarray(len(rows), CONTACT, rows)  # rows.view costs three times as much
+
+
+@kernel
+def add_contact(contact: Record, wrench: Array, p: Array, rx: float, ry: float, rz: float) -> None:
+    """Put `contact`, a CONTACT with its force, at the arm (rx, ry, rz) from p (3,) [m]; add its force to wrench (6,),
+    whose torque is about p."""
+    contact.point[0], contact.point[1], contact.point[2] = p[0] + rx, p[1] + ry, p[2] + rz
+    fx, fy, fz = contact.force[0], contact.force[1], contact.force[2]
+    wrench[0] += fx
+    wrench[1] += fy
+    wrench[2] += fz
+    wrench[3] += ry * fz - rz * fy
+    wrench[4] += rz * fx - rx * fz
+    wrench[5] += rx * fy - ry * fx
+
+
+# --------------------------------------------------------------------------------------------------
+# Load at the root of a hook at its largest deflection, and whether its material yields.
+
+
+@dataclass(frozen=True)
+class RootLoad:
+    """Largest bending strain and stress at the root during straight insertion and removal; linear, without friction.
+
+    >>> RootLoad("ABS", 0.02, 46e6).sentence
+    'root strain 2 %, stress 46 MPa: BEYOND YIELD of ABS (40 MPa), 1.15 times its yield strength'
+    """
+
+    material: str
+    strain: float
+    stress: float  #: E ε [Pa]
+    stated_strength: float | None = None  #: yield strength that stands in for the table's [Pa]
+
+    @property
+    def yield_strength(self) -> float | None:
+        """Of the named material [Pa]; None if the material is not in the table and none is stated."""
+        if self.stated_strength is not None:
+            return self.stated_strength
+        known = MATERIALS.get(self.material)
+        return None if known is None else known.yield_strength
+
+    @property
+    def margin(self) -> float | None:
+        """Yield strength over stress: below 1 the hook stays bent. None if the yield strength is not known."""
+        return None if self.yield_strength is None or self.stress <= 0.0 else self.yield_strength / self.stress
+
+    @property
+    def beyond_yield(self) -> bool:
+        """Whether the stress exceeds the yield strength."""
+        return self.margin is not None and self.margin < 1.0
+
+    @property
+    def sentence(self) -> str:
+        """A summary in one line."""
+        begin = f"root strain {100 * self.strain:.3g} %, stress {_megapascal(self.stress)}"
+        if self.margin is None or self.yield_strength is None:
+            return f"{begin}; the yield strength of '{self.material}' is not known (yield_strength in a design file)"
+        of = f"{self.material} ({_megapascal(self.yield_strength)})"
+        if self.beyond_yield:
+            return f"{begin}: BEYOND YIELD of {of}, {1 / self.margin:.3g} times its yield strength"
+        return f"{begin}: below the yield strength of {of} by a factor of {self.margin:.3g}"
+
+    def numbers(self) -> dict[str, float | str | bool | None]:
+        """As plain JSON types, SI, units in the names."""
+        return {
+            "material": self.material, "root_strain": self.strain, "root_stress_pa": self.stress,
+            "yield_strength_pa": self.yield_strength, "yield_margin": self.margin, "beyond_yield": self.beyond_yield,
+        }  # fmt: skip
+
+
+def compute_root_load(hook: Hook, places: Array, deflections: Array, plus: Array, material: str) -> RootLoad:
+    """The largest over contacts at `places` (n,) [m] from the root that bend `hook` by `deflections` (n,) [m], where
+    its compliance is Ω₊ = `plus` (n,)."""
+    strain = float(np.max(root_strain(hook, places, deflections, plus), initial=0.0))
+    return RootLoad(material, strain, hook.youngs_modulus * strain)
+
+
+def _megapascal(stress: float) -> str:
+    return f"{stress / 1e6:.3g} MPa" if stress < 1e9 else f"{stress / 1e9:.3g} GPa"
+
+
+# --------------------------------------------------------------------------------------------------
+# Sliding friction on a compliant body: passive for any path, without memory.
+#
+# A part presses on a spring-like body. Without friction the force on the body is f, the gradient of the stored energy
+# with respect to the part's position. With friction μ the force is inclined by arctan μ against the sliding. Two
+# points are easily overlooked:
+#
+# 1. Sliding is the motion of the part *relative to the body's surface*, and a hook's surface recoils along the hook
+# while
+# the hook
+#    bends (by `recoil` = χ times its bending). If the direction of pulling decided instead, as eqs. (10) and (15) of
+#    Bai
+#    2012 read at face value, a hand could bend the hook while pulling (soft) and release it while pushing (stiff) and
+#    gain energy. With the sliding velocity v_s = v_t − χ v_n this is impossible: the input power is dU/dt + μ N
+#    |v_s|.
+# 2. The sign of v_s is smoothed, v_s/√(v_s² + creep²): below the creep speed friction is viscous. A part at rest has
+#    none; on a slope it therefore creeps.
+#
+# When the part is only pulled along (v_n = 0) on the top of the hook this is eq. (15) exactly:
+# N = E w δ/(Ω₊ ± μ Ω₋) with χ = Ω₋/Ω₊.
+
+
+@kernel
+def sliding_push(
+    fx: float, fy: float, recoil: float, vx: float, vy: float, vz: float, friction: float, creep: float
+) -> tuple[float, float, float]:
+    """(gx, gy, gz), the force on the body with friction [N]; (fx, fy) without it, in the x–y plane of the contact.
+
+    The face's tangent is (fx, fy) turned by −90°. recoil is χ, along that tangent; v is the part's velocity at the
+    contact [m/s]; sliding along z counts too. Valid while μ |χ| < 1, else the contact jams.
+    """
+    size = math.sqrt(fx * fx + fy * fy)
+    if size == 0.0:
+        return 0.0, 0.0, 0.0
+    nx, ny = fx / size, fy / size
+    tx, ty = ny, -nx
+    slip = (tx * vx + ty * vy) - recoil * (nx * vx + ny * vy)
+    speed = math.sqrt(slip * slip + vz * vz + creep * creep)
+    along, across = slip / speed, vz / speed
+    normal = size / (1.0 + friction * along * recoil)
+    drag = friction * normal * along
+    return normal * nx + drag * tx, normal * ny + drag * ty, friction * normal * across
+
+
+#: What the kernel of a snap-fit goes by.
+_SNAP = fields(
+    ("foot", "f8"), ("top", "f8"),  # of the rear face: where it begins and ends, from the root [m]
+    ("peak", "f8"),  # where the front face starts [m]
+    ("rear", "f8"), ("front", "f8"),  # slopes of the two faces
+    ("edge", "f8"),  # half length of the rounding [m]
+    ("height", "f8"),  # of the wedge [m]
+    ("recoil", "f8"),  # κ = Ω₋/Ω₊
+    ("friction", "f8"), ("creep", "f8"),  # μ, and the speed below which it is viscous [m/s]
+    ("half", "f8"),  # from the part's middle to its edge [m]
+    ("clearance", "f8"),  # [m]
+    ("seat", "f8"),  # [N/m]
+    ("start", "f8"), ("step", "f8"),  # of the table of stiffnesses [m]
+    ("hooks", "i8"),
+)  # fmt: skip
+
+
+@kernel
+def _round_corner(u: float, edge: float) -> tuple[float, float]:
+    """max(u, 0) with the corner rounded over ±edge, and its slope."""
+    if u >= edge:
+        return u, 1.0
+    if u <= -edge:
+        return 0.0, 0.0
+    return (u + edge) ** 2 / (4.0 * edge), (u + edge) / (2.0 * edge)
+
+
+@kernel
+def _wedge(x: float, snap: Record) -> tuple[float, float]:
+    """Height of the wedge over the base beam at x, and its slope; the front runs on over the tip's end."""
+    a, da = _round_corner(x - snap.foot, snap.edge)
+    b, db = _round_corner(x - snap.top, snap.edge)
+    c, dc = _round_corner(x - snap.peak, snap.edge)
+    return snap.rear * (a - b) - snap.front * c, snap.rear * (da - db) - snap.front * dc
+
+
+@kernel
+def _stiffness(x: float, start: float, step: float, spline: Array) -> tuple[float, float]:
+    """E w/Ω₊ at x [N/m] and its slope, from the table; constant beyond its ends."""
+    count = spline.shape[0]
+    u = (x - start) / step
+    if u <= 0.0:
+        return spline[0, 3], 0.0
+    if u >= count:
+        s = step
+        last = count - 1
+        return ((spline[last, 0] * s + spline[last, 1]) * s + spline[last, 2]) * s + spline[last, 3], 0.0
+    i = int(u)
+    s = x - (start + i * step)
+    a, b, c, d = spline[i, 0], spline[i, 1], spline[i, 2], spline[i, 3]
+    return ((a * s + b) * s + c) * s + d, (3.0 * a * s + 2.0 * b) * s + c
+
+
+@kernel
+def _find_contact(X: float, Y: float, snap: Record) -> float:
+    """The place x on the hook that an edge at (X, Y) touches: x + κ δ(x) = X with δ = max(0, height(x) + Y)."""
+    high, recoil = X, snap.recoil
+    low = X - recoil * max(0.0, snap.height + Y)
+    x = X
+    for _ in range(60):
+        H, dH = _wedge(x, snap)
+        gap = x - X
+        slope = 1.0
+        if H + Y > 0.0:
+            gap += recoil * (H + Y)
+            slope += recoil * dH
+        if abs(gap) < 1e-15:
+            break
+        if gap > 0.0:
+            high = x
+        else:
+            low = x
+        new = x - gap / slope if slope > 1e-3 else 0.5 * (low + high)
+        if not low <= new <= high:
+            new = 0.5 * (low + high)
+        if new == x:
+            break
+        x = new
+    return x
+
+
+@kernel
+def _snap_fit(
+    p: Array, R: Array, v: Array, w: Array, snaps: Records, spline: Array, wrench: Array, contacts: Records
+) -> None:
+    """Fill wrench (6,) on the part about o', and contacts (2,) CONTACT, which are zero before.
+
+    snaps is (1,) _SNAP, spline the table of the hook's stiffness.
+    """
+    snap = snaps[0]
+    half, clearance, foot, seat = snap.half, snap.clearance, snap.foot, snap.seat
+    recoil, friction, creep = snap.recoil, snap.friction, snap.creep
+    for i in range(6):
+        wrench[i] = 0.0
+    for hook in range(snap.hooks):
+        contact, side = contacts[hook], 1.0 if hook == 0 else -1.0
+        # the edge sits at (0, ±half, 0) of the part
+        rx, ry, rz = R[0, 1] * side * half, R[1, 1] * side * half, R[2, 1] * side * half
+        X = foot + p[0] + rx
+        Y = side * (p[1] + ry) - half - clearance
+        x = _find_contact(X, Y, snap)
+        H, dH = _wedge(x, snap)
+        bent = max(0.0, H + Y)
+        gx, gy, gz = 0.0, 0.0, 0.0
+        if bent > 0.0:
+            K, dK = _stiffness(x, snap.start, snap.step, spline)
+            share = 1.0 / (1.0 + recoil * dH)
+            climb = 0.5 * dK * bent * bent
+            fx = (K * bent * dH + climb) * share  # ∂U/∂X
+            fy = (K * bent - recoil * climb) * share  # ∂U/∂Y
+            along = (fy * recoil - fx) / (fx * recoil + fy)  # χ, the hook's own motion seen from the face
+            vx = v[0] + w[1] * rz - w[2] * ry
+            vy = side * (v[1] + w[2] * rx - w[0] * rz)
+            vz = v[2] + w[0] * ry - w[1] * rx
+            gx, gy, gz = sliding_push(fx, fy, along, vx, vy, vz, friction, creep)
+        below = foot - X
+        if below > 0.0:  # the seat
+            gx -= seat * below
+        contact.force[0], contact.force[1], contact.force[2] = -gx, -side * gy, -gz
+        add_contact(contact, wrench, p, rx, ry, rz)
+        contact.deflection, contact.place = bent, x
+
+
+@dataclass(frozen=True)
+class SnapFit(ContactWorld, TargetWorld):
+    """Snap-fit: hooks bend, snap in, and hold until they are pulled out with enough force.
+
+    Sizes as in `physics.Hook`. The default is a pair of ABS hooks of ordinary proportions (1.5 % strain at the
+    root, about the limit of ABS in a joint that is opened often): a few newtons, which a motor of about 1 N·m renders
+    through the modes without scaling. Raises GeometryError if the hook cannot exist, cannot be pushed in, or cannot be
+    pulled out.
+
+    >>> world = SnapFit()
+    >>> world.wrench(State.at((0.001, 0, 0), R_SR=np.eye(3), v=(0.05, 0, 0)))[0] < 0      # pulled: it holds back
+    np.True_
+    """
+
+    youngs_modulus: float = parameter(2.3e9, "Pa", 0.1e9, 250e9, "E of the hook's material")
+    poisson_ratio: float = parameter(0.35, "", 0.0, 0.49, "ν of the hook's material")
+    friction: float = parameter(0.3, "", 0.0, 1.0, "μ between hook and part")
+    base_length: float = parameter(15e-3, "m", 2e-3, 40e-3, "distance from the root to the foot of the rear face")
+    peak: float = parameter(18.5e-3, "m", 3e-3, 50e-3, "distance from the root to the start of the front face")
+    thickness: float = parameter(1.5e-3, "m", 0.2e-3, 5e-3, "thickness of the beam")
+    height: float = parameter(1.5e-3, "m", 0.2e-3, 5e-3, "height of the wedge")
+    width: float = parameter(6e-3, "m", 1e-3, 30e-3, "width of the hook")
+    insertion_deg: float = parameter(30.0, "°", 5.0, 75.0, "angle of the front face")
+    retention_deg: float = parameter(45.0, "°", 5.0, 80.0, "angle of the rear face, which sets the holding force")
+    half_width: float = parameter(5e-3, "m", 1e-3, 30e-3, "distance from centre to the edge that touches a hook")
+    clearance: float = parameter(0.0, "m", 0.0, 2e-3, "gap between the seated part and the straight beam")
+    seat: float = parameter(5e3, "N/m", 0.0, 50e3, "stiffness of the socket's floor, per edge")
+    edge: float = parameter(0.2e-3, "m", 0.02e-3, 1e-3, "half length of the rounded edges of the wedge")
+    creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
+    beam: Model = "timoshenko"  #: "paper" for eqs. (12) and (13) as they stand
+    material: str = "ABS"  #: whose yield strength the root's stress is compared with
+    hooks: int = 2  #: 2: a pair that centres the part; 1: the part is pushed aside and wants a guide
+
+    hook: Hook = field(init=False, repr=False, compare=False)
+    _snap: Records = field(init=False, repr=False, compare=False)
+    _spline: Array = field(init=False, repr=False, compare=False)  #: (256, 4): the four of a place beside each other
+
+    def __post_init__(self) -> None:
+        TargetWorld.__post_init__(self)
+        if self.hooks not in (1, 2):
+            raise InputError(f"SnapFit.hooks must be 1 or 2; got {self.hooks!r}")
+        hook = Hook(
+            self.base_length, self.peak, self.thickness, self.height, self.width,
+            math.radians(self.insertion_deg), math.radians(self.retention_deg),
+            self.youngs_modulus, self.poisson_ratio, flat_top=True,
+        )  # fmt: skip
+        x = np.linspace(0.5 * hook.base_length, hook.tip, 257)
+        soft = compliance(hook, x, self.beam)
+        top = compliance(hook, hook.peak, self.beam)
+        recoil = float(top.minus / top.plus)
+        spline = cubic_spline(hook.youngs_modulus * hook.width / soft.plus, float(x[1] - x[0]))
+        snap = np.zeros(1, dtype=_SNAP)
+        snap["foot"], snap["top"], snap["peak"] = hook.base_length, hook.ramp_end, hook.peak
+        snap["rear"], snap["front"], snap["height"] = math.tan(hook.rear), math.tan(hook.front), hook.height
+        snap["recoil"], snap["half"], snap["start"], snap["step"] = recoil, self.half_width, x[0], x[1] - x[0]
+        for name in ("edge", "friction", "creep", "clearance", "seat", "hooks"):
+            snap[name] = getattr(self, name)
+        for name, value in {"hook": hook, "_snap": snap, "_spline": spline}.items():
+            object.__setattr__(self, name, value)
+        self._check_slides(x, spline, recoil)
+
+    def _check_slides(self, x: Array, spline: Array, recoil: float) -> None:
+        lean, hook = math.atan(self.friction), self.hook
+        front = x[:-1] >= hook.peak  # at the tip itself nothing is bent
+        bent = np.interp(x[:-1][front], [hook.peak, hook.tip], [hook.height, 0.0])
+        stiffness, slope = spline[front, 3], spline[front, 2]
+        steepest = float(np.arctan(math.tan(hook.front) - 0.5 * bent * slope / stiffness).max(initial=hook.front))
+        limit = math.atan(1.0 / recoil) if recoil > 0 else math.pi / 2
+        if steepest + lean >= limit:
+            raise GeometryError(
+                f"the hook cannot be pushed in, it jams: its front face, bent, leans {math.degrees(steepest):.1f}° and "
+                f"friction adds {math.degrees(lean):.1f}°; this beam ({self.beam}) yields below "
+                f"{math.degrees(limit):.1f}° together. Reduce insertion_deg or friction"
+            )
+        if hook.rear + lean >= math.radians(89.0):
+            raise GeometryError(
+                f"the hook cannot be pulled out, it locks: retention_deg {self.retention_deg:.4g}° and friction "
+                f"({math.degrees(lean):.1f}°) must stay below 89° together"
+            )
+
+    @classmethod
+    def of(cls, hook: Hook, friction: float, beam: Model = "timoshenko", **others: Any) -> SnapFit:
+        """The world of a given `hook`; `others` as in the constructor."""
+        return cls(
+            youngs_modulus=hook.youngs_modulus, poisson_ratio=hook.poisson_ratio, friction=friction,
+            base_length=hook.base_length, peak=hook.peak, thickness=hook.thickness, height=hook.height,
+            width=hook.width, insertion_deg=round(math.degrees(hook.front), 9),
+            retention_deg=round(math.degrees(hook.rear), 9),
+            beam=beam, **others,
+        )  # fmt: skip
+
+    @property
+    def root_load(self) -> RootLoad:
+        """Load at the root of a hook at its largest deflection: at the nearer end of the top, or on the rear face."""
+        places = np.linspace(self.hook.base_length, self.hook.peak, 65)[1:]
+        bent = np.maximum(self.hook.section(places) - self.hook.thickness - self.clearance, 0.0)
+        return compute_root_load(self.hook, places, bent, compliance(self.hook, places, self.beam).plus, self.material)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Strain and stress at the hooks' root."""
+        return (self.root_load.sentence,)
+
+    def render_contacts(self, state: State) -> tuple[Array, Array]:
+        """(6,) the wrench, and (2, 8) the contacts of the hooks, first the one at +Y': see `ContactWorld`."""
+        wrench, hooks = np.empty(6), np.zeros((2, 8))
+        one = np.ascontiguousarray  # one layout: one compilation
+        _snap_fit(
+            one(state.p), one(state.R_SR), one(state.v), one(state.w), self._snap, self._spline, wrench,
+            view_contacts(hooks),
+        )  # fmt: skip
+        return wrench, hooks
+
+    def contacts(self, state: State) -> tuple[HookContact, ...]:
+        """State of each hook, first the one at +Y'."""
+        found = []
+        for bent, place, *rest in self.render_contacts(state)[1][: self.hooks].tolist():
+            face = "" if bent == 0.0 else "rear" if place < self.hook.ramp_end else "top"
+            if bent > 0.0 and place > self.hook.peak:
+                face = "front"
+            found.append(HookContact(face, np.array(rest[:3]), np.array(rest[3:]), bent, place))
+        return tuple(found)
+
+
+# --------------------------------------------------------------------------------------------------
+# A plug in an outlet: a flat plug between two hooks of the socket, pulled, tilted and moved back and forth.
+#
+# Frame: X' points out of the socket, Y' from one hook to the other; `state` is the pose of o', the middle of the
+# plug's inner end, which is at the origin when the plug is fully inserted. The hooks touch at X' = arm. Turned by θ
+# about
+# Z' the plug's faces cross X' = arm at Y' = p_y + (arm − p_x) tan θ ± w_p/(2 cos θ), and each hook is bent by the
+# excess
+# over half the opening: eqs. (14)–(16) of Bai 2012, with p_x = x₀ + x (tilted at the floor, one corner touches and o'
+# stands x₀ = (w_p/2) sin θ off) and ε_z = −θ. The other sign of ε_z in (16) against y, and against T_Z' in (18),
+# makes a
+# torque that turns a tilted plug further: (16)–(18) hold together, and with energy, only if ε_z counts clockwise
+# about
+# Z'.
+#
+# Two worlds:
+#
+# `Outlet`            conserves energy, for rendering: forces are the gradient of ½ Σ k δ² and friction opposes
+#                     sliding. Against (17) it has the part of F_X' that a tilted face must push (F_Y' tan ε_z), the
+#                     torque of the plug getting wider by tilting, and friction's couple. A bevelled end, so that the
+#                     plug
+#                     comes out and can be put back.
+# `PublishedOutlet`   (14)–(18) as corrected (E9, E10, signs), for comparison with the paper's Fig. 8. It is not a
+#                     gradient: a small closed loop can deliver energy, so it is marked not passive.
+
+
+#: What the kernel of an outlet goes by.
+_PLUG = fields(
+    ("half", "f8"),  # width of the plug, halved [m]
+    ("lead", "f8"), ("slope", "f8"),  # length of its bevelled end [m], and how steep it is
+    ("edge", "f8"),  # half length of the rounding between bevel and full width [m]
+    ("stiffness", "f8"), ("recoil", "f8"),  # of a hook: [N/m] and Ω₋/Ω₊
+    ("friction", "f8"), ("creep", "f8"),  # μ, and the speed below which it is viscous [m/s]
+    ("arm", "f8"),  # from the plug's inner end to the hooks when it is home [m]
+    ("opening", "f8"),  # between the hooks [m]
+    ("seat", "f8"),  # [N/m]
+    ("peak", "f8"),  # place along the hook that touches [m]
+)  # fmt: skip
+
+
+@kernel
+def _face(along: float, plug: Record) -> tuple[float, float]:
+    """Half width of the plug at `along` from its inner end, and its slope: a lead-in, then the full width."""
+    half, slope, edge = plug.half, plug.slope, plug.edge
+    u = plug.lead - along
+    if u >= edge:
+        return half - slope * u, slope
+    if u <= -edge:
+        return half, 0.0
+    return half - slope * (u + edge) ** 2 / (4.0 * edge), slope * (u + edge) / (2.0 * edge)
+
+
+@tick_kernel
+def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Array, contacts: Records) -> None:
+    """Fill wrench (6,) on the plug about o', and contacts (2,) CONTACT, which are zero before. plugs is (1,) _PLUG."""
+    plug = plugs[0]
+    arm, opening, seat, stiffness = plug.arm, plug.opening, plug.seat, plug.stiffness
+    recoil, friction, creep = plug.recoil, plug.friction, plug.creep
+    for i in range(6):
+        wrench[i] = 0.0
+    for hook in range(2):
+        contacts[hook].place = plug.peak
+    if R[0, 0] < 0.5 or R[1, 1] < 0.5:  # turned by more than 60°: a plug that cannot be in the socket
+        return
+    for hook in range(2):
+        contact, side = contacts[hook], 1.0 if hook == 0 else -1.0
+        along = (arm - p[0]) / R[0, 0]
+        width, slope = _face(along, plug)
+        for _ in range(30):  # where the plug's face crosses X' = arm
+            gap = p[0] + R[0, 0] * along + R[0, 1] * side * width - arm
+            new = along - gap / (R[0, 0] + R[0, 1] * side * slope)
+            if abs(new - along) < 1e-15:
+                break
+            along = new
+            width, slope = _face(along, plug)
+        a, b = along, side * width
+        rx = R[0, 0] * a + R[0, 1] * b
+        ry = R[1, 0] * a + R[1, 1] * b
+        rz = R[2, 0] * a + R[2, 1] * b
+        bent = side * (p[1] + ry) - 0.5 * opening  # Eq. (15a): what the face leaves of the opening
+        gx, gy, gz = 0.0, 0.0, 0.0
+        if bent > 0.0:
+            tx = R[0, 0] + R[0, 1] * side * slope  # along the face, in the X'Y' plane
+            ty = R[1, 0] + R[1, 1] * side * slope
+            fy = stiffness * bent  # in the direction that opens this hook
+            fx = -side * fy * ty / tx  # the face pushes at right angles to itself
+            vx = v[0] + w[1] * rz - w[2] * ry
+            vy = side * (v[1] + w[2] * rx - w[0] * rz)
+            vz = v[2] + w[0] * ry - w[1] * rx
+            gx, gy, gz = sliding_push(fx, fy, recoil, vx, vy, vz, friction, creep)
+        contact.force[0], contact.force[1], contact.force[2] = -gx, -side * gy, -gz
+        add_contact(contact, wrench, p, rx, ry, rz)
+        contact.deflection = max(bent, 0.0)
+        # the floor under this corner of the plug's inner end
+        tip, _ = _face(0.0, plug)
+        cx, cy, cz = R[0, 1] * side * tip, R[1, 1] * side * tip, R[2, 1] * side * tip
+        below = -(p[0] + cx)
+        if below > 0.0:
+            push = seat * below
+            wrench[0] += push
+            wrench[4] += cz * push
+            wrench[5] -= cy * push
+
+
+@dataclass(frozen=True)
+class Outlet(ContactWorld, TargetWorld):
+    """Plug in an outlet: friction holds it, it resists tilt, and comes free at the end.
+
+    Dimensions and materials of Bai 2012, Table 3, with E = 113 GPa (erratum E7). The pull is 11.5 N with the
+    correct beam (`timoshenko`, E11) and 49.6 N with the paper's (`paper`, appendix B with H_x corrected, E9).
+
+    >>> out = State.at((0.001, 0, 0), R_SR=np.eye(3), v=(1.0, 0, 0))
+    >>> Outlet().wrench(out)[0].round(1), Outlet(beam="paper").wrench(out)[0].round(1)
+    (np.float64(-11.5), np.float64(-49.6))
+    """
+
+    youngs_modulus: float = parameter(113e9, "Pa", 1e9, 250e9, "E of the socket's hooks")
+    poisson_ratio: float = parameter(0.41, "", 0.0, 0.49, "ν of the socket's hooks")
+    friction: float = parameter(0.134, "", 0.0, 1.0, "μ between plug and hooks")
+    base_length: float = parameter(5.4e-3, "m", 2e-3, 40e-3, "hook: length from root to foot of the rear face")
+    peak: float = parameter(9.6e-3, "m", 3e-3, 50e-3, "hook: length from root to the top that touches the plug")
+    thickness: float = parameter(0.6e-3, "m", 0.2e-3, 5e-3, "hook: thickness of the beam")
+    height: float = parameter(1.8e-3, "m", 0.2e-3, 5e-3, "hook: height of the wedge")
+    width: float = parameter(8e-3, "m", 1e-3, 30e-3, "hook: width")
+    retention_deg: float = parameter(58.8, "°", 5.0, 85.0, "hook: angle of the rear face, which never touches the plug")
+    plug_width: float = parameter(6.3e-3, "m", 1e-3, 30e-3, "w_p: width of the plug across the hooks")
+    opening: float = parameter(4.8e-3, "m", 0.5e-3, 30e-3, "w_s: gap between the hooks without the plug")
+    # h is not given (assumed): blades of 6.3 mm × 1.5 mm are those of a two-pin flat plug, 15.9–18.3 mm long
+    arm: float = parameter(16e-3, "m", 5e-3, 40e-3, "h: distance from the inserted plug's inner end to the hooks")
+    # assumed: the paper's plug never ends; a real one is bevelled, else it could not be put in
+    lead_in: float = parameter(4e-3, "m", 0.5e-3, 10e-3, "length of the bevelled end of the plug")
+    seat: float = parameter(5e3, "N/m", 0.0, 50e3, "stiffness of the socket's floor, per corner")
+    creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
+    beam: Model = "timoshenko"  #: "paper" for appendix B
+    material: str = "phosphor bronze"  #: of the hooks, whose yield strength the root's stress is compared with
+
+    hook: Hook = field(init=False, repr=False, compare=False)
+    stiffness: float = field(init=False, repr=False, compare=False)  #: of one hook, pulled straight, no friction [N/m]
+    recoil: float = field(init=False, repr=False, compare=False)  #: Ω₋/Ω₊: how far the top moves out per bending
+    _plug: Records = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        TargetWorld.__post_init__(self)
+        if self.opening >= self.plug_width:
+            raise GeometryError(
+                f"Outlet: the plug ({self.plug_width * 1e3:.4g} mm) is not wider than the opening "
+                f"({self.opening * 1e3:.4g} mm): nothing would hold it"
+            )
+        if self.lead_in >= self.arm:
+            raise GeometryError(
+                f"Outlet: the plug's bevelled end ({self.lead_in * 1e3:.4g} mm) must be shorter than arm "
+                f"({self.arm * 1e3:.4g} mm): the plug would come out before it is fully inserted"
+            )
+        hook = Hook(
+            self.base_length, self.peak, self.thickness, self.height, self.width,
+            TABLE_3.front, math.radians(self.retention_deg), self.youngs_modulus, self.poisson_ratio, flat_top=True,
+        )  # fmt: skip
+        if self.beam == "paper":
+            soft = appendix_b(hook)
+            plus, minus = soft.plus, soft.minus
+        else:
+            bent = compliance(hook, hook.peak, self.beam)
+            plus, minus = float(bent.plus), float(bent.minus)
+        if self.friction * minus / plus >= 1.0:
+            raise GeometryError(
+                f"Outlet: with friction {self.friction:g} this hook jams: pushing the plug in pulls the hooks tighter "
+                f"(μ Ω₋/Ω₊ = {self.friction * minus / plus:.2f}, must be below 1)"
+            )
+        # the inner end is a little narrower than the opening, so that it finds in
+        drop = 0.5 * (self.plug_width - self.opening) + 0.1e-3
+        edge = 0.25 * self.lead_in
+        stiffness = self.youngs_modulus * self.width / plus
+        plug = np.zeros(1, dtype=_PLUG)
+        plug["half"], plug["lead"] = 0.5 * self.plug_width, self.lead_in
+        plug["slope"], plug["edge"] = drop / self.lead_in, edge
+        plug["stiffness"], plug["recoil"], plug["peak"] = stiffness, minus / plus, hook.peak
+        for name in ("friction", "creep", "arm", "opening", "seat"):
+            plug[name] = getattr(self, name)
+        values = {"hook": hook, "stiffness": stiffness, "recoil": minus / plus, "_plug": plug}
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def of(cls, hook: Hook, friction: float, beam: Model = "timoshenko", **others: Any) -> Outlet:
+        """The outlet with a pair of a given `hook`; `others` as in the constructor."""
+        return cls(
+            youngs_modulus=hook.youngs_modulus, poisson_ratio=hook.poisson_ratio, friction=friction,
+            base_length=hook.base_length, peak=hook.peak, thickness=hook.thickness, height=hook.height,
+            width=hook.width, retention_deg=round(math.degrees(hook.rear), 9), beam=beam, **others,
+        )  # fmt: skip
+
+    @property
+    def root_load(self) -> RootLoad:
+        """Load at the root of a hook with the plug inserted straight, in contact at the end of the top."""
+        bent = np.array([0.5 * (self.plug_width - self.opening)])
+        plus = np.array([self.youngs_modulus * self.width / self.stiffness])
+        return compute_root_load(self.hook, np.array([self.hook.peak]), bent, plus, self.material)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Strain and stress at the hooks' root."""
+        return (self.root_load.sentence,)
+
+    @property
+    def outline(self) -> Array:
+        """(8, 2) positions along the plug from its inner end to its full width, and its half width there [m]."""
+        along = np.linspace(0.0, 1.25 * self.lead_in, 8)
+        return np.array([(x, _face(x, self._plug[0])[0]) for x in along.tolist()])
+
+    def render_contacts(self, state: State) -> tuple[Array, Array]:
+        """(6,) the wrench, and (2, 8) the contacts of both hooks, first the one at +Y': see `ContactWorld`."""
+        wrench, hooks = np.empty(6), np.zeros((2, 8))
+        one = np.ascontiguousarray  # one layout: one compilation
+        _outlet(one(state.p), one(state.R_SR), one(state.v), one(state.w), self._plug, wrench, view_contacts(hooks))
+        return wrench, hooks
+
+    def contacts(self, state: State) -> tuple[HookContact, ...]:
+        """State of each hook, first the one at +Y'; the contact is always on its top."""
+        return tuple(
+            HookContact("top" if bent > 0 else "", np.array(rest[:3]), np.array(rest[3:]), bent, place)
+            for bent, place, *rest in self.render_contacts(state)[1].tolist()
+        )
+
+
+# --------------------------------------------------------------------------------------------------
+# The outlet of the paper, for comparison with its Fig. 8; use `Outlet` for rendering.
+
+
+@dataclass(frozen=True)
+class PublishedOutlet(TargetWorld):
+    """Bai 2012, eqs. (14)–(18) with errata corrected: the world of Fig. 8 (socket as in Table 3).
+
+    Pulling: F_X' = −E w μ (w_p sec ε − w_s)/(Ω₊ + μΩ₋), F_Y' and T_Z' = F_Y' (h − p_x) as in (17), (18) with the
+    missing factor (E10). F_X' is printed positive, the pull of the hand; on the plug it is the opposite. The plug ends
+    abruptly at p_x = h. For insertion, friction reverses and Ω₊ − μΩ₋ replaces Ω₊ + μΩ₋, as in (10).
+
+    >>> PublishedOutlet().wrench(State.at((0.001, 0, 0), R_SR=np.eye(3), v=(1.0, 0, 0))).round(1).tolist()
+    [-49.6, 0.0, 0.0, 0.0, 0.0, 0.0]
+    """
+
+    passive: ClassVar[bool] = False
+    continuous: ClassVar[bool] = False
+
+    youngs_modulus: float = parameter(113e9, "Pa", 1e9, 250e9, "E of the socket's hooks")
+    friction: float = parameter(0.134, "", 0.0, 1.0, "μ between plug and hooks")
+    plug_width: float = parameter(6.3e-3, "m", 1e-3, 30e-3, "w_p: width of the plug across the hooks")
+    opening: float = parameter(4.8e-3, "m", 0.5e-3, 30e-3, "w_s: gap between the hooks without the plug")
+    arm: float = parameter(16e-3, "m", 5e-3, 40e-3, "h: distance from the inserted plug's end to the hooks (assumed)")
+    creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
+    beam: Model = "paper"
+    surface_height: Literal["corrected", "printed"] = "corrected"  #: H_x by (13), or 1 + δ/h₀ as printed (E9)
+
+    _omega: tuple[float, float, float] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        TargetWorld.__post_init__(self)
+        if self.surface_height not in ("corrected", "printed"):
+            raise InputError(f"surface_height must be 'corrected' or 'printed'; got {self.surface_height!r}")
+        if self.beam == "paper":
+            bent = None if self.surface_height == "corrected" else 0.5 * (self.plug_width - self.opening)
+            soft = appendix_b(TABLE_3, deflection=bent)
+            plus, minus = soft.plus, soft.minus
+        else:
+            right = compliance(TABLE_3, TABLE_3.peak, self.beam)
+            plus, minus = float(right.plus), float(right.minus)
+        omega = (plus, minus, self.youngs_modulus * TABLE_3.width)
+        object.__setattr__(self, "_omega", omega)
+
+    def wrench(self, state: State) -> Array:
+        """(6,) on the plug, about o' [N, N·m]."""
+        x, y, _ = state.p
+        R = state.R_SR
+        out = np.zeros(6)
+        c = self.arm - x  # h − x₀ − x
+        if c <= 0.0 or R[0, 0] < 0.5:
+            return out
+        tan = -R[1, 0] / R[0, 0]  # ε_z counts clockwise about Z'
+        sec = math.sqrt(1.0 + tan * tan)
+        slide = state.v[0] / math.sqrt(state.v[0] ** 2 + self.creep**2)
+        plus, minus, stiff = self._omega
+        stiffness = stiff / (plus + self.friction * slide * minus)
+        half = 0.5 * self.plug_width * sec
+        f_1 = stiffness * max(half + c * tan - 0.5 * self.opening - y, 0.0)  # (15), (16)
+        f_2 = stiffness * max(half - c * tan - 0.5 * self.opening + y, 0.0)
+        out[0] = -self.friction * slide * (f_1 + f_2)  # (17), on the plug
+        out[1] = f_1 - f_2
+        out[5] = out[1] * c  # (18) with (17)'s factor (E10)
+        return out

@@ -1,1 +1,0 @@
-"""Snap-fits: joining and separating."""

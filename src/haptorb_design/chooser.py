@@ -1,0 +1,327 @@
+"""The chooser: a page on one port, and for the design that is chosen a simulated servo with the console on another.
+
+The servo starts and ends in the thread that calls `serve`, as `haptorb run` has it; a thread of its own answers the
+chooser's page. Every device starts with its coils off: engage them in the console.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from time import monotonic
+from types import TracebackType
+from typing import Any, Protocol, Self, final
+
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route
+
+from haptorb.devices.base import Device
+from haptorb.errors import HaptorbError, InputError
+from haptorb.runtime.servo import Servo
+from haptorb.web.access import AccessGate, choose_token
+from haptorb.web.console import Console
+from haptorb.web.server import HOST, bind_socket, freeze_garbage, open_browser_at, page_files, respond, server, signals
+from haptorb_design.evaluate import find_base
+from haptorb_design.problem import build_device
+from haptorb_design.results_table import ResultsTable
+
+__all__ = ["BASE", "PORT", "Chooser", "Selection", "StoppableServo", "application"]
+
+
+# --------------------------------------------------------------------------------------------------
+# What pages want to feel, and what runs: written by the server's thread and by the one that has the servo.
+
+
+BASE = -1  #: the row that stands for the base device
+_NONE = -2  #: no row
+
+
+class StoppableServo(Protocol):
+    """A servo as far as a page of the chooser may command it."""
+
+    def stop(self) -> None:
+        """Coils off within a tick, and off until they are engaged."""
+        ...
+
+
+@final
+class Selection:
+    """The design that is wanted, and the one that runs. Its methods may be called in any thread.
+
+    count   of the rows that can be chosen
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._lock = threading.Lock()
+        self._asked = threading.Event()
+        self._wanted = self._row = _NONE
+        self._state, self._url, self._text = "none", "", ""
+        self._servo: StoppableServo | None = None
+
+    def choose(self, row: Any) -> None:
+        """A page wants the design in `row`, or the base device.
+
+        InputError if there is none such, or while another starts. The coils of the device that runs go off at once.
+        """
+        if type(row) is not int or not BASE <= row < self._count:
+            raise InputError(f"a row must be a whole number from {BASE} (base device) to {self._count - 1}")
+        with self._lock:
+            if self._state == "starting":
+                raise InputError("another design is starting; wait until it has")
+            if self._servo is not None:
+                self._servo.stop()
+            self._wanted, self._servo = row, None
+            self._row, self._state, self._url, self._text = row, "starting", "", ""
+        self._asked.set()
+
+    def stop(self) -> None:
+        """Coils off, and off until they are engaged in the console."""
+        with self._lock:
+            if self._servo is not None:
+                self._servo.stop()
+
+    @property
+    def pending(self) -> bool:
+        """Whether a page wants another design than what runs."""
+        return self._asked.is_set()
+
+    def wait(self, seconds: float) -> int | None:
+        """The row that is wanted, once; None if nothing was within `seconds`."""
+        if not self._asked.wait(seconds):
+            return None
+        with self._lock:
+            self._asked.clear()
+            return self._wanted
+
+    def report(self, text: str) -> None:
+        """What takes long in starting the device."""
+        with self._lock:
+            self._text = text
+
+    def set_running(self, servo: StoppableServo, url: str) -> None:
+        """The wanted device runs, and `url` is its console."""
+        with self._lock:
+            self._servo, self._state, self._url, self._text = servo, "running", url, ""
+
+    def set_refused(self, text: str) -> None:
+        """The wanted device cannot run, or runs no more, because of `text`."""
+        with self._lock:
+            self._servo, self._state, self._url, self._text = None, "refused", "", text
+
+    def set_ended(self) -> None:
+        """The device ends: there is nothing left to stop."""
+        with self._lock:
+            self._servo = None
+
+    def describe(self) -> dict[str, Any]:
+        """What a page shows, as plain JSON types."""
+        with self._lock:
+            return {
+                "state": self._state, "row": max(self._row, BASE), "base": self._row == BASE, "url": self._url,
+                "text": self._text,
+            }  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------
+# The chooser as an ASGI application: one page, the designs, which one is wanted, and what runs.
+
+
+_STATIC = Path(__file__).parents[1] / "static"
+_LONGEST = 1000  #: of what a page asks for [bytes]
+
+
+def application(designs: Mapping[str, Any], selection: Selection) -> Starlette:
+    """The ASGI application in which pages choose among `designs` (plain JSON types), for those who know
+    `app.state.token`.
+
+    Raises InputError if the page has not been built, or the environment's HAPTORB_TOKEN cannot be one.
+    """
+    token = choose_token()
+    files = page_files(_STATIC)
+    if "chooser.html" not in files:
+        raise InputError(
+            "the chooser's page has not been built: run `cd web && npm ci && npm run build`, or `make run`"
+        )
+    known = json.dumps(designs, separators=(",", ":")).encode()
+
+    async def file(request: Request) -> Response:
+        return respond(files, request.path_params.get("name", "chooser.html"))
+
+    async def describe(request: Request) -> Response:
+        return Response(known, media_type="application/json")
+
+    async def tell(request: Request) -> Response:
+        return JSONResponse(selection.describe())
+
+    async def choose(request: Request) -> Response:
+        try:
+            await asyncio.to_thread(selection.choose, await _read_row(request))
+        except InputError as mistake:
+            return PlainTextResponse(f"{mistake}\n", status_code=409)
+        return JSONResponse(selection.describe())
+
+    async def stop(request: Request) -> Response:
+        await asyncio.to_thread(selection.stop)
+        return JSONResponse(selection.describe())
+
+    app = Starlette(
+        routes=[
+            Route("/", file),
+            Route("/static/{name}", file),
+            Route("/api/designs", describe),
+            Route("/api/now", tell),
+            Route("/api/choose", choose, methods=["POST"]),
+            Route("/api/stop", stop, methods=["POST"]),
+        ],
+        middleware=[Middleware(AccessGate, token=token, frames=f"http://{HOST}:*")],
+    )
+    app.state.token = token
+    return app
+
+
+async def _read_row(request: Request) -> Any:
+    """What a page asks for; InputError for anything but a small JSON object."""
+    body = b""
+    async for part in request.stream():
+        body += part
+        if len(body) > _LONGEST:
+            raise InputError(f"a choice must have at most {_LONGEST} bytes")
+    try:
+        asked = json.loads(body)
+    except (ValueError, RecursionError) as cause:
+        raise InputError(f"a choice must be JSON: {cause}") from cause
+    if not isinstance(asked, dict):
+        raise InputError("a choice must be a JSON object, such as {'row': 3}")
+    return asked.get("row")
+
+
+PORT = 8764  #: default; the console's, the study's and the viewer's are others
+_LOOK = 0.1  #: between two looks whether to end [s]
+
+
+@final
+class Chooser:
+    """A page at `url` that shows the designs of `table` and starts the one that is chosen.
+
+        with Chooser(ResultsTable.of(read_results("results.sqlite"))) as chooser:
+            print(chooser.url)
+            chooser.serve()
+
+    port   0 takes any free one
+    Raises InputError for a port that cannot be had, or pages that are not built.
+    """
+
+    def __init__(self, table: ResultsTable, port: int = PORT) -> None:
+        self._table = table
+        self.selection = Selection(len(table.found))
+        self._socket = bind_socket(port)
+        try:
+            app = application(table.describe(), self.selection)
+        except BaseException:
+            self._socket.close()
+            raise
+        self.port = int(self._socket.getsockname()[1])
+        self.token: str = app.state.token
+        self.origin = f"http://{HOST}:{self.port}"
+        self.url = f"{self.origin}/#{self.token}"
+        self._server = server(app)
+        self._thread = threading.Thread(target=self._answer, name="haptorb-chooser")
+        self._closed = threading.Event()
+
+    def serve(
+        self, *, open_browser: bool = False, say: Callable[[str], None] = lambda text: None, until: float | None = None
+    ) -> int | None:
+        """Serve until `close`, SIGINT or SIGTERM (the signal's number is returned), or for `until` seconds.
+
+        `say` is called for every device that starts, or cannot. Signals are received only in the main thread.
+        """
+        end = float("inf") if until is None else monotonic() + until
+        self._thread.start()
+        if open_browser:
+            threading.Thread(target=open_browser_at, args=(self.url,), daemon=True).start()
+
+        def over() -> bool:
+            return self._closed.is_set() or monotonic() > end
+
+        try:
+            with signals(_raise_end):
+                while not over():
+                    row = self.selection.wait(_LOOK)
+                    number = None if row is None else self._feel(row, over, say)
+                    if number is not None:
+                        return number
+        except _End as ended:
+            return ended.number
+        return None
+
+    def _feel(self, row: int, over: Callable[[], bool], say: Callable[[str], None]) -> int | None:
+        """Run the device of `row` until another is wanted; the number of a signal that ended it, or None."""
+        name = find_base(self._table.design).name if row == BASE else self._table.name(row)
+        try:
+            servo = Servo(self._build(row), record=False)
+            with Console(servo, 0, framed_by=self.origin) as console, freeze_garbage(), servo:
+                servo.stop()
+                self.selection.set_running(servo, console.url)
+                say(f"{name} runs, SIMULATED, with its coils off until they are engaged.")
+                try:
+                    number = console.serve(until=lambda: self.selection.pending or over())
+                    servo.check_end()
+                finally:
+                    self.selection.set_ended()
+                return number
+        except HaptorbError as mistake:
+            self.selection.set_refused(f"{name} does not run: {mistake}")
+            say(f"{name} does not run: {mistake}")
+            return None
+
+    def _build(self, row: int) -> Device:
+        """The device of `row`, with the tables that its servo needs."""
+        design = self._table.design
+        if row == BASE:
+            device = find_base(design)
+        else:
+            device = build_device(design, self._table.found[row][1].values, self._table.name(row))
+        compute = device.kind.part("tables")
+        if compute is not None and "tables" not in vars(device):
+
+            def report(done: int, total: int) -> None:
+                self.selection.report(f"Computing its exact torque and field: {100 * done // max(total, 1)} %.")
+
+            vars(device)["tables"] = compute(device, report)
+        self.selection.report("The first start after an installation compiles code: about 15 s on two cores.")
+        return device
+
+    def _answer(self) -> None:
+        asyncio.run(self._server.serve(sockets=[self._socket]))
+
+    def close(self) -> None:
+        """End `serve`; may be called from any thread, and twice."""
+        self._closed.set()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+        self._server.should_exit = True
+        if self._thread.is_alive():
+            self._thread.join()
+        self._socket.close()
+
+
+class _End(BaseException):
+    """A signal, on its way through `with` blocks that switch the coils off."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+
+def _raise_end(number: int) -> None:
+    raise _End(number)

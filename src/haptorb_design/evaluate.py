@@ -1,0 +1,159 @@
+"""Evaluate one set of values: build the device, check its constraints in order, compute its objectives."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+import traceback
+from collections.abc import Mapping
+from functools import lru_cache
+
+from threadpoolctl import ThreadpoolController
+
+from haptorb.devices.base import Device
+from haptorb.devices.loader import build_tables
+from haptorb.display import format_quantity
+from haptorb.errors import HaptorbError
+from haptorb_design.problem import Bound, Design, DesignCandidate, DesignQuantity, Evaluation, Value, build_device
+
+__all__ = [
+    "DEVICE",
+    "OBJECTIVE",
+    "compute_base_values",
+    "compute_quantity",
+    "describe_base_forces",
+    "evaluate",
+    "find_base",
+]
+
+
+DEVICE = "device"  #: `refused_by` of values that make no device
+OBJECTIVE = "objective"  #: `refused_by` of a design that an objective has no finite number for
+_MOST_BASES = 8
+_bases: dict[str, Device] = {}  # by the text of their files
+
+
+def find_base(design: Design) -> Device:
+    """The base device, built once per process."""
+    tables = design.base_tables
+    if tables.text not in _bases:
+        if len(_bases) >= _MOST_BASES:
+            _bases.clear()
+        _bases[tables.text] = build_tables(tables)
+    return _bases[tables.text]
+
+
+def evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evaluation:
+    """The evaluation of `values`; `number` is their place in the run.
+
+    A candidate that makes no device, breaks a constraint, or of which a quantity cannot be computed, is refused with
+    the reason. Constraints are computed in the order of the design file, up to the first that is broken.
+    """
+    with _find_pools(len(sys.modules)).limit(limits=1):  # results must not depend on how many cores a computer has
+        return _evaluate(design, number, values)
+
+
+@lru_cache(maxsize=1)
+def _find_pools(modules: int) -> ThreadpoolController:
+    """The libraries of this process with threads of their own. To look for them takes milliseconds: they are looked for
+    again where another number of `modules` is loaded."""
+    return ThreadpoolController()
+
+
+def _evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evaluation:
+    begin = time.process_time()
+    constraints: dict[str, float] = {}
+    objectives: dict[str, float] = {}
+    by, reason = "", ""
+    try:
+        candidate = DesignCandidate(build_device(design, values), find_base(design), design.options)
+    except (HaptorbError, ArithmeticError, ValueError) as cause:
+        by, reason = DEVICE, _shorten(_tell_device(cause))
+    else:
+        for bound in design.bounds:
+            found, reason = compute_quantity(bound.quantity, candidate)
+            if not reason:
+                constraints[bound.name] = found
+                reason = _break(bound, found)
+            if reason:
+                by = bound.name
+                break
+        for goal in () if by else design.goals:
+            found, reason = compute_quantity(goal.quantity, candidate)
+            if reason:
+                by, objectives = OBJECTIVE, {}
+                reason = f"{goal.name}: {reason}"
+                break
+            objectives[goal.name] = found
+    return Evaluation(
+        number=number, values=dict(values), objectives=objectives, constraints=constraints, refused_by=by,
+        reason=reason, seconds=time.process_time() - begin,
+    )  # fmt: skip
+
+
+def _tell_device(cause: Exception) -> str:
+    """Why the values do not form a device, without the internal name, and without advice for a single file."""
+    lines = str(cause).replace("device 'candidate': ", "").splitlines()
+    return "\n".join(line for line in lines if not line.endswith("override=True"))
+
+
+def compute_quantity(quantity: DesignQuantity, candidate: DesignCandidate) -> tuple[float, str]:
+    """The number, and why there is none: one line, empty if it is finite."""
+    try:
+        found = float(quantity.compute(candidate))
+    except HaptorbError as cause:
+        return math.nan, _shorten(str(cause))
+    except Exception as cause:  # a user's own function may raise any exception
+        last = traceback.extract_tb(cause.__traceback__)[-1]
+        place = f"{last.filename.rpartition('/')[2]}, line {last.lineno}"
+        return math.nan, _shorten(f"{type(cause).__name__}: {cause} ({place})")
+    if not math.isfinite(found):
+        return math.nan, f"is {found}, not a finite number"
+    return found, ""
+
+
+def _break(bound: Bound, found: float) -> str:
+    """How `found` breaks `bound`; empty if it keeps it, to 1e-9 of the bound: the base device keeps its own values."""
+    unit = bound.quantity.unit
+    for limit, sense, word in ((bound.low, -1.0, "below"), (bound.high, 1.0, "above")):
+        if limit is not None and sense * (found - limit) > 1e-9 * abs(limit):
+            return f"{_tell(found, unit)} is {word} {_tell(limit, unit)}"
+    return ""
+
+
+def _tell(value: float, unit: str) -> str:
+    """With a prefix and enough digits to distinguish a bound from a value just outside it."""
+    return format_quantity(value, unit, 6)
+
+
+def _shorten(text: str) -> str:
+    """One line of at most 300 characters; lines of `text` are separated by semicolons."""
+    line = "; ".join(" ".join(one.split()) for one in text.splitlines() if one.strip())
+    return line if len(line) <= 300 else f"{line[:297]}..."
+
+
+# --------------------------------------------------------------------------------------------------
+# The base device's own numbers, beside which candidates are shown.
+
+
+def compute_base_values(design: Design) -> dict[str, float]:
+    """Of the base device, "objectives.NAME" and "constraints.NAME" → number [SI]; what it has no number for is left
+    out."""
+    base = find_base(design)
+    candidate = DesignCandidate(base, base, design.options)
+    quantities = {f"objectives.{goal.name}": goal.quantity for goal in design.goals}
+    quantities |= {f"constraints.{bound.name}": bound.quantity for bound in design.bounds}
+    found = {name: compute_quantity(one, candidate) for name, one in quantities.items()}
+    return {name: value for name, (value, reason) in found.items() if not reason}
+
+
+def describe_base_forces(design: Design, values: Mapping[str, Value]) -> str:
+    """How the base device's forces are computed, if not as those of the candidate with `values`; empty if alike."""
+    base, device = find_base(design), build_device(design, values)
+    if getattr(base, "moments_from", "") == getattr(device, "moments_from", ""):  # only electromagnets have it
+        return ""
+    return (
+        f"forces of {base.name} are those of point dipoles with the moments of its file; forces of the designs are "
+        "those of windings and core at their true size, so the two do not compare exactly"
+    )

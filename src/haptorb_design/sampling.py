@@ -1,0 +1,152 @@
+"""The values of a sweep, by number: the same seed gives the same values for the same number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.stats import qmc
+
+from haptorb.errors import InputError, UnknownName
+from haptorb_design.problem import Design, DesignParameter, Evaluation, Value
+from haptorb_design.store import check_values
+
+__all__ = ["METHODS", "count_levels", "list_settings", "make_values", "pick_level", "round_value", "sample", "sweep"]
+
+
+# --------------------------------------------------------------------------------------------------
+# From a point of the unit cube to values of a design's parameters.
+
+
+_DIGITS = 9  #: of a value: as many as a device file can do with
+
+
+def make_values(design: Design, point: Sequence[float]) -> dict[str, Value]:
+    """Parameter → value at `point`, one coordinate of [0, 1) per parameter; steps and choices share it evenly."""
+    return {one.name: _find_value(one, float(share)) for one, share in zip(design.parameters, point, strict=True)}
+
+
+def count_levels(parameter: DesignParameter) -> int:
+    """How many values the parameter can have; 0 for a continuous range.
+
+    >>> count_levels(DesignParameter("turns", (), low=10.0, high=20.0, step=5.0))
+    3
+    """
+    if parameter.choices:
+        return len(parameter.choices)
+    if parameter.step == 0.0:
+        return 0
+    return 1 + int((parameter.high - parameter.low) / parameter.step + 1e-9)
+
+
+def pick_level(parameter: DesignParameter, level: int, levels: int) -> Value:
+    """Value number `level` of so many: of its own, or evenly from `low` to `high` of a continuous range."""
+    if parameter.choices:
+        return parameter.labels[level]
+    if parameter.step > 0.0:
+        return round_value(parameter.low + level * parameter.step)
+    share = level / (levels - 1) if levels > 1 else 0.5
+    return round_value(parameter.low + share * (parameter.high - parameter.low))
+
+
+def round_value(number: float) -> float:
+    """`number` with as many digits as are kept of a value."""
+    return float(f"{number:.{_DIGITS}g}")
+
+
+def _find_value(parameter: DesignParameter, share: float) -> Value:
+    levels = count_levels(parameter)
+    if levels:
+        return pick_level(parameter, min(int(share * levels), levels - 1), levels)
+    return round_value(parameter.low + share * (parameter.high - parameter.low))
+
+
+#: method → what it is
+METHODS = {
+    "sobol": "Scrambled Sobol sequence: even coverage from the first candidate; a larger count continues a smaller one",
+    "latin-hypercube": (
+        "Latin hypercube: every range divided into as many equal parts as there are candidates, each used once"
+    ),
+    "grid": "Every combination of steps and choices; continuous ranges in as many equal steps as the count allows",
+}
+_MOST = 10_000_000
+
+
+def sample(design: Design, method: str, count: int, seed: int) -> Sequence[dict[str, Value]]:
+    """The values of candidates 0 to `count` - 1; a grid may have fewer.
+
+    Scrambled Sobol sequence after Owen (1998), Latin hypercube after McKay et al. (1979), both of SciPy. Raises
+    UnknownName for another method, InputError for a count that cannot be, or that a grid does not fit in.
+    """
+    if method not in METHODS:
+        raise UnknownName("sampling method", method, METHODS)
+    if not 1 <= count <= _MOST:
+        raise InputError(f"count must be between 1 and {_MOST}; got {count}")
+    if not 0 <= seed < 2**31:
+        raise InputError(f"seed must be between 0 and {2**31 - 1}; got {seed}")
+    if method == "grid":
+        return _list_grid(design, count)
+    dimensions = len(design.parameters)
+    if method == "sobol":
+        points = qmc.Sobol(dimensions, rng=np.random.default_rng(seed)).random_base2(math.ceil(math.log2(count)))[
+            :count
+        ]
+    else:
+        points = qmc.LatinHypercube(dimensions, rng=np.random.default_rng(seed)).random(count)
+    return [make_values(design, point) for point in points]
+
+
+def _list_grid(design: Design, count: int) -> list[dict[str, Value]]:
+    levels = [count_levels(one) for one in design.parameters]
+    free = levels.count(0)
+    own = math.prod(level for level in levels if level)
+    each = int((count / own) ** (1 / free) + 1e-9) if free else 1
+    if own > count or (free and each < 2):
+        least = own * 2**free
+        raise InputError(
+            f"a grid of design '{design.name}' has at least {least} candidates: use at least that --count, or "
+            "another method"
+        )
+    shape = [level or each for level in levels]
+    return [
+        {
+            one.name: pick_level(one, level, size)
+            for one, level, size in zip(design.parameters, index, shape, strict=True)
+        }
+        for index in np.ndindex(*shape)
+    ]
+
+
+# --------------------------------------------------------------------------------------------------
+# A sweep: the values of a sample computed, those that are stored already excepted.
+
+
+Evaluate = Callable[[Iterable[tuple[int, Mapping[str, Value]]]], Iterable[Evaluation]]
+
+
+def sweep(
+    values: Sequence[Mapping[str, Value]], evaluate: Evaluate, known: Mapping[int, Evaluation]
+) -> Iterator[Evaluation]:
+    """DesignCandidate n has `values[n]`: each of them, those in `known` excepted, as soon as it is computed.
+
+    evaluate  computes (number, values), in any order: `Workers.evaluate`
+    known     number → what an earlier run of the same sample stored
+
+    Raises RecordingError where what is known does not come from this sample.
+
+    >>> from haptorb_design.problem import Evaluation
+    >>> def double(jobs):
+    ...     return (Evaluation(n, values, {"y": 2 * values["x"]}, {}) for n, values in jobs)
+    >>> [one.objectives["y"] for one in sweep([{"x": 1.0}, {"x": 2.0}], double, {})]
+    [2.0, 4.0]
+    """
+    inside = [one for number, one in known.items() if number < len(values)]
+    check_values(dict(enumerate(values)), inside)
+    yield from evaluate([(number, one) for number, one in enumerate(values) if number not in known])
+
+
+def list_settings(method: str, values: Sequence[Mapping[str, Value]]) -> dict[str, Any]:
+    """What decides the values of a number beside method and seed: a Sobol sequence can be continued, others not."""
+    return {} if method == "sobol" else {"count": len(values)}

@@ -1,0 +1,110 @@
+"""Benchmarks that are programs of their own: `haptorb check`, and those in the folder benchmarks of a clone.
+
+They need a browser, a cross-compiled firmware or a database; in an installed package without the clone, or where one
+of these is missing, its row says so.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from haptorb.cluster import python_command
+from haptorb_papers.bench.row import Metric
+
+__all__ = ["console", "loop", "serial", "study"]
+
+_CLONE = Path(__file__).resolve().parents[4]
+
+
+def loop(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+    """The servo in its own process with a client that drags, 30 s times `effort`."""
+    seconds = max(30.0 * effort, 3.0)
+    tell(f"{seconds:.0f} s of 1 kHz")
+    facts = _run_and_parse(python_command("haptorb", "check", "--duration", f"{seconds:g}", "--json"))
+    fast = [_run_fast(device, seconds, tell) for device in ("omni", "pmsm")]
+    if isinstance(facts, str):
+        return [Metric("loop", "servo at 1 kHz with a client that drags", None, "", note=facts), *fast]
+    return [
+        Metric("loop", "ticks on time", facts["success_rate"], "1", limit=0.999, at_least=True),
+        Metric("loop", "lateness, 99 %", facts["lateness_us"]["p99"], "µs", limit=150.0),
+        Metric("loop", "compute per tick, median", facts["compute_us"]["p50"], "µs", limit=60.0),
+        Metric("loop", "compute per tick, 99 %", facts["compute_us"]["p99"], "µs"),
+        *fast,
+    ]
+
+
+def _run_fast(device: str, seconds: float, tell: Callable[[str], None]) -> Metric:
+    """`device` alone at 4 kHz for so long [s]: snapshots of the chain, too, must not make a tick late."""
+    tell(f"{device}, {seconds:.0f} s of 4 kHz")
+    words = ["run", device, "--rate", "4000", "--headless", "--duration", f"{seconds:g}", "--json"]
+    facts = _run_and_parse(python_command("haptorb", *words))
+    what, failed = f"{device} at 4 kHz, ticks on time", isinstance(facts, str)
+    value = None if isinstance(facts, str) else facts["success_rate"]
+    return Metric("loop", what, value, "1", limit=0.9995, at_least=True, note=str(facts) if failed else "")
+
+
+def console(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+    """From a drag in a real browser to the force drawn, 30 s times `effort`."""
+    tell("a browser that drags")
+    facts = _script("console_latency", "--seconds", f"{max(30 * effort, 2):g}")
+    if isinstance(facts, str):
+        return [Metric("console", "from drag to force shown, median", None, "ms", limit=25.0, note=facts)]
+    drawn = f"renderer {facts['renderer']}"
+    return [
+        Metric("console", "from drag to force shown, median", facts["median_ms"], "ms", limit=25.0, note=drawn),
+        Metric("console", "the same, 90 %", facts["p90_ms"], "ms"),
+        Metric("console", "from drag to force arrived, median", facts["arrived_median_ms"], "ms"),
+        Metric("console", "ticks on time beside the browser", facts["success_rate"], "1", limit=0.999, at_least=True),
+        Metric("console", "processor time that a virtual machine's host kept", facts["stolen_share"], "1"),
+    ]
+
+
+def serial(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+    """Set and read back three coils through the emulated firmware, 2000 times `effort`."""
+    tell("the emulated firmware")
+    facts = _script("serial_cycle", "--cycles", str(max(int(2000 * effort), 200)))
+    what = "set three coils and read back, emulated firmware, median"
+    if isinstance(facts, str):
+        return [Metric("serial", what, None, "ms", limit=1.0, note=facts)]
+    return [
+        Metric("serial", what, facts["round trip on this computer, median [ms]"], "ms", limit=1.0),
+        Metric("serial", "the same, 99 %", facts["round trip on this computer, 99 % [ms]"], "ms"),
+        Metric("serial", "processor of the host", facts["host CPU [%]"], "%", limit=10.0),
+    ]
+
+
+def study(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+    """Numbers and report of a study of 300 trials, 6 people with 50 each."""
+    tell("300 trials")
+    facts = _script("study/study_analysis", "--people", "6", "--trials", "50", "--procedures", "identification")
+    if isinstance(facts, str):
+        return [Metric("study", "analysis of 300 trials, report included", None, "s", note=facts)]
+    (run,) = facts["runs"]
+    return [
+        Metric("study", f"analysis of {run['trials']} trials, numbers", run["numbers_s"], "s"),
+        Metric("study", f"analysis of {run['trials']} trials, report included", run["with_report_s"], "s"),
+    ]
+
+
+def _script(name: str, *words: str) -> dict[str, Any] | str:
+    path = _CLONE / "benchmarks" / f"{name}.py"
+    if not path.is_file():
+        return "needs a clone of the project"
+    return _run_and_parse([sys.executable, str(path), *words, "--json"])
+
+
+def _run_and_parse(command: list[str]) -> dict[str, Any] | str:
+    """What the command printed, or in a few words why it printed nothing."""
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
+        facts: dict[str, Any] = json.loads(done.stdout)
+    except subprocess.TimeoutExpired:
+        return "took longer than ten minutes"
+    except json.JSONDecodeError:
+        return f"failed: {(done.stderr.strip().splitlines() or ['no message'])[-1][:120]}"
+    return facts

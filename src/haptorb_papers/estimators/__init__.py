@@ -1,0 +1,25 @@
+"""The estimators of a spherical motor side by side: Bai 2012 fig. 4 and beyond."""
+
+from __future__ import annotations
+
+from haptorb_papers.estimators.comparison import EstimatorComparison, compare
+from haptorb_papers.estimators.sensor_effects import SensorEffects, find_effects
+from haptorb_papers.estimators.show import (
+    plot_comparison,
+    plot_disturbances,
+    plot_noise,
+    print_comparison,
+    print_effects,
+)
+
+__all__ = [
+    "EstimatorComparison",
+    "SensorEffects",
+    "compare",
+    "find_effects",
+    "plot_comparison",
+    "plot_disturbances",
+    "plot_noise",
+    "print_comparison",
+    "print_effects",
+]

@@ -1,0 +1,151 @@
+"""Participants' codes: what may be one, which is free next, and a name for files and tables that is safe everywhere."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable, Mapping
+from hashlib import sha256
+
+from haptorb.errors import InputError, quote
+
+__all__ = [
+    "check_code",
+    "find_other_spelling",
+    "fold_spelling",
+    "is_reserved",
+    "make_labels",
+    "next_code",
+    "suggest_code",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# When two codes of participants are one code in two spellings, and when a text is no code but was meant as one.
+
+
+#: letters that look like Latin ones: Greek and Cyrillic, capitals and small
+_ALIKE = str.maketrans(
+    "\u0391\u0392\u0395\u0396\u0397\u0399\u039a\u039c\u039d\u039f\u03a1\u03a4\u03a5\u03a7"
+    "\u03f9\u0408\u03b1\u03bf\u03bd\u03c1\u03c5\u0445\u0410\u0412\u0415\u0405\u0406\u0408"
+    "\u041a\u041c\u041d\u041e\u0420\u0421\u0422\u0423\u0425\u04ae\u051a\u051c\u0430\u0435"
+    "\u043e\u0440\u0441\u0443\u0445\u0456\u0458\u0455\u04bb\u0501\u051b\u051d",
+    "ABEZHIKMNOPTYXCJaovpuxABESIJKMHOPCTYXYQWaeopcyxijshdqw",
+)
+_DIGITS = str.maketrans("OoIl", "0011")
+_SEPARATORS = re.compile(r"[\s_.\u2010\u2011\u2012–—−-]+")
+_ZEROS = re.compile(r"(?<![0-9])0+(?=[0-9])")
+
+
+def fold_spelling(code: str) -> str:
+    """`code` without what people confuse: capitals, look-alike letters, O and 0, I, l and 1, separators, leading zeros.
+
+    >>> fold_spelling("P01") == fold_spelling("p01") == fold_spelling("\u04201") == fold_spelling("PO1")
+    True
+    >>> fold_spelling("1-11") == fold_spelling("11-1")
+    False
+    """
+    plain = unicodedata.normalize("NFKC", code).translate(_ALIKE).translate(_DIGITS).casefold()
+    return _ZEROS.sub("", _SEPARATORS.sub("-", plain).strip("-"))
+
+
+def find_other_spelling(code: str, taken: Iterable[str]) -> str | None:
+    """The one among the `taken` codes that is `code` in another spelling, in capitals, look-alikes, zeros or marks."""
+    folded = (fold_spelling(code), code.casefold())
+    return next(
+        (one for one in taken if one != code and (fold_spelling(one) == folded[0] or one.casefold() == folded[1])), None
+    )
+
+
+def suggest_code(typed: str) -> str:
+    """What `typed` says without spaces and in plain digits and letters; `typed` itself if it is that already."""
+    return "".join(unicodedata.normalize("NFKC", typed).split())
+
+
+_CODE_LENGTH = 16  #: of a code [characters]; columns of databases are made for it
+_RESERVED = re.compile(r"s[1i]m-?[0-9]+")  #: in folded spelling
+
+
+def check_code(code: str) -> str:
+    """`code` as it was typed; InputError if it is none. Nothing of it is changed: another spelling is refused.
+
+    Letters of any script, digits, `-`, `_` and `.`; first a letter or digit; at least one digit, so that no bare name
+    slips in.
+
+    >>> check_code("P01"), check_code("vp-7"), check_code("Ω_3b")
+    ('P01', 'vp-7', 'Ω_3b')
+    """
+    known = unicodedata.normalize("NFC", code)  # the same letters, also where accents were typed on their own
+    meant = suggest_code(code)
+    if known != meant and _is_code(meant):
+        raise InputError(
+            f"participant code must be typed without spaces and with plain letters and digits: enter '{meant}', if "
+            f"that is meant; got {quote(code)}"
+        )
+    if not _is_code(known) or known != meant:
+        raise InputError(
+            f"participant code must have 1 to {_CODE_LENGTH} letters, digits, '-', '_' or '.', begin with a letter or "
+            f"digit and contain a digit, like P01 or vp-7 (never a name); got {quote(code)}"
+        )
+    return known
+
+
+def _is_code(text: str) -> bool:
+    letters = all(unicodedata.category(letter)[0] in "LNM" or letter in "-_." for letter in text)
+    return 1 <= len(text) <= _CODE_LENGTH and letters and text[0].isalnum() and any(map(str.isdecimal, text))
+
+
+def is_reserved(code: str) -> bool:
+    """Whether only simulated participants may have `code`: SIM and a number, in any spelling."""
+    return _RESERVED.fullmatch(fold_spelling(code)) is not None
+
+
+def next_code(used: Iterable[str]) -> str:
+    """A code that is free: after the newest of people's `used` codes that ends in a number, else P01.
+
+    >>> next_code(["P01", "P02"]), next_code(["P02", "vp-09"]), next_code([]), next_code(["7a", "SIM03"])
+    ('P03', 'vp-10', 'P01', 'P01')
+    """
+    codes = list(used)
+    taken = {fold_spelling(code) for code in codes}
+    for last in reversed(codes):
+        found = re.fullmatch(r"(.*?)([0-9]{1,9})", last)
+        if found is None or is_reserved(last):
+            continue
+        number = int(found[2])
+        while True:
+            number += 1
+            free = f"{found[1]}{number:0{len(found[2])}d}"
+            if fold_spelling(free) not in taken:
+                break
+        if len(free) <= _CODE_LENGTH:
+            return free
+    number = 1
+    while fold_spelling(f"P{number:02d}") in taken:
+        number += 1
+    return f"P{number:02d}"
+
+
+def make_labels(codes: Iterable[str]) -> Mapping[str, str]:
+    """Code → label of ASCII letters and digits only, unlike every other one, in any case: for file names.
+
+    A code that is such a label keeps it; others lose the rest of their characters, and get part of their hash where
+    that leaves nothing, or what another one has.
+
+    >>> make_labels(["P01", "S-07", "S07"])
+    {'P01': 'P01', 'S-07': 'S07x6f83', 'S07': 'S07'}
+    """
+    codes = list(codes)
+    labels = {code: code for code in codes if code.isascii() and code.isalnum()}
+    taken = {label.casefold() for label in labels.values()}
+    for code in codes:
+        if code in labels:
+            continue
+        plain = "".join(letter for letter in code if letter.isascii() and letter.isalnum())
+        label, more = plain, sha256(code.encode()).hexdigest()
+        length = 4
+        while not label or label.casefold() in taken:
+            label, length = f"{plain}x{more[:length]}", length + 1
+        labels[code] = label
+        taken.add(label.casefold())
+    return {code: labels[code] for code in codes}

@@ -1,0 +1,336 @@
+"""Answered trials as columns, one row per trial: the tidy table that everything else is made from."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import func, select
+from sqlalchemy.engine import Engine
+
+from haptorb.errors import InputError, RecordingError
+from haptorb_study.copies import KINDS, Kind
+from haptorb_study.database import contents, events, participants, replies, sessions, studies, trials
+from haptorb_study.incidents import COLUMNS as EVENT_COLUMNS
+from haptorb_study.procedures import read_value
+from haptorb_study.study_file import Study, angles_between, list_older, study_of
+
+__all__ = [
+    "COLUMNS",
+    "FLAGS",
+    "WORDS",
+    "Columns",
+    "describe_columns",
+    "describe_events",
+    "describe_questions",
+    "keep_older",
+    "place_answers",
+    "read_replies",
+    "read_study",
+    "select_kind",
+    "tidy",
+]
+
+
+#: column → what it is; the data dictionary of every export
+COLUMNS = {
+    "participant": "pseudonymous code",
+    "simulated": "true: a simulated participant, not a person",
+    "simulated_device": "true: on the SIMULATED DEVICE, nobody felt a force; empty: unknown, from an older haptorb",
+    "pilot": "true: pilot data, on the SIMULATED DEVICE or begun as a pilot",
+    "session": "number of the session in the database",
+    "trial": "number of the trial in its session, from 1, as on the pages",
+    "phase": "practice (left out of every analysis) or main",
+    "condition": "condition rendered",
+    "other": "forced choice: the condition in the other interval",
+    "set_point": "number of the set-point prompted; 0: none",
+    "theta_deg": "angle of the set-point from the top [deg]",
+    "phi_deg": "angle of the set-point about the vertical, from +x [deg]",
+    "level": "value of the varied parameter in the comparison interval; 0: none varied",
+    "interval": "interval (1 or 2) with the comparison, or with `condition`; 0: single interval",
+    "answer": "number answered; empty: the position was the answer",
+    "correct": "1: correct answer, 0: wrong answer, empty: there is no correct answer",
+    "x_m": "position of the tool's magnet at the answer, stator frame [m]",
+    "y_m": "position of the tool's magnet at the answer, stator frame [m]",
+    "z_m": "position of the tool's magnet at the answer, stator frame [m]",
+    "distance_mm": "error: straight distance of the answered place from the set-point prompted; identification: "
+    "between the contact positions of both set-points; localisation: of the tool's magnet; else empty [mm]",
+    "angle_deg": "error: angle between the directions of the answered place and of the set-point prompted [deg]",
+    "pen_distance_mm": "distance of the tool's magnet at the answer from its contact position at the set-point [mm]",
+    "pen_angle_deg": "angle between the directions of the tool's magnet at the answer and of the set-point [deg]",
+    "seconds": "time from prompt to answer [s]",
+    "safety": "reasons for which the device tripped during the trial, separated by |",
+    "repeats": "number of restarts of the trial: the device was off, or the experimenter repeated it",
+    "recording": "file with the recording",
+    "answered": "time of the answer (UTC)",
+    "study": "name of the study",
+}
+
+Columns = dict[str, NDArray[Any]]
+
+
+def read_study(engine: Engine, name: str | None = None) -> Study:
+    """The study in the database; if there are several, the one called `name`. InputError if that does not tell."""
+    with engine.connect() as connection:
+        rows = connection.execute(select(studies.c.name, studies.c.text)).all()
+    fitting = [row for row in rows if name is None or row.name == name]
+    known = ", ".join(sorted(row.name for row in rows)) or "none"
+    if not fitting:
+        raise InputError(
+            f"no study '{name}' in this database (known: {known})" if name else "this database holds no study yet"
+        )
+    if len(fitting) > 1:
+        raise InputError(
+            f"several studies in this database (known: {known}): name one; versions of a study need separate databases"
+        )
+    return study_of(fitting[0].text, f"'{fitting[0].name}' in the database", stored=True)
+
+
+def keep_older(engine: Engine, study: Study) -> Study:
+    """`study`, or, if the database holds it as an older haptorb ran it, that one: its order, its layout."""
+    older = list_older(study)
+    if not older:
+        return study
+    with engine.connect() as connection:
+        known = set(connection.execute(select(studies.c.digest)).scalars())
+    return next((one for one in (study, *older) if one.digest in known), study)
+
+
+def tidy(engine: Engine, study: Study) -> Columns:
+    """All answered trials of `study`, practice included, by participant and trial: column → array of one length."""
+    query = (
+        select(trials, participants.c.code, sessions.c.simulated)
+        .join(sessions, trials.c.session == sessions.c.id)
+        .join(participants, sessions.c.participant == participants.c.id)
+        .where(participants.c.study == study.digest)
+        .order_by(participants.c.ordinal, trials.c.number)
+    )
+    counted = (
+        select(events.c.session, events.c.trial, func.count())
+        .where(events.c.kind == "repeat")
+        .group_by(events.c.session, events.c.trial)
+    )
+    with engine.connect() as connection:
+        rows = connection.execute(query).all()
+        holds = connection.execute(select(contents.c.holds)).scalar()
+        repeats = {(session, trial): count for session, trial, count in connection.execute(counted)}
+    if not rows:
+        raise RecordingError(f"study '{study.name}' has no answered trials yet")
+    asked: dict[str, dict[str, Any]] = {}  # the same prompt comes again and again: read it once
+    prompts = [asked.get(row.prompt) or asked.setdefault(row.prompt, json.loads(row.prompt)) for row in rows]
+    reasons: dict[str, str] = {}
+    for row in rows:
+        if row.safety not in reasons:
+            reasons[row.safety] = "|".join(_reasons(row.safety))
+    answers = _column(tuple(read_value(row.answer) for row in rows))
+    position = np.array([(row.x, row.y, row.z) for row in rows], dtype=float)  # None becomes NaN
+    places = {p.number: p for p in study.points}
+    number = np.array([prompt["set_point"] for prompt in prompts])
+    there = [places.get(n) for n in number.tolist()]
+    theta, phi = (
+        np.array([np.nan if p is None else getattr(p, f"{name}_deg") for p in there]) for name in ("theta", "phi")
+    )
+    ways = np.array([(np.nan,) * 3 if p is None else p.direction for p in there])
+    contact = study.load_device().contact_distance * ways
+    answered = place_answers(study, answers, position)
+    return {
+        "participant": np.array([row.code for row in rows]),
+        "simulated": np.array([row.simulated for row in rows]),
+        "simulated_device": np.array(
+            [None if row.driver is None else row.driver == "sim" for row in rows], dtype=object
+        ),
+        "pilot": np.array([not row.simulated and (holds == "pilot" or row.driver == "sim") for row in rows]),
+        "session": np.array([row.session for row in rows]),
+        "trial": np.array([row.number + 1 for row in rows]),
+        **{name: np.array([prompt[name] for prompt in prompts]) for name in ("phase", "condition", "other")},
+        "set_point": number,
+        "theta_deg": theta,
+        "phi_deg": phi,
+        "level": np.array([prompt["level"] for prompt in prompts], dtype=float),
+        "interval": np.array([prompt["interval"] for prompt in prompts]),
+        "answer": answers,
+        "correct": _correct(study, number, np.array([prompt["interval"] for prompt in prompts]), answers),
+        "x_m": position[:, 0],
+        "y_m": position[:, 1],
+        "z_m": position[:, 2],
+        "distance_mm": 1e3 * np.linalg.norm(answered - contact, axis=1),
+        "angle_deg": angles_between(answered, ways),
+        "pen_distance_mm": 1e3 * np.linalg.norm(position - contact, axis=1),
+        "pen_angle_deg": angles_between(position, ways),
+        "seconds": np.array([row.seconds for row in rows]),
+        "safety": np.array([reasons[row.safety] for row in rows]),
+        "repeats": np.array([repeats.get((row.session, row.number), 0) for row in rows]),
+        "recording": np.array([row.recording or "" for row in rows]),
+        "answered": np.array([row.answered for row in rows]),
+        "study": np.array([study.name for _ in rows]),
+    }
+
+
+def select_kind(columns: Columns, kind: Kind | None = None) -> tuple[Columns, str]:
+    """The trials of one `kind`, never two in one number; and what is left out, in words. RecordingError for none.
+
+    kind   None: real ones; where there are none, pilot ones; where there are none of these, simulated ones
+    """
+    simulated, pilot = columns["simulated"].astype(bool), columns["pilot"].astype(bool)
+    of: dict[Kind, NDArray[Any]] = {"real": ~simulated & ~pilot, "pilot": pilot & ~simulated, "simulated": simulated}
+    wanted = next(one for one in KINDS if of[one].any()) if kind is None else kind
+    if not of[wanted].any():
+        raise RecordingError(f"this database holds no {wanted} trials")
+    left = [
+        f"{count} {one} trials ({len(set(columns['participant'][of[one]].tolist()))} participants; --data {one})"
+        for one in KINDS
+        if one != wanted and (count := int(of[one].sum()))
+    ]
+    return {name: values[of[wanted]] for name, values in columns.items()}, ", ".join(left)
+
+
+def read_replies(engine: Engine, study: Study) -> dict[str, dict[str, str]]:
+    """Participant's code → question's name → the answer as text."""
+    query = (
+        select(participants.c.code, replies.c.question, replies.c.reply)
+        .join(sessions, replies.c.session == sessions.c.id)
+        .join(participants, sessions.c.participant == participants.c.id)
+        .where(participants.c.study == study.digest)
+        .order_by(participants.c.ordinal, replies.c.id)
+    )
+    found: dict[str, dict[str, str]] = {}
+    with engine.connect() as connection:
+        for code, question, reply in connection.execute(query):
+            found.setdefault(code, {})[question] = reply
+    return found
+
+
+def _correct(study: Study, number: NDArray[Any], interval: NDArray[Any], answers: NDArray[Any]) -> NDArray[Any]:
+    right = {"identification": number, "staircase": interval, "bayesian": interval}.get(study.procedure)
+    if right is None:
+        # Of constant stimuli either answer may be right: the curve decides; the rest has no right answer.
+        return np.full(len(answers), np.nan)
+    found: NDArray[Any] = np.equal(answers, right).astype(float)
+    return found
+
+
+def place_answers(study: Study, answers: NDArray[Any], position: NDArray[Any]) -> NDArray[Any]:
+    """(trials, 3) places that were answered [m]: an error is their distance from the set-point prompted.
+
+    Of an identification the contact position at the set-point that was named, wherever the tool then was; of a
+    localisation the tool's `position`; NaN where a place is not the answer.
+    """
+    if study.procedure == "localisation":
+        return position
+    known = {p.number: p.direction for p in study.points} if study.procedure == "identification" else {}
+    ways = [known.get(int(n), (np.nan,) * 3) if np.isfinite(n) else (np.nan,) * 3 for n in answers.astype(float)]
+    found: NDArray[Any] = study.load_device().contact_distance * np.array(ways, dtype=float).reshape(-1, 3)
+    return found
+
+
+def _reasons(stored: str) -> Iterable[str]:
+    return (str(one.get("code", one)) for one in json.loads(stored))
+
+
+def _column(values: tuple[Any, ...]) -> NDArray[Any]:
+    if any(value is None for value in values):
+        return np.array([np.nan if value is None else value for value in values], dtype=float)
+    return np.array(values)
+
+
+# --------------------------------------------------------------------------------------------------
+# The data dictionary of an export, as BIDS writes it: every column with its unit, and what its values mean.
+
+
+FLAGS = ("simulated", "simulated_device", "pilot")  #: columns of true and false
+#: columns of text; the rest are numbers
+WORDS = ("participant", "phase", "condition", "other", "safety", "recording", "answered", "study")
+_UNIT = re.compile(r"(.*) \[(.+)\]")
+_FIXED: dict[str, dict[str, str]] = {
+    "simulated": {"true": "a simulated participant", "false": "a person"},
+    "simulated_device": {"true": "simulated device: nobody felt a force", "false": "a real device"},
+    "pilot": {"true": "pilot data", "false": "not a pilot"},
+    "phase": {"practice": "before the main trials; left out of every analysis", "main": "counts"},
+    "interval": {"0": "a single interval", "1": "the first of two", "2": "the second of two"},
+    "correct": {"1": "right", "0": "wrong"},
+}
+
+
+def describe_columns(study: Study) -> dict[str, dict[str, Any]]:
+    """Column → Description, Units where it has one, Levels where its values have names."""
+    found: dict[str, dict[str, Any]] = {}
+    for name, about in COLUMNS.items():
+        split = _UNIT.fullmatch(about)
+        entry: dict[str, Any] = {"Description": split[1] if split else about}
+        unit = study.level_unit if name == "level" else split[2] if split else ""
+        if unit:
+            entry["Units"] = unit
+        if levels := _list_levels(study, name):
+            entry["Levels"] = levels
+        if name in FLAGS:
+            entry["Format"] = "boolean"
+        elif name == "answered":
+            entry["Format"] = "datetime"
+        found[name] = entry
+    if study.levels is not None:
+        found["level"]["Description"] += f"; parameter '{study.levels.parameter}' of the world"
+    return found
+
+
+def describe_events() -> dict[str, dict[str, Any]]:
+    """The same of the table of what interrupted sessions."""
+    found: dict[str, dict[str, Any]] = {}
+    for name, about in EVENT_COLUMNS.items():
+        split = _UNIT.fullmatch(about)
+        found[name] = {"Description": split[1], "Units": split[2]} if split else {"Description": about}
+    found["event"]["Levels"] = {
+        "stop": "coils off by a person or the program: the reason says whose Stop it was",
+        "resume": "coils on again, from zero",
+        "repeat": "the trial began again",
+        "safety": "the device switched off by itself",
+        "leave": "ended for now, resumable",
+        "abort": "ended for good",
+        "no consent": "the participant did not agree to take part",
+        "failure": "the program or the device failed; resumable",
+    }
+    return found
+
+
+def describe_questions(study: Study) -> dict[str, dict[str, Any]]:
+    """The same of the table of answers in words: one row per participant and question."""
+    return {
+        "participant": {"Description": COLUMNS["participant"]},
+        "question": {"Description": "name of the question", "Levels": {q.name: q.text for q in study.questions}},
+        "text": {"Description": "the question as it was asked"},
+        "reply": {
+            "Description": "the answer",
+            "Levels": {q.name: " | ".join(q.choices) for q in study.questions if q.choices},
+        },
+    }
+
+
+def _list_levels(study: Study, name: str) -> dict[str, str]:
+    """Value → what it means; empty where values are numbers or free text."""
+    if name in ("condition", "other"):
+        values = {one.name: _spell_out(one.parameters) for one in study.conditions}
+        return values if name == "condition" or study.procedure == "forced-choice" else {}
+    places = {str(p.number): f"θ = {p.theta_deg:g} deg, φ = {p.phi_deg:g} deg" for p in study.points}
+    if name == "set_point":
+        return {"0": "none", **places}
+    if name != "answer":
+        return dict(_FIXED.get(name, {}))
+    match study.procedure:
+        case "identification":
+            return places
+        case "constant" | "staircase" | "bayesian":
+            return {"1": "the first interval pushed harder", "2": "the second interval pushed harder"}
+        case "forced-choice":
+            return {"1": "the first interval is preferred", "2": "the second interval is preferred"}
+        case "rating":
+            low, high = study.rating.low, study.rating.high
+            between = {str(n): f"{n} on the scale from {low} to {high}" for n in range(low + 1, high)}
+            return {str(low): f"lowest of '{study.rating.question}'", **between, str(high): "greatest"}
+    return {}
+
+
+def _spell_out(parameters: dict[str, Any]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in parameters.items()) or "parameters of the study file"

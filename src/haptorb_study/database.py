@@ -1,0 +1,337 @@
+"""The tables of a study database and the door to them: SQLite in a file, PostgreSQL by URL.
+
+A database of an older schema is brought forward when it is opened, one of a newer schema is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import (
+    Boolean,
+    Column,
+    Connection,
+    Float,
+    ForeignKey,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    Text,
+    UniqueConstraint,
+    func,
+    select,
+    text,
+)
+from sqlalchemy.engine import Engine
+from sqlalchemy.exc import SQLAlchemyError
+
+from haptorb.errors import RecordingError
+from haptorb.file_kind import FileKind
+from haptorb.sql import BUSY, ProgramLock, TableSet, explain_error, lock_database, mask_password, path_of
+from haptorb_study.codes import is_reserved
+from haptorb_study.stored_rows import check_rows
+from haptorb_study.study_file import Study
+
+__all__ = [
+    "FAMILY",
+    "SCHEMA",
+    "STEPS",
+    "StoredParticipant",
+    "contents",
+    "copies",
+    "database",
+    "events",
+    "list_participants",
+    "lock",
+    "lock_session",
+    "migrate",
+    "participants",
+    "replies",
+    "sessions",
+    "studies",
+    "trials",
+    "utc_now",
+    "withdrawn",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# From the schema of an older haptorb to this one: forward only, one step per version, all in one transaction.
+#
+# A step says what it did in plain SQL that SQLite and PostgreSQL both know. It never uses the tables as they are now:
+# those belong to the newest schema, and a step must still mean the same when that has moved on.
+
+
+def _questions(connection: Connection) -> None:
+    """1 → 2: answers to the questions of a study file."""
+    number = "INTEGER NOT NULL PRIMARY KEY" if connection.dialect.name == "sqlite" else "SERIAL PRIMARY KEY"
+    connection.execute(
+        text(
+            f"CREATE TABLE replies (id {number}, session INTEGER NOT NULL REFERENCES sessions (id), "
+            "question VARCHAR(48) NOT NULL, reply TEXT NOT NULL, at VARCHAR(32) NOT NULL, UNIQUE (session, question))"
+        )
+    )
+
+
+def _driver(connection: Connection) -> None:
+    """2 → 3: how the device was driven in a trial; unknown for older trials."""
+    connection.execute(text("ALTER TABLE trials ADD COLUMN driver VARCHAR(200)"))
+
+
+def _decimal_answers(connection: Connection) -> None:
+    """3 → 4: answers that are no whole numbers. A column of SQLite takes them as it is."""
+    if connection.dialect.name != "sqlite":
+        connection.execute(text("ALTER TABLE trials ALTER COLUMN answer TYPE DOUBLE PRECISION"))
+
+
+def _contents(connection: Connection) -> None:
+    """4 → 5: what the database holds, who withdrew, and which copies of it there are.
+
+    Where it is not known of every trial whether its device was simulated, people may continue with either: mixed.
+    """
+    number = "INTEGER NOT NULL PRIMARY KEY" if connection.dialect.name == "sqlite" else "SERIAL PRIMARY KEY"
+    for table in (
+        f"contents (id {number}, holds VARCHAR(16) NOT NULL)",
+        f"withdrawn (id {number}, study VARCHAR(16) NOT NULL REFERENCES studies (digest), code VARCHAR(16) NOT NULL, "
+        "ordinal INTEGER NOT NULL, at VARCHAR(32) NOT NULL, text TEXT NOT NULL, UNIQUE (study, code))",
+        f"copies (id {number}, kind VARCHAR(16) NOT NULL, place TEXT NOT NULL, study VARCHAR(64) NOT NULL, "
+        "settings TEXT NOT NULL, at VARCHAR(32) NOT NULL, UNIQUE (kind, place, study))",
+    ):
+        connection.execute(text(f"CREATE TABLE {table}"))
+    people = list(connection.execute(text("SELECT simulated FROM sessions GROUP BY simulated")).scalars())
+    drivers = connection.execute(
+        text(
+            "SELECT DISTINCT trials.driver FROM trials JOIN sessions ON trials.session = sessions.id "
+            "WHERE NOT sessions.simulated"
+        )
+    )
+    on_simulation = {None if driver is None else driver == "sim" for driver in drivers.scalars()}
+    if not people:
+        return
+    if people == [True]:
+        holds = "simulated"
+    elif len(people) > 1 or len(on_simulation) != 1 or on_simulation == {None}:
+        holds = "mixed"
+    else:
+        holds = "pilot" if on_simulation == {True} else "real"
+    connection.execute(text("INSERT INTO contents (id, holds) VALUES (1, :holds)"), {"holds": holds})
+
+
+#: version → the step that leads from it to the next
+STEPS: Mapping[int, Callable[[Connection], None]] = {1: _questions, 2: _driver, 3: _decimal_answers, 4: _contents}
+
+
+def migrate(connection: Connection, version: int) -> int:
+    """Take the tables from `version` on to the newest; the transaction is the caller's. Returns the newest."""
+    while version in STEPS:
+        STEPS[version](connection)
+        version += 1
+        connection.execute(text("UPDATE haptorb_schema SET version = :version"), {"version": version})
+    return version
+
+
+SCHEMA = 1 + len(STEPS)  #: of this version; a database of a newer one is refused
+FAMILY = 0x68617074  #: of PostgreSQL's advisory locks that are ours
+
+_tables = MetaData()
+versions = Table("haptorb_schema", _tables, Column("version", Integer, primary_key=True))
+studies = Table(
+    "studies", _tables,
+    Column("digest", String(16), primary_key=True),
+    Column("name", String(64), nullable=False),
+    Column("text", Text, nullable=False),  # the study file, word for word
+)  # fmt: skip
+participants = Table(
+    "participants", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("study", ForeignKey("studies.digest"), nullable=False),
+    Column("code", String(16), nullable=False),  # a pseudonym; who it is stands nowhere here
+    Column("ordinal", Integer, nullable=False),  # decides order and seed
+    UniqueConstraint("study", "code"),
+    UniqueConstraint("study", "ordinal"),
+)  # fmt: skip
+sessions = Table(
+    "sessions", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("participant", ForeignKey("participants.id"), nullable=False, unique=True),
+    Column("plan", Text, nullable=False),  # JSON: seed, order, intervals; drawn once
+    Column("simulated", Boolean, nullable=False),
+    Column("started", String(32), nullable=False),
+    Column("ended", String(32)),
+    Column("aborted", Boolean, nullable=False, default=False),
+    Column("versions", Text, nullable=False),  # JSON: what ran it
+)  # fmt: skip
+trials = Table(
+    "trials", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("session", ForeignKey("sessions.id"), nullable=False),
+    Column("number", Integer, nullable=False),  # from 0; with the session unique: nothing doubled
+    Column("prompt", Text, nullable=False),  # JSON
+    # Whole numbers but for magnitudes; `read_value` tells them. SQLite keeps any number in a column called INTEGER.
+    Column("answer", Float().with_variant(Integer(), "sqlite")),
+    Column("x", Float), Column("y", Float), Column("z", Float),  # tool's magnet at the answer [m]
+    Column("seconds", Float, nullable=False),
+    Column("safety", Text, nullable=False, default="[]"),  # JSON: trips of the device during this trial
+    Column("recording", Text),  # file with the tool's course
+    Column("answered", String(32), nullable=False),
+    Column("driver", String(200)),  # of the device: "sim" is a simulated one; unknown before schema 3
+    UniqueConstraint("session", "number"),
+)  # fmt: skip
+events = Table(
+    "events", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("session", ForeignKey("sessions.id"), nullable=False),
+    Column("kind", String(16), nullable=False),  # begin, resume, pause, abort, repeat, leave, safety, merged ...
+    Column("trial", Integer, nullable=False),
+    Column("at", String(32), nullable=False),
+    Column("text", Text, nullable=False, default=""),
+)  # fmt: skip
+replies = Table(
+    "replies", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("session", ForeignKey("sessions.id"), nullable=False),
+    Column("question", String(48), nullable=False),
+    Column("reply", Text, nullable=False),
+    Column("at", String(32), nullable=False),
+    UniqueConstraint("session", "question"),
+)  # fmt: skip
+contents = Table(
+    "contents", _tables,
+    Column("id", Integer, primary_key=True),  # 1: there is one row, from the first session on
+    Column("holds", String(16), nullable=False),  # real, pilot, simulated; mixed: from an older haptorb
+)  # fmt: skip
+withdrawn = Table(
+    "withdrawn", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("study", ForeignKey("studies.digest"), nullable=False),
+    Column("code", String(16), nullable=False),  # may not return; nothing else of the person is left
+    Column("ordinal", Integer, nullable=False),  # stays taken
+    Column("at", String(32), nullable=False),
+    Column("text", Text, nullable=False),  # how much was removed, and where
+    UniqueConstraint("study", "code"),
+)  # fmt: skip
+copies = Table(
+    "copies", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("kind", String(16), nullable=False),  # export, backup, source (of a merge), merged (into)
+    Column("place", Text, nullable=False),  # absolute path, or URL
+    Column("study", String(64), nullable=False),  # name; empty: all
+    Column("settings", Text, nullable=False),  # JSON: how an export was made
+    Column("at", String(32), nullable=False),
+    UniqueConstraint("kind", "place", "study"),
+)  # fmt: skip
+
+
+_STUDY = TableSet("a study", FileKind.STUDY_DATABASE, _tables, versions, SCHEMA, FAMILY, migrate)
+
+
+def database(place: str | Path, *, make: bool = True) -> Engine:
+    """The database at `place`, with its tables; RecordingError if it cannot be reached, is newer, or is none of ours.
+
+    With `make` false one that is not there is refused rather than made.
+    """
+    path = path_of(place)
+    if not make and path is not None and not path.exists():
+        raise RecordingError(f"database {place} does not exist: create it with `haptorb study run` or `simulate`")
+    engine = _STUDY.open(place, make=make)
+    try:
+        with engine.connect() as connection:
+            check_rows(connection, _tables.tables, f"database {mask_password(place)}")
+    except (SQLAlchemyError, ValueError, TypeError, OverflowError) as cause:  # what a driver makes of a damaged value
+        engine.dispose()
+        what = explain_error(cause) if isinstance(cause, SQLAlchemyError) else str(cause)
+        raise RecordingError(f"database {mask_password(place)} cannot be read: {what}") from cause
+    except RecordingError:
+        engine.dispose()
+        raise
+    return engine
+
+
+def lock(connection: Connection) -> None:
+    """No other study's program passes here until the transaction that has just begun on `connection` ends."""
+    lock_database(connection, FAMILY)
+
+
+@contextmanager
+def try_begin(engine: Engine) -> Iterator[Connection]:
+    """A transaction that fails after 50 ms where another program holds the database."""
+    with engine.connect() as connection:
+        sqlite = engine.dialect.name == "sqlite"
+        connection.exec_driver_sql("PRAGMA busy_timeout = 50" if sqlite else "SET LOCAL lock_timeout = 50")
+        try:
+            yield connection
+            connection.commit()
+        finally:
+            if sqlite:
+                connection.rollback()
+                connection.exec_driver_sql(f"PRAGMA busy_timeout = {BUSY}")
+
+
+def utc_now() -> str:
+    """The time of day in UTC, to the millisecond, as the database keeps it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+# --------------------------------------------------------------------------------------------------
+# One experimenter per session.
+
+
+def lock_session(engine: Engine, session: int) -> ProgramLock:
+    """The session's lock, held until it is released; RecordingError if another program holds it."""
+    conflict = RecordingError(
+        f"session {session} is being run by another experimenter (or another window): end that one first"
+    )
+    return ProgramLock(engine, FAMILY, session, f".session-{session}.lock", conflict)
+
+
+# --------------------------------------------------------------------------------------------------
+# Who has taken part in a study: codes, and what has become of their sessions.
+
+
+@dataclass(frozen=True)
+class StoredParticipant:
+    """One code that is taken."""
+
+    code: str
+    simulated: bool
+    state: str  #: finished, aborted, open (its code continues it) or withdrawn (its data are removed)
+    answered: int  #: trials, practice included
+    started: str  #: UTC; of one who withdrew, when
+
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        return {
+            "code": self.code, "simulated": self.simulated, "state": self.state, "answered_trials": self.answered,
+            "started": self.started,
+        }  # fmt: skip
+
+
+def list_participants(engine: Engine, study: Study) -> tuple[StoredParticipant, ...]:
+    """Those who withdrew from `study`, then everybody who began it, in the order in which they did."""
+    answered = select(func.count()).where(trials.c.session == sessions.c.id).scalar_subquery()
+    query = (
+        select(participants.c.code, sessions.c.simulated, sessions.c.ended, sessions.c.aborted, sessions.c.started,
+               answered.label("answered"))
+        .join(sessions, sessions.c.participant == participants.c.id)
+        .where(participants.c.study == study.digest)
+        .order_by(participants.c.ordinal)
+    )  # fmt: skip
+    with engine.connect() as connection:
+        rows = connection.execute(query).all()
+        gone = connection.execute(
+            select(withdrawn).where(withdrawn.c.study == study.digest).order_by(withdrawn.c.id)
+        ).all()
+    left = tuple(StoredParticipant(row.code, is_reserved(row.code), "withdrawn", 0, row.at) for row in gone)
+    return left + tuple(
+        StoredParticipant(
+            row.code, bool(row.simulated),
+            "aborted" if row.aborted else "open" if row.ended is None else "finished", int(row.answered), row.started,
+        )
+        for row in rows
+    )  # fmt: skip

@@ -1,0 +1,17 @@
+"""The design loop of Bai 2012, Fig. 5(a): candidate designs from a file, felt one by one, rated, compared, chosen."""
+
+from haptorb_study.feel.course import InsertionForces, course
+from haptorb_study.feel.designs import Candidate, Candidates, load_designs
+from haptorb_study.feel.session import Choice, DesignRating, FeelSession, Trace
+
+__all__ = [
+    "Candidate",
+    "Candidates",
+    "Choice",
+    "DesignRating",
+    "FeelSession",
+    "InsertionForces",
+    "Trace",
+    "course",
+    "load_designs",
+]

@@ -1,0 +1,112 @@
+"""What a design will feel like, before anybody feels it: the force on the way in and out, and the numbers in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from haptorb.arrays import Array
+from haptorb.devices.base import State
+from haptorb.errors import InputError
+from haptorb.worlds import DynamicWorld, Outlet, SnapFit, World
+from haptorb.worlds.dynamic import bind_world
+from haptorb.worlds.snap_fit import RootLoad
+from haptorb.worlds.user_world import check_wrench, describe_failure
+from haptorb_study.feel.designs import Candidate
+
+__all__ = ["InsertionForces", "course", "force_along", "world_wrench"]
+
+OWN_REACH = 0.02  #: along X', over which a world of the user's own is computed [m]: 40° of handle move the part 17 mm
+_TICK = 1e-3  #: of a world with memory [s]
+_MOST_TICKS = 20_000  #: of one slow motion
+
+
+@dataclass(frozen=True)
+class InsertionForces:
+    """Moved straight along X' without hurry: forces are what the hand needs, positive in the direction of motion."""
+
+    place: Array  #: (n,) X' of the part [m], from home outwards
+    going_in: Array  #: (n,) [N]
+    coming_out: Array  #: (n,) [N]
+    root: RootLoad | None  #: what the hook's root bears where it is bent most; None for a world without a hook
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """The figures that designs are compared by, SI, units in the names."""
+        step = np.gradient(self.place)
+        return {
+            "insertion_force_n": float(self.going_in.max()),
+            "snap_home_force_n": float(max(-self.going_in.min(), 0.0)),
+            "pull_out_force_n": float(self.coming_out.max()),
+            "insertion_work_j": float((self.going_in * step).sum()),
+            "pull_out_work_j": float((self.coming_out * step).sum()),
+            **({} if self.root is None else self.root.numbers()),
+        }
+
+
+def course(design: Candidate, points: int = 400, speed: float = 0.1) -> InsertionForces:
+    """The course of `design` at `points` places, sliding with `speed` [m/s] (well above the creep speed)."""
+    world = design.world
+    if isinstance(world, Outlet):
+        reach = world.arm * 1.05
+    elif isinstance(world, SnapFit):
+        reach = (world.hook.tip - world.hook.base_length) * 1.15
+    else:
+        reach = OWN_REACH
+    place = np.linspace(0.0, reach, points)
+    if isinstance(world, DynamicWorld):
+        out, back = _move_memory(design, (0.0, reach, 0.0), speed)
+        inward = np.interp(place, back[::-1, 0], back[::-1, 1])
+        return InsertionForces(place, inward, -np.interp(place, out[:, 0], out[:, 1]), design.root)
+    forces = [np.array([force_along(design, x, motion) for x in place.tolist()]) for motion in (-speed, speed)]
+    return InsertionForces(place, forces[0], -forces[1], design.root)
+
+
+def force_along(design: Candidate, x: float, speed: float) -> float:
+    """F_X' [N] on the part at X' = `x` [m], straight and in the middle, that moves with `speed` [m/s] outwards.
+
+    A world with memory is computed along a motion that leads there: from home, or, inwards, from home to the farthest
+    position and back. Raises InputError with the place in the user's code if a world of their own fails there.
+    """
+    if isinstance(design.world, DynamicWorld):
+        turns = (0.0, x) if speed > 0.0 else (0.0, OWN_REACH, x)
+        return float(_move_memory(design, turns, abs(speed))[-1][-1, 1])
+    return float(world_wrench(design, _state_at(x, speed))[0])
+
+
+def _state_at(x: float, speed: float) -> State:
+    return State(0.0, np.eye(3), np.array([x, 0.0, 0.0]), np.zeros(3), np.array([speed, 0.0, 0.0]))
+
+
+def _move_memory(design: Candidate, turns: Sequence[float], speed: float) -> list[Array]:
+    """For each section between two `turns` [m], at `speed` [m/s] in ticks: (n, 2) X' [m] and F_X' [N]. The memory of
+    the world lasts over all sections."""
+    world = design.world
+    bound = bind_world(world, _TICK)
+    assert bound is not None
+    found = []
+    for start, end in pairwise(turns):
+        count = min(max(math.ceil(abs(end - start) / max(speed, 1e-9) / _TICK), 1), _MOST_TICKS)
+        pace = math.copysign(speed, end - start)
+        rows = np.empty((count + 1, 2))
+        for n, x in enumerate(np.linspace(start, end, count + 1).tolist()):
+            rows[n] = x, _ask(world, bound.wrench, _state_at(x, pace))[0]
+        found.append(rows)
+    return found
+
+
+def world_wrench(design: Candidate, state: State) -> Array:
+    """(6,) on the part at `state` [N, N·m]; InputError as in `force_along`."""
+    return _ask(design.world, design.world.wrench, state)
+
+
+def _ask(world: World, wrench: Callable[[State], Array], state: State) -> Array:
+    try:
+        return check_wrench(wrench(state))
+    except Exception as cause:
+        raise InputError(f"world '{world.name}' failed: {describe_failure(world, cause)}") from cause

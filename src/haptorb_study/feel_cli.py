@@ -1,0 +1,256 @@
+"""`haptorb feel`: candidate designs from a file, felt one after another, rated, compared: Bai 2012, Fig. 5(a)."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from haptorb.errors import InputError
+from haptorb.figure_file import check_figure_file
+from haptorb.terminal import Column, TextTable, make_console, print_json, print_table, say
+from haptorb_study.feel_limits import DesignChoice, StabilityCheck, find_limits
+
+if TYPE_CHECKING:
+    from haptorb.devices.base import Device
+    from haptorb.runtime.servo import Servo
+    from haptorb_study.feel import Candidate, Candidates, FeelSession
+    from haptorb_study.feel.live_session import LiveSession, TrueScale
+
+__all__ = ["feel_with_console", "feel_without_console", "find_scale", "register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `app`."""
+    app.command()(feel)
+
+
+def feel(
+    designs: Annotated[Path | None, typer.Argument(help="TOML file of candidate designs.")] = None,
+    world: Annotated[
+        list[str] | None, typer.Option(help="Instead of a file: a world of your own, FILE.py:NAME; repeatable.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help='World parameter of --world, NAME=VALUE or NAME="VALUE UNIT"; repeatable.'),
+    ] = None,
+    device: Annotated[str, typer.Argument(help="Spherical motor: device name, or path of a device file.")] = "pmsm",
+    only: Annotated[list[str] | None, typer.Option(help="Render only this design; repeatable.")] = None,
+    session: Annotated[Path | None, typer.Option(help="Folder for ratings and traces (default: FILE-session).")] = None,
+    person: Annotated[str, typer.Option(help="Code of the person who rates.")] = "",
+    blind: Annotated[
+        bool, typer.Option("--blind", help="Hide names, sizes, pictures and forces of the designs in the console.")
+    ] = False,
+    rate: Annotated[list[str] | None, typer.Option(help="Enter a score, NAME=1…7; repeatable.")] = None,
+    choose: Annotated[str | None, typer.Option(help="Record this design as the choice.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Plot the comparison to this PNG, SVG or PDF file.")] = None,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Run without the console; a simulated hand moves the handle.")
+    ] = False,
+    duration: Annotated[
+        float, typer.Option("--duration", "--seconds", help="Duration per design without the console [s].")
+    ] = 15.0,
+    port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
+    browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
+) -> None:
+    """Feel designs, rate each from 1 to 7, and compare them. Writes a report at the end."""
+    from haptorb.runtime.linux import require_linux
+    from haptorb_study.feel import FeelSession
+    from haptorb_study.feel.live_session import LiveSession
+    from haptorb_study.feel.report import write_report
+    from haptorb_study.feel.session import FELT, check_person
+    from haptorb_study.feel_limits import DesignChoice
+
+    require_linux("`haptorb feel`")
+    choice = DesignChoice.of(designs, world or [], settings or [])
+    candidates = choice.load()
+    wanted = [candidates[name] for name in dict.fromkeys(only)] if only else list(candidates.designs)
+    scores = _scores(rate or [], candidates)
+    if choose is not None:
+        candidates[choose]  # refuses a name that there is not before anything is felt
+    if not 0 < duration < float("inf"):
+        raise InputError(f"--duration must be greater than 0 s; got {duration:g} s")
+    if plot is not None:
+        check_figure_file(plot, "--plot")
+    check_person(person)
+    motor, scale = find_scale(device, wanted, candidates)
+    store = FeelSession(session or choice.folder, candidates)
+    check_person(person, store.people())
+    for design in wanted:
+        for remark in design.remarks:
+            say(f"{design.name}: {remark}")
+    say(f"True scale: {scale.sentence}.")
+    number = 0
+    if headless:
+        for design in wanted:
+            feel_without_console(store, design, device, duration, person, scores.pop(design.name, None))
+    else:
+        live = LiveSession(store, wanted, person=person, blind=blind, limits=scale.unknown_limits)
+        number = feel_with_console(live, choice, device, scale, port, browser)
+    unfelt = [name for name in scores if not store.was_felt(name)]
+    for name, score in scores.items():
+        if name in unfelt:
+            say(f"{name}: not rated, for it has not been felt ({FELT})")
+        else:
+            store.rate(name, score, person=person)
+    if choose is not None:
+        store.choose(choose, person=person)
+    facts = (f"Simulated device '{motor.name}': no hardware was driven.", f"True scale: {scale.sentence}.")
+    say(f"report: {write_report(store, store.folder / 'report.html', facts)}")
+    _compare(candidates, store, plot, json)
+    if number or unfelt:
+        raise typer.Exit(128 + number if number else 1)
+
+
+def _scores(given: list[str], candidates: Candidates) -> dict[str, int]:
+    scores = {}
+    for item in given:
+        name, equals, text = item.partition("=")
+        if not equals or not re.fullmatch("0|[1-9][0-9]{0,8}", text):
+            raise InputError(f"--rate must be NAME=SCORE with a whole number from 1 to 7; got '{item}'")
+        scores[candidates[name].name] = int(text)
+    from haptorb_study.feel.session import SCORES
+
+    low, high = SCORES
+    for name, score in scores.items():
+        if not low <= score <= high:
+            raise InputError(f"--rate {name}: a score must be a whole number from {low} to {high}; got {score}")
+    return scores
+
+
+def _compare(candidates: Candidates, session: FeelSession, plot: Path | None, json: bool) -> None:
+    from haptorb_study.feel.report import comparison, plot_comparison
+
+    table = comparison(candidates, session)
+    if plot is not None:
+        plot_comparison(candidates, plot, session)
+        say(f"drawn: {plot}")
+    if json:
+        tidy = {
+            name: {key: None if value != value else value for key, value in row.items()} for name, row in table.items()
+        }
+        print_json(tidy)
+        return
+    shown = TextTable(
+        (Column("design", kind="key"), Column("insert", "N"), Column("pull out", "N"), Column("strain", "%"),
+         Column("ratings"), Column("score", "1 to 7"), Column("choice")),
+    )  # fmt: skip
+    for name, row in table.items():
+        shown.add_row(
+            name, f"{row['insertion_force_n']:.1f}", f"{row['pull_out_force_n']:.1f}",
+            f"{1e2 * row['root_strain']:.2f}" if "root_strain" in row else "-",
+            str(row["ratings"]), f"{row['score']:.1f}" if row["ratings"] else "", "chosen" if row["chosen"] else "",
+        )  # fmt: skip
+    print_table(make_console(), shown)
+
+
+# --------------------------------------------------------------------------------------------------
+# A feel session on its servo: with console and terminal, or with a simulated hand alone.
+
+
+_EVERY = 0.05  #: between two looks at the servo's rows [s]
+
+
+def find_scale(device: str, designs: Sequence[Candidate], candidates: Candidates) -> tuple[Device, TrueScale]:
+    """The device, and what a force at the part is in the hand on it.
+
+    Raises InputError if it has no handle, or cannot render one of `designs`.
+    """
+    from haptorb.control.linkage import MOTOR_GAINS
+    from haptorb.devices.loader import load
+    from haptorb.worlds.user_world import try_world
+    from haptorb_study.feel.live_session import TrueScale
+
+    motor = load(device)
+    scale = TrueScale.of(motor, MOTOR_GAINS.scale(float(candidates.gains.torque_per_motion[0])))
+    for design in designs:
+        try_world(design.world, motor)
+    return motor, scale
+
+
+def _servo(device: str, design: Candidate, candidates: Candidates, *, record: Literal[False] | None = None) -> Servo:
+    from haptorb.control.linkage import MOTOR_GAINS
+    from haptorb.runtime.servo import Servo
+
+    # The file scales torques; how far the handle moves the part is the motor's matter.
+    gains = MOTOR_GAINS.scale(float(candidates.gains.torque_per_motion[0]))
+    return Servo(device, design.world, gains=gains, record=record)
+
+
+def feel_without_console(
+    store: FeelSession, design: Candidate, device: str, seconds: float, person: str, score: int | None
+) -> None:
+    """A simulated hand pulls `design` out and puts it back; its trace is stored, and `score` if there is one."""
+    from haptorb_study.feel.session import Trace, trace_rows
+
+    servo = _servo(device, design, store.candidates)
+    with servo:
+        servo.run(seconds)
+    trace = Trace(design)
+    recording = servo.recording
+    trace.extend(trace_rows(servo.layout, recording.rows))
+    name = store.keep(trace, person=person) if len(trace) else ""
+    if score is not None:
+        store.rate(design.name, score, person=person, trace=name)
+    say(f"{design.title}: rendered for {len(trace) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
+
+
+def feel_with_console(
+    live: LiveSession, choice: DesignChoice, device: str, scale: TrueScale, port: int, browser: bool
+) -> int:
+    """Designs felt and rated in page and terminal until the session is finished; the signal's number, or 0."""
+    from haptorb.runtime.world_change import name_of
+    from haptorb.web.console import Console
+    from haptorb.web.server import freeze_garbage
+    from haptorb.web.session import target_scene
+    from haptorb.worlds.base import values as parameter_values
+    from haptorb_study.feel.live_session import HELP, DesignPanel, read_lines, wait_for_lines, world_key
+
+    for design in live.designs:  # computed now: while the servo runs, a hand would wait for it
+        target_scene(name_of(design.world), parameter_values(design.world))
+    servo = _servo(device, live.current, live.candidates, record=False)
+    for number, design in enumerate(live.designs):
+        servo.add_world(design.world, world_key(number))
+    ended = Event()
+
+    def collect() -> None:
+        while not ended.wait(_EVERY):
+            live.collect()
+
+    def listen() -> None:
+        with suppress(OSError, ValueError):  # no standard input at all
+            read_lines(live, wait_for_lines(sys.stdin.fileno(), ended.is_set), say)
+
+    check = StabilityCheck(choice, device, [design.name for design in live.designs])
+
+    def judge() -> None:
+        margin = check.wait()
+        if not ended.is_set():
+            live.set_limits(find_limits(scale, live.designs, margin))
+
+    threads = [Thread(target=work, name=f"haptorb-{work.__name__}") for work in (collect, listen, judge)]
+    with Console(servo, port, designs=DesignPanel(live)) as console, freeze_garbage(), servo:
+        live.join(servo)
+        live.notify = say
+        say(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")
+        for thread in threads:
+            thread.start()
+        try:
+            ended_by = console.serve(open_browser=browser, until=lambda: live.finished)
+            servo.check_end()
+        finally:
+            servo.end_loop()
+            ended.set()
+            check.close()
+            for thread in threads:
+                thread.join()
+            live.collect()
+    live.close()
+    return ended_by or 0

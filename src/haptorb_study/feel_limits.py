@@ -1,0 +1,159 @@
+"""How strong the designs of a feel session may be felt: what the stability check allows, and the device's limit.
+
+The check looks all over the workspace and takes seconds per design, so it runs in a process of its own, with low
+priority, while the first design is felt.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from json import JSONDecodeError, dumps, loads
+from pathlib import Path
+from typing import TYPE_CHECKING, final
+
+from haptorb.errors import InputError
+from haptorb.runtime.linux import start_python
+
+if TYPE_CHECKING:
+    from haptorb_study.feel import Candidate, Candidates
+    from haptorb_study.feel.live_session import ScaleLimits, TrueScale
+
+__all__ = ["DesignChoice", "StabilityCheck", "find_limits"]
+
+
+# --------------------------------------------------------------------------------------------------
+# Which designs a session is about: those of a file, or worlds of the user's own.
+
+
+@dataclass(frozen=True)
+class DesignChoice:
+    """A design file, or `worlds` (FILE.py:NAME) with `settings` (NAME=VALUE) for all of them; one of both."""
+
+    file: str = ""
+    worlds: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, file: Path | None, worlds: Sequence[str], settings: Sequence[str]) -> DesignChoice:
+        """From what a user gave. Raises InputError for neither, for both, and for worlds of the catalogue."""
+        from haptorb.worlds.user_world import is_world_file
+
+        if (file is None) == (not worlds):
+            raise InputError("give a design file (haptorb feel designs.toml) or your own worlds (--world FILE.py:NAME)")
+        if settings and not worlds:
+            raise InputError("--set is for --world; in a design file, write the values into it")
+        for world in worlds:
+            if not is_world_file(world):
+                raise InputError(
+                    f"--world must be FILE.py:NAME here; got '{world}'. Describe snap-fits in a design file"
+                )
+        return cls(str(file or ""), tuple(worlds), tuple(settings))
+
+    @property
+    def folder(self) -> Path:
+        """The default folder of ratings and traces: beside the file."""
+        from haptorb.worlds.user_world import parse_world_file
+
+        file = Path(self.file) if self.file else parse_world_file(self.worlds[0]).path
+        return file.with_name(f"{file.stem}-session")
+
+    def load(self) -> Candidates:
+        """The designs. Raises InputError as `load_designs` and the world's file do."""
+        from haptorb.cli.own_code import start_world_file
+        from haptorb.cli.world_option import parse_settings
+        from haptorb.control.linkage import Gains
+        from haptorb.worlds.base import parameters
+        from haptorb.worlds.user_world import parse_world_file
+        from haptorb_study.feel import Candidates, load_designs
+        from haptorb_study.feel.designs import own_candidate
+
+        if self.file:
+            return load_designs(self.file)
+        designs = []
+        for text in self.worlds:
+            file = parse_world_file(text)
+            world = start_world_file(file)
+            values = parse_settings(list(self.settings), parameters(type(world)))
+            designs.append(own_candidate(file, world.name, dict(values)))
+        names = [design.name for design in designs]
+        if len(set(names)) < len(names):
+            raise InputError(f"--world: two worlds have the same name ({', '.join(names)}); rename one of the classes")
+        return Candidates(", ".join(names), "timoshenko", Gains(), tuple(designs))
+
+
+@final
+class StabilityCheck:
+    """The check of the designs `names` of `choice` on `device`, on its way; `close` ends it."""
+
+    def __init__(self, choice: DesignChoice, device: str, names: Sequence[str]) -> None:
+        self._count = len(names)
+        asked = dumps({"choice": asdict(choice), "device": device, "names": list(names)})
+        self._process = start_python(
+            "haptorb_study.feel_limits", asked,
+            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+
+    def wait(self) -> float | None:
+        """The smallest margin of all designs: so many times stronger, the loop oscillates. None: it did not end."""
+        out, _ = self._process.communicate()
+        try:
+            margins = [float(loads(line)) for line in out.splitlines()]
+        except (JSONDecodeError, TypeError, ValueError):
+            return None
+        return min(margins) if len(margins) == self._count else None
+
+    def close(self) -> None:
+        """End it; a `wait` in another thread returns."""
+        self._process.kill()
+
+
+def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | None) -> ScaleLimits:
+    """The limits for `designs`, whose smallest stability `margin` is known, or None.
+
+    At the largest gain the loop still stands `check.ENOUGH` times more, and the greatest computed force is what the
+    device can give.
+    """
+    from haptorb.cli.check_world import ENOUGH
+    from haptorb_study.feel import course
+    from haptorb_study.feel.live_session import ScaleLimits
+
+    peaks = [max(run.going_in.max(), run.coming_out.max()) for run in map(course, designs)]
+    full = scale.find_saturation(float(max(peaks)))
+    if margin is None:
+        return ScaleLimits(1.0, "the stability check did not finish", scale.hand_per_part)
+    stable = margin / ENOUGH
+    if stable < full:
+        reason = f"in a light grip it oscillates from {margin:.3g}; the stability check keeps a factor of {ENOUGH:g}"
+    else:
+        reason = (
+            f"at that gain the device reaches its limit of {scale.limit:g} N·m at the greatest force "
+            f"({max(peaks):.1f} N)"
+        )
+    found = min(stable, full)
+    if found < 1.0:
+        reason = f"the gain in the design file is above the largest possible one, {found:.2g}: {reason}"
+    return ScaleLimits(max(found, 1.0), reason, scale.hand_per_part)
+
+
+def main(asked: str) -> None:
+    """Print the margin of each design as JSON, one line each, at the gains of the design file."""
+    os.nice(19)
+    from haptorb.cli.check_world import Setting, judge_world
+    from haptorb.devices.loader import load
+
+    given = loads(asked)
+    candidates, motor = DesignChoice(**given["choice"]).load(), load(given["device"])
+    factor = float(candidates.gains.torque_per_motion[0])
+    for name in given["names"]:
+        margin = judge_world(motor, candidates[name].world, Setting()).margin / factor
+        # The parent reads a line as soon as it is there.
+        os.write(sys.stdout.fileno(), f"{dumps(margin if math.isfinite(margin) else 1e9)}\n".encode())
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

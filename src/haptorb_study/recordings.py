@@ -1,0 +1,71 @@
+"""Recordings beside a database: named by study, session and first trial, and found again for every trial."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Protocol
+
+from haptorb.sql import url_of
+from haptorb_study.study_file import Study
+
+__all__ = ["RecordedSession", "find_recording_path", "folder_of", "locate_recording", "name_parts", "name_recording"]
+
+_NAME = re.compile(r"(?P<study>.+)-session-(?P<session>[0-9]+)-trial-(?P<trial>[0-9]+)(-[0-9]+)?")
+
+
+class RecordedSession(Protocol):
+    """What a name is made of."""
+
+    @property
+    def study(self) -> Study:
+        """The study."""
+        ...
+
+    @property
+    def id(self) -> int:
+        """Number of the session in its database."""
+        ...
+
+    @property
+    def number(self) -> int:
+        """Of the next trial, from 0."""
+        ...
+
+
+def folder_of(place: str | Path) -> Path:
+    """Where recordings of the database at `place` are: beside its file, or for a server in the present folder."""
+    url = url_of(place)
+    return Path(url.removeprefix("sqlite:///")).parent if url.startswith("sqlite:///") else Path()
+
+
+def name_recording(folder: Path, study: str, session: int, trial: int) -> Path:
+    """An unused name in `folder` for a recording of `session` that begins before `trial`, from 1."""
+    path = folder / f"{study}-session-{session}-trial-{trial}.mcap"
+    number = 2
+    while path.exists():
+        path = folder / f"{study}-session-{session}-trial-{trial}-{number}.mcap"
+        number += 1
+    return path
+
+
+def find_recording_path(place: str | Path, session: RecordedSession) -> Path:
+    """An unused name for a recording of `session` from its next trial on, in the database at `place`."""
+    return name_recording(folder_of(place), session.study.name, session.id, session.number + 1)
+
+
+def name_parts(recording: Path) -> dict[str, str]:
+    """Session and first trial by the name of a recording, as its file says them too; none for another name.
+
+    >>> name_parts(Path("dome-session-3-trial-12.mcap"))
+    {'session': '3', 'first_trial': '12'}
+    """
+    found = _NAME.fullmatch(recording.stem)
+    return {} if found is None else {"session": found["session"], "first_trial": found["trial"]}
+
+
+def locate_recording(folder: Path, part: str) -> Path:
+    """The file of a trial's `part` (FILE#t=FROM,TO) of a recording, by the `folder` of its database."""
+    path = folder / part.partition("#t=")[0]
+    # Sessions at the terminal of an older haptorb named it from the folder in which they were begun.
+    return path if path.is_file() else folder / path.name

@@ -1,0 +1,147 @@
+"""What every row of a study database must be: a database may be damaged, or come from anybody.
+
+Checked once, when a database is opened, so that no command meets a text for a number in the middle of its work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from math import isfinite
+from typing import Any
+
+from sqlalchemy import Connection, Table, select, type_coerce
+from sqlalchemy.types import NullType
+
+from haptorb.errors import RecordingError, quote
+from haptorb.files import parse_json
+from haptorb_study.procedures import Prompt
+
+__all__ = ["check_rows"]
+
+Check = Callable[[Any], bool]
+
+_LONG = 256 * 1024  #: characters of a text
+_LARGE = 1e15  #: of any number
+_PROMPT = {field.name: field.default for field in fields(Prompt)}
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and len(value) <= _LONG and "\0" not in value
+
+
+def _is_word(value: Any) -> bool:
+    return _is_text(value) and 0 < len(value) <= 200 and value.isprintable()
+
+
+def _is_path(value: Any) -> bool:
+    return _is_text(value) and 0 < len(value) <= 4200 and value.isprintable()
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and isfinite(value) and abs(value) < _LARGE
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, int) and 0 <= value < _LARGE
+
+
+def _is_flag(value: Any) -> bool:
+    return value in (0, 1) and isinstance(value, int)
+
+
+def _is_object(value: Any) -> bool:
+    return isinstance(_read(value), Mapping)
+
+
+def _is_prompt(value: Any) -> bool:
+    found = _read(value)
+    if not isinstance(found, Mapping):
+        return False
+    for key, usual in _PROMPT.items():
+        one = found.get(key, usual)
+        if isinstance(usual, tuple):
+            fits = isinstance(one, list | tuple) and all(_is_number(number) for number in one)
+        elif isinstance(usual, bool):
+            fits = isinstance(one, bool)
+        elif isinstance(usual, str):
+            fits = _is_text(one)
+        else:
+            fits = _is_number(one) and not isinstance(one, bool) and (isinstance(usual, float) or one == int(one))
+        if not fits:
+            return False
+    return {"phase", "condition", "other", "set_point", "level", "interval"} <= set(found)
+
+
+def _is_trips(value: Any) -> bool:
+    found = _read(value)
+    return isinstance(found, list) and len(found) < 10_000 and all(isinstance(one, dict | str) for one in found)
+
+
+def _or_nothing(check: Check) -> Check:
+    return lambda value: value is None or check(value)
+
+
+def _read(value: Any) -> Any:
+    try:
+        return parse_json(value) if _is_text(value) else None
+    except ValueError:
+        return None
+
+
+#: table → column → (what it is, whether a value is that)
+_RULES: Mapping[str, Mapping[str, tuple[str, Check]]] = {
+    "studies": {"name": ("a name", _is_word), "text": ("a study file", _is_text)},
+    "participants": {"code": ("a code", _is_word), "ordinal": ("a whole number from 0", _is_count)},
+    "sessions": {
+        "plan": ("a plan (JSON)", _is_object),
+        "simulated": ("0 or 1", _is_flag),
+        "aborted": ("0 or 1", _is_flag),
+        "started": ("a time", _is_word),
+        "ended": ("a time, or nothing", _or_nothing(_is_word)),
+        "versions": ("versions (JSON)", _is_object),
+    },
+    "trials": {
+        "number": ("a whole number from 0", _is_count),
+        "prompt": ("what was asked (JSON)", _is_prompt),
+        "answer": ("a number, or nothing", _or_nothing(_is_number)),
+        **{axis: ("a place in metres, or nothing", _or_nothing(_is_number)) for axis in "xyz"},
+        "seconds": ("a time in seconds", _is_number),
+        "safety": ("a list of trips (JSON)", _is_trips),
+        "recording": ("the file of a recording, or nothing", _or_nothing(_is_path)),
+        "answered": ("a time", _is_word),
+        "driver": ("a driver, or nothing", _or_nothing(_is_word)),
+    },
+    "events": {
+        "kind": ("a word", _is_word),
+        "trial": ("a whole number from 0", _is_count),
+        "text": ("a text", _is_text),
+    },
+    "replies": {"question": ("a name", _is_word), "reply": ("a text", _is_text)},
+}
+
+
+def check_rows(connection: Connection, tables: Mapping[str, Table], where: str) -> None:
+    """Raise RecordingError for the first value of the `tables` that haptorb did not write; `where` names the database.
+
+    Values are read as they are stored, without what a column's type would make of them.
+    """
+    known: set[tuple[str, str, Any]] = set()  # the same prompt comes again and again
+    for name, rules in _RULES.items():
+        keys = [column.name for column in tables[name].primary_key]
+        columns = [*keys, *(one for one in rules if one not in keys)]
+        raw = (type_coerce(tables[name].c[one], NullType()).label(one) for one in columns)
+        for row in connection.execute(select(*raw)).yield_per(1000):
+            values = row._mapping
+            for column, (what, check) in rules.items():
+                value = values[column]
+                if isinstance(value, str) and (name, column, value) in known:
+                    continue
+                if not check(value):  # safety: database-rows
+                    place = ", ".join(f"{key} {quote(values[key])}" for key in keys)
+                    raise RecordingError(
+                        f"{where} is damaged, or not written by haptorb: '{column}' in table '{name}' ({place}) "
+                        f"must be {what}; got {quote(value)}. Nothing was changed; use a copy from before"
+                    )
+                if isinstance(value, str) and len(known) < 100_000:
+                    known.add((name, column, value))

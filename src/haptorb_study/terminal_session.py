@@ -1,0 +1,445 @@
+"""A session at the terminal: keys in, a view of it out; stop, repeat, leave, abort at any time."""
+
+from __future__ import annotations
+
+import codecs
+import os
+import re
+import select
+import signal
+import sys
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from math import atan2, cos, degrees, hypot, pi, radians, sin
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from time import monotonic
+from types import TracebackType
+from typing import Any, Self, final
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.live import Live
+from rich.panel import Panel
+from rich.text import Text
+
+from haptorb.errors import InputError, quote
+from haptorb.files import foreign_text, visible
+from haptorb.runtime.linux import END_SIGNALS
+from haptorb.runtime.servo import Servo
+from haptorb.terminal import make_console, say
+from haptorb_study.halt import StopCount, StopSwitch
+from haptorb_study.order import ask_number
+from haptorb_study.procedures import Prompt
+from haptorb_study.session import OVER, StoredSession, TrialDevice, TrialRunner
+
+__all__ = ["END", "Keyboard", "Keys", "Screen", "TerminalSession", "View", "name_keys", "run_session"]
+
+
+# --------------------------------------------------------------------------------------------------
+# Keys from the terminal one by one, without waiting for Enter; from a pipe the same characters in order.
+#
+# They are read by a thread of their own, so that the key that stops does so while the session waits for its database.
+
+
+END = "end"  #: no key will come any more: the pipe or the terminal is closed
+
+_NAMES = {
+    "\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left", "\x1bOA": "up", "\x1bOB": "down",
+    "\x1bOC": "right", "\x1bOD": "left", "\n": "enter", "\r": "enter", "\x7f": "back", "\x08": "back", " ": "space",
+    "\t": "tab", "\x04": END, "\x1b": "escape",
+}  # fmt: skip
+_KEY = re.compile(r"\x1b\[[0-?]*[ -/]*[@-~]|\x1bO.|.", re.DOTALL)
+
+
+def name_keys(typed: str) -> list[str]:
+    """The keys in what a terminal sent; unused keys are left out.
+
+    >>> name_keys("1\\x1b[A \\x1b[3~")
+    ['1', 'up', 'space']
+    """
+    found = (_NAMES.get(key, key) for key in _KEY.findall(typed))
+    return [key for key in found if not key.startswith("\x1b")]
+
+
+class Keys(ABC):
+    """Where keys come from. `asked`: what was known of Stops when the last key was pressed; None: it was just now."""
+
+    asked: StopCount | None = None
+
+    @abstractmethod
+    def next_key(self, wait: float) -> str | None:
+        """The next key, or None if there was none within `wait` [s]; special ones by name: up, enter, tab, END ..."""
+
+
+@final
+class Keyboard(Keys):
+    """Standard input; a terminal is put back as it was on leaving.
+
+    halt     is stopped by Esc, Ctrl-C and, unless `writing()` says that words are being typed, by space and q, before
+             anything else is done with the key
+    """
+
+    def __init__(self, halt: StopSwitch, writing: Callable[[], bool] = lambda: False) -> None:
+        self.writing = writing
+        self._halt = halt
+        self._descriptor = sys.stdin.fileno()
+        self._terminal = os.isatty(self._descriptor)
+        self._before: list[Any] | None = None
+        self._keys: SimpleQueue[tuple[str, StopCount]] = SimpleQueue()
+        self._thread = threading.Thread(target=self._read, name="keys", daemon=True)
+        self._end, self._ends = -1, -1
+        self._signalled, self._signal, self._signal_before = -1, -1, -1
+
+    def __enter__(self) -> Self:
+        if self._terminal:
+            import termios
+            import tty
+
+            self._before = termios.tcgetattr(self._descriptor)
+            tty.setcbreak(self._descriptor)
+        self._end, self._ends = os.pipe()
+        self._signalled, self._signal = os.pipe()
+        os.set_blocking(self._signal, False)
+        if threading.current_thread() is threading.main_thread():
+            # Python's own handler of Ctrl-C has to wait until a database releases the main thread; this does not.
+            self._signal_before = signal.set_wakeup_fd(self._signal, warn_on_full_buffer=False)
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        if threading.current_thread() is threading.main_thread():
+            signal.set_wakeup_fd(self._signal_before)
+        os.write(self._ends, b".")
+        self._thread.join()
+        for descriptor in (self._end, self._ends, self._signalled, self._signal):
+            os.close(descriptor)
+        if self._before is not None:
+            import termios
+
+            termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
+
+    def next_key(self, wait: float) -> str | None:
+        """See `Keys.next_key`."""
+        try:
+            key, self.asked = self._keys.get(timeout=wait)
+        except Empty:
+            return None
+        return key
+
+    def _read(self) -> None:
+        decoder = codecs.getincrementaldecoder("utf-8")("replace")  # nothing that was typed is left out
+        sources = [self._end, self._signalled, self._descriptor]
+        while True:
+            ready = select.select(sources, [], [])[0]
+            if self._signalled in ready and set(END_SIGNALS) & set(os.read(self._signalled, 64)):
+                self._halt.stop(None)
+            if self._end in ready:
+                return
+            if self._descriptor in ready:
+                data = os.read(self._descriptor, 64)
+                for key in name_keys(decoder.decode(data)) if data else [END]:
+                    if self._is_stop(key):
+                        self._halt.stop("at the terminal")  # safety: terminal-stop
+                    self._keys.put((key, self._halt.ask()))
+                if not data:
+                    sources.remove(self._descriptor)
+
+    def _is_stop(self, key: str) -> bool:
+        """Whether `key` switches the coils off. The end of a pipe does not: what came through it is still obeyed."""
+        return key == "escape" or (key in ("space", "q") and not self.writing()) or (key == END and self._terminal)
+
+
+_TICK = 0.02  #: interval at which the pen's position is repeated [s]; it expires after some 50 ms
+_STEP = 3.0  #: an arrow key moves the pen by so much [deg]
+_STEER = {"up": (0.0, _STEP), "down": (0.0, -_STEP), "left": (-_STEP, 0.0), "right": (_STEP, 0.0)}
+_WHOLE = re.compile(r"0|-?[1-9][0-9]*")
+_DECIMAL = re.compile(r"-?[0-9]+([.,][0-9]+)?")
+_DIGITS = 15  #: significant ones, that a float holds exactly
+
+
+@final
+class View:
+    """What the participant sees now."""
+
+    def __init__(self, runner: TrialRunner, typed: str, message: str, abort: bool) -> None:
+        session = runner.session
+        self.number, self.left = session.number + 1, session.procedure.expected
+        self.prompt = runner.prompt or Prompt()
+        self.question = runner.question
+        self.typed = typed
+        self.which = runner.which  #: interval that is felt
+        self.state = "abort?" if abort else runner.state
+        self.message = message
+
+
+@final
+class TerminalSession:
+    """Runs `session` to its end, or until the person leaves; `show` draws a view, some ten times a second.
+
+    `halt` knows the servo, and which Stop is active; None: only the keys stop.
+    """
+
+    def __init__(
+        self, session: StoredSession, trial_device: TrialDevice, keys: Keys, show: Callable[[View], None],
+        recording: str | None = None, halt: StopSwitch | None = None,
+    ) -> None:  # fmt: skip
+        self._trial_device, self._keys, self._show = trial_device, keys, show
+        self._runner = TrialRunner(session, trial_device, recording, halt=halt)
+        self._typed, self._message, self._abort = "", "", False
+        self._of: tuple[object, ...] = ()  # the trial, or the question, in which `_typed` was typed
+
+    @property
+    def writing(self) -> bool:
+        """Whether words are being typed, in which a space is a space."""
+        return self._runner.state == "question"
+
+    def run(self) -> str:
+        """'done', 'left' (the session can be resumed) or 'aborted'."""
+        runner = self._runner
+        while runner.state not in OVER:
+            self._trial_device.refresh()
+            runner.tick()
+            self._show(View(runner, self._typed, self._message or self._describe_state(), self._abort))
+            key = self._keys.next_key(_TICK)
+            if key is not None:
+                self._drop_old_text()
+                try:
+                    self._handle_key(key)
+                except InputError as mistake:
+                    self._typed, self._message = "", str(mistake)
+        return runner.state
+
+    def _drop_old_text(self) -> None:
+        """What was typed before a Stop, a restart or another trial is no part of what is typed now."""
+        runner = self._runner
+        now = (runner.session.number, runner.repeats, runner.state in ("running", "time is up"), runner.question)
+        if now != self._of:
+            self._of, self._typed = now, ""
+
+    def _describe_state(self) -> str:
+        """What there is to say of the present state."""
+        match self._runner.state:
+            case "pause" | "break":
+                return f"{self._runner.rest_left:.0f} s"
+            case "paused":
+                return "STOPPED: the coils are off. e continues, q ends for now, A aborts"
+            case "time is up":
+                return "time is up: please answer now"
+            case "device off":
+                return "the device is off: please wait. e switches it on again; the trial then starts again"
+        return ""
+
+    def _handle_key(self, key: str) -> None:
+        runner = self._runner
+        if self._abort:
+            self._abort = False
+            if key == "y":
+                runner.abort("by the experimenter, at the terminal")
+        elif key == "escape":
+            runner.pause("at the terminal")
+        elif runner.state == "question" and key != END:
+            self._handle_text_key(key)
+        elif key in ("q", END):
+            runner.leave()
+        elif key == "A":
+            self._abort, self._typed = True, ""
+        elif key == "space":
+            runner.pause("at the terminal")
+        elif key == "e" and runner.state == "paused":
+            runner.resume(self._keys.asked)
+            self._message = ""
+        elif runner.state == "break" and key == "enter":
+            runner.skip()
+        elif runner.state in ("running", "time is up", "device off"):
+            self._handle_trial_key(key)
+
+    def _handle_trial_key(self, key: str) -> None:
+        runner, trial_device = self._runner, self._trial_device
+        if key == "enter":
+            runner.answer(self._read_number())
+            self._typed = self._message = ""
+        elif key in _STEER and trial_device.steered:
+            trial_device.steer(*_STEER[key])
+        elif key == "tab" and runner.prompt is not None and runner.prompt.interval:
+            runner.interval(3 - runner.which)
+        elif key == "e" and (not self._typed or runner.state == "device off"):
+            runner.engage(self._keys.asked)
+            self._message = ""
+        elif key == "r" and not self._typed:
+            runner.repeat()
+            self._message = "trial restarted"
+        elif key == "back":
+            self._typed = self._typed[:-1]
+        elif (len(key) == 1 or key == "tab") and runner.state != "device off":
+            self._typed += "\t" if key == "tab" else key  # whatever it is: Enter says what is no answer
+            self._message = ""
+
+    def _read_number(self) -> int | float | None:
+        """The number that was typed; None: nothing was. InputError for everything else, and nothing is stored."""
+        typed, prompt = self._typed, self._runner.prompt
+        if not typed:
+            return None
+        decimal = prompt is not None and prompt.decimal
+        digits = len(re.sub("[^0-9]", "", typed).lstrip("0"))
+        if decimal and _DECIMAL.fullmatch(typed) and not re.search(",[0-9]{3}$", typed) and digits <= _DIGITS:
+            return float(typed.replace(",", ".")) if set(",.") & set(typed) else int(typed)
+        if not decimal and _WHOLE.fullmatch(typed):
+            return int(typed)
+        if prompt is not None and not prompt.wants_number:
+            raise InputError(f"the position is the answer, with no number: press Enter alone; got {quote(typed)}")
+        kind = "a number like 12.5" if decimal else "a whole number"
+        raise InputError(f"answer must be {kind}; got {quote(typed)}. Nothing was stored: type it again")
+
+    def _handle_text_key(self, key: str) -> None:
+        """A key while a question is answered in words; choices may be given by their number."""
+        if key == "enter":
+            question = self._runner.question
+            self._runner.reply(self._typed if question is None else question.choice_of(self._typed))
+            self._typed = self._message = ""
+        elif key == "back":
+            self._typed = self._typed[:-1]
+        elif key in ("space", "tab") or len(key) == 1:
+            self._typed += {"space": " ", "tab": "\t"}.get(key, key)
+            self._message = ""
+
+
+# --------------------------------------------------------------------------------------------------
+# What the terminal shows in a session: the task, the set-points' numbers seen from above, and the answer so far.
+#
+# Of the simulated device, which cannot be felt, it also shows pen and force; of a real one it does not.
+
+
+_WIDE, _HIGH = 62, 23
+_ARROWS = "→↗↑↖←↙↓↘"
+_KEYS = "space or Esc STOP · Enter answer · r repeat · e switch on · q leave (resumable) · A abort"
+
+
+@final
+class Screen:
+    """Draws at most ten times a second into `live`."""
+
+    def __init__(self, trial_device: TrialDevice, live: Live) -> None:
+        self._trial_device, self._live = trial_device, live
+        self._next = 0.0
+
+    def __call__(self, view: View) -> None:
+        """Draw `view`, if it is time."""
+        if monotonic() >= self._next:
+            self._next = monotonic() + 0.1
+            self._live.update(self.draw(view))
+
+    def draw(self, view: View) -> RenderableType:
+        """The whole screen."""
+        prompt, trial_device = view.prompt, self._trial_device
+        head = f"trial {view.number}{', practice' if prompt.phase == 'practice' else ''} · {view.left} left"
+        if trial_device.simulated:
+            head += " · SIMULATED DEVICE"
+        parts: list[RenderableType] = []
+        if view.question is not None:
+            choices = [
+                choice if view.question.choice_of(str(n)) != choice else f"{n}: {choice}"
+                for n, choice in enumerate(view.question.choices, 1)
+            ]
+            answer = Text.assemble("answer: ", (view.typed or "_", "bold reverse"))
+            parts += [Text(view.question.text, style="bold"), *map(Text, choices), answer]
+            if view.message:
+                parts.append(Text(view.message, style="bold yellow"))
+            return Panel(
+                Group(*parts, Text("Enter answers · Esc STOP", style="dim")), title=Text(head), width=_WIDE + 6
+            )
+        if view.state in ("break", "pause", "device off"):
+            early = "; Enter continues" if prompt.pause and view.state == "break" else ""
+            word = "" if view.state == "device off" else f"{view.state}: "
+            parts.append(Text(f"\n  {word}{view.message}{early}\n", style="bold"))
+        else:
+            if prompt.interval:
+                task = f"interval {view.which} (Tab: the other). In which did it push harder? 1 or 2"
+                if prompt.other:
+                    task = f"interval {view.which} (Tab: the other). Which do you prefer? 1 or 2"
+            elif prompt.high:
+                span = f"any number above {prompt.low}" if prompt.decimal else f"{prompt.low} to {prompt.high}"
+                task = f"{ask_number(trial_device.study)} {span}"
+            elif prompt.wants_number:
+                task = "Find the place that pushes; answer with its number"
+            else:
+                task = "Find the place that pushes; stay there and press Enter"
+            parts += [Text(task, style="bold"), self._map()]
+            if prompt.wants_number:
+                parts.append(Text.assemble("answer: ", (view.typed or "_", "bold reverse")))
+            notice = (
+                "abort the session permanently? y aborts, any other key continues"
+                if view.state == "abort?"
+                else view.message
+            )
+            if notice:
+                parts.append(Text(notice, style="bold yellow"))
+        steer = "arrow keys move the pen · " if trial_device.steered else ""
+        return Panel(Group(*parts, Text(steer + _KEYS, style="dim")), title=Text(head), width=_WIDE + 6)
+
+    def _map(self) -> RenderableType:
+        """Seen from above, +x to the right; the rim is the end of the workspace."""
+        trial_device = self._trial_device
+        field = [[" "] * _WIDE for _ in range(_HIGH)]
+
+        def put(theta: float, phi: float, text: str) -> None:
+            r = theta / trial_device.limit
+            column = round((_WIDE - 3) / 2 * (1 + r * cos(phi) * 0.95))
+            line = round((_HIGH - 1) / 2 * (1 - r * sin(phi)))
+            for n, letter in enumerate(text):
+                if 0 <= line < _HIGH and 0 <= column + n < _WIDE:
+                    field[line][column + n] = letter
+
+        for n in range(72):
+            put(trial_device.limit, n * pi / 36, "·")
+        for point in trial_device.study.points:
+            put(point.theta_deg, radians(point.phi_deg), str(point.number))
+        text = ""
+        position, force = trial_device.position, trial_device.force
+        if trial_device.simulated and position is not None:
+            x, y, z = position
+            put(degrees(atan2(hypot(x, y), z)), atan2(y, x), "◆")
+            if force is not None:
+                way = np.array(position) / np.linalg.norm(position)
+                out = float(force @ way)
+                aside = force - out * way
+                size = float(np.linalg.norm(aside))
+                arrow = _ARROWS[round(4 * atan2(aside[1], aside[0]) / pi) % 8] if size > 0.02 else "·"
+                text = f"\nout {out:+.2f} N {'█' * max(0, round(20 * out)):<14} aside {size:.2f} N {arrow}"
+        return Text("\n".join("".join(line) for line in field) + text)
+
+
+# --------------------------------------------------------------------------------------------------
+# A session at the terminal from consent to thanks: servo, keys and screen together.
+
+
+def run_session(session: StoredSession, start: Callable[[Path | None], Servo], recording: Path | None) -> str:
+    """'done', 'left' or 'aborted'; coils are off afterwards. `start` makes a servo that records to that file."""
+    study, console, halt = session.study, make_console(error=True), StopSwitch()
+    with Keyboard(halt) as keys:
+        text = Text(visible(f"{study.instructions}\n\n{study.consent}".strip()))
+        console.print(Panel(text, title=Text(foreign_text(study.name))), soft_wrap=False)
+        say("Press Enter to begin and, if consent is asked above, to agree. q leaves. Space or Esc stops at any time.")
+        while (key := keys.next_key(1.0)) != "enter":
+            if key in ("q", END):
+                session.note("leave")
+                return "left"
+        say("starting the device ...")
+        servo = start(recording)
+        halt.attach(servo, keys.asked or halt.ask())  # before it is open: Stop reaches it from here on
+        with servo, Live(console=console, auto_refresh=False, screen=sys.stderr.isatty()) as live:
+            trial_device = TrialDevice(study, servo)
+            drawn = Screen(trial_device, live)
+
+            def show(view: object) -> None:
+                drawn(view)  # type: ignore[arg-type]
+                if sys.stderr.isatty():
+                    live.refresh()
+
+            runner = TerminalSession(session, trial_device, keys, show, recording.name if recording else None, halt)
+            keys.writing = lambda: runner.writing
+            try:
+                return runner.run()
+            finally:
+                servo.end_loop()

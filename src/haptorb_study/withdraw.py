@@ -1,0 +1,257 @@
+"""A person who withdraws: answers, words and recordings are removed, really, wherever haptorb knows of them.
+
+That is the database and its free pages, recordings beside it, exports (made again without the person), and databases
+that it was merged from or into, or copied to. What stays is a line that the code withdrew, and how much was removed.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy import func, select, text
+from sqlalchemy.engine import Engine
+from sqlalchemy.exc import SQLAlchemyError
+
+from haptorb.errors import HaptorbError, RecordingError
+from haptorb.sql import mask_password
+from haptorb_study.codes import find_other_spelling
+from haptorb_study.columns import read_study
+from haptorb_study.copies import Copy, check_kind, list_copies
+from haptorb_study.database import (
+    database,
+    events,
+    lock,
+    lock_session,
+    participants,
+    replies,
+    sessions,
+    trials,
+    utc_now,
+    withdrawn,
+)
+from haptorb_study.export import export_study
+from haptorb_study.recordings import folder_of, locate_recording
+from haptorb_study.study_file import Study
+
+__all__ = ["Withdrawal", "withdraw"]
+
+
+@dataclass(frozen=True)
+class Withdrawal:
+    """What was removed."""
+
+    code: str
+    study: str
+    trials: int
+    replies: int
+    recordings: tuple[str, ...]  #: files that are gone
+    exports: tuple[str, ...]  #: that were made again
+    databases: tuple[str, ...]  #: others from which the person was removed too
+    left: tuple[str, ...]  #: copies that could not be reached, with the reason: a person has to remove these
+
+    @property
+    def sentence(self) -> str:
+        """In words, also those of the line that stays in the database."""
+        return (
+            f"{self.trials} trials, {self.replies} answers in words and {len(self.recordings)} recordings removed; "
+            f"{len(self.exports)} exports made again; removed from {len(self.databases)} other databases; "
+            f"{len(self.left)} copies not reached"
+        )
+
+
+def withdraw(place: str | Path, code: str, name: str | None = None) -> Withdrawal:
+    """Remove the person with `code` from the study called `name` (the only one, if there is one) at `place`.
+
+    Raises RecordingError, with nothing removed, if there is no such person, or if the session is running.
+    """
+    return _withdraw(place, code, name, {_identity(place)})
+
+
+def _withdraw(place: str | Path, code: str, name: str | None, visited: set[str]) -> Withdrawal:
+    engine = database(place, make=False)
+    try:
+        study = read_study(engine, name)
+        session = _find_session(engine, study, code)
+        claims = [] if session is None else [lock_session(engine, session)]
+        try:
+            files, shared = _list_recordings(engine, place, session)
+            answered, said = _remove_rows(engine, study, code, session)
+        finally:
+            for claim in claims:
+                claim.release()
+        left = [f"{path}: other participants' trials are in it" for path in shared]
+        gone = []
+        for path in files:
+            try:
+                path.unlink()
+                gone.append(str(path))
+            except FileNotFoundError:
+                left.append(f"{path}: it is not there any more; if it was moved, remove it")
+            except OSError as cause:
+                left.append(f"{path}: {cause.strerror}")
+        _erase(engine)
+        exports: list[str] = []
+        databases: list[str] = []
+        for copy in list_copies(engine):
+            if copy.study not in ("", study.name):
+                continue
+            if copy.kind == "export":
+                _remake(engine, study, copy, exports, left)
+            elif _identity(copy.place) not in visited:
+                visited.add(_identity(copy.place))
+                there = str(copy.settings["codes"].get(code, "")) if "codes" in copy.settings else code
+                if there:
+                    _follow(copy, there, study, visited, databases, left, gone)
+        done = Withdrawal(
+            code, study.name, answered, said, tuple(gone), tuple(exports), tuple(databases), tuple(left)
+        )  # fmt: skip
+        with engine.begin() as connection:
+            mine = (withdrawn.c.study == study.digest) & (withdrawn.c.code == code)
+            connection.execute(withdrawn.update().where(mine).values(text=done.sentence))
+        return done
+    except SQLAlchemyError as cause:
+        raise RecordingError(f"database {mask_password(place)}: {getattr(cause, 'orig', cause)}") from cause
+    finally:
+        engine.dispose()
+
+
+def _identity(place: str | Path) -> str:
+    return str(place) if "://" in str(place) else str(Path(place).expanduser().resolve())
+
+
+def _find_session(engine: Engine, study: Study, code: str) -> int | None:
+    """Number of the session of `code`; None: withdrawn before, whose copies are looked for again."""
+    with engine.connect() as connection:
+        rows = connection.execute(
+            select(participants.c.code, sessions.c.id)
+            .outerjoin(sessions, sessions.c.participant == participants.c.id)
+            .where(participants.c.study == study.digest)
+        ).all()
+        before = connection.execute(
+            select(withdrawn.c.code).where(withdrawn.c.study == study.digest, withdrawn.c.code == code)
+        ).scalar()
+    known = {str(row.code): row.id for row in rows}
+    if code in known:
+        return int(known[code])
+    if before is not None:
+        return None
+    other = find_other_spelling(code, known)
+    hint = f"; is '{other}' meant? Enter the code exactly" if other else ""
+    raise RecordingError(
+        f"study '{study.name}' has no participant '{code}' in this database: nothing was removed{hint}"
+    )
+
+
+def _list_recordings(engine: Engine, place: str | Path, session: int | None) -> tuple[list[Path], list[Path]]:
+    """Files with trials of `session`, and those in which there are others' too, which are not removed."""
+    with engine.connect() as connection:
+        rows = connection.execute(
+            select(trials.c.session, trials.c.recording).where(trials.c.recording.is_not(None))
+        ).all()
+    folder = folder_of(place)
+    of: dict[Path, set[int]] = {}
+    for row in rows:
+        of.setdefault(locate_recording(folder, row.recording), set()).add(row.session)
+    mine = {path: people for path, people in of.items() if session in people}
+    # A part that was interrupted before its first answer is named by no trial, but by its session.
+    with engine.connect() as connection:
+        names = [str(name) for name in connection.execute(text("SELECT DISTINCT name FROM studies")).scalars()]
+    for name in names if session is not None else ():
+        for path in folder.glob(f"{name}-session-{session}-trial-*.mcap"):
+            mine.setdefault(path, {session or 0})
+    for path in folder.glob(f"session-{session}-*.mcap") if session is not None else ():  # of an older haptorb
+        mine.setdefault(path, {session or 0})
+    return [p for p, people in mine.items() if len(people) == 1], [p for p, people in mine.items() if len(people) > 1]
+
+
+def _remove_rows(engine: Engine, study: Study, code: str, session: int | None) -> tuple[int, int]:
+    """Trials and replies that were removed; one transaction, in which the line that stays is written too."""
+    if session is None:
+        return 0, 0
+    with engine.begin() as connection:
+        lock(connection)
+        answered, said = (
+            int(connection.execute(select(func.count()).select_from(t).where(t.c.session == session)).scalar_one())
+            for t in (trials, replies)
+        )
+        person = connection.execute(
+            select(participants.c.id, participants.c.ordinal).where(
+                participants.c.study == study.digest, participants.c.code == code
+            )
+        ).one()
+        for table in (trials, events, replies):
+            connection.execute(table.delete().where(table.c.session == session))
+        connection.execute(sessions.delete().where(sessions.c.id == session))
+        connection.execute(participants.delete().where(participants.c.id == person.id))
+        row = {"study": study.digest, "code": code, "ordinal": person.ordinal, "at": utc_now()}
+        connection.execute(withdrawn.insert().values(**row, text=f"{answered} trials and {said} replies removed"))
+    return answered, said
+
+
+def _erase(engine: Engine) -> None:
+    """Have nothing of what was removed left in the file: free pages are overwritten, the log emptied."""
+    if engine.dialect.name != "sqlite":
+        with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+            for table in (trials, events, replies, sessions, participants):
+                connection.exec_driver_sql(f"VACUUM FULL {table.name}")
+        return
+    engine.dispose()
+    try:
+        with closing(sqlite3.connect(str(engine.url.database), timeout=10.0, isolation_level=None)) as raw:
+            raw.execute("PRAGMA secure_delete = ON")
+            raw.execute("VACUUM")
+            busy = bool(raw.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0])
+    except sqlite3.OperationalError:
+        busy = True
+    if busy:
+        raise RecordingError(
+            f"{engine.url.database} is in use by another program, so traces stay in its file: end that program, then "
+            "withdraw again"
+        )
+
+
+def _remake(engine: Engine, study: Study, copy: Copy, exports: list[str], left: list[str]) -> None:
+    """Make an export again, which then has the person no more; a place that is empty needs nothing."""
+    path = Path(copy.place)
+    if not path.exists():
+        left.append(f"{path}: this export is not there any more; if it was moved or sent to somebody, remove it there")
+        return
+    kind = copy.settings.get("data")
+    try:
+        export_study(engine, path, study.name, None if kind is None else check_kind(kind), overwrite=True)
+        exports.append(str(path))
+    except HaptorbError as cause:
+        left.append(f"{path}: {cause}")
+
+
+def _follow(
+    copy: Copy, code: str, study: Study, visited: set[str], databases: list[str], left: list[str], gone: list[str]
+) -> None:
+    """Remove the person from another database, in which the code is `code`."""
+    if "://" not in copy.place and not Path(copy.place).is_file():
+        left.append(f"{copy.place}: this database is not there any more; if it was moved, withdraw {code} there")
+        return
+    try:
+        engine = database(copy.place, make=False)
+        try:
+            query = select(participants.c.code).where(participants.c.study == study.digest)
+            with engine.connect() as connection:
+                known = set(connection.execute(query).scalars())
+            if code not in known:
+                return
+            if copy.kind == "backup":  # its exports and recordings are those of what it is a backup of
+                _remove_rows(engine, study, code, _find_session(engine, study, code))
+                _erase(engine)
+                databases.append(copy.place)
+                return
+        finally:
+            engine.dispose()
+        done = _withdraw(copy.place, code, study.name, visited)
+        databases += [copy.place, *done.databases]
+        left += done.left
+        gone += done.recordings
+    except (HaptorbError, SQLAlchemyError) as cause:
+        left.append(f"{copy.place}: {cause}")

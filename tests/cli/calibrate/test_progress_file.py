@@ -1,0 +1,42 @@
+"""What a file of measured steps must have before anything goes on from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from haptorb.cli.calibration_dialog import ProgressFile
+from haptorb.devices.loader import load
+
+OMNI = load("omni")
+MAGNETIC = {
+    "moment_per_current_m2": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    "uncertainty_m2": [[0.1] * 3] * 3,
+    "offsets_t": [[0.0] * 3] * OMNI.sensors,
+    "residual_t": 0.0,
+    "condition": 1.0,
+    "repeatability": 0.0,
+    "failed": [],
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "result", "resumes"),
+    [
+        ("currents", {"resistance_ohm": [0.6] * 3}, True),
+        ("currents", {"resistance_ohm": [0.6] * 4}, False),
+        ("rest", {"temperatures_k": [298.0] * 52}, False),
+        ("magnetic", MAGNETIC, True),
+        ("magnetic", MAGNETIC | {"offsets_t": [[0.0] * 3]}, False),
+        ("magnetic", MAGNETIC | {"moment_per_current_m2": [[1.0, 0.0, 0.0]] * 3}, False),
+    ],
+)
+def test_results_of_another_number_of_coils_or_sensors_are_ignored(
+    tmp_path: Path, name: str, result: dict[str, Any], resumes: bool
+) -> None:
+    ProgressFile(tmp_path / "a", OMNI, "sim", lambda: 1000.0).keep(name, result)
+    again = ProgressFile(tmp_path / "a", OMNI, "sim", lambda: 1001.0)
+    assert bool(again.results) is resumes
+    assert bool(again.left) is not resumes

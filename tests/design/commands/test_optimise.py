@@ -1,0 +1,170 @@
+"""`haptorb design optimise` as a program: interrupted, killed, beside another on one database; always the same set."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from haptorb.cli import main
+from haptorb.errors import HaptorbError
+from haptorb_design.design_file import load_design
+from haptorb_design.search import Optimiser, optimise
+from haptorb_design.store import Results, open_results, read_results
+from haptorb_design.workers import LocalWorker
+from oracles.postgres_server import explain_absence, start_postgres
+
+COUNT, POPULATION = 100, 20
+DESIGN = """
+name = "toy"
+base = "omni"
+[parameters.radius]
+low = "26 mm"
+high = "32 mm"
+places = ["dome.radius"]
+[parameters.angle]
+low = "50 deg"
+high = "70 deg"
+step = "1 deg"
+places = ["dome.workspace_half_angle"]
+[objectives.cost]
+function = "cost.py:cost"
+[objectives.gain]
+function = "cost.py:gain"
+sense = "maximise"
+"""
+CODE = """
+import time
+from pathlib import Path
+
+SLOWLY = Path(__file__).with_name("slowly")
+
+def cost(candidate):
+    if SLOWLY.exists():
+        time.sleep(0.2)
+    return (candidate.device.dome_radius - 0.028) ** 2 * 1e4 + candidate.device.workspace_half_angle
+
+def gain(candidate):
+    return candidate.device.workspace_half_angle
+"""
+
+
+@pytest.fixture(scope="module")
+def design(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("toy")
+    (folder / "cost.py").write_text(CODE)
+    (folder / "toy.toml").write_text(DESIGN)
+    return folder / "toy.toml"
+
+
+def start(design: Path, into: str, *, seed: int = 1, processes: int = 1, count: int = COUNT) -> subprocess.Popen[str]:
+    command = ["design", "optimise", str(design), "--evaluations", str(count), "--population", str(POPULATION),
+               "--seed", str(seed), "--into", into, "--processes", str(processes), "--json"]  # fmt: skip
+    program = "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))"
+    return subprocess.Popen(
+        [sys.executable, "-c", program, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+@cache
+def compute_alone(design: Path, seed: int = 1) -> dict[int, object]:
+    """What the run comes to in this process, without a store."""
+    found = load_design(design)
+    whole = optimise(Optimiser(found, seed=seed, population=POPULATION), LocalWorker(found).evaluate, {}, COUNT)
+    return {one.number: (one.values, one.objectives, one.refused_by) for one in whole}
+
+
+def values_of(results: Results, seed: int = 1) -> dict[int, object]:
+    (run,) = (run for run in results.runs if run.seed == seed)
+    assert len({one.number for one in run.evaluations}) == len(run.evaluations)
+    return {one.number: (one.values, one.objectives, one.refused_by) for one in run.evaluations}
+
+
+def wait_for(into: str, least: int) -> int:
+    """How many designs are stored, as soon as there are `least`."""
+    for _ in range(2400):  # of a busy machine; it is seconds
+        time.sleep(0.05)
+        try:
+            count = len(read_results(into).evaluations)
+        except HaptorbError:
+            continue  # it is not there yet
+        if count >= least:
+            return count
+    raise AssertionError(f"{into} never had {least} designs")
+
+
+def test_interrupted_and_killed_it_goes_on_and_ends_as_if_nothing_had_been(design: Path, tmp_path: Path) -> None:
+    into, slowly = str(tmp_path / "results.sqlite"), design.with_name("slowly")
+    slowly.touch()  # the whole run would take half a minute
+    with start(design, into, processes=2) as first:
+        wait_for(into, 10)
+        first.send_signal(signal.SIGINT)
+        _, said = first.communicate(timeout=120)
+    assert first.returncode == 130
+    assert "Traceback" not in said
+    kept = len(read_results(into).evaluations)
+    assert f"{kept} of {COUNT}" in said
+    with start(design, into) as second:
+        wait_for(into, kept + 10)
+        second.kill()
+    assert kept + 10 <= len(read_results(into).evaluations) < COUNT
+    slowly.unlink()
+    with start(design, into) as third:
+        told, said = third.communicate(timeout=120)
+    assert third.returncode == 0, said
+    assert json.loads(told)["designs"] == COUNT
+    assert values_of(read_results(into)) == compute_alone(design)
+
+
+@pytest.fixture(scope="module")
+def database() -> Iterator[str]:
+    with start_postgres() as place:
+        yield place
+
+
+@pytest.mark.skipif(bool(explain_absence()), reason=explain_absence())
+def test_two_optimisers_on_one_database_do_not_disturb_each_other(design: Path, database: str) -> None:
+    both = [start(design, database, seed=seed) for seed in (1, 2)]
+    for one in both:
+        _, said = one.communicate(timeout=100)
+        assert one.returncode == 0, said
+    results = read_results(database)
+    for seed in (1, 2):
+        assert values_of(results, seed) == compute_alone(design, seed)
+
+
+def test_a_run_that_another_program_writes_is_refused(
+    design: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    into = str(tmp_path / "r.sqlite")
+    with open_results(into, load_design(design), "nsga2", 7, settings={"population": POPULATION}):
+        command = ["design", "optimise", str(design), "--into", into, "--processes", "1"]
+        assert main([*command, "--seed", "7", "--population", str(POPULATION)]) == 2
+        assert "another program is writing run" in " ".join(capsys.readouterr().err.split())
+        with pytest.raises(SystemExit) as ended:
+            main([*command, "--seed", "8", "--evaluations", "4", "--population", "4"])
+        assert ended.value.code == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        (["--generations", "2", "--evaluations", "9"], "either --generations or --evaluations"),
+        (["--generations", "0"], "--generations must be 1 or more"),
+        (["--population", "2"], "population"),
+        (["--seed", "-1"], "seed"),
+        (["--scheduler", "here"], "Dask scheduler"),
+    ],
+)
+def test_options_that_cannot_be_are_named(
+    options: list[str], what: str, design: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["design", "optimise", str(design), "--into", str(tmp_path / "r.sqlite"), *options]) == 2
+    assert what in " ".join(capsys.readouterr().err.split())

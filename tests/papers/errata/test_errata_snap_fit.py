@@ -1,0 +1,84 @@
+"""Errata E7 to E11, E20, E21, E27, E28: what Bai 2012 prints of the snap-fit, against integrals and beam theory."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from haptorb.beams import TABLE_3, force_ratio
+from haptorb.worlds import Outlet
+
+pytestmark = pytest.mark.background
+
+BAI = "bai2012"
+
+
+def test_appendix_b_is_the_closed_form_of_equation_12(numbers, printed) -> None:
+    ids = "b-b3", "b-b4", "b-b5a"
+    assert numbers(BAI, "appendix B", *ids) == pytest.approx((2944.1, 299.16, 2.619), abs=0.03)
+    assert numbers(BAI, "appendix B", *ids) == pytest.approx(printed(BAI, "appendix B", *ids), rel=1e-8)
+
+
+def test_e7_the_printed_modulus_makes_an_outlet_that_falls_open(numbers, printed) -> None:
+    assert printed(BAI, "table 3", "t3-pull") == pytest.approx([0.508], abs=0.001)
+    assert numbers(BAI, "table 3", "t3-pull", "t3-e-socket") == pytest.approx([50.8, 113.0], abs=0.1)
+
+
+def test_e8_angle_height_and_length_of_the_ramp_cannot_all_hold(numbers) -> None:
+    found = numbers(BAI, "table 3", "t3-ramp", "t3-ramp-angle", "t3-ramp-end", "t3-ramp-refused")
+    assert found == pytest.approx([6.94, 23.2, 10.82, 1.0], abs=0.01)
+
+
+def test_e9_the_closed_form_of_omega_minus_needs_another_h_x(numbers, printed) -> None:
+    ids = "b-b5b", "b-b5c"
+    assert numbers(BAI, "appendix B", *ids) == pytest.approx((3024, 95.39), abs=0.01)
+    assert printed(BAI, "appendix B", *ids) == pytest.approx((2376, 74.95), abs=0.01)
+    assert numbers(BAI, "appendix B", "b-e9-effect") == pytest.approx([-0.0244], abs=2e-4)
+
+
+def test_e10_the_last_member_of_equation_18_is_a_length_squared(numbers, printed) -> None:
+    (torque,), (area,) = (told(BAI, "figure 7", "fig7-18-factor") for told in (numbers, printed))
+    assert torque / area == pytest.approx(2.467e5, rel=1e-3)  # [N/m]
+
+
+def test_e11_a_beam_loaded_where_the_contact_is_is_almost_five_times_softer(numbers, printed) -> None:
+    found = numbers(BAI, "appendix B", "b-12-load", "b-12-load-flat", "b-12-softer")
+    assert found == pytest.approx([15490, 15206, 4.77], rel=0.002)
+    assert printed(BAI, "appendix B", "b-12-load-flat") == pytest.approx([3245.9], abs=0.1)
+
+
+def test_e20_the_reaction_torque_falls_with_the_tilt_not_against_it(numbers) -> None:
+    assert numbers(BAI, "figure 7", "fig7-18-falls") == [1.0]
+
+
+def test_e21_the_shear_ratio_is_another_poissons_ratio(numbers) -> None:
+    ratio, change = numbers(BAI, "appendix B", "b-b2c", "b-b2c-effect")
+    assert ratio == pytest.approx(2.82)
+    assert change == pytest.approx(8.0e-4, abs=1e-4)
+
+
+def test_e27_the_face_turns_by_the_slope_not_by_the_chord(numbers, printed) -> None:
+    (slope,), (chord,) = (told(BAI, "figure 6", "fig6-slope") for told in (numbers, printed))
+    assert (slope, chord) == pytest.approx((138.9, 104.2), abs=0.1)
+    turns = [math.atan(0.75e-3 * each) for each in (slope, chord)]
+    assert [math.degrees(turn) for turn in turns] == pytest.approx([5.9, 4.5], abs=0.05)
+    true, by_chord = (float(force_ratio(TABLE_3.rear - turn, 0.134, loading=True)) for turn in turns)
+    assert by_chord / true == pytest.approx(1.06, abs=0.01)
+    true, by_chord = (float(force_ratio(TABLE_3.front + turn, 0.134, loading=True)) for turn in turns)
+    assert by_chord / true == pytest.approx(0.95, abs=0.01)
+
+
+def test_e28_the_appendix_names_beta_sigma_and_p_k(numbers, printed) -> None:
+    ids = "b-b4", "b-b5a"
+    assert numbers(BAI, "appendix B", *ids) == pytest.approx(printed(BAI, "appendix B", *ids), rel=1e-8)
+    assert numbers(BAI, "appendix B", "b-12-thickness") == pytest.approx([4.0])
+
+
+def test_e29_the_outlets_hooks_are_bent_beyond_yield() -> None:
+    right, paper = Outlet().root_load, Outlet(beam="paper").root_load
+    assert (right.stress, paper.stress) == pytest.approx((0.89e9, 4.18e9), rel=0.005)
+    assert (right.strain, paper.strain) == pytest.approx((0.0079, 0.037), rel=0.005)
+    assert right.yield_strength == pytest.approx(0.55e9)
+    assert right.beyond_yield
+    assert paper.beyond_yield

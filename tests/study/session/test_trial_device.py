@@ -1,0 +1,30 @@
+"""The device of a trial on a real loop: what happens while the program of the study gets no processor."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from haptorb.runtime.servo import Servo
+from haptorb_study.session import TrialDevice
+from haptorb_study.study_file import Study
+
+
+@pytest.mark.realtime
+def test_a_steered_pen_rests_while_the_program_waits_for_a_processor(identify: Study) -> None:
+    """Two pages of one session and a start of the device can keep it waiting for 0.2 s; a pose expires after 0.05 s."""
+    with Servo(identify.device, identify.world_name, record=False) as servo:
+        device = TrialDevice(identify, servo)
+        device.hold()
+        cursor = servo.rows()[0]
+        deadline = time.monotonic() + 20.0
+        while servo.rows()[0] < cursor + 400 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        _, rows = servo.rows(cursor)
+        age = rows[:, servo.layout["age"]]
+        assert len(rows) >= 300
+        assert np.nanmax(age) < servo.device.limits.expiry
+        device.look()
+        assert device.trips == []

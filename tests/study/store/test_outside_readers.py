@@ -1,0 +1,146 @@
+"""Exports as programs of others read them: the official BIDS validator, pandas, DuckDB, and a spreadsheet's rules."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptorb_study.columns import COLUMNS, Columns, read_replies, tidy
+from haptorb_study.database import database
+from haptorb_study.export import write_bids, write_csv, write_parquet
+from haptorb_study.procedures import Answer, Prompt
+from haptorb_study.session import StoredSession
+from haptorb_study.study_file import Study, study_of
+
+POINTS = "[set_points]\npoints = [{ number = 1, theta_deg = 0 }, { number = 2, theta_deg = 36, phi_deg = 90 }]\n"
+TRIALS = "[trials]\nrepetitions = 2\npractice = 1\nseed = 7\n"
+TWO = '[[conditions]]\nname = "strong"\n[[conditions]]\nname = "weak"\nparameters = { moment = 0.3 }\n'
+QUESTIONS = ('[[questions]]\nname = "hand"\ntext = "Which \\"hand\\"?"\nchoices = ["left", "right"]\n'
+             '[[questions]]\nname = "what_else"\ntext = "Anything else?"\n')  # fmt: skip
+LEVELS = "[levels]\nreference = 1.2\nleast = 0.01\nmost = 1.0\n"
+STUDIES = {
+    "identification": POINTS + TRIALS + QUESTIONS,
+    "constant": "[levels]\nreference = 1.2\nvalues = [0.8, 1.4]\n" + TRIALS + QUESTIONS,
+    "staircase": LEVELS + "start = 0.5\ntrials = 6\nreversals = 4\n",
+    "bayesian": LEVELS + "trials = 4\n",
+    "magnitude": "[levels]\nreference = 1.2\nvalues = [0.6, 1.2]\n" + TRIALS,
+    "forced-choice": TWO + TRIALS,
+    "rating": '[rating]\nlow = 1\nhigh = 7\nquestion = "How stiff?"\n' + TWO + TRIALS,
+}
+CODES = ("P01", "vp-7", "Ä3", "Q-04")
+#: what the validator recommends, and no program can know
+UNKNOWN = {
+    "TOO_FEW_AUTHORS", "Authors", "License", "SourceDatasets", "HEDVersion", "CogAtlasID", "CogPOID", "InstitutionName",
+    "InstitutionAddress", "InstitutionalDepartmentName",
+}  # fmt: skip
+REPLIES = ("left", '=1+1, "very" good\nTwo lines\tand a tab, ünï')
+
+
+def choose_answer(prompt: Prompt, draw: np.random.Generator) -> Answer:
+    """One that may be given: the kinds of prompts have numbers, a range, or the position alone."""
+    value: Any = None
+    if prompt.numbers:
+        value = int(draw.choice(prompt.numbers))
+    elif prompt.decimal:
+        value = prompt.high / 2 + 0.25
+    elif prompt.high > prompt.low:
+        value = int(draw.integers(prompt.low, prompt.high + 1))
+    return Answer(value, (0.01, 0.0, 0.05), 1.25)
+
+
+def take_part(study: Study, folder: Path) -> tuple[Columns, dict[str, dict[str, str]]]:
+    """People and a simulated participant: real and simulated devices, trips, pauses, repeats, a session that ends
+    early, recordings, answers in words."""
+    engine, draw = database(folder / "s.db"), np.random.default_rng(5)
+    for number, code in enumerate(CODES):
+        with StoredSession(engine, study, code, simulated=False) as session:
+            while session.prompt is not None:
+                if session.number == 1:
+                    session.note("pause", "a break")
+                    session.note("repeat", "the device was off")
+                session.answer(
+                    choose_answer(session.prompt, draw), driver="sim" if number % 2 else "serial:/dev/ttyUSB0",
+                    safety=[{"code": "OVERSPEED"}, {"code": "STOPPED"}] if session.number == 2 else [],
+                    recording=f"recordings/{code}.mcap#t=1.5,3" if number else None,
+                )  # fmt: skip
+                if number == 2 and session.number == 3:
+                    session.abort("stopped")
+                    break
+            if session.prompt is None:
+                for question, text in zip(study.questions, REPLIES, strict=False):
+                    session.reply(question, text)
+    return tidy(engine, study), read_replies(engine, study)
+
+
+@pytest.fixture(scope="module", params=list(STUDIES))
+def data(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, ...]:
+    procedure = request.param
+    text = f'name = "my-{procedure}_1"\nprocedure = "{procedure}"\ninstructions = "Hold the pen."\n{STUDIES[procedure]}'
+    study = study_of(text)
+    return study, *take_part(study, tmp_path_factory.mktemp(procedure))
+
+
+def validate(folder: Path) -> list[dict[str, str]]:
+    """What the official BIDS validator finds, with its own schema."""
+    program = [str(Path(sys.executable).with_name("bids-validator-deno")), str(folder), "--format", "json"]
+    done = subprocess.run(program, capture_output=True, text=True, check=False)
+    assert done.stdout.lstrip().startswith("{"), done.stderr[-2000:]
+    found: list[dict[str, str]] = json.loads(done.stdout)["issues"]["issues"]
+    return found
+
+
+def test_the_official_validator_finds_no_error_and_warns_of_what_only_the_laboratory_knows(
+    data: tuple[Any, ...], tmp_path: Path
+) -> None:
+    study, columns, replies = data
+    found = validate(write_bids(study, columns, tmp_path / "bids", replies=replies))
+    assert [
+        one for one in found if one["severity"] != "warning" or one.get("subCode", one["code"]) not in UNKNOWN
+    ] == []
+
+
+def test_pandas_and_duckdb_read_the_same_table_from_csv_and_parquet(data: tuple[Any, ...], tmp_path: Path) -> None:
+    import duckdb
+    import pandas
+
+    study, columns, replies = data
+    text, typed = tmp_path / "t.csv", tmp_path / "t.parquet"
+    write_csv(study, columns, text, replies=replies)
+    write_parquet(study, columns, typed)
+    frame, flat = pandas.read_parquet(typed), pandas.read_csv(text, keep_default_na=False, na_values=[""])
+    assert list(frame.columns) == list(flat.columns) == list(COLUMNS)
+    for name in COLUMNS:
+        kind = duckdb.sql(f"SELECT {name} FROM '{typed}'")
+        values = [row[0] for row in kind.fetchall()]
+        sniffed = [row[0] for row in duckdb.sql(f"SELECT {name} FROM read_csv('{text}')").fetchall()]
+        for one, two, three, four in zip(columns[name].tolist(), values, frame[name], flat[name], strict=True):
+            if one is None or one == "" or one != one:
+                assert two in (None, "")
+                assert pandas.isna(three) or three == ""
+                assert pandas.isna(four)
+            elif name != "answered":  # a time: DuckDB has it as one
+                assert one == two == three == four, name
+        assert len(sniffed) == len(values)
+
+
+def test_a_spreadsheets_rules_find_the_columns_and_no_formula(data: tuple[Any, ...], tmp_path: Path) -> None:
+    """The dialect that Python's sniffer finds is the one that was written; no cell begins as a formula does."""
+    study, columns, replies = data
+    for path in write_csv(study, columns, tmp_path / "t.csv", replies=replies):
+        if path.suffix != ".csv":
+            continue
+        text = path.read_text(encoding="utf-8")
+        dialect = csv.Sniffer().sniff(text.partition("\n")[0])
+        assert dialect.delimiter == ","
+        rows = list(csv.reader(text.splitlines(keepends=True), dialect="excel", strict=True))
+        assert len({len(row) for row in rows}) == 1
+        cells = [cell for row in rows for cell in row]
+        assert not [cell for cell in cells if cell.startswith(("=", "+", "@", "\t", "\r"))]
+        assert not [cell for cell in cells if cell.startswith("-") and not cell[1:].replace(".", "").isdigit()]
