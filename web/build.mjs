@@ -4,10 +4,10 @@ import { cp, mkdir, readFile, rm, writeFile } from "node:fs/promises";
 import { fileURLToPath } from "node:url";
 
 if (process.argv.length > 3 || process.argv[2]?.startsWith("-")) {
-  console.error("usage: node build.mjs [FOLDER]; without FOLDER the pages go into src/haptorb");
+  console.error("usage: node build.mjs [FOLDER]; without FOLDER the pages go into src");
   process.exit(2);
 }
-const root = process.argv[2] ?? fileURLToPath(new URL("../src/haptorb/", import.meta.url));
+const root = process.argv[2] ?? fileURLToPath(new URL("../src/", import.meta.url));
 
 // The renderer carries the shaders of all its materials as text. The page has no physical or toon material, no shadows and
 // no tone mapping: 11 kB less.
@@ -43,7 +43,7 @@ async function bundle(out, entryPoints, documents) {
 }
 
 await bundle(
-  `${root}/web/console_static`,
+  `${root}/haptorb/web/console_static`,
   [
     { in: "src/main.ts", out: "console" },
     { in: "src/socket.worker.ts", out: "socket" },
@@ -52,7 +52,7 @@ await bundle(
   [["index.html", "index.html"], ["icon.svg", "icon.svg"]],
 );
 await bundle(
-  `${root}/apps/study/pages/static`,
+  `${root}/haptorb_study/static`,
   [
     { in: "src/study/participant.ts", out: "participant" },
     { in: "src/study/experimenter.ts", out: "experimenter" },
@@ -63,7 +63,7 @@ await bundle(
 
 // A recording is played in the console's own document, with another script.
 await bundle(
-  `${root}/web/view_static`,
+  `${root}/haptorb/web/view_static`,
   [
     { in: "src/view/view.ts", out: "view" },
     { in: "src/view/player.ts", out: "player" },
@@ -79,7 +79,7 @@ await bundle(
 
 // The report's script and style go into its one file; the chooser frames the console's own page.
 await bundle(
-  `${root}/apps/design/static`,
+  `${root}/haptorb_design/static`,
   [
     { in: "src/design/report.ts", out: "report" },
     { in: "src/design/report.css", out: "report" },
