@@ -266,7 +266,7 @@ def python_command(module: str, *arguments: str, isolated: bool = False) -> list
 
 def _own_folders() -> list[str]:
     """Where this package lies, and the account's own packages if this process uses them."""
-    root = str(Path(__file__).resolve().parents[2])
+    root = str(Path(__file__).resolve().parents[1])
     return [root, site.getusersitepackages()] if site.ENABLE_USER_SITE else [root]
 
 

@@ -133,7 +133,7 @@ class Selection:
 # The chooser as an ASGI application: one page, the designs, which one is wanted, and what runs.
 
 
-_STATIC = Path(__file__).parents[1] / "static"
+_STATIC = Path(__file__).parent / "static"
 _LONGEST = 1000  #: of what a page asks for [bytes]
 
 

@@ -305,7 +305,7 @@ def _draw_bar(one: Sensitivity) -> str:
 
 
 #: where the build hook puts script and style
-_STATIC = Path(__file__).parents[1] / "static"
+_STATIC = Path(__file__).parent / "static"
 #: nothing from elsewhere is ever loaded
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
 

@@ -25,7 +25,7 @@ def read_template(like: str) -> str:
     """The template called `like`, without comments on its keys; UnknownName for one that there is not."""
     if like not in TEMPLATES:
         raise UnknownName("template of a study", like, TEMPLATES)
-    return (Path(__file__).parent / f"{like}.toml").read_text(encoding="utf-8")
+    return (Path(__file__).parent / "templates" / f"{like}.toml").read_text(encoding="utf-8")
 
 
 def make_study_text(name: str, like: str = "identification") -> str:

@@ -22,7 +22,7 @@ from haptorb_study.study_file import study_of
 from typed_texts import TEXTS
 
 _SPEC = importlib.util.spec_from_file_location(
-    "study_fake_servo", Path(__file__).parents[1] / "apps" / "study" / "fake_servo.py"
+    "study_fake_servo", Path(__file__).parents[1] / "study" / "fake_servo.py"
 )
 assert _SPEC is not None
 assert _SPEC.loader is not None

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from haptorb import cluster as python_process
+import haptorb
 from haptorb.cluster import append_folders, environment, python_command, spawn_context
 
-SOURCES = Path(python_process.__file__).resolve().parents[1]
+SOURCES = Path(haptorb.__file__).resolve().parents[1]  #: `src`
 #: every program of this package that is started as a module
 PROGRAMS = sorted(
-    ".".join(path.relative_to(SOURCES.parent).with_suffix("").parts)
+    ".".join(path.relative_to(SOURCES).with_suffix("").parts)
     for path in SOURCES.rglob("*.py")
     if '__name__ == "__main__"' in path.read_text(encoding="utf-8") and path.name != "__main__.py"
 )
@@ -78,8 +78,8 @@ def test_what_a_host_sends_hides_nothing(tmp_path: Path, monkeypatch: pytest.Mon
 def test_python_is_started_in_one_place() -> None:
     """A program that is started elsewhere would not be tried here."""
     # The other two with -I -S: they need the standard library only.
-    apart = {"cluster.py", "runtime/keep_core_awake.py", "limited_process.py"}
-    benchmarks = "apps/bench/"  # start what a person names
+    apart = {"haptorb/cluster.py", "haptorb/runtime/keep_core_awake.py", "haptorb/limited_process.py"}
+    benchmarks = "haptorb_papers/bench/"  # start what a person names
     for path in SOURCES.rglob("*.py"):
         name = str(path.relative_to(SOURCES))
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

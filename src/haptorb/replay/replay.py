@@ -253,7 +253,7 @@ class Timetable:
 def _timetable_join(first: int, then: int) -> int:
     """Both at once; of two modes, models or words to the clutch the later one.
 
-    >>> _join(int(TickCommand.TRANSLATE), int(TickCommand.ROTATE)) == TickCommand.ROTATE
+    >>> _timetable_join(int(TickCommand.TRANSLATE), int(TickCommand.ROTATE)) == TickCommand.ROTATE
     True
     """
     flags, model = first % MODEL, first // MODEL

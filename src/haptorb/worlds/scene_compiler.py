@@ -61,7 +61,7 @@ def _compile(library: str, path: str, made: str) -> int:
 def _main() -> int:
     import runpy  # haptorb itself is not on the path of this process, and need not be loaded
 
-    limits = runpy.run_path(str(Path(__file__).parents[2] / "files" / "limited_process.py"))
+    limits = runpy.run_path(str(Path(__file__).parents[1] / "limited_process.py"))
     limits["set_limits"](int(sys.argv[1]), int(sys.argv[2]), _FILE)
     return _compile(*sys.argv[3:6])
 

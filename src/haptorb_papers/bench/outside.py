@@ -18,7 +18,7 @@ from haptorb_papers.bench.row import Metric
 
 __all__ = ["console", "loop", "serial", "study"]
 
-_CLONE = Path(__file__).resolve().parents[4]
+_CLONE = Path(__file__).resolve().parents[3]
 
 
 def loop(effort: float, tell: Callable[[str], None]) -> list[Metric]:

@@ -76,13 +76,14 @@ class Bench(Driver):
 @pytest.fixture
 def held(monkeypatch: pytest.MonkeyPatch) -> None:
     """The simulated hand behind a bench is held by the same words."""
-    from haptorb.cli import calibration_dialog as doors
-    from haptorb.cli import calibration_dialog as guides
+    from haptorb.cli import calibration_dialog
+
+    hold_tool = calibration_dialog.hold_tool
 
     def hold(driver: Any, device: Any, hand: Any) -> None:
-        doors.hold_tool(getattr(driver, "inner", driver), device, hand)
+        hold_tool(getattr(driver, "inner", driver), device, hand)
 
-    monkeypatch.setattr(guides, "hold_tool", hold)
+    monkeypatch.setattr(calibration_dialog, "hold_tool", hold)
 
 
 def through(bench: Bench, out: Path, **wants: Any) -> Any:

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -65,12 +66,12 @@ def test_it_is_a_program_that_ends(what: str, tmp_path: Path) -> None:
 def test_a_start_that_takes_long_is_helped_and_the_helper_goes(monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[subprocess.Popen[bytes]] = []
 
-    def start(module: str, *words: str, errors: Path) -> subprocess.Popen[bytes]:
-        started.append(start_module(module, *words, errors=errors))
+    def start(module: str, *words: str, **options: Any) -> subprocess.Popen[bytes]:
+        started.append(start_module(module, *words, **options))
         return started[-1]
 
     monkeypatch.setattr("haptorb.runtime.process_group._USUAL", 0.0)
-    monkeypatch.setattr("haptorb.runtime.prestart.start_module", start)
+    monkeypatch.setattr("haptorb.runtime.process_group.start_module", start)
     with Servo("omni", record=False) as servo:
         helper, *worlds_code = started
         assert CONTROLLER in helper.args

@@ -25,7 +25,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where all that is temporary is made."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setattr(stale_files, "folders", lambda: [tmp_path])
-    monkeypatch.setattr("haptorb.files.folders", lambda: [tmp_path])
+    monkeypatch.setattr("haptorb.runtime.shared_memory.folders", lambda: [tmp_path])
     return tmp_path
 
 

@@ -33,7 +33,7 @@ from haptorb.web.server import command, is_stop_request
 from haptorb.worlds import Remote
 from serve.published_loop import PublishedLoop
 
-APPS = Path(__file__).parents[1]
+TESTS = Path(__file__).parents[2]
 #: (messages, marks): every day a few, at night as many as were promised
 AMOUNTS = [1_000, pytest.param(100_000, marks=[pytest.mark.slow, pytest.mark.timeout(3000)])]
 
@@ -198,7 +198,7 @@ class Line:
 
 @pytest.mark.parametrize("n", AMOUNTS)
 def test_the_console_survives_them(n, capfd, caplog):
-    class Servo(_module(APPS / "console" / "fake_servo.py").FakeServo):  # type: ignore[misc]
+    class Servo(_module(TESTS / "web" / "console" / "fake_servo.py").FakeServo):  # type: ignore[misc]
         """Its rows cost nothing: it is not they that are tried."""
 
         def rows(self, cursor: int = 0) -> tuple[int, np.ndarray]:
@@ -236,7 +236,7 @@ def test_the_console_survives_them(n, capfd, caplog):
 
 @pytest.mark.parametrize("n", AMOUNTS)
 def test_a_study_survives_them(n, tmp_path, monkeypatch, capfd, caplog):
-    pages = _module(APPS / "study" / "test_pages.py")
+    pages = _module(TESTS / "study" / "test_pages.py")
     monkeypatch.chdir(tmp_path)
     with no_news(capfd, caplog):
         host = pages.StudyHost(pages.study_of(pages.STUDY), tmp_path / "s.db")
@@ -315,7 +315,7 @@ def packets(seed: int, n: int) -> Iterator[bytes]:
 
 @pytest.mark.parametrize("n", AMOUNTS)
 def test_a_haply_server_answers_each_of_them_once(n, capfd, caplog):
-    serve = _module(APPS / "serve" / "conftest.py")
+    serve = _module(TESTS / "serve" / "conftest.py")
     bench = serve.Bench()
     try:
         preparation = serve.prepare("0:0")
