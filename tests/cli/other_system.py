@@ -55,10 +55,7 @@ ATTRIBUTES = {
 FOLDERS = re.compile(r"/(proc|sys|dev(?!/(null|u?random)\b)|run)(/|$)")
 
 #: of haptorb itself: what is not even imported elsewhere
-OF_LINUX = re.compile(
-    r"haptorb\.(runtime\.(realtime\.(clock|kill_timer|keep_core_awake)|processes\.(loop|\w+_process)|drivers\.i2c)"
-    r"|apps\.hardware\.probe)\b"
-)
+OF_LINUX = re.compile(r"haptorb\.runtime\.(keep_core_awake|loop|\w+_process)\b")
 
 
 def hide(system):
@@ -98,10 +95,9 @@ def refuse_folders(event, values):
 
 def import_everything():
     """Modules that could not be imported, and why."""
-    import haptorb
-
     failed = {}
-    for found in pkgutil.walk_packages(haptorb.__path__, "haptorb."):
+    tops = [import_module(name) for name in ("haptorb", "haptorb_study", "haptorb_design")]
+    for found in (one for top in tops for one in pkgutil.walk_packages(top.__path__, f"{top.__name__}.")):
         if found.name.endswith("__main__"):
             continue
         try:

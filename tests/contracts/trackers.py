@@ -15,8 +15,8 @@ import numpy as np
 from haptorb.devices.loader import load
 from haptorb.recording.mcap import Recorder
 from haptorb.recording.row import RowLayout
-from haptorb.runtime.pointer import PointerSource, PointerState, PointerTracker
-from haptorb.runtime.shared_memory import WORDS, PoseBlock
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.shared_memory import WORDS, PointerSource, PointerState, PoseBlock
 from haptorb.runtime.trackers.base import Feed, Tracker
 from haptorb.runtime.trackers.feed_tracker import FeedTracker
 from haptorb.runtime.trackers.pose_filter import PoseFilter

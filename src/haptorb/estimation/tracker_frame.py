@@ -1,4 +1,7 @@
-"""A tracker's registration, as one versioned JSON text that names the device and the tracker it holds for."""
+"""A tracker's frame: its registration as a versioned JSON text, the fit from touches, and the checks of their poses.
+
+Every check raises CalibrationError with what was found, where, and what to do.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Closed forms and series of round bodies: elliptic integrals, ∫J₁, current sheets and zonal harmonics."""
+"""Closed forms and series of round bodies: elliptic integrals, ∫J₁, current sheets and zonal harmonics.
+
+Sources: Abramowitz & Stegun 1964, 9.1.18, 9.2.5, 11.1.7, 12.1.29 and 17.6; Bulirsch, Numer. Math. 7, 78, 1965;
+Jackson, Classical Electrodynamics, sections 3.3 and 4.1; Callaghan & Maslen, NASA TN D-465, 1960; Derby & Olbert,
+Am. J. Phys. 78, 229, 2010. Each part below states which and its range of validity.
+"""
 
 from __future__ import annotations
 

@@ -96,11 +96,6 @@ class _Timespec(ctypes.Structure):
     _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
 
 
-_sleep = ctypes.CDLL(None, use_errno=False).clock_nanosleep
-_sleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
-_sleep.restype = ctypes.c_int
-
-
 @final
 class Clock:
     """Deadlines at a fixed rate on the computer's monotonic clock; the first is one period from now.
@@ -115,13 +110,16 @@ class Clock:
         self._deadline = self.schedule.origin
         self._until = _Timespec()  # one for the life of the loop: nothing is allocated per tick
         self._at = ctypes.addressof(self._until)
+        self._nanosleep = ctypes.CDLL(None, use_errno=False).clock_nanosleep  # here: only Linux has it
+        self._nanosleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+        self._nanosleep.restype = ctypes.c_int
 
     def sleep(self) -> float:
         """Sleep until shortly before the next deadline, signals or not; returns it on the loop's clock [s]."""
         schedule, until = self.schedule, self._until
         self._deadline = deadline = schedule.next(monotonic_ns())
         until.seconds, until.nanoseconds = divmod(deadline - self._early, 1_000_000_000)
-        while _sleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, self._at, None) == errno.EINTR:
+        while self._nanosleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, self._at, None) == errno.EINTR:
             pass
         return schedule.time(deadline)
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import NamedTuple, final
+from typing import final
 
 import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.estimation.types import Pose
+from haptorb.runtime.shared_memory import PointerSource
 from haptorb.runtime.trackers.base import Goal, Tracker
 from haptorb.simulation.hand import DomeMotion, GuidedMotion
 
-__all__ = ["PointerPose", "PointerSource", "PointerState", "PointerTracker"]
+__all__ = ["PointerPose", "PointerTracker"]
 
 
 # --------------------------------------------------------------------------------------------------
@@ -63,24 +63,6 @@ def _rotation(q: Array) -> Array:
 
 
 _RELEASE = 1.5  #: time in which a released hand returns to rest [s]
-
-
-class PointerState(NamedTuple):
-    """What the host last said about its pointer."""
-
-    held: bool
-    p: Array  #: (3,) [m], frame S
-    q: Array  #: (4,) quaternion (x, y, z, w) of R_SR
-    stamp: float  #: the computer's monotonic clock when it was said [s]
-    patience: float = 0.0  #: how long a simulated hand stays there without another word [s]
-
-
-class PointerSource(ABC):
-    """A source of the host's pointer: shared memory in a running servo."""
-
-    @abstractmethod
-    def read_pointer(self) -> PointerState:
-        """The pointer as last written; never waits."""
 
 
 @final

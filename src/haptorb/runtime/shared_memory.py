@@ -11,6 +11,7 @@ import json
 import mmap
 import os
 import tempfile
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from enum import IntEnum
 from pathlib import Path
@@ -24,7 +25,6 @@ from haptorb.errors import InputError, ServoError
 from haptorb.files import SHARED, FileLock, folders
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.linux import END_SIGNALS
-from haptorb.runtime.pointer import PointerSource, PointerState
 from haptorb.worlds.dynamic import CLIENT_FORCE, FADE, HOLD
 
 __all__ = [
@@ -46,6 +46,8 @@ __all__ = [
     "Histogram",
     "Phase",
     "PointerBlock",
+    "PointerSource",
+    "PointerState",
     "PoseBlock",
     "PoseRecord",
     "RingBuffer",
@@ -420,6 +422,24 @@ def _read_command(floats: memoryview[float], at: int) -> _Command:
 
 
 POINTER_BLOCK_WORDS = 11  #: sequence, held, p (3), q (4), stamp, patience
+
+
+class PointerState(NamedTuple):
+    """What the host last said about its pointer."""
+
+    held: bool
+    p: Array  #: (3,) [m], frame S
+    q: Array  #: (4,) quaternion (x, y, z, w) of R_SR
+    stamp: float  #: the computer's monotonic clock when it was said [s]
+    patience: float = 0.0  #: how long a simulated hand stays there without another word [s]
+
+
+class PointerSource(ABC):
+    """A source of the host's pointer: shared memory in a running servo."""
+
+    @abstractmethod
+    def read_pointer(self) -> PointerState:
+        """The pointer as last written; never waits."""
 
 
 @final

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.runtime.pointer import PointerSource, PointerState, PointerTracker
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.shared_memory import PointerSource, PointerState
 from haptorb.simulation.hand import HandleMotion, handle_quaternion
 
 

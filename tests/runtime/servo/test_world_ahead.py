@@ -14,7 +14,7 @@ from haptorb.runtime.servo import Servo
 
 pytestmark = [pytest.mark.realtime]
 
-COLD = "worlds.basic.guidance"
+COLD = "worlds.guidance"
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import stat
 import sys
@@ -80,6 +79,8 @@ class BusLock:
         self.tell()
 
     def _lock(self) -> int:
+        import fcntl  # not at the top: Windows has none
+
         for _ in range(_I2C_LOCK_TRIES):
             try:
                 descriptor = _open_file(self._path)

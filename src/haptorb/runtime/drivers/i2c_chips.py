@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -78,6 +77,8 @@ class LinuxBus:
             raise _explain_bus_error(number, cause) from cause
         # A transfer that hangs must not hang for the second that the kernel gives it by itself: every try to switch
         # off waits for it. Controllers that do not know the setting keep theirs.
+        import fcntl  # not at the top: Windows has none
+
         with suppress(OSError, TypeError):
             fcntl.ioctl(self._bus.fd, _SET_TIMEOUT, _TIMEOUT)
 
