@@ -64,11 +64,11 @@ class Break:
     quick: str = ""
 
 
-INTERLEAVINGS = "python benchmarks/safety/stop_interleavings.py"
+INTERLEAVINGS = "python tests/fuzz/stop_interleavings.py"
 TICK = "pytest tests/runtime/tick/test_tick.py"
-HOSTILE_WORLDS = "python benchmarks/safety/hostile_worlds.py"
+HOSTILE_WORLDS = "python tests/fuzz/hostile_worlds.py"
 I2C_FAULTS = "python benchmarks/safety/i2c_faults.py"
-HOSTILE_WEB = "python benchmarks/safety/hostile_web.py"
+HOSTILE_WEB = "python tests/fuzz/hostile_web.py"
 TICK_PERIODS = "python benchmarks/safety/tick_periods.py"
 STUDY_STOP = "python benchmarks/safety/study_stop.py"
 
@@ -92,12 +92,12 @@ BREAKS = (
     *(
         Break(
             "Study: real data, pilots and simulated",
-            "pytest tests/study/store/test_contents.py tests/study/store/test_merge.py",
+            "pytest tests/study/database/test_contents.py tests/study/database/test_merge.py",
             change,
         )
         for change in ("study-one-kind", "study-merge-kind")
     ),
-    Break("Study: a person who withdraws", "pytest tests/study/store/test_merge.py -k withdraw", "study-withdrawn"),
+    Break("Study: a person who withdraws", "pytest tests/study/database/test_merge.py -k withdraw", "study-withdrawn"),
     Break("Study: after a malformed message", "pytest tests/study/test_stop.py", "study-fault"),
     Break(
         "No winding is hotter",
@@ -162,12 +162,12 @@ BREAKS = (
     ),
     Break(
         "A recorder that does not respond",
-        "pytest tests/runtime/processes/test_stalled_recorder.py",
+        "pytest tests/runtime/test_stalled_recorder.py",
         "recorder-stalled",
     ),
     Break(
         "A repaired recording never replaces",
-        "pytest tests/runtime/recording/test_damaged_recordings.py -k repaired",
+        "pytest tests/recording/test_damaged_recordings.py -k repaired",
         "repair-keeps-input",
     ),
     Break(
@@ -217,21 +217,21 @@ BREAKS = (
     ),
     Break("Hostile connections take neither", HOSTILE_WEB, "few-connections", "--connections 400 --seconds 6"),
     Break("No web message ends a task", "pytest -m slow tests/web/server/test_hostile_messages.py", "study-message"),
-    Break("No compiled kernel is loaded", "pytest tests/numerics/test_cache_folder.py", "cache-private"),
+    Break("No compiled kernel is loaded", "pytest tests/test_cache_folder.py", "cache-private"),
     Break(
         "What is opened runs no code",
-        "pytest tests/worlds/own/test_started_code.py tests/contracts/test_foreign_recordings.py",
+        "pytest tests/worlds/user_world/test_started_code.py tests/contracts/test_foreign_recordings.py",
         "recordings-run-no-code",
     ),
-    Break("A recording contains numbers", "pytest tests/runtime/replay/test_bad_recordings.py", "state-types"),
+    Break("A recording contains numbers", "pytest tests/replay/test_bad_recordings.py", "state-types"),
     Break("Code of a file is named", "pytest tests/cli/test_own_code.py", "code-is-announced"),
     Break("One sender per OSC tracker", "python scripts/prove_safety.py jump sender", "one-sender"),
     Break("Text of a file does nothing", "pytest tests/contracts/test_poisoned_files.py", "text-visible", "-k info"),
     Break("A file of another kind", "pytest tests/contracts/test_file_kinds.py", "kind-told", "-k info"),
     Break("A database computes nothing", "pytest tests/contracts/test_strangers_databases.py", "database-schema"),
     Break("A scene reads files of its own", "pytest tests/worlds/scene/test_strangers_scenes.py", "named-inside"),
-    Break("No compiled kernel is loaded", "pytest tests/numerics/test_cache_folder.py", "cache-private"),
-    Break("A file is read, or rejected", "python benchmarks/safety/hostile_files.py", "chunk-size", "--mutants 300"),
+    Break("No compiled kernel is loaded", "pytest tests/test_cache_folder.py", "cache-private"),
+    Break("A file is read, or rejected", "python tests/fuzz/hostile_files.py", "chunk-size", "--mutants 300"),
 )
 
 

@@ -28,10 +28,10 @@ POISONED, DATABASES = "tests/contracts/test_poisoned_files.py", "tests/contracts
 POISONED_TEST = f"{POISONED}::test_text_of_a_strangers_file_is_shown_and_does_nothing"
 KIND_TEST = "tests/contracts/test_file_kinds.py::test_a_file_of_another_kind_is_called_by_its_name[info FILE]"
 SCENE_TESTS = "tests/worlds/scene/test_strangers_scenes.py"
-CACHE_TESTS = "tests/numerics/test_cache_folder.py"
+CACHE_TESTS = "tests/test_cache_folder.py"
 CONSOLE_TESTS, PAGES_TESTS = "tests/web/console/test_socket_hub.py", "tests/study/test_pages.py"
-MERGE_TESTS = "tests/study/store/test_merge.py"
-STOP_TESTS, EXPORT_TESTS = "tests/study/test_stop.py", "tests/study/store/test_export.py"
+MERGE_TESTS = "tests/study/database/test_merge.py"
+STOP_TESTS, EXPORT_TESTS = "tests/study/test_stop.py", "tests/study/database/test_export.py"
 TERMINAL_TESTS = "tests/study/session/test_terminal_session.py"
 HOSTILE, TRACKER_TESTS = "tests/contracts/test_hostile_files.py", "tests/contracts/test_trackers.py"
 DRIVE_TESTS, GUARD_TESTS = "tests/control/protection/test_drive.py", "tests/control/protection/test_guard.py"
@@ -39,29 +39,29 @@ HEAT_TESTS = "tests/control/protection/test_heat.py"
 PASSIVITY_TESTS = "tests/control/protection/test_passivity.py"
 I2C_TESTS, LOCK_TESTS = "tests/runtime/drivers/i2c/test_i2c_faults.py", "tests/runtime/drivers/i2c/test_i2c_lock.py"
 SERIAL_TESTS = "tests/runtime/drivers/serial/test_serial_driver.py"
-HOSTILE_TESTS = "tests/runtime/processes/test_hostile_worlds.py"
-STALLED_TESTS = "tests/runtime/processes/test_stalled_recorder.py"
+HOSTILE_TESTS = "tests/runtime/test_hostile_worlds.py"
+STALLED_TESTS = "tests/runtime/test_stalled_recorder.py"
 HAND_TESTS = "tests/runtime/servo/test_hand.py"
-LEFTOVER_TESTS = "tests/runtime/realtime/test_stale_files.py"
+LEFTOVER_TESTS = "tests/runtime/linux/test_stale_files.py"
 IMPORT_TESTS, END_TESTS = "tests/cluster/test_python_process.py", "tests/runtime/servo/test_ends.py"
 PART_TESTS = "tests/runtime/tick/test_rendered_part.py"
 MEMORY_TESTS, TICK_TESTS = "tests/runtime/tick/test_memory.py", "tests/runtime/tick/test_tick.py"
 FEED_TESTS, FRAMED_TESTS = "tests/runtime/trackers/test_trackers.py", "tests/runtime/trackers/test_framed_feed.py"
 SENDER_TESTS = "tests/runtime/trackers/test_sender_clock.py"
-FRAME_TESTS = "tests/estimation/frame/test_frame_registration.py"
+FRAME_TESTS = "tests/estimation/tracker_frame/test_frame_registration.py"
 OSC_TESTS = "tests/serve/osc/test_osc_session.py::test_without_the_token_nothing_happens"
 VIEWER_TESTS = "tests/serve/foxglove/test_viewer_connection.py"
 SERVED_TESTS, ACCESS_TESTS = "tests/serve/test_served_device.py", "tests/serve/test_server_choice.py"
 OSC_LATE_TESTS = "tests/serve/osc/test_osc_session.py::test_what_waited_in_the_socket_is_not_felt_and_changes_no_world"
 SECRET_TESTS = "tests/runtime/trackers/test_tracker_accounts.py"
 PASS_TESTS, HANDOVER_TESTS = "tests/control/protection/test_pass_over.py", "tests/serve/test_handover.py"
-ACCOUNT_TESTS, OWNER_TESTS = "tests/serve/test_other_accounts.py", "tests/runtime/realtime/test_socket_owner.py"
+ACCOUNT_TESTS, OWNER_TESTS = "tests/serve/test_other_accounts.py", "tests/runtime/test_socket_owner.py"
 FOREIGN = "tests/contracts/test_foreign_recordings.py"
-BAD_RECORDINGS = "tests/runtime/replay/test_bad_recordings.py"
-STARTED_TESTS = "tests/worlds/own/test_started_code.py"
-REMOTE_TESTS, BLOCK_TESTS = "tests/worlds/dynamic/test_remote.py", "tests/runtime/memory/test_force_block.py"
-ORIENTATION_TESTS = "tests/estimation/orientation/test_least_squares.py"
-MAP_TESTS = "tests/estimation/torque_maps/test_torque_maps.py"
+BAD_RECORDINGS = "tests/replay/test_bad_recordings.py"
+STARTED_TESTS = "tests/worlds/user_world/test_started_code.py"
+REMOTE_TESTS, BLOCK_TESTS = "tests/worlds/test_remote.py", "tests/runtime/shared_memory/test_force_block.py"
+ORIENTATION_TESTS = "tests/estimation/motor_orientation/test_least_squares.py"
+MAP_TESTS = "tests/estimation/network/test_torque_maps.py"
 
 #: (marker in the code, rule, mutation, tests that must go red)
 RULES = [
@@ -198,7 +198,7 @@ RULES = [
         "repair-keeps-input",
         "a repaired recording is never written over the damaged one",
         "never",
-        "tests/runtime/recording/test_damaged_recordings.py::test_a_repaired_file_is_whole_for_the_makers_reader",
+        "tests/recording/test_damaged_recordings.py::test_a_repaired_file_is_whole_for_the_makers_reader",
     ),
     (
         "recording-mode",
@@ -214,21 +214,21 @@ RULES = [
         "tests/web/console/test_pointer_relay.py",
     ),
     ("cool-simulated", "real coils stay as warm as they are", "always", "tests/runtime/tick/test_cooling.py"),
-    ("excuse-simulated", "a real device trips on a busy computer", "always", "tests/runtime/processes/test_loop.py"),
-    ("host-silent", "a silent host is dead", "never", "tests/runtime/processes/test_loop.py"),
-    ("host-stopped", "a stopped host is dead within 100 ms", "never", "tests/runtime/realtime/test_host_heartbeat.py"),
+    ("excuse-simulated", "a real device trips on a busy computer", "always", "tests/runtime/test_loop.py"),
+    ("host-silent", "a silent host is dead", "never", "tests/runtime/test_loop.py"),
+    ("host-stopped", "a stopped host is dead within 100 ms", "never", "tests/runtime/linux/test_host_heartbeat.py"),
     (
         "host-computing",
         "a host that computes is not taken for dead",
         "always",
-        "tests/runtime/realtime/test_host_heartbeat.py",
+        "tests/runtime/linux/test_host_heartbeat.py",
     ),
-    ("host-starved", "a host that waits for ever is dead", "never", "tests/runtime/realtime/test_host_heartbeat.py"),
+    ("host-starved", "a host that waits for ever is dead", "never", "tests/runtime/linux/test_host_heartbeat.py"),
     (
         "host-starved-real",
         "real coils do not wait for a busy host",
         "replace value by True",
-        "tests/runtime/processes/test_loop.py",
+        "tests/runtime/test_loop.py",
     ),
     ("world-hung", "a world that hears nothing is told", "drop", HOSTILE_TESTS),
     ("servo-hung", "a servo that hangs ends without its host", "replace value.keywords[0].value by 28", HOSTILE_TESTS),
@@ -247,7 +247,7 @@ RULES = [
         "engage-void",
         "an engage that was asked for before a stop is void",
         "always",
-        "tests/runtime/processes/test_loop.py",
+        "tests/runtime/test_loop.py",
     ),
     (
         "simulated-watchdog",
@@ -359,13 +359,13 @@ RULES = [
         "plan-awaited",
         "a servo that waits for its plan ends with its host",
         "replace . by while {test}: pass",
-        "tests/runtime/processes/test_prestart.py",
+        "tests/runtime/test_prestart.py",
     ),
     (
         "tool-carried",
         "a tool that is only carried on is lost soon",
         "without 3",
-        "tests/estimation/tool/test_tool_position.py",
+        "tests/estimation/hall_tracker/test_tool_position.py",
     ),
     ("waiting-heard", "who waits for an answer is not silent", "drop", SERIAL_TESTS),
     (
@@ -410,7 +410,7 @@ RULES = [
         "study-one-kind",
         "a study's database holds one kind of data: real, pilot or simulated",
         "never",
-        "tests/study/store/test_contents.py",
+        "tests/study/database/test_contents.py",
     ),
     ("study-withdrawn", "a code that was withdrawn does not return", "never", MERGE_TESTS),
     ("study-merge-kind", "real, pilot and simulated data are never merged", "never", MERGE_TESTS),

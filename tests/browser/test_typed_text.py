@@ -118,6 +118,7 @@ def test_an_answer(browser: Any, tmp_path: Path, study: str, everything: bool) -
             page.focus("#typed")
             page.keyboard.insert_text(typed)
             trial = page.evaluate("study.view.trial")
+            page.evaluate("document.getElementById('mistake').hidden = true")  # that of the text before
             page.keyboard.press("Enter")
             until(page, f"study.view.trial !== {trial} || !document.getElementById('mistake').hidden")
             rows = stored(place, "SELECT answer FROM trials ORDER BY number")

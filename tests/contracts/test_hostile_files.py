@@ -39,8 +39,8 @@ FEWER = {"device": 60, "motor": 2, "variant": 2, "design": 60, "study": 60, "rec
 
 @pytest.fixture(scope="module")
 def hostile() -> ModuleType:
-    """benchmarks/safety/hostile_files.py."""
-    spec = importlib.util.spec_from_file_location("hostile_files", ROOT / "benchmarks" / "safety" / "hostile_files.py")
+    """tests/fuzz/hostile_files.py."""
+    spec = importlib.util.spec_from_file_location("hostile_files", ROOT / "tests" / "fuzz" / "hostile_files.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -63,7 +63,7 @@ def test_a_few_hundred_of_each(hostile: ModuleType, tmp_path: Path, kind: str) -
 
 
 def test_crafted_files_do_nothing_in_the_commands(tmp_path: Path) -> None:
-    """A tenth of them; `python benchmarks/safety/hostile_files.py --only crafted` tries all."""
+    """A tenth of them; `python tests/fuzz/hostile_files.py --only crafted` tries all."""
     inside, outside = make_ground(tmp_path / "ground")
     found = try_files(list(craft_files(inside, outside))[::10], inside, outside)
     assert found.wrong == []

@@ -3,7 +3,7 @@ all of them load.
 
 `ForkServer` starts this file as a process of its own, which loads the packages once and copies itself for every
 `python -m haptorb...`. A copy is a child of the test's process, as one that was started, and runs the module from its
-first line. What a start itself does is tested where nothing is copied: tests/runtime/processes, and every program that
+first line. What a start itself does is tested where nothing is copied: tests/runtime, and every program that
 tests run.
 """
 

@@ -14,9 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.mark.timeout(300)
 def test_no_order_of_events_switches_on_after_a_stop() -> None:
-    spec = importlib.util.spec_from_file_location(
-        "interleavings", ROOT / "benchmarks" / "safety" / "study_interleavings.py"
-    )
+    spec = importlib.util.spec_from_file_location("interleavings", ROOT / "tests" / "fuzz" / "study_interleavings.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -29,7 +27,7 @@ def test_no_order_of_events_switches_on_after_a_stop() -> None:
 
 def test_no_order_of_stops_and_engages_of_python_console_and_study_leaves_it_on() -> None:
     """In a process of its own: it winds the clock of the console's event loop."""
-    program = ROOT / "benchmarks" / "safety" / "stop_interleavings.py"
+    program = ROOT / "tests" / "fuzz" / "stop_interleavings.py"
     command = [sys.executable, str(program), "--interleavings", "300", "--seed", "2"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,4 +1,4 @@
-"""A console that somebody uses, while others try everything: the reduced form of benchmarks/safety/hostile_web.py."""
+"""A console that somebody uses, while others try everything: the reduced form of tests/fuzz/hostile_web.py."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.realtime(retry=False)
 
 @pytest.fixture
 def hostile(root):
-    spec = importlib.util.spec_from_file_location("hostile_web", root / "benchmarks" / "safety" / "hostile_web.py")
+    spec = importlib.util.spec_from_file_location("hostile_web", root / "tests" / "fuzz" / "hostile_web.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -1,6 +1,6 @@
 """What programs of another account, and pages that do not listen, can do to a console that somebody uses.
 
-    python benchmarks/safety/hostile_web.py [--connections 1000] [--seconds 10] [--json]
+    python tests/fuzz/hostile_web.py [--connections 1000] [--seconds 10] [--json]
 
 Starts the simulated Omni with its console, as `haptorb run` does, and a page that moves the stylus. A program of
 another account (of the same one, where this one may not become another) asks for everything that there is, and says

@@ -8,7 +8,7 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb.worlds import RollingBall
 from haptorb.worlds.dynamic import bind_world
-from worlds.dynamic.hands import DT, feel, sum_work, wander
+from worlds.hands import DT, feel, sum_work, wander
 
 AWAY = np.array([0.0, 0.0, 0.2])
 

@@ -1,6 +1,6 @@
 """Worlds that do what no world should, programs that are killed or stopped meanwhile, and what is left of them.
 
-    python benchmarks/safety/hostile_worlds.py [--worlds NAME…] [--crashes 100] [--stops 20] [--busy 60]
+    python tests/fuzz/hostile_worlds.py [--worlds NAME…] [--crashes 100] [--stops 20] [--busy 60]
 
 Every world × {nothing, the host is killed, the host is told to end}: after how many seconds the host was told why, the
 servo was gone with all that the world had started, and the serial port that the servo's process held was free. Every

@@ -1,6 +1,6 @@
 """Stop against everything else, in random order: is current ever on after a Stop, unless somebody engaged since?
 
-    python benchmarks/safety/stop_interleavings.py [--interleavings N] [--seed S]
+    python tests/fuzz/stop_interleavings.py [--interleavings N] [--seed S]
 
 The real loop, chain, guard, console hub, session manager and study pages run in one process on a clock that this
 program winds; pages are sockets of its own, a session of a study sits in memory. An interleaving is eight random deeds,

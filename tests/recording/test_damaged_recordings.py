@@ -21,13 +21,13 @@ from haptorb.recording import recording as recording_module
 from oracles.command import run_command
 from oracles.made_recording import make_recording
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
 def benchmark_program() -> ModuleType:
-    """benchmarks/recordings/damaged_recordings.py."""
-    path = ROOT / "benchmarks" / "recordings" / "damaged_recordings.py"
+    """tests/fuzz/damaged_recordings.py."""
+    path = ROOT / "tests" / "fuzz" / "damaged_recordings.py"
     spec = importlib.util.spec_from_file_location("damaged_recordings", path)
     assert spec is not None
     assert spec.loader is not None
@@ -78,7 +78,7 @@ def test_rows_of_undamaged_chunks_are_read_and_losses_named(
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_a_thousand_damaged_recordings() -> None:
-    program = [sys.executable, "benchmarks/recordings/damaged_recordings.py", "--files", "1000", "--json"]
+    program = [sys.executable, "tests/fuzz/damaged_recordings.py", "--files", "1000", "--json"]
     done = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     assert json.loads(done.stdout)["share"] >= 0.99

@@ -1,6 +1,6 @@
 """What damaged and crafted files do to everything that reads a file: an explained refusal, or the file as it was meant.
 
-    python benchmarks/safety/hostile_files.py [--mutants 10000] [--commands 1000] [--seed 0] [--only device recording …]
+    python tests/fuzz/hostile_files.py [--mutants 10000] [--commands 1000] [--seed 0] [--only device recording …]
 
 Every kind of file that haptorb reads is changed at random: bytes flipped, cut out, put in and repeated, and numbers,
 texts and brackets replaced by what has hurt readers before (numbers of 400 digits, NaN, expressions for units, lists

@@ -1,6 +1,6 @@
 """Recordings damaged at random: how many rows of undamaged chunks are read, and whether every loss is named.
 
-    python benchmarks/recordings/damaged_recordings.py [--files 1000] [--commands 20] [--seed 1] [--folder DIR] [--json]
+    python tests/fuzz/damaged_recordings.py [--files 1000] [--commands 20] [--seed 1] [--folder DIR] [--json]
 
 A recording of three seconds is written with each compression that MCAP has, and damaged: 1 to 20 bytes anywhere get
 other values, and every fourth file is also cut at any place. Which chunks are undamaged is known from the makers'

@@ -8,7 +8,7 @@ from haptorb.devices.base import State
 from haptorb.errors import InputError
 from haptorb.worlds import Friction
 from haptorb.worlds.dynamic import bind_world
-from worlds.dynamic.hands import feel, sum_work, wander
+from worlds.hands import feel, sum_work, wander
 
 #: Table I of Canudas de Wit et al. 1995, for a unit mass. What the paper says of its simulations are the inputs (a load
 #: of 0.95 F_s, velocities at 1, 10 and 25 rad/s, 2 N/m pulled at 0.1 m/s) and what is seen in Figs. 2 to 6; the numbers

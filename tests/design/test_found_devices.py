@@ -17,7 +17,7 @@ from haptorb_design.evaluate import evaluate
 from haptorb_design.objectives import find_worst, quantity, torque_per_ampere
 from haptorb_design.problem import DesignCandidate
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples" / "design"
 
 

@@ -8,7 +8,7 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb.worlds import StirredFluid
 from haptorb.worlds.dynamic import bind_world
-from worlds.dynamic.hands import DT, feel, sum_work, wander
+from worlds.hands import DT, feel, sum_work, wander
 
 WIDTH = 0.05 / 8
 RADII = (np.arange(8) + 0.5) * WIDTH

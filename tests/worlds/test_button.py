@@ -7,7 +7,7 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb.worlds import Button
 from haptorb.worlds.dynamic import bind_world
-from worlds.dynamic.hands import DT, feel, sum_work, wander
+from worlds.hands import DT, feel, sum_work, wander
 
 TRAVEL = Button().travel
 TOP = Button().bottom + TRAVEL

@@ -31,7 +31,7 @@ from oracles.made_recording import make_recording
 from oracles.recorded_chain import Deed, record_chain
 
 State = Mapping[str, StateArray]
-OLDER = Path(__file__).parents[2] / "contracts" / "older"
+OLDER = Path(__file__).parents[1] / "contracts" / "older"
 GROOVE = """
 import numpy as np
 from dataclasses import dataclass

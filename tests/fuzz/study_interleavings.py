@@ -1,6 +1,6 @@
 """Random interleavings of everything that pages, a session's thread, a device and a servo's loop do in a study.
 
-    python benchmarks/safety/study_interleavings.py [--interleavings 20000] [--seed 1]
+    python tests/fuzz/study_interleavings.py [--interleavings 20000] [--seed 1]
 
 No thread and no clock: the real hub, session manager, runner and halt of a study, on a servo that keeps the servo's
 rules (a count of Stops, an engage that carries the count under which it was asked for, obeyed when the loop ticks)
