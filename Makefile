@@ -75,7 +75,7 @@ $(VENV)/.run: $(BUILT_FROM) | $(BIN)/python
 
 $(VENV)/.test: $(BUILT_FROM) | $(BIN)/python
 	@echo "Installing haptorb and its tests' packages into $(VENV) (the first time: a few minutes) ..."
-	@sh scripts/install-package $(VENV) "[test,bench,docs,hardware,study,trackers]"
+	@sh scripts/install-package $(VENV) "[test,bench,docs,hardware,study,design,trackers]"
 	@touch $(VENV)/.run $@
 
 clean:

@@ -24,7 +24,11 @@ from time import perf_counter
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = 1.03  #: ratio that still counts as equal
-TICKS = "import sys; from haptorb.cli import main; sys.argv[1:] = ['bench', 'tick', '--json']; sys.exit(main())"
+TICKS = """
+import runpy, sys
+sys.argv[1:] = ["bench", "tick", "--json"]
+runpy.run_module("haptorb", run_name="__main__")
+"""
 START = """
 import haptorb
 with haptorb.Servo({device!r}, record=False) as servo:

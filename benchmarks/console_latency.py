@@ -23,9 +23,9 @@ from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any
 
-from console_drag import HOLDING, take_hold
 from playwright.sync_api import Page, sync_playwright
 
+from console_drag import HOLDING, take_hold
 from haptorb.cli.check_computer import StolenTimeCounter
 from haptorb.devices.loader import load
 from haptorb.runtime.servo import Servo

@@ -20,8 +20,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from changed_readings import ChangedReadings
 
+from changed_readings import ChangedReadings
 from haptorb.analysis.error_budget import ErrorBudget, WrenchBand
 from haptorb.arrays import Array
 from haptorb.cli.inspect import report_errors

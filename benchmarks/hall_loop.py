@@ -19,7 +19,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from haptorb_papers.bench.outside import HAPTORB
+from haptorb_bench.outside import HAPTORB
 
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
 #: sensors with noise and steps only: what turns and lateness cost is measured here

@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from changed_readings import ChangedReadings
 from scipy.spatial.transform import Rotation
 
+from changed_readings import ChangedReadings
 from haptorb.arrays import Array
 from haptorb.cli.calibration_dialog import Pace, check_steps, guide_calibration, hold_tool
 from haptorb.devices.base import rotation_to_axis

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from haptorb_papers.bench import load_result
+from haptorb_bench import load_result
 
 ROOT = Path(__file__).resolve().parents[1]
 BEGIN, END = "<!-- benchmarks: begin -->\n", "<!-- benchmarks: end -->"

@@ -50,7 +50,8 @@ print(json.dumps(found))
 
 def compute_rows(parts: tuple[str, ...], source: Path, cache: Path) -> dict[str, dict[str, str] | str]:
     """Part → its rows' verdicts, or what it failed with; in a new process that imports haptorb from `source`."""
-    environment = {**os.environ, "PYTHONPATH": str(source), "XDG_CACHE_HOME": str(cache)}
+    path = os.pathsep.join((str(source), str(source.parent / "papers")))
+    environment = {**os.environ, "PYTHONPATH": path, "XDG_CACHE_HOME": str(cache)}
     environment.pop("NUMBA_CACHE_DIR", None)
     run = subprocess.run(
         [sys.executable, "-c", _COMPUTE, json.dumps(parts)],
@@ -84,8 +85,9 @@ def find_red(mutation: Mutation, folder: Path, sound: dict[str, str]) -> tuple[l
 
 
 def copy_sources(folder: Path) -> None:
-    """A copy of the package's sources below `folder`/src."""
-    shutil.copytree(ROOT / "src", folder / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    """A copy of the packages' sources below `folder`."""
+    for name in ("src", "papers"):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
 
 
 def list_physics() -> list[str]:

@@ -114,7 +114,7 @@ MUTATIONS = (
     Mutation("control/linkage.py", "fill_rotor_wrench", "Q_lam", -1, (_E1,)),
     Mutation("control/linkage.py", "fill_rotor_wrench", "Q_phi", 1.1, (_E1,)),
     # the network that follows K of one coil
-    Mutation("../haptorb_papers/estimators/single_coil.py", "_take_readings", "per_reading", 1.1, (_F4,)),
+    Mutation("../../papers/haptorb_papers/estimators/single_coil.py", "_take_readings", "per_reading", 1.1, (_F4,)),
     # the outlet
     Mutation("worlds/snap_fit.py", "_outlet", "bent", 1.1, (_T3, _F7)),
     Mutation("worlds/snap_fit.py", "_outlet", "fy", 1.1, (_F7,)),

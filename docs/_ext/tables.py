@@ -150,7 +150,7 @@ def command_line() -> str:
 
 def benchmarks() -> str:
     """The stored figures of `haptorb bench`."""
-    from haptorb_papers.bench import load_result
+    from haptorb_bench import load_result
 
     return load_result(Path(__file__).resolve().parents[1] / "benchmarks.json").markdown()
 

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.background
 @cache
 def modules() -> list[ModuleType]:
     """All modules of the package that do not begin with an underscore."""
-    tops = map(import_module, ("haptorb", "haptorb_design", "haptorb_papers", "haptorb_study"))
+    tops = map(import_module, ("haptorb", "haptorb_bench", "haptorb_design", "haptorb_papers", "haptorb_study"))
     names = [found.name for top in tops for found in pkgutil.walk_packages(top.__path__, f"{top.__name__}.")]
     return [import_module(name) for name in names if not any(part.startswith("_") for part in name.split("."))]
 

@@ -11,12 +11,16 @@ import pytest
 pytestmark = pytest.mark.background
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCES = ROOT / "src"
+ROOTS = {"src": ROOT / "src", "papers": ROOT / "papers", "benchmarks/haptorb_bench": ROOT / "benchmarks"}
 
 
 def _imports() -> dict[str, set[str]]:
     """Module → modules of haptorb that it imports anywhere, for types only too."""
-    files = {path: ".".join(path.relative_to(SOURCES).with_suffix("").parts) for path in SOURCES.rglob("*.py")}
+    files = {
+        path: ".".join(path.relative_to(root).with_suffix("").parts)
+        for folder, root in ROOTS.items()
+        for path in (ROOT / folder).rglob("*.py")
+    }
     modules = {path: name.removesuffix(".__init__") for path, name in files.items()}
     known = set(modules.values())
     found: dict[str, set[str]] = {}

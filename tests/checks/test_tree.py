@@ -68,7 +68,7 @@ def test_the_pattern_for_local_paths_sees_what_it_must(line: str, local: bool) -
 
 
 def test_nothing_is_marked_unfinished(root: Path) -> None:
-    assert find_lines(UNFINISHED, root, ("src", "web", "firmware", "examples", "benchmarks")) == []
+    assert find_lines(UNFINISHED, root, ("src", "papers", "web", "firmware", "examples", "benchmarks")) == []
 
 
 def test_lock_file_has_no_download_addresses(root: Path) -> None:

@@ -99,10 +99,10 @@ def test_every_command_that_prints_figures_has_json():
 
 def test_nothing_prints_beside_it(root):
     """No module of apps prints, or makes a console or a table of its own; a session's full screen is rich's."""
-    apps = root / "src"
-    places = ("haptorb/cli", "haptorb/serve", "haptorb/web", "haptorb_design", "haptorb_papers", "haptorb_study")
+    places = ("src/haptorb/cli", "src/haptorb/serve", "src/haptorb/web", "src/haptorb_design", "src/haptorb_study")
+    places += ("papers", "benchmarks/haptorb_bench")
     found = []
-    for path in sorted(path for place in places for path in (apps / place).rglob("*.py")):
+    for path in sorted(path for place in places for path in (root / place).rglob("*.py")):
         if path.name == "terminal_session.py":
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -110,10 +110,10 @@ def test_nothing_prints_beside_it(root):
             if called == "Console" and isinstance(node, ast.Call) and node.args:
                 continue  # the one in the browser
             if called in ("print", "console.print", "Console", "typer.echo", "sys.stdout.write"):
-                found.append(f"{path.relative_to(apps)}:{node.lineno} {ast.unparse(node)[:60]}")
+                found.append(f"{path.relative_to(root)}:{node.lineno} {ast.unparse(node)[:60]}")
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rich."):
                 names = {alias.name for alias in node.names} - {"Console"}
-                found += [f"{path.relative_to(apps)}:{node.lineno} {name}" for name in names]
+                found += [f"{path.relative_to(root)}:{node.lineno} {name}" for name in names]
     assert found == []
 
 

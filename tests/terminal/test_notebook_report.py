@@ -11,7 +11,7 @@ from haptorb import worlds
 from haptorb.cli.check_computer import Fitness, Machine, StolenTime
 from haptorb.cli.check_world import Setting, judge_world
 from haptorb.cli.inspect import card
-from haptorb_papers.bench import load_result
+from haptorb_bench import load_result
 from haptorb_papers.reproduce import ReproductionResult
 from haptorb_papers.reproduce.item import Item
 from haptorb_papers.reproduce.registry import find_reproduction

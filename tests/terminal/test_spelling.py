@@ -13,7 +13,7 @@ from haptorb.terminal import fit_encoding, tell, use_ascii_fallback
 def test_no_sign_of_the_sources_is_lost(root):
     signs = set()
     for suffix in ("*.py", "*.toml"):
-        for path in (root / "src").rglob(suffix):
+        for path in (path for place in ("src", "papers") for path in (root / place).rglob(suffix)):
             signs |= set(path.read_text(encoding="utf-8"))
     lost = {sign for sign in signs if "?" in fit_encoding(sign, "ascii") and sign != "?"}
     assert lost == set()

@@ -51,8 +51,8 @@ def pmsm_card():
 
 
 def bench():
-    from haptorb_papers.bench.result import BenchResult
-    from haptorb_papers.bench.row import Metric
+    from haptorb_bench.result import BenchResult
+    from haptorb_bench.row import Metric
 
     rows = (
         Metric("magnetics", "torque per ampere of all 24 coils", 6.89, "µs", "magpylib, core in blocks", 55300.0,
@@ -66,7 +66,7 @@ def bench():
 
 
 def contest():
-    from haptorb_papers.bench.contest import Contest, Result
+    from haptorb_bench.contest import Contest, Result
 
     results = (
         Result("torque [N·m] of all coils", "haptorb", "exact to 1e-7", 2.6e-6, 1e-7),

@@ -11,7 +11,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Annotated, Any
 
 import typer
@@ -49,13 +49,34 @@ def start(
     """Design, simulate and run spherical electromagnetic haptic devices."""
 
 
-def explain_missing(command: str, cause: ModuleNotFoundError) -> None:
-    """Have `command` say in one line which package it needs, where that is not installed."""
-    package = str(cause.name).partition(".")[0]
+#: extra → what it installs that a command imports without a message of its own
+_EXTRAS = {
+    "study": ("sqlalchemy", "pyarrow", "psycopg", "pylsl"),
+    "design": ("sqlalchemy", "tomli_w", "threadpoolctl", "pymoo"),
+}
+_OF_THE_CLONE = ("haptorb_bench", "haptorb_papers")  #: in no wheel
 
-    @app.command(command, hidden=True, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
+
+def explain_missing(command: str, missing: ModuleNotFoundError) -> str:
+    """Why `command` cannot run without the missing module, and what to install; "" if no extra installs it."""
+    package = str(missing.name).partition(".")[0]
+    if package in _OF_THE_CLONE:
+        return f"`haptorb {command}` is part of the source repository, not of the installed package: run it in a clone"
+    extras = [extra for extra, packages in _EXTRAS.items() if package in packages]
+    if extras:
+        extra = command if command in extras else extras[0]
+        return f"`haptorb {command}` needs {package}, which is not installed: pip install 'haptorb[{extra}]'"
+    return ""
+
+
+def _register_missing(point: EntryPoint, missing: ModuleNotFoundError) -> None:
+    """Register a command that only says what it needs; the commands of one broken package do not end all others."""
+    package = point.module.partition(".")[0]
+    why = explain_missing(point.name, missing) or f"`haptorb {point.name}`, of {package}, cannot be loaded: {missing}"
+
+    @app.command(point.name, hidden=True, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
     def explain() -> None:
-        raise InputError(f"`haptorb {command}` needs {package}, which is not installed")
+        raise InputError(why)
 
 
 for module in (run, view, show, check, recording, replay, calibrate, frame, fit, train, hardware):
@@ -64,7 +85,7 @@ for point in entry_points(group="haptorb.commands"):
     try:
         point.load().register(app)
     except ModuleNotFoundError as missing:
-        explain_missing(point.name, missing)
+        _register_missing(point, missing)
 
 
 @contextmanager
@@ -93,6 +114,12 @@ def main(arguments: list[str] | None = None) -> int:
             app(args=arguments)
     except HaptorbError as mistake:
         say(f"haptorb: {mistake.command_message}")
+        return 2
+    except ModuleNotFoundError as missing:
+        words = [word for word in (sys.argv[1:] if arguments is None else arguments) if not word.startswith("-")]
+        if not (why := explain_missing(words[0] if words else "", missing)):
+            raise
+        say(f"haptorb: {why}")
         return 2
     except KeyboardInterrupt:
         return 130

@@ -90,6 +90,7 @@ def find_all() -> Iterator[Mention]:
         ("examples", {".py", ".toml", ".rst", ".js", ".html"}),
         ("web/src", {".ts", ".html"}),
         ("docs/_ext", {".py"}),
+        ("papers", {".py"}),
         ("benchmarks", {".py"}),
     ):
         for path in sorted((ROOT / folder).rglob("*")):

@@ -11,7 +11,7 @@ from types import ModuleType
 
 import pytest
 
-from haptorb_papers.bench import load_result
+from haptorb_bench import load_result
 from oracles.program_runner import ProgramRunner
 
 HAPTORB = "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))"

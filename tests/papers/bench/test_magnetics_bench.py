@@ -10,8 +10,8 @@ from rich.console import Console
 
 from haptorb.cli import main
 from haptorb.devices.motor import torque_characteristic
-from haptorb_papers.bench import magnetics, peers
-from haptorb_papers.bench.contest import Contest, Result, measure_fastest
+from haptorb_bench import magnetics, peers
+from haptorb_bench.contest import Contest, Result, measure_fastest
 
 pytestmark = pytest.mark.background
 
@@ -19,7 +19,7 @@ pytest.importorskip("magpylib")
 pytest.importorskip("cfsem")
 
 
-MAGNETICS = import_module("haptorb_papers.bench.magnetics")
+MAGNETICS = import_module("haptorb_bench.magnetics")
 
 
 def measure_briefly(work, per_call, budget):

@@ -10,8 +10,8 @@ from rich.console import Console
 
 from haptorb.cli import main
 from haptorb.errors import InputError, UnknownName
-from haptorb_papers.bench import BENCHMARKS, BenchResult, Metric, load_result, run_benchmarks, starting
-from haptorb_papers.bench import outside as programs
+from haptorb_bench import BENCHMARKS, BenchResult, Metric, load_result, run_benchmarks, starting
+from haptorb_bench import outside as programs
 
 pytestmark = pytest.mark.timeout(900)  # the first run on a machine compiles all kernels
 

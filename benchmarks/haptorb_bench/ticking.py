@@ -19,7 +19,7 @@ from haptorb.runtime.shared_memory import SLOTS
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.tick_state import TickState
 from haptorb.simulation.base import simulate
-from haptorb_papers.bench.row import Metric
+from haptorb_bench.row import Metric
 
 __all__ = ["rows"]
 

@@ -17,9 +17,9 @@ from haptorb.devices.loader import load
 from haptorb.devices.motor import motor, sensor_field, torque_characteristic
 from haptorb.devices.motor_model import exact_field, exact_torque
 from haptorb.rotations import rotation_from_euler
-from haptorb_papers.bench import peers
-from haptorb_papers.bench.contest import Contest, Result, measure_fastest
-from haptorb_papers.bench.row import Metric
+from haptorb_bench import peers
+from haptorb_bench.contest import Contest, Result, measure_fastest
+from haptorb_bench.row import Metric
 
 __all__ = ["magnetics", "rows"]
 

@@ -12,7 +12,7 @@ from time import monotonic, sleep
 
 from haptorb.cluster import python_command
 from haptorb.recording.recording import Recording
-from haptorb_papers.bench.row import Metric
+from haptorb_bench.row import Metric
 
 __all__ = ["rows"]
 

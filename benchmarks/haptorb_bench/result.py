@@ -19,8 +19,8 @@ from haptorb.files import parse_json, read_text, replace_file
 from haptorb.notebook import NotebookReport
 from haptorb.runtime.linux import require_linux
 from haptorb.terminal import Column, TextTable, print_table, print_text
-from haptorb_papers.bench.contest import spell_time
-from haptorb_papers.bench.row import Metric
+from haptorb_bench.contest import spell_time
+from haptorb_bench.row import Metric
 
 __all__ = ["BENCHMARKS", "BenchResult", "load_result", "run_benchmarks"]
 
@@ -135,7 +135,7 @@ def run_benchmarks(names: Iterable[str], effort: float, command: str, tell: Call
     rows: list[Metric] = []
     for name in chosen:
         module, function = BENCHMARKS[name]
-        run = getattr(import_module(f"haptorb_papers.bench.{module}"), function)
+        run = getattr(import_module(f"haptorb_bench.{module}"), function)
         rows += run(effort, lambda what, name=name: tell(name, what))
     return BenchResult(facts, command, date.today().isoformat(), tuple(rows))
 

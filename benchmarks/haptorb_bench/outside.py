@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from haptorb.cluster import python_command
-from haptorb_papers.bench.row import Metric
+from haptorb_bench.row import Metric
 
 __all__ = ["console", "loop", "serial", "study"]
 
-_CLONE = Path(__file__).resolve().parents[3]
+_CLONE = Path(__file__).resolve().parents[2]
 
 
 def loop(effort: float, tell: Callable[[str], None]) -> list[Metric]:

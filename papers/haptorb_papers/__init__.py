@@ -1,0 +1,1 @@
+"""Reproductions of Bai 2012 and Zárate 2020, comparisons of estimators and of guidance; in no wheel."""

@@ -1,1 +1,0 @@
-"""Reproductions of Bai 2012 and Zárate 2020, comparisons of estimators and of guidance, benchmarks; in no wheel."""

@@ -1,1 +1,0 @@
-"""Commands that compare, measure and reproduce: `bench`, `estimators`, `guidance` and `reproduce`."""
