@@ -70,7 +70,7 @@ $(BIN)/python:
 
 $(VENV)/.run: $(BUILT_FROM) | $(BIN)/python
 	@echo "Installing haptorb into $(VENV) (the first time: half a minute) ..."
-	@sh scripts/install-package $(VENV) ""
+	@sh scripts/install-package $(VENV) "[study,design]"
 	@touch $@
 
 $(VENV)/.test: $(BUILT_FROM) | $(BIN)/python

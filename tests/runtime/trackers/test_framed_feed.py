@@ -16,8 +16,7 @@ from haptorb.errors import CalibrationError, InputError
 from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.runtime.servo import Servo
 from haptorb.runtime.shared_memory import WORDS, PoseBlock
-from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
-from haptorb.runtime.trackers.framed_feed import FramedFeed
+from haptorb.runtime.trackers.base import Feed, FramedFeed, RawPose, RejectedPose
 from haptorb.runtime.trackers.pose_filter import PoseFilter
 from haptorb.simulation.synthetic_tracker import SyntheticTracker
 

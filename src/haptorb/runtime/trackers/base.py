@@ -5,12 +5,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from math import ulp
-from typing import NamedTuple, final
+from typing import TYPE_CHECKING, NamedTuple, final
 
 from haptorb.arrays import Array, record
 from haptorb.estimation.types import Pose
 
-__all__ = ["RESTART_SILENCE", "Feed", "Goal", "RawPose", "RejectedPose", "SenderClock", "Tracker"]
+if TYPE_CHECKING:
+    from haptorb.estimation.tracker_frame import TrackerFrame
+
+__all__ = ["RESTART_SILENCE", "Feed", "FramedFeed", "Goal", "RawPose", "RejectedPose", "SenderClock", "Tracker"]
 
 
 class RawPose(NamedTuple):
@@ -52,6 +55,31 @@ class Feed(ABC):
     @abstractmethod
     def close(self) -> None:
         """Close sockets. May be called twice."""
+
+
+@final
+class FramedFeed(Feed):
+    """A feed in its tracker's frame, transformed into the stator's frame.
+
+    Times are not changed; velocities follow from the poses, so they are in the stator's frame too.
+    """
+
+    def __init__(self, feed: Feed, frame: TrackerFrame) -> None:
+        self._feed, self._frame = feed, frame
+        self.one_tool = feed.one_tool
+
+    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
+        """As the feed receives it; a loss has no pose, and an impossible pose is left for the filter to refuse."""
+        for one in self._feed.receive(patience):
+            if isinstance(one, RejectedPose) or not one.valid:
+                yield one
+                continue
+            p, q = self._frame.transform_pose(one.p, one.q)
+            yield one._replace(p=p, q=q)
+
+    def close(self) -> None:
+        """Close the feed."""
+        self._feed.close()
 
 
 # --------------------------------------------------------------------------------------------------

@@ -118,7 +118,7 @@ def feed_of(spec: dict[str, Any], descriptor: int, origin: Callable[[], float], 
     if not frame:
         return feed
     from haptorb.estimation.tracker_frame import TrackerFrame
-    from haptorb.runtime.trackers.framed_feed import FramedFeed
+    from haptorb.runtime.trackers.base import FramedFeed
 
     return FramedFeed(feed, TrackerFrame.parse(frame, "the tracker's frame"))
 
