@@ -121,7 +121,7 @@ def _limit_optimisation(numba: Any) -> None:
     """Have kernels compiled without the passes that cost much and gain nothing here.
 
     Most kernels work on three or six numbers in turn: vector code for their loops, and what the third level adds to the
-    second, took a third of the time of a first start (docs/decisions/0003). Those whose loops run over every magnet of
+    second, took a third of the time of a first start (docs/decisions/03). Those whose loops run over every magnet of
     a motor have vector code nevertheless: `vector_kernel`. Not where the user chose otherwise.
     """
     if "NUMBA_OPT" not in os.environ:

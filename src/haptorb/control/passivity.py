@@ -13,7 +13,7 @@ A world with memory may store energy. Where its memory says how much, E, what it
 ½(f₁ + f₂)·Δp + E₂ − E₁, summed up and never below zero: what it has dissipated it may not give back. A surplus that
 comes and goes, as of a symplectic integrator, comes and goes in the balance.
 
-After Hannaford and Ryu 2002, who count all the energy from the start; see decision 0013 for why not here.
+After Hannaford and Ryu 2002, who count all the energy from the start; see decision 07 for why not here.
 """
 
 from __future__ import annotations
