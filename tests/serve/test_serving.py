@@ -96,11 +96,6 @@ class Floor(World):
 """
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="the recorded wrench that stands in for a version that is gone does not know which part a client commanded, "
-    "so the client's rate limit is not replayed",
-)
 def test_the_users_own_world_is_felt_beside_the_clients_and_keeps_them_when_it_is_saved(tmp_path):
     haply, file, path = check_servers(["haply:0:0"]), tmp_path / "floor.py", tmp_path / "run.mcap"
     file.write_text(OWN.format(force=0.05))

@@ -233,15 +233,19 @@ class WorldFailed(HaptorbError):
 
 @final
 class RecordedTick:
-    """What the world did in the tick that is replayed now, in a block of ticks."""
+    """What the world did in the tick that is replayed now, in a block of ticks.
 
-    def __init__(self) -> None:
+    room   numbers of a world's memory that a recorded row has
+    """
+
+    def __init__(self, room: int) -> None:
         self._wrench: list[Array] = []
         self._contacts: list[Array] = []
         self._memory: list[Array] = []
         self._failures: list[int] = []
         self._client: dict[str, slice | int] = {}
         self._at = 0
+        self.room = room
 
     def load(self, block: Mapping[str, Array], *, whole: bool) -> None:
         """The next ticks: field → (n, width), each in its unit [SI]; only failures unless the `whole` is requested."""
@@ -286,6 +290,10 @@ class RecordedTick:
         """(n, 8) as a row has them [m, N]."""
         return self._contacts[self._at]
 
+    def has_room(self, fields: Sequence[MemoryField]) -> bool:
+        """Whether the recorded rows have room for a memory with these `fields`."""
+        return sum(field.size for field in fields) <= self.room
+
     def find_client(self, fields: Sequence[MemoryField], recording: Recording) -> None:
         """Where a memory with these `fields` has what a client commanded: that of the world `remote`, alone or in a
         sum. Raises RecordingError if the rows of `recording` are too narrow for it."""
@@ -297,11 +305,10 @@ class RecordedTick:
                     self._client[name] = slice(start, start + field.size) if field.shape else start
                     end = start + field.size
             start += field.size
-        room = next((field.width for field in recording.fields if field.name == "memory"), 0)
-        if end > room:
+        if end > self.room:
             text = (
                 f"{recording.path} cannot be replayed: the clients' commands end at number {end} of the memory of "
-                f"the world, but the field 'memory' has only {room} numbers; replay the recorded wrench instead"
+                f"the world, but the field 'memory' has only {self.room} numbers; replay the recorded wrench instead"
             )
             raise RecordingError(f"{text} with recorded_world=True", command=f"{text} with --world recorded")
 
@@ -350,10 +357,20 @@ def make_recorded_world(description: str, tick: RecordedTick) -> World:
     name, fields = str(note.get("name", "recorded")), _memory_fields(note)
     kind = _dynamic_kind(name) if fields else _still_kind(name)
     asks = check_part(note["asks"]) if note.get("asks") else None
-    world: World = kind(tick, fields, note.get("stores_energy")) if fields else kind(tick)
+    remote = _find_remote(note) if tick.has_room(fields) else None
+    world: World = kind(tick, fields, note.get("stores_energy"), remote) if fields else kind(tick)
     object.__setattr__(world, "passive", note.get("passive", True) is not False)
     object.__setattr__(world, "asks", asks)
     return world
+
+
+def _find_remote(note: Mapping[str, Any]) -> Remote | None:
+    """The clients' force of the world of `note`, alone or in a sum, with its recorded limit; None without clients."""
+    values = note.get("values") if note.get("name") == "remote" else note.get("remote")
+    if not isinstance(values, Mapping):
+        return None
+    limit = values.get("limit")
+    return Remote() if limit is None else Remote(limit=limit)
 
 
 def _parse(description: str) -> dict[str, Any]:
@@ -427,6 +444,7 @@ def _dynamic_kind(known_as: str) -> Any:
         tick: RecordedTick
         numbers: tuple[MemoryField, ...]
         says_energy: bool | None
+        remote: Remote | None
         called: ClassVar[str] = known_as
 
         @property
@@ -445,10 +463,35 @@ def _dynamic_kind(known_as: str) -> Any:
             usual = any(field.name == "energy" for field in self.numbers)
             return usual if self.says_energy is None else bool(self.says_energy)
 
+        @property
+        def takes_commands(self) -> bool:  # type: ignore[override]  # the recorded world did, or did not
+            """Whether a part of the recorded wrench was a client's."""
+            return self.remote is not None
+
+        def take_command(self, memory: Records, client: Records) -> None:
+            """The command is in the recorded memory."""
+
         def advance(self, memory: Records, state: State, dt: float) -> Array:
             """(6,) as recorded [N, N·m]; `memory` (1,) becomes what was recorded. dt [s] is not looked at."""
             self.tick.remember(memory)
             return self.tick.render()
+
+        def advance_with_client(self, memory: Records, state: State, dt: float, commanded: Array) -> Array:
+            """(6,) as recorded [N, N·m]; the client's part of it is added to `commanded` (6,)."""
+            wrench = self.advance(memory, state, dt)
+            if self.remote is not None:
+                commanded += self.remote.advance(self._remote_memory(memory), state, dt)
+            return wrench
+
+        def _remote_memory(self, memory: Records) -> Records:
+            """(1,) the part of `memory` that the clients' force had."""
+            assert self.remote is not None
+            part = self.remote.begin()
+            for name in part.dtype.names or ():
+                for known in (name, f"remote_{name}"):
+                    if known in (memory.dtype.names or ()):
+                        part[name] = memory[known]
+            return part
 
     return _KINDS.setdefault((known_as, True), RecordedMemory)
 

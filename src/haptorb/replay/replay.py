@@ -517,7 +517,8 @@ class Replay:
         self._driver, self._other_world, self._only_recorded = PlayedDriver(device.sensors), world, recorded_world
         self.remarks = self.recorded.remarks
         self._stand_ins: set[str] = set()
-        self._recorded_tick = RecordedTick()
+        room = next((field.width for field in recording.fields if field.name == "memory"), 0)
+        self._recorded_tick = RecordedTick(room)
         self._change, self._resampled = 0, rate is not None
         self._state: Mapping[str, StateArray] | None = None
         self._begin_late()

@@ -206,6 +206,7 @@ def test_a_server_that_hangs_while_it_starts_is_refused_in_time(monkeypatch):
         assert time.monotonic() - before < 5.0
 
 
+@pytest.mark.timeout(60)  # a start that is not refused hangs
 @pytest.mark.parametrize("module", ["recorder_process", "servo_process"])
 def test_a_process_that_hangs_while_it_starts_is_refused_in_time(monkeypatch, tmp_path, module):
     _stop_at_once(monkeypatch, f"haptorb.runtime.{module}")
