@@ -22,7 +22,7 @@ LAYOUT = RowLayout(channels=3, sensors=2)
 def record(path: Path, rows: Any, layout: RowLayout = LAYOUT, *, finish: bool = True) -> Recording:
     with path.open("wb") as file:
         recorder = Recorder(file, layout, 1000.0, 10**18)
-        recorder.note("device", {"name": "omni", "title": "Omni <Zárate>"})
+        recorder.note("device", {"name": "omni", "title": "Omni <Zárate>", "coils": '["x", "y", "z"]'})
         recorder.note("run", {"driver": "sim", "rate_hz": "1000.0", "model": "exact"})
         recorder.note("world", {"change": "0", "tick": "0", "world": '{"name": "dome", "values": {}}'})
         recorder.append(rows)
@@ -71,6 +71,7 @@ def test_xarray_has_named_parts_and_units(recording: Recording) -> None:
     assert float(data["asked"].sel(component="F_z").max()) == 0.25
     assert float(data["p"].sel(axis="z").mean()) == pytest.approx(0.05)
     assert float(data["currents"].sel(channel=2).min()) == -2.5
+    assert float(data["currents"].swap_dims(channel="coil").sel(coil="y").min()) == -2.5
     assert data["currents"].attrs == {"units": "A", "long_name": "measured currents"}
     assert data["t"].attrs["units"] == "s"
     assert data["field"].shape == (500, 6)

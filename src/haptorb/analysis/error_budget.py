@@ -128,6 +128,7 @@ class ErrorModel(ABC, Generic[T, P]):
 
 COVERAGE = 0.95  #: probability of the bands
 _FEWEST = 100
+_RESAMPLES = 1000  #: for the intervals of the shares
 _SHARED = 0.2  #: part of the samples that is used for the shares, which take many trials each
 Report = Callable[[float], None]
 
@@ -159,6 +160,9 @@ class SourceShare:
     alone        95 % of the errors are no longer than this if everything else is exact [N or N·m]
     first_order  its share of the variance by itself: first-order Sobol index
     total        share that would vanish if it were known exactly: total Sobol index
+    first_order_interval, total_interval
+                 95 % intervals of the two estimates, bootstrapped over the devices. An estimate from samples may be
+                 negative, or its first-order index above its total one: they differ by less than their intervals
     """
 
     name: str
@@ -167,6 +171,8 @@ class SourceShare:
     alone: float
     first_order: float
     total: float
+    first_order_interval: tuple[float, float]
+    total_interval: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -203,8 +209,8 @@ def error_budget(
     regions, pairs = len(model.regions), samples // 2
     shared = max(int(_SHARED * pairs), _FEWEST // 2)
     errors = np.empty((regions, 2 * pairs, 3))
-    lone, spread = [], np.zeros((2, len(model.sources)))
-    variance, count = 0.0, 0
+    lone: list[Array] = []
+    split: list[Array] = []
     for region in range(regions):
         for pair in range(pairs):
             point = model.draw_point(region, rng)
@@ -213,10 +219,9 @@ def error_budget(
             here[0], here[1] = model.try_error(point, a), model.try_error(point, b)
             if pair < shared:
                 first, total, alone = _split_error(model, point, a, b, here)
-                spread += np.stack([first, total])
+                whole_variance = 0.5 * float(((here[0] - here[1]) ** 2).sum())
+                split.append(np.concatenate([first, total, [whole_variance]]))
                 lone.append(alone)
-                variance += 0.5 * float(((here[0] - here[1]) ** 2).sum())
-                count += 1
             if report is not None and pair % 20 == 0:
                 report((region + pair / pairs) / regions)
     bands = [_find_band(model, name, errors[number]) for number, name in enumerate(model.regions)]
@@ -224,7 +229,7 @@ def error_budget(
     return ErrorBudget(
         model.device, model.estimator, model.unit, model.jnd, model.asked, model.motion,
         tuple(component.name for component in model.components), 2 * pairs * regions, seed, (*bands, whole),
-        _rank_sources(model, np.array(lone), spread / max(variance, 1e-300)),
+        _rank_sources(model, np.array(lone), np.array(split), seed),
     )  # fmt: skip
 
 
@@ -253,13 +258,25 @@ def _find_band(model: ErrorModel[T, P], region: str, errors: Array) -> WrenchBan
     return WrenchBand(region, low, high, standard, size)
 
 
-def _rank_sources(model: ErrorModel[T, P], alone: Array, indices: Array) -> tuple[SourceShare, ...]:
+def _rank_sources(model: ErrorModel[T, P], alone: Array, split: Array, seed: int) -> tuple[SourceShare, ...]:
+    """The greatest total first. alone (n, sources); split (n, 2 · sources + 1): products for both indices, variance."""
     sizes = np.percentile(alone, 100 * COVERAGE, axis=0)
+    count = len(split)
+    # which devices are drawn how often: every resample's sums are one row of a product
+    drawn = np.random.default_rng((seed, count)).multinomial(count, np.full(count, 1 / count), size=_RESAMPLES)
+    sums = drawn @ split
+    indices, resampled = (
+        (part[:, :-1] / np.maximum(part[:, -1:], 1e-300)).reshape(len(part), 2, -1)
+        for part in (split.sum(axis=0, keepdims=True), sums)
+    )
+    indices = indices[0]
+    low, high = np.percentile(resampled, (50 * (1 - COVERAGE), 50 * (1 + COVERAGE)), axis=0)
     order = np.argsort(-indices[1])
     return tuple(
         SourceShare(
             model.sources[n].name, model.sources[n].standard, model.sources[n].origin, float(sizes[n]),
-            float(indices[0, n]), float(indices[1, n]),
+            float(indices[0, n]), float(indices[1, n]), (float(low[0, n]), float(high[0, n])),
+            (float(low[1, n]), float(high[1, n])),
         )
         for n in order
     )  # fmt: skip

@@ -554,8 +554,8 @@ def print_force_tables(console: Console, layers: tuple[Layer, ...], supply: floa
     limit = "" if supply == float("inf") else f"\npeak: within the supply's {supply:g} W, windings hot"
     print_text(
         console,
-        f"dipole error: largest error of the dipole model's force. JND: just-noticeable difference, "
-        f"{100 * FORCE_JND:.0f} % of force{limit}\n",
+        "dipole error: largest error of the coils' force if the tool's magnet is a point dipole; its shape alone, "
+        f"without the core's pull. JND: just-noticeable difference, {100 * FORCE_JND:.0f} % of force{limit}\n",
         "dim",
     )
     states = ("one coil warm", "all coils warm") if coupled else ("",)
@@ -931,7 +931,10 @@ class ElectromagnetCard(Card):
         moments = np.linalg.norm(device.moment_per_current, axis=0)
         return [
             *common_quantities(device),
-            *(Quantity(f"moment per ampere, coil {k}", "m²", float(moment)) for k, moment in enumerate(moments, 1)),
+            *(
+                Quantity(f"moment per ampere, coil {name}", "m²", float(moment))
+                for name, moment in zip(device.coils.names, moments, strict=True)
+            ),
             Quantity("moment of the tool", "A·m²", device.tool.moment),
             Quantity("workspace, half angle", "°", math.degrees(device.workspace_half_angle)),
             Quantity("contact distance", "mm", 1e3 * device.contact_distance),
@@ -946,7 +949,7 @@ class ElectromagnetCard(Card):
             Quantity("passive pull in contact", "mN", 1e3 * near.passive_pull),
             Quantity("force in every direction at the summit", "mN", 1e3 * summit.guaranteed_force),
             Quantity("torque about two axes at the summit", "mN·m", 1e3 * summit.guaranteed_torque),
-            Quantity("error of the dipole model in contact", "%", 100 * near.dipole_error),
+            Quantity("error of a point dipole for the tool's magnet in contact", "%", 100 * near.dipole_error),
         ]
 
     def curves(self) -> list[Curve]:
@@ -1003,8 +1006,8 @@ class ElectromagnetCard(Card):
         jnd.set_ylabel("just-noticeable differences")
         right.axhline(100 * FORCE_JND, color="k", ls=":", lw=1)
         right.annotate("noticeable above this", (distance[0], 100 * FORCE_JND), (0, 4), textcoords="offset points")
-        right.set(xlabel="tool's magnet from the centre [mm]", ylabel="error of the dipole model [%]", ylim=(0, None))
-        right.set_title("Error of the published model", loc="left")
+        right.set(xlabel="tool's magnet from the centre [mm]", ylabel="error of the coils' force [%]", ylim=(0, None))
+        right.set_title("Error of a point dipole for the tool's magnet", loc="left")
         right.grid(alpha=0.3)
         self._polytopes(able)
         figure.suptitle(self._device.title, x=0.01, ha="left", fontweight="bold")
@@ -1080,7 +1083,9 @@ class ErrorReport(NotebookReport):
                     "origin": share.origin,
                     f"alone_{unit}": share.alone,
                     "first_order": share.first_order,
+                    "first_order_interval": list(share.first_order_interval),
                     "total": share.total,
+                    "total_interval": list(share.total_interval),
                 }
                 for share in budget.shares
             ],
@@ -1115,20 +1120,23 @@ class ErrorReport(NotebookReport):
         sources = TextTable(
             (
                 Column("source", kind="text"), Column("standard uncertainty", kind="short"),
-                Column("from", kind="short"), Column("alone", unit), Column("share", "%"), Column("total", "%"),
+                Column("from", kind="short"), Column("alone", unit), Column("share", "%", "short"),
+                Column("total", "%", "short"),
             ),
             "Sources of error",
         )  # fmt: skip
         for share in budget.shares:
             sources.add_row(
                 share.name, share.standard, share.origin, _format_size(1e3 * share.alone),
-                f"{100 * max(share.first_order, 0.0):.1f}", f"{100 * share.total:.1f}",
+                _format_share(share.first_order, share.first_order_interval),
+                _format_share(share.total, share.total_interval),
             )  # fmt: skip
         print_table(console, sources)
         print_text(
             console,
             "alone: 95 % of the errors if all else is exact. share: first-order Sobol index, of the variance. total: "
-            "total Sobol index, with interactions",
+            f"total Sobol index, with interactions. ±: {100 * COVERAGE:.0f} % interval with these samples, within which a "
+            "share may lie below zero or above the total",
             "dim",
         )
 
@@ -1160,9 +1168,13 @@ class ErrorReport(NotebookReport):
             [share.name for share in shares], [100 * share.total for share in shares], color="0.8", label="total"
         )
         right.barh(
-            [share.name for share in shares], [100 * max(share.first_order, 0.0) for share in shares], height=0.45,
+            [share.name for share in shares], [100 * share.first_order for share in shares], height=0.45,
             color="C0", label="first order",
-        )  # fmt: skip
+        )
+        for color, name in (("0.5", "total"), ("C1", "first_order")):
+            for n, share in enumerate(shares):
+                low, high = getattr(share, f"{name}_interval")
+                right.plot([100 * low, 100 * high], [n, n], color=color, lw=2 if name == "total" else 1)  # fmt: skip
         right.set_xlabel("share of the variance [%]")
         right.set_title("Sources of error", loc="left")
         right.legend(frameon=False)
@@ -1199,6 +1211,11 @@ def report_errors(
 def _format_size(size: float) -> str:
     """Two digits; what is nothing but rounding is 0."""
     return f"{size:.2g}" if size >= _ROUNDING else "0"
+
+
+def _format_share(share: float, interval: tuple[float, float]) -> str:
+    """A share of the variance [%] and the longer half of its interval."""
+    return f"{100 * share:.1f} ± {100 * max(interval[1] - share, share - interval[0]):.1f}"
 
 
 def _draw_sizes(place: Any, bands: tuple[WrenchBand, ...], across: Any) -> None:

@@ -128,5 +128,5 @@ def _run(run: Replay, out: Path | None, compare: Path | None, name: str, *, show
 
         run.run(lambda ticks: bar.update(task, completed=ticks), keep)
     if compare is not None:
-        figure = draw_comparison(run.read_recorded(SHOWN), curves.fields(), name)
+        figure = draw_comparison(run.read_recorded(SHOWN), curves.fields(), run.recorded.device.coils.names, name)
         write_figure(figure, compare, "--compare")

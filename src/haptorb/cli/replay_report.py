@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -161,10 +161,12 @@ class Curves:
         return {name: np.concatenate(parts) for name, parts in self._parts.items()}
 
 
-def draw_comparison(recorded: Mapping[str, Array], replayed: Mapping[str, Array], title: str) -> Figure:
+def draw_comparison(
+    recorded: Mapping[str, Array], replayed: Mapping[str, Array], coils: Sequence[str], title: str
+) -> Figure:
     """Recorded pale, replayed dashed: force or torque asked, its difference, currents wanted, and the mover's way.
 
-    Both: field → (n, width) in SI, at their own times "t" [s].
+    Both: field → (n, width) in SI, at their own times "t" [s]. coils: their names.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -181,8 +183,8 @@ def draw_comparison(recorded: Mapping[str, Array], replayed: Mapping[str, Array]
     for i, values in enumerate(difference.T):
         apart.plot(*thin_curve(t, values), color=_COLOURS[i], linewidth=1.0)
     apart.set_ylabel(f"replayed − recorded\n[{unit}]")
-    channels = recorded["wanted"].shape[1]
-    _draw_both(wanted, recorded, replayed, "wanted", slice(0, channels), [f"coil {i + 1}" for i in range(channels)])
+    names = [f"coil {name}".replace("$", r"\$") for name in coils]  # no formulae for matplotlib
+    _draw_both(wanted, recorded, replayed, "wanted", slice(0, len(coils)), names)
     wanted.set_ylabel("wanted currents [A]")
     moved, label = ("w", "angular velocity [rad/s]") if turning else ("p", "position [m]")
     _draw_both(way, recorded, replayed, moved, slice(0, 3), list("xyz"))

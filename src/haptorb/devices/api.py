@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from haptorb.devices.base import Device, State, WrenchMap
-from haptorb.devices.loader import load
+from haptorb.devices.loader import find_device
 
 __all__ = ["wrench_map"]
 
 
-def wrench_map(device: Device | str, state: State, model: str | None = None) -> WrenchMap:
-    """The wrench map of `device` (a Device or its name) at `state`: `.matrix` (6, m) [N/A, N·m/A], `.passive` (6,).
+def wrench_map(device: Device | str | Path, state: State, model: str | None = None) -> WrenchMap:
+    """The wrench map of `device` (a Device, its name, or its file) at `state`: `.matrix` (6, m) [N/A, N·m/A], `.passive` (6,).
 
     `model` is one of `device.models`, by default the first. Stator frame, torque about the mover's
     origin. Raises UnknownName for an unknown model.
@@ -18,5 +20,5 @@ def wrench_map(device: Device | str, state: State, model: str | None = None) -> 
     >>> round(float(-1e3 * per_ampere[2, 2]), 1)        # pull of the z coil [mN/A]
     50.5
     """
-    known = load(device) if isinstance(device, str) else device
+    known = find_device(device)
     return known.wrench_map(state, model or known.models[0])

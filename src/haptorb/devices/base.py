@@ -18,6 +18,7 @@ from haptorb.errors import InputError, UnknownName
 from haptorb.thermal import ThermalNetwork, TwoNode
 
 __all__ = [
+    "FARTHEST",
     "Coils",
     "Device",
     "DeviceKind",
@@ -30,6 +31,7 @@ __all__ = [
     "State",
     "Supply",
     "WrenchMap",
+    "check_distance",
     "endurance",
     "kind_names",
     "kind_of_name",
@@ -102,6 +104,26 @@ def rotation_to_axis(axis: ArrayLike) -> Array:
     return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, c]])
 
 
+FARTHEST = 1.0  #: distance from the device's centre at which no tool can be meant [m]
+
+
+def check_distance(places: Array, what: str, farthest: float = FARTHEST) -> None:
+    """Raise InputError if one of `places` (..., 3) [m] is more than `farthest` from the centre: it is in millimetres.
+
+    >>> check_distance(np.array([0.0, 0.0, 50.0]), "p", farthest=2.0)  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    haptorb.errors.InputError: p must be within 2 m of the device's centre; got (0, 0, 50) m. It is in metres: ...
+    """
+    each = places.reshape(-1, 3)
+    distances = np.linalg.norm(each, axis=1)
+    if distances.max(initial=0.0) > farthest:
+        place = ", ".join(f"{x:.6g}" for x in each[int(distances.argmax())].tolist())
+        raise InputError(
+            f"{what} must be within {farthest:g} m of the device's centre; got ({place}) m. It is in metres: 50 mm are "
+            "0.05"
+        )
+
+
 @record
 class State:
     """Pose and motion of the mover (a tool's magnet, or a rotor) in the stator frame S.
@@ -132,7 +154,8 @@ class State:
     ) -> State:
         """A tool at `position` (3,) [m], its axis radial unless `axis` (3,) or `R_SR` (3, 3) is given.
 
-        Raises InputError for other shapes, for both orientations at once, and for the centre without one.
+        Raises InputError for other shapes, for a place more than 1 m from the device's centre, for both orientations at
+        once, and for the centre without one.
 
         >>> State.at((0.0, 0.05, 0.0)).axis.tolist()
         [0.0, 1.0, 0.0]
@@ -140,6 +163,7 @@ class State:
         p = vectors(position, "position")
         if p.shape != (3,):
             raise InputError(f"position must have shape (3,); got {p.shape}")
+        check_distance(p, "position")
         if axis is not None and R_SR is not None:
             raise InputError("give the orientation as axis or as R_SR, not both")
         if R_SR is not None:

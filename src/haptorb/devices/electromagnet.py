@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import product
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -15,6 +16,7 @@ from haptorb.devices.base import Coils, Device, DeviceKind, Shell, State, Wrench
 from haptorb.devices.electromagnet_model import CoreDynamics, PassivePull, Windings, dipole_per_ampere, ring_per_ampere
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.geometry import Ball, Geometry, Reach, Rod, RoundPart, Spot, list_assumed
+from haptorb.devices.loader import find_device
 from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.touch_points import Marks
 from haptorb.devices.uncertainty import ToolUncertainty
@@ -535,11 +537,11 @@ class Layer:
     lasting_radial_all_warm: float
     lasting_tangential_all_warm: float
     passive_pull: float  #: towards the centre, with all currents off
-    dipole_error: float  #: greatest relative error of the dipole model's force
+    dipole_error: float  #: greatest relative error of the coils' force if the tool's magnet is a point dipole; its shape
 
     @property
     def dipole_error_jnd(self) -> float:
-        """The dipole model's error in just-noticeable differences of force."""
+        """The same in just-noticeable differences of force."""
         return self.dipole_error / FORCE_JND
 
 
@@ -608,6 +610,7 @@ def _greatest(device: SphericalElectromagnet, amperes: Array, most: Array) -> Ar
 # The door to a spherical electromagnet, for programs that work for no other kind.
 
 
-def electromagnet(device: Device, what: str = "this function") -> SphericalElectromagnet:
-    """`device`, if it is a spherical electromagnet; InputError, which calls the program `what`, if not."""
-    return require(device, SphericalElectromagnet, what)
+def electromagnet(device: Device | str | Path, what: str = "this function") -> SphericalElectromagnet:
+    """`device`, loaded if it is a name or a file. Raises InputError that names `what` if it is no spherical
+    electromagnet."""
+    return require(find_device(device), SphericalElectromagnet, what)

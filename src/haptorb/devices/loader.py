@@ -16,7 +16,7 @@ from haptorb.errors import DeviceError, InputError, UnknownName, quote
 from haptorb.file_kind import FileKind, find_kind
 from haptorb.files import parse_toml, read_text
 
-__all__ = ["DeviceTables", "build_tables", "catalogue", "lay_over", "list_mistakes", "load", "parse", "read_tables"]
+__all__ = ["DeviceTables", "build_tables", "catalogue", "find_device", "lay_over", "list_mistakes", "load", "parse", "read_tables"]
 
 _FOLDER = Path(__file__).parent / "catalogue"
 
@@ -55,6 +55,15 @@ def load(name: str | Path, *, override: bool = False) -> Device:
     3
     """
     return build_tables(read_tables(name), override=override)
+
+
+def find_device(device: Device | str | Path) -> Device:
+    """`device` itself, or the one of that name in the catalogue or of that device file; errors as `load`.
+
+    >>> find_device("omni").name
+    'omni'
+    """
+    return device if isinstance(device, Device) else load(device)
 
 
 def _read(text: str) -> tuple[str, str]:

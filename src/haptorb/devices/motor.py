@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field as dataclasses_field
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
@@ -14,10 +15,10 @@ from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, check_finite, rotation, vectors
 from haptorb.compiled import kernel
-from haptorb.devices.base import Device, DeviceKind, State, WrenchMap, require
+from haptorb.devices.base import Device, DeviceKind, State, WrenchMap, check_distance, require
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.geometry import Geometry, Reach, Rod, RoundPart, Spot, list_assumed
-from haptorb.devices.loader import load
+from haptorb.devices.loader import find_device
 from haptorb.devices.motor_model import (
     Layout,
     MotorTables,
@@ -591,14 +592,13 @@ def _condition(motor: SphericalMotor, R: Array) -> float:
 # Public functions for a spherical motor's magnetics: torque per ampere, field at its sensors, field anywhere.
 
 
-def motor(device: Device | str, what: str = "this function") -> SphericalMotor:
-    """`device`, loaded if it is a name. Raises InputError that names `what` if it is not a spherical motor."""
-    known = load(device) if isinstance(device, str) else device
-    return require(known, SphericalMotor, what)
+def motor(device: Device | str | Path, what: str = "this function") -> SphericalMotor:
+    """`device`, loaded if it is a name or a file. Raises InputError that names `what` if it is no spherical motor."""
+    return require(find_device(device), SphericalMotor, what)
 
 
 def torque_characteristic(
-    device: Device | str, R_SR: ArrayLike, model: str = "table", *, grouped: bool = False
+    device: Device | str | Path, R_SR: ArrayLike, model: str = "table", *, grouped: bool = False
 ) -> Array:
     """K (3, m), or (n, 3, m) for a batch: torque on the rotor per ampere [N·m/A], stator frame; Bai 2012 eqs. (2)–(3).
 
@@ -619,7 +619,7 @@ def torque_characteristic(
     return K[0] if single else K
 
 
-def sensor_field(device: Device | str, R_SR: ArrayLike, model: str = "table") -> Array:
+def sensor_field(device: Device | str | Path, R_SR: ArrayLike, model: str = "table") -> Array:
     """(k, 3), or (n, k, 3) for a batch: flux density [T] of the rotor's magnets at the sensors, stator frame.
 
     A sensor's own axes (ϑ̂, φ̂, r̂) are the columns of `device.sensor_layout.frames`. Arguments and errors are those of
@@ -634,11 +634,12 @@ def sensor_field(device: Device | str, R_SR: ArrayLike, model: str = "table") ->
     return B[0] if single else B
 
 
-def field(device: Device | str, R_SR: ArrayLike, points: ArrayLike, currents: ArrayLike | None = None) -> Array:
+def field(device: Device | str | Path, R_SR: ArrayLike, points: ArrayLike, currents: ArrayLike | None = None) -> Array:
     """(p, 3), or (n, p, 3) for a batch: flux density [T] at `points` (p, 3) [m], stator frame, exact model.
 
     Of the rotor's magnets, and of the coils if `currents` (channels,) [A] are given. Inside a magnet it is B
-    (not H). Raises GeometryError on an edge, where the field is infinite.
+    (not H). Raises GeometryError on an edge, where the field is infinite, and InputError for a point more than 1 m from
+    the centre.
 
     >>> on_axis = field("pmsm", np.eye(3), [[0.0, 0, 0]])
     >>> bool(abs(on_axis).max() < 1e-12)      # outward and inward magnets cancel at the centre
@@ -649,6 +650,7 @@ def field(device: Device | str, R_SR: ArrayLike, points: ArrayLike, currents: Ar
     at = vectors(points, "points")
     if at.ndim != 2:
         raise InputError(f"points must have shape (p, 3); got {at.shape}")
+    check_distance(at, "points")
     B = known.field(R, at)
     if currents is not None:
         flowing = check_finite(currents, "currents")

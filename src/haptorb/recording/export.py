@@ -30,6 +30,7 @@ __all__ = [
     "FORMATS",
     "Export",
     "column_heads",
+    "coil_names",
     "column_names",
     "describe_notes",
     "make_data_frame",
@@ -121,6 +122,21 @@ def column_heads(field: Field) -> tuple[str, ...]:
     return tuple(f"{name} [{unit}]" if unit not in ("", "1") else name for name, unit in pairs)
 
 
+def coil_names(metadata: Mapping[str, Mapping[str, str]], count: int) -> list[str]:
+    """As the recorded device has them; numbers from 1 where a recording does not say, or says something else.
+
+    >>> coil_names({"device": {"coils": '["x", "y"]'}}, 2), coil_names({}, 2)
+    (['x', 'y'], ['1', '2'])
+    """
+    try:
+        names = json.loads(metadata.get("device", {}).get("coils", ""))
+    except ValueError:  # of an older recording
+        names = None
+    if isinstance(names, list) and len(names) == count and all(isinstance(name, str) for name in names):
+        return names
+    return [str(1 + i) for i in range(count)]
+
+
 def make_data_frame(recording: Rows) -> DataFrame:
     """A DataFrame of all rows (n, width), one column per number; see `Recording.to_pandas`.
 
@@ -172,6 +188,7 @@ def make_dataset(recording: Rows) -> Dataset:
             dimension = "channel" if field.name in _CHANNELS else f"{field.name}_part"
             if field.name in _CHANNELS:
                 coordinates[dimension] = (dimension, list(range(1, field.width + 1)))
+                coordinates["coil"] = (dimension, coil_names(recording.metadata, field.width))
         variables[field.name] = (("t", dimension), values, attributes)
     return xarray.Dataset(variables, coordinates, describe_notes(recording))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -11,6 +10,7 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.errors import RecordingError
+from haptorb.recording.export import coil_names
 from haptorb.recording.row import Field, FieldColumn
 
 if TYPE_CHECKING:
@@ -172,14 +172,8 @@ def _legend(axes: Axes) -> None:
 
 
 def _coil_names(recording: Fields, count: int) -> list[str]:
-    """As the device has them; numbers from 1 where the recording does not say, or says something else."""
-    try:
-        names = json.loads(recording.metadata.get("device", {}).get("coils", ""))
-    except ValueError:  # of an older recording
-        names = None
-    if isinstance(names, list) and len(names) == count and all(isinstance(name, str) for name in names):
-        return [name.replace("$", r"\$") for name in names]  # no formulae for matplotlib
-    return [str(1 + i) for i in range(count)]
+    """Coil names, without formulae for matplotlib."""
+    return [name.replace("$", r"\$") for name in coil_names(recording.metadata, count)]
 
 
 def _columns(values: Array) -> Array:

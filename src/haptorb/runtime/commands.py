@@ -16,7 +16,7 @@ from typing import Any, final
 from numpy.typing import ArrayLike
 
 from haptorb.control.linkage import MODES
-from haptorb.devices.base import Device
+from haptorb.devices.base import FARTHEST, Device
 from haptorb.errors import InputError, ServoError, UnknownName, quote
 from haptorb.runtime.drivers.registry import is_real
 from haptorb.runtime.linux import raise_priority
@@ -24,7 +24,7 @@ from haptorb.runtime.plan import pack
 from haptorb.runtime.shared_memory import SharedMemory, Word, engage_request
 from haptorb.runtime.trackers.registry import has_feed
 from haptorb.runtime.world_change import name_of, parse_answer, parse_postponement, request, values_of
-from haptorb.simulation.hand import FARTHEST, HandPose, PathFunction, SampledPath, check_pose, split_pose
+from haptorb.simulation.hand import HandPose, PathFunction, SampledPath, check_pose, split_pose
 from haptorb.worlds import CATALOGUE
 from haptorb.worlds.base import World
 from haptorb.worlds.dynamic import split_remote

@@ -33,7 +33,7 @@ from haptorb.control.linkage import Gains
 from haptorb.control.trips import CoilState, GuardState, Trip
 from haptorb.devices.base import Device, State
 from haptorb.devices.electromagnet import electromagnet
-from haptorb.devices.loader import load
+from haptorb.devices.loader import find_device
 from haptorb.display import facts_html, format_number, format_quantity, format_vector
 from haptorb.errors import InputError, RecordingError, ServoError, UnknownName, WorldError
 from haptorb.estimation.calibration import Calibration, read_calibration, read_frame
@@ -667,7 +667,7 @@ class Servo(ServoContext):
         about: Mapping[str, str] | None = None,
     ) -> None:
         require_linux("haptorb.Servo")
-        self.device = device if isinstance(device, Device) else load(device)
+        self.device = find_device(device)
         self.driver = check_driver(driver)
         self.tracker = check_tracker(tracker, self.driver)
         self.tracker_token = ""  #: what senders on other computers must say first; known once the servo is open

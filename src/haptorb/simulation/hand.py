@@ -13,15 +13,13 @@ from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array
 from haptorb.compiled import kernel
-from haptorb.devices.base import Device, rotation_to_axis
+from haptorb.devices.base import FARTHEST, Device, check_distance, rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.display import format_number
 from haptorb.errors import InputError, quote
 from haptorb.rotations import quaternion
 
 __all__ = [
     "DURATION",
-    "FARTHEST",
     "AtRest",
     "DomeMotion",
     "GuidedMotion",
@@ -298,8 +296,6 @@ def handle_guide(device: Device) -> HandleMotion:
 # The pose or path at which a program wants the hand, checked before the loop receives it.
 
 
-FARTHEST = 1.0  #: distance from the device's centre at which no tool can be meant [m]
-
 #: (3,) place [m] and (4,) quaternion (x, y, z, w)
 HandPose: TypeAlias = tuple[Array, Array]
 #: a path that a program computes: a pose from the time [s] since it began
@@ -315,12 +311,7 @@ def check_pose(
     device's centre, or a quaternion of zeros.
     """
     position = _check_numbers(p, 3, "p must be the position of the tool's magnet, 3 finite numbers [m]")
-    distance = float(np.linalg.norm(position))
-    if distance > farthest:
-        raise InputError(
-            f"p must be within {farthest:g} m of the device's centre; got {quote(p)}, {format_number(distance)} m from "
-            "it. It is in metres: 50 mm are 0.05"
-        )
+    check_distance(position, "p", farthest)
     if q is None:
         return position, np.array([0.0, 0.0, 0.0, 1.0]) if upright else upright_quaternion(position)
     wanted = "q must be a quaternion (x, y, z, w), 4 finite numbers that are not all zero"
