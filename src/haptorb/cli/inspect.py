@@ -1135,8 +1135,8 @@ class ErrorReport(NotebookReport):
         print_text(
             console,
             "alone: 95 % of the errors if all else is exact. share: first-order Sobol index, of the variance. total: "
-            f"total Sobol index, with interactions. ±: {100 * COVERAGE:.0f} % interval with these samples, within which a "
-            "share may lie below zero or above the total",
+            f"total Sobol index, with interactions. ±: {100 * COVERAGE:.0f} % interval with these samples, within which "
+            "a share may lie below zero or above the total",
             "dim",
         )
 
@@ -1168,8 +1168,11 @@ class ErrorReport(NotebookReport):
             [share.name for share in shares], [100 * share.total for share in shares], color="0.8", label="total"
         )
         right.barh(
-            [share.name for share in shares], [100 * share.first_order for share in shares], height=0.45,
-            color="C0", label="first order",
+            [share.name for share in shares],
+            [100 * share.first_order for share in shares],
+            height=0.45,
+            color="C0",
+            label="first order",
         )
         for color, name in (("0.5", "total"), ("C1", "first_order")):
             for n, share in enumerate(shares):

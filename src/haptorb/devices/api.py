@@ -11,9 +11,9 @@ __all__ = ["wrench_map"]
 
 
 def wrench_map(device: Device | str | Path, state: State, model: str | None = None) -> WrenchMap:
-    """The wrench map of `device` (a Device, its name, or its file) at `state`: `.matrix` (6, m) [N/A, N·m/A], `.passive` (6,).
+    """The wrench map of `device` at `state`: `.matrix` (6, m) [N/A, N·m/A], `.passive` (6,).
 
-    `model` is one of `device.models`, by default the first. Stator frame, torque about the mover's
+    `device` is a Device, its name, or its file. `model` is one of `device.models`, by default the first. Stator frame, torque about the mover's
     origin. Raises UnknownName for an unknown model.
 
     >>> per_ampere = wrench_map("omni", State.at((0, 0, 0.05)), model="published").matrix

@@ -537,7 +537,9 @@ class Layer:
     lasting_radial_all_warm: float
     lasting_tangential_all_warm: float
     passive_pull: float  #: towards the centre, with all currents off
-    dipole_error: float  #: greatest relative error of the coils' force if the tool's magnet is a point dipole; its shape
+    dipole_error: (
+        float  #: greatest relative error of the coils' force if the tool's magnet is a point dipole; its shape
+    )
 
     @property
     def dipole_error_jnd(self) -> float:

@@ -16,7 +16,17 @@ from haptorb.errors import DeviceError, InputError, UnknownName, quote
 from haptorb.file_kind import FileKind, find_kind
 from haptorb.files import parse_toml, read_text
 
-__all__ = ["DeviceTables", "build_tables", "catalogue", "find_device", "lay_over", "list_mistakes", "load", "parse", "read_tables"]
+__all__ = [
+    "DeviceTables",
+    "build_tables",
+    "catalogue",
+    "find_device",
+    "lay_over",
+    "list_mistakes",
+    "load",
+    "parse",
+    "read_tables",
+]
 
 _FOLDER = Path(__file__).parent / "catalogue"
 

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 __all__ = [
     "FORMATS",
     "Export",
-    "column_heads",
     "coil_names",
+    "column_heads",
     "column_names",
     "describe_notes",
     "make_data_frame",

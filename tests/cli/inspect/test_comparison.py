@@ -152,5 +152,7 @@ def test_changes_that_divide_by_nothing_are_left_out(cards):
 
 def test_a_coil_is_called_by_its_name(cards):
     """Not by its number: the coils of the Omni are x, y and z."""
-    names = [quantity.name for quantity in cards[0].quantities() if "coil" in quantity.name and "moment" in quantity.name]
+    names = [
+        quantity.name for quantity in cards[0].quantities() if "coil" in quantity.name and "moment" in quantity.name
+    ]
     assert [name.rsplit(" ", 1)[1] for name in names] == ["x", "y", "z"]
