@@ -1135,7 +1135,7 @@ class ErrorReport(NotebookReport):
         print_text(
             console,
             "alone: 95 % of the errors if all else is exact. share: first-order Sobol index, of the variance. total: "
-            f"total Sobol index, with interactions. ±: {100 * COVERAGE:.0f} % interval with these samples, within which "
+            f"total Sobol index, with interactions. ±: {100 * COVERAGE:.0f} % interval with these samples, in which "
             "a share may lie below zero or above the total",
             "dim",
         )
