@@ -606,8 +606,10 @@ def withdraw(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Remove a person who withdraws: answers, words, recordings; from exports, merged databases and backups too."""
+    from haptorb_study.database import database
     from haptorb_study.withdraw import withdraw as remove
 
+    database(db, make=False).dispose()  # what is not there needs no question
     if not yes and not typer.confirm(f"Remove all data of {code} for good?", err=True):
         say("nothing was removed")
         raise typer.Exit(1)

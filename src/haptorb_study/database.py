@@ -238,7 +238,9 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
     """
     path = path_of(place)
     if not make and path is not None and not path.exists():
-        raise RecordingError(f"database {place} does not exist: create it with `haptorb study run` or `simulate`")
+        raise RecordingError(
+            f"database {place} does not exist: check its name; `haptorb study run` and `simulate` create one"
+        )
     engine = _STUDY.open(place, make=make)
     try:
         with engine.connect() as connection:

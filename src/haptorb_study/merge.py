@@ -148,7 +148,9 @@ def merge_databases(
                 source.engine.dispose()
     for place in places:  # a person who withdraws is then removed from these too
         with suppress(RecordingError):
-            note_copy(database(place, make=False), "merged", target, settings={"codes": writer.codes[str(place)]})
+            engine = database(place, make=False)
+            note_copy(engine, "merged", target, settings={"codes": writer.codes[str(place)]})
+            engine.dispose()
     return Merged(
         str(target), holds, writer.people, writer.trials, writer.files, tuple(sorted(writer.missing)), tuple(notes)
     )  # fmt: skip

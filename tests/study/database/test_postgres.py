@@ -14,9 +14,11 @@ from sqlalchemy import text
 from haptorb.errors import RecordingError
 from haptorb_study.columns import tidy
 from haptorb_study.database import SCHEMA, database
+from haptorb_study.merge import merge_databases
 from haptorb_study.procedures import Answer
 from haptorb_study.session import StoredSession
 from haptorb_study.study_file import Study, study_of
+from haptorb_study.withdraw import withdraw
 from oracles.postgres_server import explain_absence, start_postgres
 
 pytestmark = [pytest.mark.realtime, pytest.mark.skipif(bool(explain_absence()), reason=explain_absence())]
@@ -134,6 +136,34 @@ def test_an_older_schema_is_brought_forward(fresh: str, identify: Study) -> None
         session.answer(Answer(2.5))
     assert tidy(engine, loud)["answer"].tolist() == [2.5]
     assert tidy(engine, identify)["answer"].dtype.kind == "i"  # whole numbers stay whole
+    engine.dispose()
+
+
+def test_a_database_on_a_server_is_merged_and_who_withdraws_is_gone_from_both(
+    fresh: str, identify: Study, tmp_path: Path
+) -> None:
+    here, merged = tmp_path / "here.db", tmp_path / "merged.db"
+    for place, code in ((fresh, "P01"), (here, "P02")):
+        engine = database(place)
+        with StoredSession(engine, identify, code) as session:
+            session.answer(Answer(1, (0.0, 0.0, 0.05)))
+        engine.dispose()
+    assert merge_databases([fresh, here], merged).trials == 2
+
+    def codes(place: str | Path) -> list[str]:
+        engine = database(place, make=False)
+        with engine.connect() as connection:
+            found = connection.execute(text("SELECT code FROM participants ORDER BY code")).scalars().all()
+        engine.dispose()
+        return list(found)
+
+    assert codes(merged) == ["P01", "P02"]
+    withdraw(fresh, "P01")
+    assert "P01" not in codes(fresh)
+    assert codes(merged) == ["P02"]
+    engine = database(fresh)
+    with pytest.raises(RecordingError, match="withdr"):
+        StoredSession(engine, identify, "P01")
     engine.dispose()
 
 
