@@ -1,4 +1,6 @@
-"""Break the safety code once per rule and see that a test goes red: `python scripts/prove_safety.py [WORD…]`.
+"""Break the safety code once per rule and see that a test goes red.
+
+    python scripts/prove_safety.py [--jobs N] [--skip FILE] [WORD…]
 
 With words: only the rules in whose name, or whose marker or file, one of them stands.
 A test that cannot fail proves nothing. Each line of RULES is the name of a marker in the code (`# safety: NAME`), the
@@ -8,17 +10,22 @@ change is made in a copy of the sources, never in the tree itself.
 
 from __future__ import annotations
 
+import argparse
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from queue import Queue
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 from safety_markers import MarkedStatement, MarkerError, break_code, find_marked
+
+from haptorb.cache_folder import cache_folder
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src"
@@ -631,23 +638,53 @@ def _run_tests(tests: str, folder: Path, which: str) -> int:
     return run.returncode
 
 
+def _line(outcome: str, proof: Proof) -> str:
+    return f"{outcome:>20}  {proof.marker or '-'}: {proof.rule}"
+
+
+def make_folder(folder: Path) -> Path:
+    """A copy of the sources in `folder`, with the kernels that this account has compiled of them."""
+    shutil.copytree(ROOT / "src", folder / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    kernels = cache_folder() / "kernels"
+    if kernels.is_dir():
+        shutil.copytree(kernels, folder / "cache" / "haptorb" / "kernels", ignore_dangling_symlinks=True)
+    return folder
+
+
 def main() -> int:
     """Prove every chosen rule; the exit code is the number of rules that no test keeps."""
-    words, unproved = sys.argv[1:], 0
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("words", nargs="*", help="of a rule, a marker or a file; all rules without one")
+    parser.add_argument("--jobs", type=int, default=1, help="rules at a time")
+    parser.add_argument("--skip", type=Path, help="file with the output of an earlier run: rules that were red there")
+    options = parser.parse_args()
+    words, unproved = options.words, 0
     try:
         proofs = collect_proofs(RULES, find_marked(PACKAGE))
     except MarkerError as mistake:
         sys.exit(str(mistake))
     named = [(proof, f"{proof.rule} {proof.marker} {proof.path.relative_to(PACKAGE)}") for proof in proofs]
     chosen = [proof for proof, name in named if not words or any(word in name for word in words)]
+    if options.skip:
+        before = options.skip.read_text(encoding="utf-8").splitlines()
+        chosen = [one for one in chosen if not any(line.strip() == _line(RED, one).strip() for line in before)]
     if not chosen:
         sys.exit(f"no rule, and no marker or file of one, has {' or '.join(repr(word) for word in words)} in its name")
-    with tempfile.TemporaryDirectory() as folder:
-        shutil.copytree(ROOT / "src", Path(folder) / "src", ignore=shutil.ignore_patterns("__pycache__"))
-        for proof in chosen:
-            outcome = try_tests(proof, Path(folder))
+    with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(options.jobs) as workers:
+        free: Queue[Path] = Queue()
+        for number in range(options.jobs):
+            free.put(make_folder(Path(name, str(number))))
+
+        def prove(proof: Proof) -> str:
+            folder = free.get()
+            try:
+                return try_tests(proof, folder)
+            finally:
+                free.put(folder)
+
+        for proof, outcome in zip(chosen, workers.map(prove, chosen), strict=True):
             unproved += outcome != RED
-            print(f"{outcome:>20}  {proof.marker or '-'}: {proof.rule}", flush=True)
+            print(_line(outcome, proof), flush=True)
     print(f"{len(chosen) - unproved} of {len(chosen)} rules are kept by a test")
     return unproved
 
