@@ -2,21 +2,29 @@
 
 A docstring is written to be read in the source: paragraphs, aligned columns, equations in Unicode, `code` in single
 backticks, doctests. Nothing in it is markup, so |F|, m* or x_ mean themselves. Here paragraphs are escaped, doctests
-are kept, and whatever is aligned or indented is kept as it stands.
+are kept, and whatever is aligned or indented is kept as it stands. Public names have sections after the numpydoc
+standard (Parameters, Returns, Raises, Notes, Examples), which Napoleon renders.
 """
 
 from __future__ import annotations
 
 import re
+from textwrap import dedent, indent
 from typing import Any
 
 from sphinx.application import Sphinx
+from sphinx.ext.napoleon import Config
+from sphinx.ext.napoleon.docstring import NumpyDocstring
 
 #: what reStructuredText would read as markup
 _MARKUP = re.compile(r"([\\*|_<>])")
 _CODE = re.compile(r"``?([^`]+)``?")
 _ALIGNED = re.compile(r"\S {2,}\S")
 _BULLET = re.compile(r"- |\d+\. ")
+#: sections of numpydoc: of entries, `name : type` with a text indented below, and of text
+_ENTRIES = ("Parameters", "Other Parameters", "Attributes", "Returns", "Yields", "Raises", "Warns")
+_TEXTS = ("Notes", "Examples", "References", "Warnings")
+_NUMPYDOC = Config(napoleon_use_ivar=True, napoleon_use_rtype=False)
 
 
 def _paragraph(lines: list[str]) -> list[str]:
@@ -51,8 +59,46 @@ def _items(lines: list[str]) -> list[str]:
     return [(indent if number else mark) + line for item in items for number, line in enumerate(_paragraph(item))]
 
 
+def _split_sections(docstring: list[str]) -> list[tuple[str, list[str]]]:
+    """(heading, lines) of each section of a numpydoc docstring; the summary has no heading."""
+    sections: list[tuple[str, list[str]]] = [("", [])]
+    for line, below in zip(docstring, [*docstring[1:], ""], strict=True):
+        if line in (*_ENTRIES, *_TEXTS) and below == "-" * len(line):
+            sections.append((line, []))
+        elif not sections[-1][0] or sections[-1][1] or line != "-" * len(sections[-1][0]):
+            sections[-1][1].append(line)
+    return sections
+
+
+def _entries(lines: list[str]) -> list[str]:
+    """Entries as they stand, their texts as reStructuredText."""
+    out: list[str] = []
+    text: list[str] = []
+    for line in [*lines, "end"]:
+        if line.startswith(" ") or not line.strip():
+            text.append(line)
+            continue
+        out += indent("\n".join(_text(dedent("\n".join(text)).splitlines())), "    ").splitlines()
+        text = []
+        out.append(line)
+    return out[:-1]
+
+
 def converted(docstring: list[str]) -> list[str]:
-    """The lines of a plain docstring as reStructuredText."""
+    """The lines of a docstring as reStructuredText."""
+    sections = _split_sections(docstring)
+    if len(sections) == 1:
+        return _text(docstring)
+    out: list[str] = []
+    for heading, lines in sections:
+        out += [heading, "-" * len(heading)] if heading else []
+        out += _entries(lines) if heading in _ENTRIES else _text(lines)
+        out.append("")
+    return NumpyDocstring(out, _NUMPYDOC).lines()
+
+
+def _text(docstring: list[str]) -> list[str]:
+    """The lines of plain text as reStructuredText."""
     blocks: list[list[str]] = [[]]
     for line in docstring:
         if line.strip():

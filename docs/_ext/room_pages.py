@@ -1,11 +1,12 @@
-"""One reference page per room of the package, written from what its modules declare public.
+"""The pages of the public API, and one page per internal package, written from what modules declare public.
 
-With `-D rooms_in_brief=1` a page has only the room itself and the modules behind what `import haptorb` offers: the
-other six hundred take two thirds of the build, for which not every test run needs to wait.
+With `-D rooms_in_brief=1` an internal page has only the first module of its package: the other hundreds take two
+thirds of the build, for which not every test run needs to wait.
 """
 
 from __future__ import annotations
 
+import ast
 import inspect
 import pkgutil
 from importlib import import_module
@@ -14,12 +15,36 @@ from types import ModuleType
 from typing import Any
 
 from sphinx.application import Sphinx
+from sphinx.pycode import ModuleAnalyzer
 
 import haptorb
 
+#: the packages with public names
+PUBLIC = ("haptorb", "haptorb.worlds", "haptorb.devices", "haptorb.magnetics", "haptorb_study", "haptorb_design")
 PACKAGES = ("haptorb_design", "haptorb_study")  #: beside haptorb
 _FOUND = sorted(found.name for found in pkgutil.iter_modules(haptorb.__path__))
 ROOMS = [*(name for name in _FOUND if name != "version" and not name.startswith("_")), *PACKAGES]
+
+_INTRODUCTION = """
+.. _public-api:
+
+Public API
+==========
+
+These six packages are the public API of haptorb. What the documentation uses is imported from them. Their names are
+loaded when first used. From version 0.2.0 on, a public name changes only with a warning one version before.
+
+All other modules are internal and may change without notice, even if their pages stand in this reference.
+``haptorb_study`` and ``haptorb_design`` need the extras ``haptorb[study]`` and ``haptorb[design]``.
+"""
+
+_INTERNAL = """
+Internal modules
+================
+
+For those who change haptorb itself. Programs import from the :ref:`public-api` only: everything here may change without
+notice.
+"""
 
 
 def modules(room: str) -> list[ModuleType]:
@@ -30,60 +55,107 @@ def modules(room: str) -> list[ModuleType]:
     return [top, *(import_module(name) for name in names)]
 
 
-def shorten(shown: list[ModuleType]) -> list[ModuleType]:
-    """The first of a room's modules, and those to which the page of `import haptorb` points."""
-    offered = {getattr(getattr(haptorb, name), "__module__", "") for name in haptorb.__all__}
-    return [module for number, module in enumerate(shown) if number == 0 or module.__name__ in offered]
+def sources(package: str) -> dict[str, tuple[str, str]]:
+    """Public name of `package` → (module that defines it, its name there)."""
+    module = import_module(package)
+    found: dict[str, tuple[str, str]] = {}
+    for node in ast.walk(ast.parse(inspect.getsource(module))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            found |= {alias.asname or alias.name: (node.module, alias.name) for alias in node.names}
+    return {name: found.get(name, (package, name)) for name in module.__all__}
 
 
-def package() -> list[str]:
-    """The page of what `import haptorb` offers: each name, and the module that describes it."""
-    lines = [
-        ".. _package:",
-        "",
-        "haptorb",
-        "=======",
-        "",
-        "What ``import haptorb`` offers, loaded when first used.",
-        "",
-    ]
-    for public in haptorb.__all__:
-        thing = getattr(haptorb, public)
-        if inspect.ismodule(thing):
-            lines += [f"``haptorb.{public}``", f"   The package :ref:`room-{public}`.", ""]
-            continue
-        first = (inspect.getdoc(thing) or "").splitlines()[0].replace("`", "``").replace("*", "\\*").replace("|", "\\|")
-        lines += [f":any:`haptorb.{public} <{thing.__module__}.{thing.__qualname__}>`", f"   {first}", ""]
+_PUBLIC_NAMES = {place: f"{package}.{name}" for package in PUBLIC for name, place in sources(package).items()}
+
+
+def _about_data(module: str, name: str) -> str:
+    """The comment beside a constant."""
+    return " ".join(ModuleAnalyzer.for_module(module).find_attr_docs()[("", name)]).strip()
+
+
+def _first_line(thing: object, place: tuple[str, str]) -> str:
+    """What the overview says of a name."""
+    documented = inspect.isclass(thing) or inspect.isroutine(thing)
+    text = (inspect.getdoc(thing) or "").splitlines()[0] if documented else _about_data(*place)
+    return text.replace("`", "``").replace("*", "\\*").replace("|", "\\|")
+
+
+def overview() -> list[str]:
+    """The page that lists all public names with one line each."""
+    lines = [*_INTRODUCTION.splitlines(), ""]
+    for package in PUBLIC:
+        lines += [package, "-" * len(package), "", f"In full: :doc:`{_page(package)}`.", ""]
+        for name, place in sources(package).items():
+            first = _first_line(getattr(import_module(package), name), place)
+            lines += [f":any:`{name} <{package}.{name}>`", f"   {first}", ""]
+    lines += [".. toctree::", "   :hidden:", "", *(f"   {_page(package)}" for package in PUBLIC), ""]
     return lines
 
 
+def _page(package: str) -> str:
+    return f"api-{package.replace('.', '-')}"
+
+
+def public_page(package: str) -> list[str]:
+    """The page of one public package: each of its names in full."""
+    module = import_module(package)
+    lines = [package, "=" * len(package), "", f".. automodule:: {package}", "   :no-members:", ""]
+    for name, place in sources(package).items():
+        thing = getattr(module, name)
+        if inspect.isclass(thing) or inspect.isroutine(thing):
+            lines += _describe(f"{package}.{name}", thing)
+        else:
+            lines += [f".. py:data:: {package}.{name}", "", f"   {_first_line(thing, place)}", ""]
+    return lines
+
+
+def _describe(name: str, thing: object) -> list[str]:
+    """The directive that describes a class, function or constant."""
+    kind = "class" if inspect.isclass(thing) else "function" if callable(thing) else "data"
+    lines = [f".. auto{kind}:: {name}"]
+    if inspect.isclass(thing):
+        lines += ["   :members:"]
+        if thing.__bases__ != (object,):
+            lines += ["   :show-inheritance:"]
+    return [*lines, ""]
+
+
+def internal() -> list[str]:
+    """The page that lists the pages of internal packages."""
+    return [*_INTERNAL.splitlines(), "", ".. toctree::", "   :maxdepth: 1", "", *(f"   {room}" for room in ROOMS), ""]
+
+
 def section(module: ModuleType) -> list[str]:
-    """The part of a page that is about one module: what it says of itself, then its own public names."""
+    """The part of a page that is about one internal module: what it says of itself, then the names it defines."""
     name = module.__name__
-    lines = [name, "-" * len(name), "", f".. automodule:: {name}", "   :no-members:", ""]
-    for public in getattr(module, "__all__", ()):
-        thing = getattr(module, public)
+    lines = [name, "-" * len(name), ""]
+    if name in PUBLIC:
+        lines += [f"Its public names: :doc:`{_page(name)}`.", ""]
+    else:
+        lines += [f".. automodule:: {name}", "   :no-members:", ""]
+    for own in getattr(module, "__all__", ()):
+        thing = getattr(module, own)
         if inspect.ismodule(thing) or getattr(thing, "__module__", name) != name:
             continue  # defined elsewhere, described there
-        kind = "class" if inspect.isclass(thing) else "function" if callable(thing) else "data"
-        lines += [f".. auto{kind}:: {name}.{public}"]
-        if kind == "class":
-            lines += ["   :members:"]
-            if thing.__bases__ != (object,):
-                lines += ["   :show-inheritance:"]
-        lines += [""]
+        public = _PUBLIC_NAMES.get((name, own))
+        if public is None:
+            lines += _describe(f"{name}.{own}", thing)
+        elif public != f"{name}.{own}":
+            lines += [f"``{own}``", f"   public as :any:`{public}`", ""]
     return lines
 
 
 def _write(app: Sphinx) -> None:
     folder = Path(app.srcdir) / "reference" / "generated"
     folder.mkdir(parents=True, exist_ok=True)
-    pages = {"package": package()}
+    pages = {"api": overview(), "internal": internal()} | {_page(package): public_page(package) for package in PUBLIC}
     for room in ROOMS:
         pages[room] = [f".. _room-{room}:", "", room, "=" * len(room), ""]
         shown = modules(room)
-        for module in shorten(shown) if app.config.rooms_in_brief else shown:
+        for module in shown[:1] if app.config.rooms_in_brief else shown:
             pages[room] += section(module)
+    for old in set(folder.glob("*.rst")) - {folder / f"{name}.rst" for name in pages}:
+        old.unlink()
     for name, lines in pages.items():
         text = "\n".join(lines)
         page = folder / f"{name}.rst"

@@ -1,39 +1,87 @@
 """haptorb: design, simulate and run spherical electromagnetic haptic devices.
 
-Names are loaded when they are first used, so that `haptorb --help` does not wait for a compiler.
+Public names are here and in `haptorb.worlds`, `haptorb.devices`, `haptorb.magnetics`, `haptorb_study` and
+`haptorb_design`. All other modules are internal.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
+from haptorb.lazy_names import lazy_names
 from haptorb.version import __version__ as __version__
 
-#: public name → module that defines it
-_HOME = {
-    "State": "haptorb.devices.base",
-    "WrenchMap": "haptorb.devices.base",
-    "Device": "haptorb.devices.base",
-    "Servo": "haptorb.runtime.servo",
-    "Recording": "haptorb.recording.recording",
-    "load": "haptorb.devices.loader",
-    "force_map": "haptorb.simulation.force_map",
-    "wrench_map": "haptorb.devices.api",
-    "field": "haptorb.devices.motor",
-    "sensor_field": "haptorb.devices.motor",
-    "torque_characteristic": "haptorb.devices.motor",
-    "rotation_from_euler": "haptorb.rotations",
-}
+if TYPE_CHECKING:
+    from haptorb.analysis.error_budget import ErrorSource
+    from haptorb.analysis.stability import GRIPS, HandGrip, SampledLoop
+    from haptorb.cli.inspect import report_errors as inspect_errors
+    from haptorb.control.trips import CoilState
+    from haptorb.devices.api import wrench_map
+    from haptorb.devices.base import Device, State, WrenchMap
+    from haptorb.devices.loader import load
+    from haptorb.devices.motor import field, sensor_field, torque_characteristic
+    from haptorb.errors import (
+        CalibrationError,
+        DeviceError,
+        DriverError,
+        GeometryError,
+        HaptorbError,
+        InputError,
+        PlatformError,
+        PrecisionError,
+        RecordingError,
+        RecordingWarning,
+        ServoError,
+        UnknownName,
+        WorldError,
+    )
+    from haptorb.estimation.types import Estimate, Estimator, Pose, Sample, TrackedPose
+    from haptorb.recording.recording import Recording
+    from haptorb.replay.replay import Replay
+    from haptorb.rotations import rotation_from_euler
+    from haptorb.runtime.drivers.base import Driver
+    from haptorb.runtime.servo import Servo
+    from haptorb.runtime.trackers.base import Feed, RawPose
+    from haptorb.simulation.base import Simulation
+    from haptorb.simulation.force_map import force_map
 
 __all__ = [
+    "GRIPS",
+    "CalibrationError",
+    "CoilState",
     "Device",
+    "DeviceError",
+    "Driver",
+    "DriverError",
+    "ErrorSource",
+    "Estimate",
+    "Estimator",
+    "Feed",
+    "GeometryError",
+    "HandGrip",
+    "HaptorbError",
+    "InputError",
+    "PlatformError",
+    "Pose",
+    "PrecisionError",
+    "RawPose",
     "Recording",
+    "RecordingError",
+    "RecordingWarning",
+    "Replay",
+    "Sample",
+    "SampledLoop",
     "Servo",
+    "ServoError",
+    "Simulation",
     "State",
+    "TrackedPose",
+    "UnknownName",
+    "WorldError",
     "WrenchMap",
     "field",
     "force_map",
+    "inspect_errors",
     "load",
     "rotation_from_euler",
     "sensor_field",
@@ -41,16 +89,30 @@ __all__ = [
     "wrench_map",
 ]
 
-if TYPE_CHECKING:
-    from haptorb.devices.api import wrench_map
-    from haptorb.devices.base import Device, State, WrenchMap
-    from haptorb.devices.loader import load
-    from haptorb.devices.motor import field, sensor_field, torque_characteristic
-    from haptorb.recording.recording import Recording
-    from haptorb.rotations import rotation_from_euler
-    from haptorb.runtime.servo import Servo
-    from haptorb.simulation.force_map import force_map
-
+_get, __dir__ = lazy_names(
+    __name__,
+    {
+        "haptorb.analysis.error_budget": "ErrorSource",
+        "haptorb.analysis.stability": "GRIPS HandGrip SampledLoop",
+        "haptorb.cli.inspect": "report_errors>inspect_errors",
+        "haptorb.control.trips": "CoilState",
+        "haptorb.devices.api": "wrench_map",
+        "haptorb.devices.base": "Device State WrenchMap",
+        "haptorb.devices.loader": "load",
+        "haptorb.devices.motor": "field sensor_field torque_characteristic",
+        "haptorb.errors": "CalibrationError DeviceError DriverError GeometryError HaptorbError InputError "
+        "PlatformError PrecisionError RecordingError RecordingWarning ServoError UnknownName WorldError",
+        "haptorb.estimation.types": "Estimate Estimator Pose Sample TrackedPose",
+        "haptorb.recording.recording": "Recording",
+        "haptorb.replay.replay": "Replay",
+        "haptorb.rotations": "rotation_from_euler",
+        "haptorb.runtime.drivers.base": "Driver",
+        "haptorb.runtime.servo": "Servo",
+        "haptorb.runtime.trackers.base": "Feed RawPose",
+        "haptorb.simulation.base": "Simulation",
+        "haptorb.simulation.force_map": "force_map",
+    },
+)
 
 #: earlier public name → today's
 _EARLIER = {"felt_map": "force_map"}
@@ -62,10 +124,4 @@ def __getattr__(name: str) -> object:
 
         warn(f"haptorb.{name} is now called haptorb.{_EARLIER[name]}", DeprecationWarning, stacklevel=2)
         name = _EARLIER[name]
-    if name not in _HOME:
-        raise AttributeError(f"module 'haptorb' has no attribute '{name}'")
-    return getattr(import_module(_HOME[name]), name)
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOME])
+    return _get(name)

@@ -11,12 +11,11 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
+from haptorb import Device, Pose, Sample, Simulation, State, WrenchMap
 from haptorb.control.allocation import Allocator, LeastSquaresAllocator
+from haptorb.devices import DeviceFile, DeviceKind
 from haptorb.devices import quantity as q
-from haptorb.devices.base import Device, DeviceKind, State, WrenchMap
-from haptorb.devices.schema import CommonFile, Positive, Section
-from haptorb.estimation.types import Pose, Sample
-from haptorb.simulation.base import Simulation
+from haptorb.devices.schema import Positive, Section
 
 MU0 = 4e-7 * np.pi
 STEP = 5e-4  #: of the simulation [s]
@@ -129,7 +128,7 @@ class RailSection(Section):
     hand_damping: Annotated[q.Damping, Positive]
 
 
-class RailFile(CommonFile):
+class RailFile(DeviceFile):
     """A file of kind "rail"."""
 
     kind: Literal["rail"]

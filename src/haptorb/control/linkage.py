@@ -149,7 +149,7 @@ Mode = Literal["translate", "rotate"]
 MODES: tuple[Mode, ...] = ("translate", "rotate")
 
 
-NO_CONTACTS = np.zeros((0, 8))
+NO_CONTACTS = np.zeros((0, 8))  #: contacts of a world that renders none, one row of 8 numbers each
 _CLOSED = np.ones(2)
 
 

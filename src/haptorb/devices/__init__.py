@@ -1,1 +1,46 @@
-"""What a device is, and what its coils can do at a pose."""
+"""Devices: device files, the kinds of device, and what their coils can do at a pose."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from haptorb.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from haptorb.devices.base import DeviceKind
+    from haptorb.devices.base import register as register_kind
+    from haptorb.devices.coil_array import CoilArray
+    from haptorb.devices.electromagnet import ShellCapability, SphericalElectromagnet, shell_capability
+    from haptorb.devices.electromagnet_model import fit_eddy_lag
+    from haptorb.devices.geometry import Geometry
+    from haptorb.devices.loader import parse as parse_device
+    from haptorb.devices.motor import SphericalMotor
+    from haptorb.devices.schema import CommonFile as DeviceFile
+
+__all__ = [
+    "CoilArray",
+    "DeviceFile",
+    "DeviceKind",
+    "Geometry",
+    "ShellCapability",
+    "SphericalElectromagnet",
+    "SphericalMotor",
+    "fit_eddy_lag",
+    "parse_device",
+    "register_kind",
+    "shell_capability",
+]
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "haptorb.devices.base": "DeviceKind register>register_kind",
+        "haptorb.devices.coil_array": "CoilArray",
+        "haptorb.devices.electromagnet": "ShellCapability SphericalElectromagnet shell_capability",
+        "haptorb.devices.electromagnet_model": "fit_eddy_lag",
+        "haptorb.devices.geometry": "Geometry",
+        "haptorb.devices.loader": "parse>parse_device",
+        "haptorb.devices.motor": "SphericalMotor",
+        "haptorb.devices.schema": "CommonFile>DeviceFile",
+    },
+)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from haptorb.errors import UnknownName
 from haptorb.worlds.ball import RollingBall
-from haptorb.worlds.base import ContactWorld, Shape, Sum, World
+from haptorb.worlds.base import ContactWorld, Shape, Sum, World, parameter
 from haptorb.worlds.basic import Detents, Magnet, Nothing, Texture, Vibration, Wall
 from haptorb.worlds.button import Button
 from haptorb.worlds.dome import Compass, CompassDome, Dome, domes_apart
@@ -65,6 +65,7 @@ __all__ = [
     "load_path",
     "make_memory",
     "make_path",
+    "parameter",
 ]
 
 #: name on the command line → world; contract tests run over all of them

@@ -7,12 +7,15 @@ import re
 import subprocess
 import sys
 from html.parser import HTMLParser
+from importlib import import_module
 from pathlib import Path
 from urllib.parse import unquote, urldefrag
 
 import pytest
 
 pytestmark = pytest.mark.background
+
+PACKAGES = ("haptorb", "haptorb.worlds", "haptorb.devices", "haptorb.magnetics", "haptorb_study", "haptorb_design")
 
 
 class Links(HTMLParser):
@@ -101,4 +104,15 @@ def test_no_internal_link_is_dead(built: Path, links: dict[Path, Links]) -> None
 @pytest.mark.timeout(900)
 def test_every_module_has_its_place_in_the_reference(root: Path, tmp_path: Path) -> None:
     build(root, tmp_path / "html", "-D", "plot_gallery=0")
-    assert "haptorb.magnetics.dipole.field" in (tmp_path / "html/reference/generated/magnetics.html").read_text()
+    assert "haptorb.magnetics.special.zonal" in (tmp_path / "html/reference/generated/magnetics.html").read_text()
+
+
+@pytest.mark.timeout(900)
+def test_the_public_api_is_one_page_with_every_name(built: Path, links: dict[Path, Links]) -> None:
+    folder = built / "reference" / "generated"
+    targets = {target for target in links[folder / "api.html"].targets if "#" in target}
+    for package in PACKAGES:
+        page = f"api-{package.replace('.', '-')}.html"
+        for name in import_module(package).__all__:
+            assert f"{page}#{package}.{name}" in targets
+            assert f"{package}.{name}" in links[folder / page].anchors
