@@ -7,9 +7,12 @@ sideways with f_y and pulls it along with f_x (tension positive); it gives way b
 
 (the paper's s is the sign of that pull). In newtons and metres: f_y = E w δ / (Ω₊ + (f_x/f_y) Ω₋).
 
+The contact also moves along the hook, by Ω₋ F_y + Ωₓ F_x (over h₀): with Ωₓ the three are the symmetric compliance of
+an elastic body, so that the energy ½ fᵀ Ω f exists. Its change along the hook is the turn of the face by both forces.
+
 Two models, one interface: `paper` is (12) and (13), which load the uniform part of the beam at its end ℓ_b wherever the
 contact is; `timoshenko` loads the beam where the contact is (erratum E11: 4.8 times softer for Table 3). Small
-deflections; a tapered part is a stack of slices, each bending as a uniform beam; axial strain is left out in both.
+deflections; a tapered part is a stack of slices, each bending as a uniform beam.
 """
 
 from __future__ import annotations
@@ -33,10 +36,12 @@ __all__ = [
     "TABLE_3",
     "Appendix",
     "Compliance",
+    "FaceForce",
     "Hook",
     "Material",
     "Model",
     "appendix_b",
+    "balance_face",
     "compliance",
     "compute_bent_shape",
     "force_ratio",
@@ -204,10 +209,11 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
 class Compliance(NamedTuple):
-    """Ω₊ and Ω₋ at some contact points, both of the points' shape, without dimension."""
+    """Ω₊, Ω₋ and Ωₓ at some contact points, all of the points' shape, without dimension."""
 
-    plus: Array
-    minus: Array
+    plus: Array  #: sideways, by a sideways force
+    minus: Array  #: sideways by a pull, and along the hook by a sideways force
+    along: Array  #: along the hook, by a pull
 
 
 class Appendix(NamedTuple):
@@ -275,15 +281,24 @@ def _moments(hook: Hook, x: Array) -> Array:
 
 
 def compliance(
-    hook: Hook, x: ArrayLike, model: Model = "timoshenko", *, shear_ratio: float | None = None
+    hook: Hook,
+    x: ArrayLike,
+    model: Model = "timoshenko",
+    *,
+    shear_ratio: float | None = None,
+    surface: ArrayLike | None = None,
 ) -> Compliance:
-    """Ω₊ and Ω₋ of `hook` for a contact at `x` (...) [m] from the root, up to the tip.
+    """Ω₊, Ω₋ and Ωₓ of `hook` for a contact at `x` (...) [m] from the root, up to the tip.
 
-    paper        (12) and (13) with the section as it is, flat top included
+    paper        (12) and (13) with the section as it is, flat top included; Ωₓ = Ω₋²/Ω₊, since the paper has none: the
+                 hook as a mechanism with one motion
     timoshenko   bending and shear of the beam from the root to the contact; the pull acts at the wedge's surface, h(x)
-                 above the back of the hook, about the middle h(ξ)/2 of each section ξ
+                 above the back of the hook, about the middle h(ξ)/2 of each section ξ, and stretches it
 
-    shear_ratio  E/G, else from Poisson's ratio. Raises UnknownName for a model, InputError for x off the hook.
+    shear_ratio  E/G, else from Poisson's ratio
+    surface      (...) [m] height of the contact above the hook's back, if its edges are rounded; else h(x)
+
+    Raises UnknownName for a model, InputError for x off the hook.
 
     >>> from haptorb.beams import TABLE_3
     >>> round(float(compliance(TABLE_3.ramp_to_peak(), 9.6e-3, shear_ratio=2.6).plus))
@@ -300,14 +315,66 @@ def compliance(
     X = np.ravel(at) / h0
     shear = SHEAR_COEFFICIENT * (hook.shear_ratio if shear_ratio is None else shear_ratio)
     b0, b1, b2, l0, l1, area = _moments(hook, X)
-    h = hook.section(X * h0) / h0
+    h = hook.section(X * h0) / h0 if surface is None else np.ravel(check_finite(surface, "surface")) / h0
     if model == "timoshenko":
         plus = X * X * b0 - 2.0 * X * b1 + b2 + shear * area
         minus = h * (X * b0 - b1) - 0.5 * (X * l0 - l1)
+        along = h * h * b0 - h * l0 + 4.0 * area  # 3 of the 4 by bending, 1 by stretching
     else:
         plus = b2 + shear * area  # Eq. (12): up to ℓ_b its integrand gives 4 X³, so one integral serves both terms
         minus = 6.0 * X * (h - 0.5) * b0 / 12.0  # Eq. (13)
-    return Compliance(plus.reshape(at.shape), minus.reshape(at.shape))
+        along = np.divide(minus**2, plus, out=np.zeros_like(plus), where=plus > 0.0)
+    return Compliance(plus.reshape(at.shape), minus.reshape(at.shape), along.reshape(at.shape))
+
+
+class FaceForce(NamedTuple):
+    """What holds a bent hook at some contact points on a sharp-edged face, all of the points' shape."""
+
+    pull: Array  #: f_x, along the hook, out of the socket positive [N]
+    push: Array  #: f_y, that bends the hook [N]
+    turn: Array  #: of the face by the bending [rad]
+    shift: Array  #: of the contact along the hook by the bending [m]
+
+
+def balance_face(
+    hook: Hook, x: ArrayLike, deflection: ArrayLike, slope: float, friction: float, model: Model = "timoshenko"
+) -> FaceForce:
+    """What an edge on the surface of `hook` at `x` (...) [m] exerts that bends it by `deflection` (...) [m].
+
+    slope     of the face [rad], rising towards the tip positive: β on the rear face, −α on the front face
+    friction  μ; positive for an edge that is pulled out, negative for one that is pushed in
+
+    Direct balance of normal force and friction on the face as both forces turn it: f_x/f_y = tan(slope − turn + arctan μ)
+    as in (11), δ by (10). The turn is that of the section, plus half the shear strain beside the load; with the paper's
+    model it is the chord arctan(δ/x) of (11). Raises GeometryError where the hook jams or locks.
+
+    >>> from haptorb.beams import TABLE_3
+    >>> force = balance_face(TABLE_3, 9.6e-3, 0.75e-3, 0.0, 0.134)          # an edge on its top
+    >>> round(float(force.pull / force.push), 4), round(math.tan(math.atan(0.134) - float(force.turn)), 4)
+    (0.0294, 0.0294)
+    """
+    at, bent = np.broadcast_arrays(check_finite(x, "x"), check_finite(deflection, "deflection"))
+    soft = compliance(hook, at, model)
+    h0, stiff = hook.thickness, hook.youngs_modulus * hook.width
+    X = np.ravel(at) / h0
+    b0, b1, _, l0, _, _ = _moments(hook, X)
+    h = hook.section(X * h0) / h0
+    sideways = (X * b0 - b1 + 0.5 * SHEAR_COEFFICIENT * hook.shear_ratio / h).reshape(at.shape) / (stiff * h0)
+    lengthways = (h * b0 - 0.5 * l0).reshape(at.shape) / (stiff * h0)
+    lean, turn = slope + math.atan(friction), bent / at
+    for _ in range(60):
+        whole = soft.plus * np.cos(lean - turn) + soft.minus * np.sin(lean - turn)
+        if not (whole > 1e-9 * soft.plus).all():
+            raise GeometryError(
+                f"the hook locks by itself: a face of {math.degrees(abs(slope)):.4g}° and friction "
+                f"({math.degrees(abs(math.atan(friction))):.1f}°) let no force slide the edge over it"
+            )
+        size = stiff * bent / whole
+        pull, push = size * np.sin(lean - turn), size * np.cos(lean - turn)
+        turn, last = np.arctan(bent / at if model == "paper" else sideways * push + lengthways * pull), turn
+        if np.abs(turn - last).max(initial=0.0) < 1e-13:
+            break
+    return FaceForce(pull, push, turn, (soft.minus * push + soft.along * pull) / stiff)
 
 
 def root_strain(hook: Hook, x: ArrayLike, deflection: ArrayLike, plus: ArrayLike) -> Array:

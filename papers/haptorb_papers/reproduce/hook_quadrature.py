@@ -1,13 +1,15 @@
 """Table 3's hook by quadrature, from the printed sizes alone: what closed forms, beams and worlds are compared with.
 
 Nothing of `haptorb.magnetics` is used: lengths are over h₀ as printed, integrals by scipy. The ramp rises at β to H_b
-anda flat top joins it to the contact (erratum E8).
+and a flat top joins it to the contact (erratum E8).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
+import numpy as np
 from scipy.integrate import quad
 
 __all__ = [
@@ -20,8 +22,9 @@ __all__ = [
     "MINUS_2",
     "SHEAR",
     "bend_hook",
-    "bend_hook_root",
     "compute_pull_stiffness",
+    "hold_hook",
+    "pull_over_stored",
     "thickness",
 ]
 
@@ -59,12 +62,6 @@ def bend_hook(length: float = L_M, shear: float = _SHEAR) -> float:
     return float(bending + shear * quad(lambda x: 1 / thickness(x), 0, length, points=knots or None)[0])
 
 
-def bend_hook_root(shear: float = _SHEAR) -> float:
-    """Turn of the hook at the contact over its deflection there, times h₀ [1]."""
-    slope = quad(lambda x: 12 * (L_M - x) / thickness(x) ** 3, 0, L_M, points=[L_B, END])[0]
-    return float(slope / bend_hook(shear=shear))
-
-
 def compute_pull_stiffness(surface: float = H_B) -> float:
     """E w/(Ω₊ + μΩ₋) [N/m] of (17), with (12), (13) and `surface` [1] for H_x (erratum E9: H_b).
 
@@ -74,3 +71,44 @@ def compute_pull_stiffness(surface: float = H_B) -> float:
     plus = 4 * (1 + 0.3 / L_B**2 * 2.6) * L_B**3 + BENDING + SHEAR
     minus = (MINUS_1 + MINUS_2) * (2 * surface + 1) / (2 * H_B + 1)
     return float(_MODULUS * _WIDTH / (plus + FRICTION * minus))
+
+
+_TABLE_SHEAR = 1.2 * 2 * 1.41  #: p E/G of Table 3's Poisson's ratio
+
+
+def hold_hook(length: float, bent: float, slope: float, friction: float) -> tuple[float, float, float, float, float]:
+    """F_x, F_y [1], the turn of the face [rad], how far the contact moves along, and the energy, normalised.
+
+    An edge at `length` bends the hook by `bent` and slides up a face of `slope` [rad], `friction` signed:
+    statics on a face that both forces turn, and the compliances of Timoshenko's beam, all by quadrature.
+    """
+    knots = [x for x in (L_B, END) if x < length] or None
+    top = thickness(length)
+
+    def over(integrand: Callable[[float, float], float]) -> float:
+        return float(quad(lambda x: integrand(x, thickness(x)), 0, length, points=knots)[0])
+
+    plus = over(lambda x, h: 12 * (length - x) ** 2 / h**3 + _TABLE_SHEAR / h)
+    minus = over(lambda x, h: 12 * (length - x) * (top - h / 2) / h**3)
+    along = over(lambda _, h: 12 * (top - h / 2) ** 2 / h**3 + 1 / h)
+    by_push = over(lambda x, h: 12 * (length - x) / h**3) + 0.5 * _TABLE_SHEAR / top
+    by_pull = over(lambda _, h: 12 * (top - h / 2) / h**3)
+    turn, push, ratio = 0.0, 0.0, 0.0
+    for _ in range(40):
+        ratio = math.tan(slope - turn + math.atan(friction))
+        push = bent / (plus + ratio * minus)
+        turn = math.atan(push * (by_push + ratio * by_pull))
+    energy = 0.5 * push**2 * (plus + 2 * ratio * minus + ratio**2 * along)
+    return ratio * push, push, turn, push * (minus + ratio * along), energy
+
+
+def pull_over_stored(friction: float) -> float:
+    """Work of a slow pull up the rear face, foot to top, over the energy that the hook then stores; `friction` signed.
+
+    >>> round(pull_over_stored(0.0), 3)
+    1.0
+    """
+    beta = math.radians(58.8)
+    rows = [(x, *hold_hook(x, thickness(x) - 1.0, beta, friction)) for x in np.linspace(L_B, END - 1e-9, 81).tolist()]
+    pulls, places = [row[1] for row in rows], [row[0] + row[4] for row in rows]
+    return float(np.trapezoid(pulls, places) / rows[-1][5])

@@ -8,11 +8,13 @@ The hand feels, during insertion: the front face, the top, then the snap; during
 and the release down the front. There is no memory: the position of the edge and its direction of sliding
 determine the force.
 
-The hook has one bending mode: its surface at the wedge moves by δ·(κ, 1), κ = Ω₋/Ω₊, which is eq. (10) as a
-mechanism, and stores U = E w δ²/(2 Ω₊(x)). So without friction f_y = E w δ/(Ω₊ ± tan γ Ω₋) as in (10), and the
-rotation of the face by the bending, arctan(δ/x) in (11), follows from Ω₊(x), as required for conservation of
-energy. Edges are
-rounded, so the force is continuous. Left out: tilt of the wedge across its width, inertia of the hook, wear.
+The hook is an elastic body: a force at x bends it by Ω₊ f_y + Ω₋ f_x and moves its surface along by Ω₋ f_y + Ωₓ f_x,
+over E w. The edge of the part, at (X, Y), touches the place x where the energy U = ½ fᵀ Ω(x) f is stationary: virtual
+work. The force without friction is its gradient, and the turn of the face by the bending, which (11) adds as
+arctan(δ/x), is in it through the change of Ω₊, Ω₋ and Ωₓ along the hook (erratum E27). Friction then leans the force
+on the turned face, at the same place of the hook. `beams.balance_face` computes the same force in another way, for
+sharp edges. Here edges are rounded, so the force is continuous. Left out: tilt of the wedge across its width, inertia
+of the hook, wear.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from haptorb.arrays import Array, Record, Records, cubic_spline, fields
-from haptorb.beams import MATERIALS, TABLE_3, Hook, Model, appendix_b, compliance, root_strain
+from haptorb.beams import MATERIALS, TABLE_3, Hook, Model, appendix_b, balance_face, compliance, root_strain
 from haptorb.compiled import kernel, tick_kernel
 from haptorb.devices.base import State
 from haptorb.errors import GeometryError, InputError
@@ -201,15 +203,26 @@ _SNAP = fields(
     ("peak", "f8"),  # where the front face starts [m]
     ("rear", "f8"), ("front", "f8"),  # slopes of the two faces
     ("edge", "f8"),  # half length of the rounding [m]
-    ("height", "f8"),  # of the wedge [m]
-    ("recoil", "f8"),  # κ = Ω₋/Ω₊
     ("friction", "f8"), ("creep", "f8"),  # μ, and the speed below which it is viscous [m/s]
     ("half", "f8"),  # from the part's middle to its edge [m]
     ("clearance", "f8"),  # [m]
     ("seat", "f8"),  # [N/m]
-    ("start", "f8"), ("step", "f8"),  # of the table of stiffnesses [m]
+    ("start", "f8"), ("step", "f8"),  # of the table of compliances [m]
     ("hooks", "i8"),
 )  # fmt: skip
+
+#: A contact without friction, as the kernel finds it.
+_TOUCH = fields(
+    ("place", "f8"), ("bent", "f8"),  # along the hook, and how far it is bent [m]
+    ("slope", "f8"),  # of the face, not turned
+    ("fx", "f8"), ("fy", "f8"),  # on the hook [N]
+    ("shift", "f8"),  # of the contact along the hook [m]
+    ("bend", "f8"), ("recoil", "f8"),  # f_y + κ f_x [N], which δ fixes, and κ = Ω₋/Ω₊
+    ("turning", "f8"),  # of the face by a pull at the same δ [rad/N]
+)  # fmt: skip
+
+_FEWEST, _MOST = 257, 8193  #: places in the table of compliances
+_LEAST = 0.05  #: divisors that only a hook bent far beyond this theory would make smaller
 
 
 @kernel
@@ -232,61 +245,132 @@ def _wedge(x: float, snap: Record) -> tuple[float, float]:
 
 
 @kernel
-def _stiffness(x: float, start: float, step: float, spline: Array) -> tuple[float, float]:
-    """E w/Ω₊ at x [N/m] and its slope, from the table; constant beyond its ends."""
-    count = spline.shape[0]
-    u = (x - start) / step
-    if u <= 0.0:
-        return spline[0, 3], 0.0
-    if u >= count:
-        s = step
-        last = count - 1
-        return ((spline[last, 0] * s + spline[last, 1]) * s + spline[last, 2]) * s + spline[last, 3], 0.0
-    i = int(u)
-    s = x - (start + i * step)
-    a, b, c, d = spline[i, 0], spline[i, 1], spline[i, 2], spline[i, 3]
-    return ((a * s + b) * s + c) * s + d, (3.0 * a * s + 2.0 * b) * s + c
+def _touch(x: float, Y: float, snap: Record, table: Array, touch: Record) -> None:
+    """Fill `touch`, a _TOUCH, for an edge at the height Y that touches the hook at x, without friction.
+
+    δ = Ω₊ f_y + Ω₋ f_x, and f_x = H' f_y − ½ fᵀ Ω' f: sliding along the face does no work.
+    """
+    H, dH = _wedge(x, snap)
+    bent = max(0.0, H + Y)
+    touch.place, touch.bent, touch.slope = x, bent, dH
+    touch.fx, touch.fy, touch.shift = 0.0, 0.0, 0.0
+    if bent == 0.0:
+        return
+    i = min(max(int((x - snap.start) / snap.step), 0), table.shape[0] - 1)
+    s = max(x - (snap.start + i * snap.step), 0.0)
+    row = table[i]
+    plus = ((row[0] * s + row[1]) * s + row[2]) * s + row[3]
+    minus = ((row[4] * s + row[5]) * s + row[6]) * s + row[7]
+    along = ((row[8] * s + row[9]) * s + row[10]) * s + row[11]
+    dplus, dminus, dalong = 0.0, 0.0, 0.0
+    if x >= snap.start:
+        dplus = (3.0 * row[0] * s + 2.0 * row[1]) * s + row[2]
+        dminus = (3.0 * row[4] * s + 2.0 * row[5]) * s + row[6]
+        dalong = (3.0 * row[8] * s + 2.0 * row[9]) * s + row[10]
+    bend, recoil = bent / plus, minus / plus
+    # f_y = bend − κ f_x put into the second equation: ½ a f_x² + b f_x = c
+    a = dalong - 2.0 * recoil * dminus + recoil * recoil * dplus
+    b = max(1.0 + recoil * dH + (dminus - recoil * dplus) * bend, _LEAST)
+    c = bend * (dH - 0.5 * dplus * bend)
+    fx = 2.0 * c / (b + math.sqrt(max(b * b + 2.0 * a * c, 0.0)))
+    fy = bend - recoil * fx
+    touch.fx, touch.fy, touch.shift = fx, fy, minus * fy + along * fx
+    touch.bend, touch.recoil = bend, recoil
+    touch.turning = dminus - 0.5 * dplus * (dH + recoil)
 
 
 @kernel
-def _find_contact(X: float, Y: float, snap: Record) -> float:
-    """The place x on the hook that an edge at (X, Y) touches: x + κ δ(x) = X with δ = max(0, height(x) + Y)."""
-    high, recoil = X, snap.recoil
-    low = X - recoil * max(0.0, snap.height + Y)
-    x = X
-    for _ in range(60):
-        H, dH = _wedge(x, snap)
-        gap = x - X
-        slope = 1.0
-        if H + Y > 0.0:
-            gap += recoil * (H + Y)
-            slope += recoil * dH
-        if abs(gap) < 1e-15:
-            break
+def _find_contact(X: float, Y: float, snap: Record, table: Array, touch: Record) -> None:
+    """Fill `touch` for an edge at (X, Y): the place x on the hook with x + shift(x) = X."""
+    _touch(X, Y, snap, table, touch)
+    gap = touch.shift
+    if gap == 0.0:
+        return
+    # a bracket, then false position (Illinois)
+    high, at_high, low, at_low = X, gap, X, gap
+    reach = 1.5 * abs(gap)
+    for _ in range(40):
+        x = X - reach if gap > 0.0 else X + reach
+        _touch(x, Y, snap, table, touch)
+        new = x + touch.shift - X
         if gap > 0.0:
-            high = x
+            low, at_low = x, new
         else:
-            low = x
-        new = x - gap / slope if slope > 1e-3 else 0.5 * (low + high)
-        if not low <= new <= high:
-            new = 0.5 * (low + high)
-        if new == x:
+            high, at_high = x, new
+        if new * gap <= 0.0:
             break
-        x = new
-    return x
+        reach *= 2.0
+    kept = 0
+    for _ in range(80):
+        span = at_high - at_low
+        x = low - at_low * (high - low) / span if span > 0.0 else 0.5 * (low + high)
+        if not low < x < high:
+            x = 0.5 * (low + high)
+        _touch(x, Y, snap, table, touch)
+        new = x + touch.shift - X
+        if abs(new) < 1e-15 or high - low < 1e-16:
+            break
+        if new > 0.0:
+            high, at_high = x, new
+            at_low *= 0.5 if kept > 0 else 1.0
+            kept = 1
+        else:
+            low, at_low = x, new
+            at_high *= 0.5 if kept < 0 else 1.0
+            kept = -1
+
+
+@kernel
+def _springs(places: Array, Y: float, snaps: Records, table: Array) -> bool:
+    """Whether an edge at the height Y that moves over `places` (n,) [m] of the hook has to go back on its way."""
+    touches = np.empty(1, _TOUCH)
+    last = -math.inf
+    for x in places:
+        _touch(x, Y, snaps[0], table, touches[0])
+        if x + touches[0].shift <= last:
+            return True
+        last = x + touches[0].shift
+    return False
+
+
+@kernel
+def _rub(touch: Record, vx: float, vy: float, vz: float, friction: float, creep: float) -> tuple[float, float, float]:
+    """(fx, fy, fz) on the hook [N] with friction, for a part that moves with v [m/s] at the contact, y away from it.
+
+    At the same place and bending the force can only change along (1, −κ), and the part slides by the same direction:
+    so friction takes energy whatever the motion. The face turns with it.
+    """
+    fx, fy, slope, recoil = touch.fx, touch.fy, touch.slope, touch.recoil
+    turn = (slope * fy - fx) / max(fy + slope * fx, 1e-300)  # without friction the force stands upright on the face
+    along, up = 1.0 + turn * slope, slope - turn  # the turned face
+    length = math.sqrt(along * along + up * up)
+    slip = (vx - recoil * vy) * length / max(along + recoil * up, _LEAST)
+    speed = math.sqrt(slip * slip + vz * vz + creep * creep)
+    rub = friction * slip / speed
+    rubbed, normal = fx, 0.0
+    for _ in range(4):
+        share = (up + rub * along) / max(along - rub * up + recoil * (up + rub * along), _LEAST)
+        rubbed = touch.bend * share
+        if (rubbed - fx) * rub < 0.0:
+            rubbed = fx
+        now = turn + touch.turning * (rubbed - fx)
+        along, up = 1.0 + now * slope, slope - now
+    fy = touch.bend - recoil * rubbed
+    normal = (rubbed * up + fy * along) / math.sqrt(along * along + up * up)
+    return rubbed, fy, friction * normal * vz / speed
 
 
 @kernel
 def _snap_fit(
-    p: Array, R: Array, v: Array, w: Array, snaps: Records, spline: Array, wrench: Array, contacts: Records
-) -> None:
+    p: Array, R: Array, v: Array, w: Array, snaps: Records, table: Array, touches: Records, wrench: Array,
+    contacts: Records,
+) -> None:  # fmt: skip
     """Fill wrench (6,) on the part about o', and contacts (2,) CONTACT, which are zero before.
 
-    snaps is (1,) _SNAP, spline the table of the hook's stiffness.
+    snaps is (1,) _SNAP, table (n, 12) the cubics of the hook's compliances, touches (1,) _TOUCH is overwritten.
     """
-    snap = snaps[0]
+    snap, touch = snaps[0], touches[0]
     half, clearance, foot, seat = snap.half, snap.clearance, snap.foot, snap.seat
-    recoil, friction, creep = snap.recoil, snap.friction, snap.creep
     for i in range(6):
         wrench[i] = 0.0
     for hook in range(snap.hooks):
@@ -295,27 +379,19 @@ def _snap_fit(
         rx, ry, rz = R[0, 1] * side * half, R[1, 1] * side * half, R[2, 1] * side * half
         X = foot + p[0] + rx
         Y = side * (p[1] + ry) - half - clearance
-        x = _find_contact(X, Y, snap)
-        H, dH = _wedge(x, snap)
-        bent = max(0.0, H + Y)
+        _find_contact(X, Y, snap, table, touch)
         gx, gy, gz = 0.0, 0.0, 0.0
-        if bent > 0.0:
-            K, dK = _stiffness(x, snap.start, snap.step, spline)
-            share = 1.0 / (1.0 + recoil * dH)
-            climb = 0.5 * dK * bent * bent
-            fx = (K * bent * dH + climb) * share  # ∂U/∂X
-            fy = (K * bent - recoil * climb) * share  # ∂U/∂Y
-            along = (fy * recoil - fx) / (fx * recoil + fy)  # χ, the hook's own motion seen from the face
+        if touch.bent > 0.0:
             vx = v[0] + w[1] * rz - w[2] * ry
             vy = side * (v[1] + w[2] * rx - w[0] * rz)
             vz = v[2] + w[0] * ry - w[1] * rx
-            gx, gy, gz = sliding_push(fx, fy, along, vx, vy, vz, friction, creep)
+            gx, gy, gz = _rub(touch, vx, vy, vz, snap.friction, snap.creep)
         below = foot - X
         if below > 0.0:  # the seat
             gx -= seat * below
         contact.force[0], contact.force[1], contact.force[2] = -gx, -side * gy, -gz
         add_contact(contact, wrench, p, rx, ry, rz)
-        contact.deflection, contact.place = bent, x
+        contact.deflection, contact.place = touch.bent, touch.place
 
 
 @dataclass(frozen=True)
@@ -353,7 +429,7 @@ class SnapFit(ContactWorld, TargetWorld):
 
     hook: Hook = field(init=False, repr=False, compare=False)
     _snap: Records = field(init=False, repr=False, compare=False)
-    _spline: Array = field(init=False, repr=False, compare=False)  #: (256, 4): the four of a place beside each other
+    _table: Array = field(init=False, repr=False, compare=False)  #: (n, 12): cubics of Ω₊, Ω₋, Ωₓ over E w [m/N]
 
     def __post_init__(self) -> None:
         TargetWorld.__post_init__(self)
@@ -364,38 +440,50 @@ class SnapFit(ContactWorld, TargetWorld):
             math.radians(self.insertion_deg), math.radians(self.retention_deg),
             self.youngs_modulus, self.poisson_ratio, flat_top=True,
         )  # fmt: skip
-        x = np.linspace(0.5 * hook.base_length, hook.tip, 257)
-        soft = compliance(hook, x, self.beam)
-        top = compliance(hook, hook.peak, self.beam)
-        recoil = float(top.minus / top.plus)
-        spline = cubic_spline(hook.youngs_modulus * hook.width / soft.plus, float(x[1] - x[0]))
         snap = np.zeros(1, dtype=_SNAP)
         snap["foot"], snap["top"], snap["peak"] = hook.base_length, hook.ramp_end, hook.peak
-        snap["rear"], snap["front"], snap["height"] = math.tan(hook.rear), math.tan(hook.front), hook.height
-        snap["recoil"], snap["half"], snap["start"], snap["step"] = recoil, self.half_width, x[0], x[1] - x[0]
+        snap["rear"], snap["front"] = math.tan(hook.rear), math.tan(hook.front)
+        span = hook.tip - 0.5 * hook.base_length
+        x = np.linspace(0.5 * hook.base_length, hook.tip, min(max(math.ceil(4 * span / self.edge), _FEWEST), _MOST))
+        snap["half"], snap["start"], snap["step"] = self.half_width, x[0], x[1] - x[0]
         for name in ("edge", "friction", "creep", "clearance", "seat", "hooks"):
             snap[name] = getattr(self, name)
-        for name, value in {"hook": hook, "_snap": snap, "_spline": spline}.items():
+        rounded = hook.thickness + np.array([max(_wedge(place, snap[0])[0], 0.0) for place in x.tolist()])
+        soft = compliance(hook, x, self.beam, surface=rounded)
+        stiff, step = hook.youngs_modulus * hook.width, float(x[1] - x[0])
+        table = np.concatenate([cubic_spline(each / stiff, step) for each in soft], axis=1)
+        values = {"hook": hook, "_snap": snap, "_table": table}
+        for name, value in values.items():
             object.__setattr__(self, name, value)
-        self._check_slides(x, spline, recoil)
+        self._check_slides()
 
-    def _check_slides(self, x: Array, spline: Array, recoil: float) -> None:
-        lean, hook = math.atan(self.friction), self.hook
-        front = x[:-1] >= hook.peak  # at the tip itself nothing is bent
-        bent = np.interp(x[:-1][front], [hook.peak, hook.tip], [hook.height, 0.0])
-        stiffness, slope = spline[front, 3], spline[front, 2]
-        steepest = float(np.arctan(math.tan(hook.front) - 0.5 * bent * slope / stiffness).max(initial=hook.front))
-        limit = math.atan(1.0 / recoil) if recoil > 0 else math.pi / 2
-        if steepest + lean >= limit:
+    def _check_slides(self) -> None:
+        hook, lean = self.hook, math.atan(self.friction)
+        front = np.linspace(hook.peak, hook.tip, 65)[:-1]  # at the tip itself nothing is bent
+        try:
+            balance_face(hook, front, hook.section(front) - hook.thickness, -hook.front, -self.friction, self.beam)
+        except GeometryError as cause:
             raise GeometryError(
-                f"the hook cannot be pushed in, it jams: its front face, bent, leans {math.degrees(steepest):.1f}° and "
-                f"friction adds {math.degrees(lean):.1f}°; this beam ({self.beam}) yields below "
-                f"{math.degrees(limit):.1f}° together. Reduce insertion_deg or friction"
-            )
+                f"the hook cannot be pushed in, it jams: insertion_deg {self.insertion_deg:.4g}°, the turn of the face "
+                f"by the bending and friction ({math.degrees(lean):.1f}°) are too steep together for this beam "
+                f"({self.beam}). Reduce insertion_deg or friction"
+            ) from cause
         if hook.rear + lean >= math.radians(89.0):
+            locks = " (μ tan β ≥ 1: self-locking)" if self.friction * math.tan(hook.rear) >= 1.0 else ""
             raise GeometryError(
-                f"the hook cannot be pulled out, it locks: retention_deg {self.retention_deg:.4g}° and friction "
+                f"the hook cannot be pulled out, it locks{locks}: retention_deg {self.retention_deg:.4g}° and friction "
                 f"({math.degrees(lean):.1f}°) must stay below 89° together"
+            )
+        self._check_springs()
+
+    def _check_springs(self) -> None:
+        """That the edge slides over every corner: a hook that springs from face to face has no continuous force."""
+        places = np.linspace(self.hook.base_length, self.hook.tip, 4 * len(self._table))
+        depths = (-self.clearance, 0.5 * self.height - self.clearance)
+        if any(_springs(places, depth, self._snap, self._table) for depth in depths):
+            raise GeometryError(
+                f"the edges of the wedge are too sharp for this beam ({self.beam}): the hook springs over a corner "
+                f"rounded by edge = {self.edge * 1e3:.4g} mm instead of sliding; use a greater edge"
             )
 
     @classmethod
@@ -426,8 +514,8 @@ class SnapFit(ContactWorld, TargetWorld):
         wrench, hooks = np.empty(6), np.zeros((2, 8))
         one = np.ascontiguousarray  # one layout: one compilation
         _snap_fit(
-            one(state.p), one(state.R_SR), one(state.v), one(state.w), self._snap, self._spline, wrench,
-            view_contacts(hooks),
+            one(state.p), one(state.R_SR), one(state.v), one(state.w), self._snap, self._table,
+            np.empty(1, _TOUCH), wrench, view_contacts(hooks),
         )  # fmt: skip
         return wrench, hooks
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from haptorb.beams import balance_face
 from haptorb.control.linkage import Gains, ModedLinkage, RenderedWrench
 from haptorb.devices.base import State
 from haptorb.worlds import Outlet, PublishedOutlet, SnapFit
@@ -124,12 +125,14 @@ def test_the_default_gains_keep_the_outlet_below_0_6_newton_metre() -> None:
 def test_e22_retention_with_the_printed_sign_costs_less_than_the_hook_stores(numbers, printed) -> None:
     # eq. (11) prints tan(γ' − arctan μ) for retention; slowly pulled up the rear face from its foot to its top
     ids = ("fig6-retention-frictionless", "fig6-retention")
-    assert numbers("bai2012", "figure 6", *ids) == pytest.approx([1.0, 1.156], abs=1e-3)  # μ = 0: all stored
-    assert printed("bai2012", "figure 6", "fig6-retention") == pytest.approx([0.863], abs=1e-3)  # less than stored
-    world = SnapFit(friction=0.3)
-    pull = {v: world.wrench(State(0.0, np.eye(3), np.array([1e-3, 0, 0]), np.zeros(3), np.array([v, 0, 0])))[0]
+    assert numbers("bai2012", "figure 6", *ids) == pytest.approx([1.0, 1.218], abs=1e-3)  # μ = 0: all stored
+    assert printed("bai2012", "figure 6", "fig6-retention") == pytest.approx([0.807], abs=1e-3)  # less than stored
+    world = SnapFit(friction=0.3, edge=0.02e-3)
+    pull = {v: world.wrench(State(0.0, np.eye(3), np.array([1.58e-3, 0, 0]), np.zeros(3), np.array([v, 0, 0])))[0]
             for v in (-1e3, 1e3)}  # fmt: skip
-    assert pull[1e3] < pull[-1e3] < 0  # pulling it out is harder than letting it snap home
+    assert pull[1e3] < 2.5 * pull[-1e3] < 0  # pulling it out is harder than letting it snap home
+    printed_sign = balance_face(world.hook, world.hook.ramp_end, world.hook.height, world.hook.rear, -0.3)
+    assert 2 * float(printed_sign.pull) == pytest.approx(2.7, abs=0.05)
 
 
 def test_e23_only_one_sense_of_the_tilt_makes_equations_16_to_18_restore(numbers) -> None:

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from haptorb.beams import TABLE_3, force_ratio
-from haptorb.worlds import Outlet
+from haptorb.beams import balance_face, compliance
+from haptorb.worlds import Outlet, SnapFit
 
 pytestmark = pytest.mark.background
 
@@ -58,15 +58,19 @@ def test_e21_the_shear_ratio_is_another_poissons_ratio(numbers) -> None:
     assert change == pytest.approx(8.0e-4, abs=1e-4)
 
 
-def test_e27_the_face_turns_by_the_slope_not_by_the_chord(numbers, printed) -> None:
+def test_e27_the_face_turns_by_the_slope_under_both_forces_not_by_the_chord(numbers, printed) -> None:
     (slope,), (chord,) = (told(BAI, "figure 6", "fig6-slope") for told in (numbers, printed))
-    assert (slope, chord) == pytest.approx((138.9, 104.2), abs=0.1)
-    turns = [math.atan(0.75e-3 * each) for each in (slope, chord)]
-    assert [math.degrees(turn) for turn in turns] == pytest.approx([5.9, 4.5], abs=0.05)
-    true, by_chord = (float(force_ratio(TABLE_3.rear - turn, 0.134, loading=True)) for turn in turns)
-    assert by_chord / true == pytest.approx(1.06, abs=0.01)
-    true, by_chord = (float(force_ratio(TABLE_3.front + turn, 0.134, loading=True)) for turn in turns)
-    assert by_chord / true == pytest.approx(0.95, abs=0.01)
+    assert (slope, chord) == pytest.approx((23.3, 15.5), abs=0.05)
+    hook = SnapFit().hook
+    for x, face, friction, turn, arc, peak, by_chord in (
+        (hook.ramp_end, hook.rear, 0.3, 8.1, 5.2, 8.22, 8.94), (hook.peak, -hook.front, -0.3, 6.4, 4.6, 9.61, 8.85),
+    ):  # fmt: skip
+        held = balance_face(hook, x, hook.height, face, friction)
+        chord = math.atan(hook.height / x)
+        assert (math.degrees(held.turn), math.degrees(chord)) == pytest.approx((turn, arc), abs=0.06)
+        soft, ratio = compliance(hook, x), math.tan(face - chord + math.atan(friction))  # (10) and (11), E22's sign
+        pull = ratio * hook.youngs_modulus * hook.width * hook.height / (soft.plus + ratio * soft.minus)
+        assert (2 * abs(held.pull), 2 * abs(pull)) == pytest.approx((peak, by_chord), abs=0.006)
 
 
 def test_e28_the_appendix_names_beta_sigma_and_p_k(numbers, printed) -> None:

@@ -48,7 +48,7 @@ def test_a_part_that_is_pulled_out_and_put_back_quickly_agrees() -> None:
     [
         (0.0005, 0.05, 0.0, "the part reached X' = 0.5 mm"),
         (0.006, 0.001, 0.0, "slow motion (1.0 mm/s)"),
-        (0.006, 0.05, 0.6e-3, "off centre (0.6 mm sideways"),
+        (0.006, 0.05, 0.8e-3, "off centre (0.8 mm sideways"),
     ],
     ids=["not far enough", "too slow", "aside"],
 )

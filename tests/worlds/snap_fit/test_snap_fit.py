@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from haptorb.beams import TABLE_3, compliance
+from haptorb.beams import TABLE_3, balance_face, compliance
 from haptorb.devices.base import State
 from haptorb.errors import GeometryError, InputError, UnknownName
 from haptorb.worlds import CATALOGUE, SnapFit
@@ -55,34 +55,30 @@ def test_forces_are_those_of_equations_10_and_11(beam: str, x: float, y: float, 
     for motion in (-1, 0, 1):
         (contact,) = world.contacts(at(x, y, motion * FAST))
         pushes[motion] = -contact.force
-    if contact.deflection < 1e-5:
+    if contact.deflection < 1e-5 or contact.place > world.hook.tip - 2 * world.edge:
         return
-    top = compliance(world.hook, world.hook.peak, beam)
-    kappa = float(top.minus / top.plus)
-    place = min(contact.place, world.hook.tip)
-    stiffness = world.youngs_modulus * world.width / float(compliance(world.hook, place, beam).plus)
+    # (11): friction leans the push by its angle, forwards or backwards, and the face turns a little with it
     angle = {motion: math.atan2(push[0], push[1]) for motion, push in pushes.items()}
-    # (11): friction leans the push by its angle, forwards or backwards
-    assert angle[1] - angle[0] == pytest.approx(math.atan(friction), abs=1e-6)
-    assert angle[0] - angle[-1] == pytest.approx(math.atan(friction), abs=1e-6)
-    # (10): Ω₊ f_y + Ω₋ f_x is the same whichever way it slides
-    spread = [push[1] + kappa * push[0] for push in pushes.values()]
-    assert spread == pytest.approx([spread[0]] * 3, rel=1e-6)
-    # and is E w δ, up to the turn of the face by the bending, which the paper adds by hand
-    if beam == "paper" and abs(place - world.hook.ramp_end) > world.edge:
-        assert spread[0] == pytest.approx(stiffness * contact.deflection, rel=0.05)
+    turn = 0.03 if beam == "timoshenko" else 0.1
+    assert angle[1] - angle[0] == pytest.approx(math.atan(friction), abs=turn)
+    assert angle[0] - angle[-1] == pytest.approx(math.atan(friction), abs=turn)
+    # (10): Ω₊ f_y + Ω₋ f_x is E w δ, whichever way it slides
+    if min(abs(contact.place - corner) for corner in (world.hook.ramp_end, world.hook.peak)) > 1.5 * world.edge:
+        soft = compliance(world.hook, contact.place, beam)
+        bent = [(soft.plus * push[1] + soft.minus * push[0]) / world.width for push in pushes.values()]
+        assert bent == pytest.approx([world.youngs_modulus * contact.deflection] * 3, rel=2e-3)
 
 
-def test_the_face_turns_with_the_bending_as_equation_11_says() -> None:
-    # α' > α and β' < β; for this beam by the slope of the bent hook, 1.3 to 1.7 δ/x, where the paper takes δ/x
+def test_the_face_turns_with_the_bending_by_the_slope_of_the_hook() -> None:
+    # α' > α and β' < β, as in (11); both forces turn it, by more than the chord δ/x of the paper (erratum E27)
     world = SnapFit(friction=0.0, hooks=1)
     hook = world.hook
-    for x, plain, sign in ((4.5e-3, -hook.front, -1), (1.2e-3, hook.rear, -1)):
+    for x, plain in ((4.5e-3, -hook.front), (1.2e-3, hook.rear)):
         (contact,) = world.contacts(at(x))
-        push = -contact.force
-        turned = push[0] / push[1] - math.tan(plain)
-        chord = contact.deflection / contact.place
-        assert 1.0 < sign * turned / chord < 1.8
+        turned = plain - math.atan2(-contact.force[0], -contact.force[1])
+        by_balance = balance_face(hook, contact.place, contact.deflection, plain, 0.0)
+        assert turned == pytest.approx(float(by_balance.turn), rel=0.01)
+        assert 1.4 < turned / math.atan(contact.deflection / contact.place) < 1.8
 
 
 def test_a_pair_centres_the_part_and_rights_it() -> None:
@@ -127,6 +123,10 @@ def test_hooks_that_cannot_work_say_why() -> None:
         SnapFit(beam="paper", insertion_deg=70.0)
     with pytest.raises(GeometryError, match="cannot be pulled out, it locks"):
         SnapFit(retention_deg=80.0, friction=0.3)
+    with pytest.raises(GeometryError, match=r"self-locking\): retention_deg 75°"):
+        SnapFit(retention_deg=75.0, friction=0.3)  # μ tan β = 1.12
+    with pytest.raises(GeometryError, match="too sharp for this beam"):
+        SnapFit(thickness=0.5e-3, height=4e-3, edge=0.02e-3, retention_deg=60.0)
     with pytest.raises(GeometryError, match="too little"):
         SnapFit(retention_deg=15.0)  # a ramp too shallow for its height
     with pytest.raises(InputError, match=r"between 0 and 0\.49"):
