@@ -344,8 +344,8 @@ def balance_face(
     slope     of the face [rad], rising towards the tip positive: β on the rear face, −α on the front face
     friction  μ; positive for an edge that is pulled out, negative for one that is pushed in
 
-    Direct balance of normal force and friction on the face as both forces turn it: f_x/f_y = tan(slope − turn + arctan μ)
-    as in (11), δ by (10). The turn is that of the section, plus half the shear strain beside the load; with the paper's
+    Direct balance of normal force and friction on the face as both forces turn it: δ by (10), and as in (11)
+    f_x/f_y = tan(slope − turn + arctan μ). The turn is that of the section, plus half the shear strain beside the load; with the paper's
     model it is the chord arctan(δ/x) of (11). Raises GeometryError where the hook jams or locks.
 
     >>> from haptorb.beams import TABLE_3
