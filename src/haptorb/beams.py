@@ -344,11 +344,11 @@ def balance_face(
     slope     of the face [rad], rising towards the tip positive: β on the rear face, −α on the front face
     friction  μ; positive for an edge that is pulled out, negative for one that is pushed in
 
-    Direct balance of normal force and friction on the face as both forces turn it: δ by (10), and as in (11)
-    f_x/f_y = tan(slope − turn + arctan μ). The turn is that of the section, plus half the shear strain beside the load; with the paper's
-    model it is the chord arctan(δ/x) of (11). Raises GeometryError where the hook jams or locks.
+    Direct balance of normal force and friction on the face as both forces turn it: δ by (10), and as in (11) f_x/f_y
+    = tan(slope − turn + arctan μ). The turn is that of the section, plus half the shear strain beside the load; with
+    the paper's model it is the chord arctan(δ/x) of (11). Raises GeometryError where the hook jams or locks. >>> from
+    haptorb.beams import TABLE_3
 
-    >>> from haptorb.beams import TABLE_3
     >>> force = balance_face(TABLE_3, 9.6e-3, 0.75e-3, 0.0, 0.134)          # an edge on its top
     >>> round(float(force.pull / force.push), 4), round(math.tan(math.atan(0.134) - float(force.turn)), 4)
     (0.0294, 0.0294)
