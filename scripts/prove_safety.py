@@ -186,7 +186,7 @@ RULES = [
     (
         "unit-read",
         "units are read and not evaluated",
-        'replace value by {value.args[0]} or "dimensionless"',
+        "replace value by _registry().parse_units(name)",
         f"{HOSTILE}::test_a_unit_is_read_and_not_evaluated",
     ),
     (

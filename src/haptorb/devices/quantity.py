@@ -133,8 +133,6 @@ def _ask_pint(number: float, name: str, unit: str) -> float:
     import pint
 
     try:
-        if any(factor in AMBIGUOUS for factor, _ in split_unit(name)):
-            raise ValueError(f"{name} has two meanings")
         powers = _unit(name)  # safety: unit-read
         return float(_registry().Quantity(number, powers).to(unit or "dimensionless").magnitude)
     except pint.PintError as cause:
@@ -151,6 +149,8 @@ def _unit(text: str) -> Any:
 
     registry, powers = _registry(), Counter[str]()
     for factor, power in split_unit(text):
+        if factor in AMBIGUOUS:
+            raise ValueError(f"{factor} has two meanings")
         name = registry.get_name(factor)
         if name:  # "dimensionless" has none
             powers[name] += power
