@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +15,10 @@ from haptorb.errors import RecordingError
 from haptorb.estimation.calibration import read_calibration
 from haptorb.recording.recording import Recording
 from haptorb.recording.row import RowLayout
+from haptorb_design.store import read_results
+from haptorb_study.columns import read_study as find_study
+from haptorb_study.columns import tidy
+from haptorb_study.database import database
 from haptorb_study.study_file import read_study
 
 OLDER = Path(__file__).with_name("older")
@@ -58,3 +65,24 @@ def test_a_device_file_describes_the_same_device() -> None:
 def test_a_study_file_asks_the_same() -> None:
     study = read_study(OLDER / "study.toml")
     assert study.trials.repetitions == 2
+
+
+def test_a_study_database_keeps_every_answer(tmp_path: Path) -> None:
+    place = Path(shutil.copy(OLDER / "study.db", tmp_path))
+    with closing(sqlite3.connect(place)) as raw:
+        before = raw.execute("SELECT session, number, answer, seconds, answered FROM trials ORDER BY id").fetchall()
+    engine = database(place, make=False)
+    columns = tidy(engine, find_study(engine))
+    engine.dispose()
+    with closing(sqlite3.connect(place)) as raw:
+        after = raw.execute("SELECT session, number, answer, seconds, answered FROM trials ORDER BY id").fetchall()
+    assert after == before
+    assert len(before) == len(columns["answer"]) == 18
+    assert set(columns["participant"]) == {"SIM01", "SIM02"}
+
+
+def test_design_results_keep_every_evaluation(tmp_path: Path) -> None:
+    results = read_results(shutil.copy(OLDER / "designs.sqlite", tmp_path))
+    (run,) = results.runs
+    assert len(run.evaluations) == 4
+    assert results.design.name == "omni-core"
