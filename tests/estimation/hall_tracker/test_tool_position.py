@@ -82,7 +82,7 @@ def errors(device, currents, count, seed=0, noise=2e-5, ticks=50):
 
 @pytest.mark.parametrize(("currents", "most"), [(np.zeros(3), 0.5e-3), (FULL, 1e-3)])
 def test_the_wanted_accuracy_at_any_tilt(currents, most):
-    """0.02 mT per sample, 100 Hz, a pen tilted by up to 30°; all over the shell: tests/reproduce."""
+    """0.02 mT per sample, 100 Hz, a pen tilted by up to 30°; all over the shell: tests/papers/reproduce."""
     far, turned = errors(OMNI, currents, 14)
     assert far < most
     assert turned < 2.0
