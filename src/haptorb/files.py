@@ -14,6 +14,7 @@ import shutil
 import stat
 import tempfile
 import tomllib
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -103,12 +104,22 @@ def read_bytes(
 def read_text(
     path: str | Path, what: str, error: type[HaptorbError], most: int = _TOML, kind: RecognisedKind | None = None
 ) -> str:
-    """The UTF-8 text of the file `path`. Raises `error` as `read_bytes` does, and if it is no text."""
+    """The UTF-8 text of the file `path`, without a byte order mark. Raises `error` as `read_bytes` does, and if it is
+    no text or has another encoding."""
+    content = read_bytes(path, most, what, error, kind)
+    where = f"{what} {quote(str(path), 300)[1:-1]}"
+    if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) or content.count(0) > len(content) // 4 > 0:
+        raise error(f"{where}: cannot be read: it is UTF-16 text or no text; save it as UTF-8")
     try:
-        content = read_bytes(path, most, what, error, kind)
-        return content.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+        return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as cause:
-        raise error(f"{what} {quote(str(path), 300)[1:-1]}: cannot be read (not a text file)") from cause
+        if b"\0" in content:
+            raise error(f"{where}: cannot be read (not a text file)") from cause
+        line, byte = content.count(b"\n", 0, cause.start) + 1, content[cause.start]
+        raise error(
+            f"{where}, line {line}: cannot be read: byte 0x{byte:02x} is not UTF-8, the text has another encoding such "
+            f"as Latin-1; save it as UTF-8"
+        ) from cause
 
 
 def parse_toml(text: str) -> dict[str, Any]:

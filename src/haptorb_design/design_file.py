@@ -405,7 +405,7 @@ def parse_design(text: str, name: str, folder: Path, announce: Announce = lambda
 
 def _build(file: DeviceDesignFile, text: str, folder: Path, announce: Announce) -> Design:
     base = file.base
-    if base.endswith(".toml") or "/" in base:
+    if base.lower().endswith(".toml") or "/" in base:
         base = str(folder / Path(base).expanduser())
     tables = read_tables(base)
     kind = str(tables.values.get("kind"))

@@ -118,3 +118,46 @@ def test_what_is_damaged_is_not_called_something_else(tmp_path: Path) -> None:
     for text in ("", "\0\0\0", "name = ", '{"format": 3}', "[[[[", json.dumps({"kind": ["haptorb networks"]})):
         (tmp_path / "it").write_text(text)
         assert find_kind(tmp_path / "it") is None, text
+
+
+STUDY = 'name = "mine"\ninstructions = "café"\n'
+DESIGNS = 'title = "door"\nworld = "snap_fit"\n[design.easy]\ntitle = "café"\nretention = "45 deg"\n'
+OMNI_BASED = 'based_on = "omni"\nname = "mine"\ntitle = "café"\n'
+TEXTS = [
+    ("inspect mine.toml --json", "mine.toml", OMNI_BASED),
+    ("inspect MINE.TOML --json", "MINE.TOML", OMNI_BASED),
+    ("study check mine.toml --json", "mine.toml", STUDY),
+]
+
+
+@pytest.mark.parametrize(("words", "name", "text"), TEXTS)
+def test_a_byte_order_mark_is_no_part_of_a_text(
+    words: str, name: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_bytes(text.replace("\n", "\r\n").encode("utf-8-sig"))
+    try:
+        code = main(words.split())
+    except SystemExit as end:
+        code = int(end.code or 0)
+    assert code == 0
+
+
+@pytest.mark.parametrize(("encoding", "said"), [("utf-16", "UTF-16"), ("utf-16-le", "UTF-16"), ("latin-1", "0xe9")])
+@pytest.mark.parametrize(
+    ("words", "name", "text"),
+    [*TEXTS, ("feel mine.toml", "mine.toml", DESIGNS),
+     ("design sweep mine.toml", "mine.toml", '# café\nbase = "omni"\n'),
+     ("run omni --headless --world own.py:Own", "own.py", "# café\n"),
+     ("run omni --headless --scene mine.XML", "mine.XML", "<mujoco><!-- café --></mujoco>\n")],
+)  # fmt: skip
+def test_a_text_of_another_encoding_is_called_that(
+    words: str, name: str, text: str, encoding: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_bytes(text.encode(encoding))
+    assert main(words.split()) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert "save it as UTF-8" in " ".join(told.split())

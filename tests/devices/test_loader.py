@@ -90,7 +90,7 @@ def test_a_file_that_is_not_there(tmp_path):
 
 def test_a_file_of_bytes(tmp_path):
     path = tmp_path / "bytes.toml"
-    path.write_bytes(b"\xff\xfe\x00")
+    path.write_bytes(b"\xff\xfd\x00")
     with pytest.raises(DeviceError, match="not a text file"):
         load(path)
 

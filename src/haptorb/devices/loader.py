@@ -78,7 +78,7 @@ def find_device(device: Device | str | Path) -> Device:
 
 def _read(text: str) -> tuple[str, str]:
     """The file's content, and the name that mistakes are reported under."""
-    if not text.endswith(".toml") and "/" not in text:
+    if not text.lower().endswith(".toml") and "/" not in text:
         if text not in (path.stem for path in _FOLDER.glob("*.toml")):
             if find_kind(text) is None:
                 raise UnknownName("device", text, catalogue())

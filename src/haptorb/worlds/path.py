@@ -223,7 +223,7 @@ def load_path(file: str | Path, *, closed: bool | None = None, smooth: bool = Tr
     """
     path = Path(file).expanduser()
     # Spreadsheet programs begin a file with a byte order mark.
-    lines = read_text(path, "path file", InputError, kind=FileKind.TABLE).removeprefix("\ufeff").splitlines()
+    lines = read_text(path, "path file", InputError, kind=FileKind.TABLE).splitlines()
     if not lines or "".join(lines[0].split()) != _HEAD:
         raise InputError(
             f"path file {path}, line 1: the header must be '{_HEAD}'; got "

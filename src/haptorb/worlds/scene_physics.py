@@ -184,9 +184,10 @@ def find_scene_file(text: str, folder: Path | None = None) -> Path:
     if text in SHIPPED:
         return _FOLDER / f"{text}.xml"
     place = (folder or Path()) / text
-    if not text.endswith(".xml") and (other := find_kind(place)) is not None:
+    named = text.lower().endswith(".xml")
+    if not named and (other := find_kind(place)) is not None:
         raise InputError(FileKind.SCENE.explain_found(place, other))
-    if not text.endswith(".xml"):
+    if not named:
         raise UnknownName("scene", text, (*SHIPPED, "FILE.xml"))
     return Path(os.path.abspath((folder or Path()) / Path(text).expanduser()))
 
