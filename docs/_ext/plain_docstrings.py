@@ -62,7 +62,7 @@ def _items(lines: list[str]) -> list[str]:
 def _split_sections(docstring: list[str]) -> list[tuple[str, list[str]]]:
     """(heading, lines) of each section of a numpydoc docstring; the summary has no heading."""
     sections: list[tuple[str, list[str]]] = [("", [])]
-    for line, below in zip(docstring, [*docstring[1:], ""], strict=True):
+    for line, below in zip(docstring, [*docstring[1:], ""], strict=False):
         if line in (*_ENTRIES, *_TEXTS) and below == "-" * len(line):
             sections.append((line, []))
         elif not sections[-1][0] or sections[-1][1] or line != "-" * len(sections[-1][0]):

@@ -70,11 +70,22 @@ def quote(value: object, most: int = 60) -> str:
 
 
 class HaptorbError(Exception):
-    """Any error that haptorb can explain; programs print it without a traceback.
+    """Base class of all errors that haptorb can explain; commands print them without a traceback.
 
-    `command_message` is what the command line prints: the message, or `command` if an option has another name
-    there.
+    Parameters
+    ----------
+    message : str
+        What happened, where, what was expected and what to do.
+    command : str
+        The same message for the command line, if an option has another name there.
 
+    Attributes
+    ----------
+    command_message : str
+        What the command line prints.
+
+    Examples
+    --------
     >>> error = HaptorbError("x exists: overwrite=True replaces it", command="x exists: --force replaces it")
     >>> str(error), error.command_message
     ('x exists: overwrite=True replaces it', 'x exists: --force replaces it')
@@ -94,8 +105,19 @@ class GeometryError(InputError):
 
 
 class UnknownName(InputError):
-    """A name that is not in the list of valid names; suggests similar ones.
+    """A name that is not in the list of valid names; the message suggests the most similar one.
 
+    Parameters
+    ----------
+    what : str
+        What the name stands for, such as "world".
+    name : str
+        The unknown name.
+    known : iterable of str
+        The valid names.
+
+    Examples
+    --------
     >>> print(UnknownName("world", "dme", ["dome", "none"]))
     unknown world 'dme'; did you mean 'dome'? (known: dome, none)
     """

@@ -22,10 +22,29 @@ __all__ = ["correct_rotation", "logarithm", "product", "quaternion", "rotate", "
 
 
 def rotation_from_euler(psi: ArrayLike, lam: ArrayLike, phi: ArrayLike) -> Array:
-    """R_SR (..., 3, 3) that turns rotor vectors into stator vectors, from angles [rad] that broadcast together.
+    """Convert XYZ Euler angles (ψ, λ, φ) of Bai 2012 eq. (1) to rotation matrices.
 
-    Raises InputError if they do not broadcast or are not finite.
+    Parameters
+    ----------
+    psi : array_like, shape (...)
+        Tilt ψ about x [rad].
+    lam : array_like, shape (...)
+        Tilt λ about the turned y [rad].
+    phi : array_like, shape (...)
+        Spin φ about the turned z [rad]. The three shapes broadcast together.
 
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        Rotation R_SR = Rx(ψ) Ry(λ) Rz(φ), which turns rotor vectors into stator vectors.
+
+    Raises
+    ------
+    InputError
+        If the angles do not broadcast, or are not finite.
+
+    Examples
+    --------
     >>> rotation_from_euler(0.0, 0.0, np.pi / 2).round(12)[:, 0].tolist()      # spin turns x into y
     [0.0, 1.0, 0.0]
     >>> rotation_from_euler(0.1, 0.2, np.zeros(5)).shape

@@ -371,9 +371,24 @@ Announce: TypeAlias = Callable[[Path, str], None]
 
 
 def load_design(path: str | Path, announce: Announce = lambda path, name: None) -> Design:
-    """The design that the TOML file at `path` describes. Raises InputError with all mistakes of the file.
+    """Load a design file.
 
-    announce  receives file and name of each function of the user's own before its code runs
+    Parameters
+    ----------
+    path : str or Path
+        TOML file.
+    announce : callable
+        Receives file and name of each function of the user's own before its code runs.
+
+    Returns
+    -------
+    Design
+        The design.
+
+    Raises
+    ------
+    InputError
+        With all mistakes of the file.
     """
     found = Path(path).expanduser()
     text = read_text(found, "design file", InputError, kind=FileKind.DESIGN)
@@ -381,9 +396,28 @@ def load_design(path: str | Path, announce: Announce = lambda path, name: None) 
 
 
 def parse_design(text: str, name: str, folder: Path, announce: Announce = lambda path, name: None) -> Design:
-    """The design that the TOML `text` describes; `name` is the name for messages, `announce` as `load_design` has it.
+    """Make a design from the text of a design file.
 
-    Paths in it, of a base device or a function, start at `folder`.
+    Parameters
+    ----------
+    text : str
+        TOML text.
+    name : str
+        Name of the file in messages.
+    folder : Path
+        Folder at which paths of a base device or a function start.
+    announce : callable
+        Receives file and name of each function of the user's own before its code runs.
+
+    Returns
+    -------
+    Design
+        The design.
+
+    Raises
+    ------
+    InputError
+        With all mistakes of the text.
     """
     from pydantic import ValidationError
 

@@ -45,10 +45,25 @@ def find_base(design: Design) -> Device:
 
 
 def evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evaluation:
-    """The evaluation of `values`; `number` is their place in the run.
+    """Evaluate one candidate of a design.
 
-    A candidate that makes no device, breaks a constraint, or of which a quantity cannot be computed, is refused with
-    the reason. Constraints are computed in the order of the design file, up to the first that is broken.
+    Constraints are computed in the order of the design file, up to the first that is not met. The result does not
+    depend on the number of processor cores.
+
+    Parameters
+    ----------
+    design : Design
+        The design.
+    number : int
+        Place of the candidate in its run.
+    values : Mapping
+        Parameter → value.
+
+    Returns
+    -------
+    Evaluation
+        Objectives and constraints; or, if the values make no device, break a constraint, or a quantity cannot be
+        computed, the reason of the rejection.
     """
     with _find_pools(len(sys.modules)).limit(limits=1):  # results must not depend on how many cores a computer has
         return _evaluate(design, number, values)

@@ -114,11 +114,16 @@ T = TypeVar("T")
 
 @final
 class DesignCandidate:
-    """A device, and what was computed of it so far.
+    """Device under evaluation, with what has been computed of it; passed to objectives of the user's own.
 
-    device   what is judged
-    base     the device of the design file: envelopes, copper and magnet volume are compared with it
-    options  the design file's table `[evaluation]`, such as {"orientations": 400}
+    Parameters
+    ----------
+    device : Device
+        Device to be judged.
+    base : Device
+        Device of the design file, with which envelope, copper and magnet volume are compared.
+    options : Mapping
+        Table `[evaluation]` of the design file, such as {"orientations": 400}.
     """
 
     def __init__(self, device: Device, base: Device, options: Mapping[str, Any]) -> None:
@@ -187,15 +192,35 @@ class Bound:
 
 @dataclass(frozen=True)
 class Design:
-    """What a design file says.
+    """Search problem of a design file: base device, parameters, objectives and constraints.
 
-    text    of the file
-    digest  of the file, of the user's own objectives with what they import from beside them, and of the base device:
-            results belong to one digest
-    base    name in the catalogue, or path, of the base device
-    options the table [evaluation]
-    tables  what the base device's file says; None: it is read when it is needed
-    base_values  the base device's own numbers, as results keep them: see `compute_base_values`; None: not computed yet
+    `load_design` and `parse_design` make one.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design.
+    title : str
+        Title in reports.
+    base : str
+        Name in the catalogue, or path, of the base device.
+    parameters : tuple of DesignParameter
+        Free parameters with their ranges or choices.
+    goals : tuple of DesignGoal
+        Objectives to minimise or maximise.
+    bounds : tuple of Bound
+        Constraints.
+    options : Mapping
+        Table `[evaluation]` of the file.
+    text : str
+        Text of the file.
+    digest : str
+        Digest of the file, of the user's own objectives with what they import from their folder, and of the base
+        device; results belong to one digest.
+    tables : DeviceTables, optional
+        Tables of the base device's file; None: read when needed.
+    base_values : Mapping, optional
+        The base device's own numbers, as stored in results; None: not computed yet.
     """
 
     name: str
@@ -232,16 +257,25 @@ Value = float | str  #: of a parameter, in the parameter's own unit; a choice by
 
 @dataclass(frozen=True)
 class Evaluation:
-    """One row of a results file.
+    """Result of one candidate: one row of a results file.
 
-    number       place in the run, from 0: the same seed gives the same values for the same number
-    values       parameter → value
-    objectives   objective → number in its unit; empty if refused
-    constraints  constraint → number in its unit, as far as they were computed
-    refused_by   name of the constraint that refused it, "device" if the values make none, "objective" if one gave no
-                 finite number; empty if it is valid
-    reason       one line: why it was refused; empty if it is valid
-    seconds      processor time [s]
+    Parameters
+    ----------
+    number : int
+        Place in the run, from 0; the same seed gives the same values for the same number.
+    values : Mapping
+        Parameter → value.
+    objectives : Mapping
+        Objective → number in its unit; empty if the candidate was rejected.
+    constraints : Mapping
+        Constraint → number in its unit, as far as they were computed.
+    refused_by : str
+        Constraint that rejected the candidate, "device" if the values make no device, "objective" if one gave no finite
+        number; empty if it is valid.
+    reason : str
+        Reason of the rejection, in one line; empty if it is valid.
+    seconds : float
+        Processor time [s].
     """
 
     number: int
@@ -381,7 +415,27 @@ def change_tables(design: Design, values: Mapping[str, Value], name: str = "cand
 
 
 def write_device_text(design: Design, values: Mapping[str, Value], name: str) -> str:
-    """A device file, based on the design's base device, that says what `values` change."""
+    """Write a candidate as a device file, based on the design's base device.
+
+    Parameters
+    ----------
+    design : Design
+        The design.
+    values : Mapping
+        Parameter → value of the candidate.
+    name : str
+        Name of the new device.
+
+    Returns
+    -------
+    str
+        TOML text for `haptorb run`; every changed key is marked as chosen by the design.
+
+    Raises
+    ------
+    InputError
+        If the values do not belong to the parameters of the design.
+    """
     return _format(design, values, _list_changes(design, values, name))
 
 

@@ -75,10 +75,34 @@ _MOST = 10_000_000
 
 
 def sample(design: Design, method: str, count: int, seed: int) -> Sequence[dict[str, Value]]:
-    """The values of candidates 0 to `count` - 1; a grid may have fewer.
+    """Sample the parameters of a design.
 
-    Scrambled Sobol sequence after Owen (1998), Latin hypercube after McKay et al. (1979), both of SciPy. Raises
-    UnknownName for another method, InputError for a count that cannot be, or that a grid does not fit in.
+    Parameters
+    ----------
+    design : Design
+        The design.
+    method : str
+        "sobol", "latin-hypercube" or "grid".
+    count : int
+        Number of candidates; a grid may have fewer.
+    seed : int
+        Seed; the same seed gives the same values for the same candidate.
+
+    Returns
+    -------
+    sequence of dict
+        Parameter → value, of candidates 0 to `count` − 1.
+
+    Raises
+    ------
+    UnknownName
+        If there is no such method.
+    InputError
+        If the count is impossible, or a grid does not fit into it.
+
+    Notes
+    -----
+    Scrambled Sobol sequence after Owen (1998), Latin hypercube after McKay et al. (1979), both of SciPy.
     """
     if method not in METHODS:
         raise UnknownName("sampling method", method, METHODS)
@@ -129,13 +153,29 @@ Evaluate = Callable[[Iterable[tuple[int, Mapping[str, Value]]]], Iterable[Evalua
 def sweep(
     values: Sequence[Mapping[str, Value]], evaluate: Evaluate, known: Mapping[int, Evaluation]
 ) -> Iterator[Evaluation]:
-    """DesignCandidate n has `values[n]`: each of them, those in `known` excepted, as soon as it is computed.
+    """Evaluate sampled candidates, except those that are already known.
 
-    evaluate  computes (number, values), in any order: `Workers.evaluate`
-    known     number → what an earlier run of the same sample stored
+    Parameters
+    ----------
+    values : sequence of Mapping
+        Parameter → value, of each candidate.
+    evaluate : callable
+        Evaluates (number, values) pairs in any order: the `evaluate` of `open_workers`.
+    known : Mapping
+        Number → result of an earlier run of the same sample.
 
-    Raises RecordingError where what is known does not come from this sample.
+    Yields
+    ------
+    Evaluation
+        Result of a candidate, as soon as it is computed.
 
+    Raises
+    ------
+    RecordingError
+        If a known result does not come from this sample.
+
+    Examples
+    --------
     >>> from haptorb_design.problem import Evaluation
     >>> def double(jobs):
     ...     return (Evaluation(n, values, {"y": 2 * values["x"]}, {}) for n, values in jobs)

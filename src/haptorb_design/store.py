@@ -322,7 +322,15 @@ class Run:
 
 @dataclass(frozen=True)
 class Results:
-    """What a results file holds. Numbers are unique within a run only."""
+    """Content of a results file. Numbers of candidates are unique within a run only.
+
+    Parameters
+    ----------
+    design : Design
+        The design.
+    runs : tuple of Run
+        Sweeps and optimisations with their evaluations.
+    """
 
     design: Design
     runs: tuple[Run, ...]
@@ -335,7 +343,17 @@ class Results:
 
 @final
 class ResultsWriter:
-    """A run that candidates are added to; made by `open_results`."""
+    """Run in a results file to which evaluations are added; `open_results` makes one.
+
+    Parameters
+    ----------
+    engine : Engine
+        Database (SQLAlchemy).
+    place : str
+        File or address of the database, for messages.
+    run : Run
+        The run.
+    """
 
     def __init__(self, engine: Engine, place: str, run: Run) -> None:
         self._engine, self._place = engine, place
@@ -372,10 +390,33 @@ def open_results(
     where: str | Path, design: Design, method: str, seed: int, *, settings: Mapping[str, Any] | None = None,
     resume: bool = True,
 ) -> Iterator[ResultsWriter]:  # fmt: skip
-    """The run of `design` by `method` with `seed` and `settings`, in the file, or PostgreSQL database, `where`.
+    """Open a run of a design in a results file, until the `with` block ends; an existing run continues.
 
-    An existing run continues; with `resume` false it is refused. Raises RecordingError if `where` holds
-    another design, was started by another version of haptorb, or if another program writes the same run.
+    Parameters
+    ----------
+    where : str or Path
+        SQLite file, or address of a PostgreSQL database.
+    design : Design
+        The design.
+    method : str
+        Method of the run, such as "sobol".
+    seed : int
+        Seed of the run.
+    settings : Mapping, optional
+        Further settings that determine the candidates.
+    resume : bool
+        False: refuse a run that exists.
+
+    Yields
+    ------
+    ResultsWriter
+        The run, to which evaluations are added.
+
+    Raises
+    ------
+    RecordingError
+        If the file holds another design, was started by another version of haptorb, or another program writes to the
+        run.
     """
     place = mask_password(where)
     engine = open_database(where, make=True)
@@ -406,7 +447,23 @@ def open_results(
 
 
 def read_results(where: str | Path) -> Results:
-    """All that the results file, or PostgreSQL database, `where` holds, also while another program writes to it."""
+    """Read a results file, also while another program writes to it.
+
+    Parameters
+    ----------
+    where : str or Path
+        SQLite file, or address of a PostgreSQL database.
+
+    Returns
+    -------
+    Results
+        The design and all runs.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file, or it is not a results file of haptorb.
+    """
     place = mask_password(where)
     engine = open_database(where, make=False)
     try:

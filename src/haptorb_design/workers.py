@@ -183,9 +183,21 @@ def _evaluate_part(jobs: Sequence[Job]) -> list[Evaluation]:
 def open_workers(
     design: Design, processes: int | None = None, scheduler: str | None = None
 ) -> AbstractContextManager[Workers]:
-    """Workers for the candidates of `design`, until the block ends: one process per core by default.
+    """Start processes that evaluate candidates, until the `with` block ends.
 
-    scheduler  address of a Dask scheduler, such as tcp://127.0.0.1:8786: compute on its cluster
+    Parameters
+    ----------
+    design : Design
+        The design.
+    processes : int, optional
+        Number of processes; None: one per processor core.
+    scheduler : str, optional
+        Address of a Dask scheduler, such as tcp://127.0.0.1:8786: compute on its cluster instead.
+
+    Returns
+    -------
+    context manager of Workers
+        `evaluate` of the workers evaluates (number, values) pairs, in any order.
     """
     if scheduler is None:
         return open_processes(design, processes)

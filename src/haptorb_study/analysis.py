@@ -1644,35 +1644,94 @@ _RECORDED = ("participant", "trial", "safety", "recording")
 
 @dataclass(frozen=True)
 class Analysis(NotebookReport):
-    """Everything that is reported; parts that a procedure does not have are empty."""
+    """Everything that is reported of a study; parts that its procedure does not have are empty.
+
+    `analysis_of` makes one. In a notebook it shows the summary that `haptorb study analyse` prints.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    participants : int
+        Number of participants.
+    trials : int
+        Number of answered trials, without practice.
+    practice : int
+        Number of practice trials.
+    simulated : int
+        Number of simulated participants.
+    trips : int
+        Number of trials in which the device tripped.
+    repeated : int
+        Number of trials that were restarted before they were answered.
+    on_simulated_device : int
+        Number of trials of people on a simulated device, without a rendered force.
+    on_unknown_device : int
+        Number of trials of people stored by an older version, which did not note the device.
+    confusion : Confusion, optional
+        Answers by set-point.
+    arrows : tuple of Arrow
+        Most frequent wrong answers.
+    means : tuple of ConditionMean
+        Error and accuracy by condition.
+    rings : tuple of LatitudeError
+        Error by latitude.
+    curves : dict
+        Condition → psychometric functions.
+    tracks : dict
+        Condition → tracks of an adaptive procedure.
+    thresholds : dict
+        Condition → participant → threshold.
+    scores : dict
+        Condition → mean rating.
+    chosen : dict
+        Pair of conditions → times chosen, number of choices, and 95 % interval of the share.
+    comparisons : tuple of ConditionComparison
+        Conditions compared.
+    localisation : Localisation, optional
+        Errors on the sphere and information transferred.
+    plan : PlanReport, optional
+        Result of the planned tests.
+    magnitudes : tuple of MagnitudeScale
+        Estimated magnitudes by condition.
+    times : tuple of ResponseTime
+        Response times by condition [s].
+    notes : tuple of str
+        What the data cannot tell.
+    left_out : str
+        Data of another kind (real, pilot, simulated) in the same database.
+    incidents : tuple of Incident
+        Stops, repeats, safety events, and ends before the last trial.
+    recorded : tuple
+        Participant, trial, safety, and part of a recording, of each recorded trial.
+    """
 
     study: Study
     participants: int
     trials: int
     practice: int
-    simulated: int  #: participants that are simulated
-    trips: int  #: trials in which the device tripped
-    repeated: int = 0  #: trials that were restarted before they were answered
-    on_simulated_device: int = 0  #: trials of people on a simulated device, without a felt force
-    on_unknown_device: int = 0  #: trials of people, stored by an older haptorb
+    simulated: int
+    trips: int
+    repeated: int = 0
+    on_simulated_device: int = 0
+    on_unknown_device: int = 0
     confusion: Confusion | None = None
     arrows: tuple[Arrow, ...] = ()
     means: tuple[ConditionMean, ...] = ()
     rings: tuple[LatitudeError, ...] = ()
-    curves: dict[str, ConditionCurves] = field(default_factory=dict)  #: by condition
-    tracks: dict[str, ConditionTracks] = field(default_factory=dict)  #: of an adaptive procedure, by condition
-    thresholds: dict[str, dict[str, float]] = field(default_factory=dict)  #: condition → participant → threshold
-    scores: dict[str, RatingMean] = field(default_factory=dict)  #: by condition
+    curves: dict[str, ConditionCurves] = field(default_factory=dict)
+    tracks: dict[str, ConditionTracks] = field(default_factory=dict)
+    thresholds: dict[str, dict[str, float]] = field(default_factory=dict)
+    scores: dict[str, RatingMean] = field(default_factory=dict)
     chosen: dict[tuple[str, str], tuple[int, int, tuple[float, float]]] = field(default_factory=dict)
     comparisons: tuple[ConditionComparison, ...] = ()
     localisation: Localisation | None = None
     plan: PlanReport | None = None
     magnitudes: tuple[MagnitudeScale, ...] = ()
     times: tuple[ResponseTime, ...] = ()
-    notes: tuple[str, ...] = ()  #: what the data cannot tell
-    left_out: str = ""  #: data of another kind (real, pilot, simulated) in the same database
-    incidents: tuple[Incident, ...] = ()  #: stops, repeats, safety events, ends before the last trial
-    #: (participant, trial, safety, part of a recording) of each recorded trial, practice left out
+    notes: tuple[str, ...] = ()
+    left_out: str = ""
+    incidents: tuple[Incident, ...] = ()
     recorded: tuple[tuple[str, int, str, str], ...] = ()
 
     printer: ClassVar[str] = "haptorb_study.tables:print_summary"
@@ -1837,11 +1896,33 @@ def analysis_of(
     place: str | Path, name: str | None = None, progress: Callable[[int, int], None] | None = None, *,
     registration: Registration | None = None, data: Kind | None = None,
 ) -> Analysis:  # fmt: skip
-    """The analysis of the study called `name` (the only one, if there is one) in the database at `place`.
+    """Analyse a study from its database.
 
-    `progress` receives (people fitted, people in all), where something is fitted. The plan of the study is compared
-    with the one of the `registration`. `data` says which kind is analysed, see `columns.select_kind`: real data,
-    unless there are none, and never two kinds in one number.
+    Parameters
+    ----------
+    place : str or Path
+        SQLite file, or address of a PostgreSQL database.
+    name : str, optional
+        Name of the study; None: the only one in the database.
+    progress : callable, optional
+        Receives (people fitted, people in all) while psychometric functions are fitted.
+    registration : Registration, optional
+        Registered plan, with which the study's own plan is compared.
+    data : str, optional
+        Kind of data: "real", "pilot" or "simulated"; None: real data, unless there are none. Two kinds never contribute
+        to one number.
+
+    Returns
+    -------
+    Analysis
+        Tables, fits and tests of the study.
+
+    Raises
+    ------
+    RecordingError
+        If the database does not exist, or cannot be read.
+    InputError
+        If it has no study of this name.
     """
     engine = database(place, make=False)
     study = read_study(engine, name)

@@ -104,7 +104,6 @@ def test_declared_names_exist() -> None:
 
 def test_what_the_package_offers_exists() -> None:
     assert all(getattr(haptorb, name) is not None for name in haptorb.__all__)
-    assert sorted(haptorb.__all__) == list(haptorb.__all__)
 
 
 def test_physics_names_its_units() -> None:

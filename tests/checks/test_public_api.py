@@ -8,10 +8,15 @@ import pkgutil
 import re
 import subprocess
 import sys
+from dataclasses import fields, is_dataclass
+from enum import Enum
 from importlib import import_module
 from pathlib import Path
 
 import pytest
+from numpydoc.docscrape import get_doc_object
+from numpydoc.validate import Validator, validate
+from pydantic import BaseModel
 
 from haptorb_study.export import make_python_script
 from haptorb_study.study_file import study_of
@@ -125,3 +130,93 @@ def test_public_packages_load_nothing_before_it_is_used() -> None:
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert {"haptorb", "haptorb_study", "haptorb_design"} <= set(loaded)
     assert {"numpy", "numba", "matplotlib", "pydantic", "sqlalchemy"}.isdisjoint(loaded)
+
+
+# --------------------------------------------------------------------------------------------------
+# Docstrings of public names, judged by numpydoc's own validator.
+
+#: what the validator may object to, and why
+IGNORED = {
+    "ES01": "a summary and the parameters often say all",
+    "SA01": "the page of a package stands for See Also",
+    "EX01": "some names need a device, a database or a process; the how-to guides have these examples",
+    "YD01": "asks for Yields of context managers and abstract iterators only when it finds a `yield`",
+}
+
+
+def public_objects() -> dict[str, object]:
+    """Public classes and functions by their full names. The worlds of the catalogue have a table of their own."""
+    from haptorb.worlds import CATALOGUE
+
+    found = {f"{package}.{name}": getattr(import_module(package), name) for package in PACKAGES
+             for name in import_module(package).__all__}  # fmt: skip
+    worlds = set(CATALOGUE.values())
+    return {name: one for name, one in found.items()
+            if inspect.isroutine(one) or (inspect.isclass(one) and one not in worlds)}  # fmt: skip
+
+
+def list_documented_elsewhere(thing: object) -> set[str]:
+    """Parameters that a class need not describe: those of its public bases, and those declared with their meaning.
+
+    These are `haptorb.worlds.parameter` of a world, and the keys of a file (pydantic), which the reference lists; and
+    Python's own parameters of an enumeration.
+    """
+    if not inspect.isclass(thing):
+        return set()
+    if issubclass(thing, Enum | BaseModel):
+        return set(inspect.signature(thing).parameters) | set(thing.__init__.__annotations__)
+    inherited = {name for base in thing.__mro__[1:] if base in public_objects().values()
+                 for name in Validator(get_doc_object(base)).doc_all_parameters}  # fmt: skip
+    declared = {one.name for one in fields(thing) if "about" in one.metadata} if is_dataclass(thing) else set()
+    return inherited | declared
+
+
+def list_docstring_faults(name: str, thing: object) -> list[str]:
+    """What the validator objects to."""
+    faults = [f"{code} {text}" for code, text in validate(name)["errors"] if code not in IGNORED and code != "PR01"]
+    if inspect.isclass(thing) and issubclass(thing, Enum):
+        return faults
+    wanted = Validator(get_doc_object(thing))
+    missing = set(wanted.signature_parameters) - set(wanted.doc_all_parameters) - list_documented_elsewhere(thing)
+    return faults + [f"PR01 parameter {one} is not documented" for one in sorted(missing)]
+
+
+def bad(first: int, second: float = 0.0) -> float:
+    """computes a number
+
+    Parameters
+    ----------
+    first : int
+        number without a unit
+    third
+        Unknown.
+    """
+    return first + second
+
+
+def test_the_validator_finds_a_bad_docstring() -> None:
+    found = {fault[:4] for fault in list_docstring_faults(f"{__name__}.bad", bad)}
+    assert {"SS02", "SS03", "SS05", "PR01", "PR02", "PR04", "PR08", "PR09", "RT01"} <= found
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_public_docstrings_follow_numpydoc(package: str) -> None:
+    found = {name: list_docstring_faults(name, one) for name, one in public_objects().items()
+             if name.rpartition(".")[0] == package}  # fmt: skip
+    assert found
+    assert {name: faults for name, faults in found.items() if faults} == {}
+
+
+def test_numbers_of_public_names_have_shape_and_unit() -> None:
+    """An array has its shape in its type and its unit, or what stands for one, in its text; so has a number."""
+    plain = re.compile(r"\[|\bunit\b|rotation|unit vectors|structured array", flags=re.IGNORECASE)
+    faults = []
+    for name, thing in public_objects().items():
+        doc = Validator(get_doc_object(thing)).doc
+        for one in (*doc["Parameters"], *doc["Returns"]):
+            kind = one.type or one.name
+            if re.match(r"array_like|ndarray", kind) and "shape (" not in kind:
+                faults.append(f"{name}: {one.name} has no shape")
+            if re.match(r"array_like|ndarray(?! of bool)|float", kind) and not plain.search(" ".join(one.desc)):
+                faults.append(f"{name}: {one.name} has no unit")
+    assert faults == []

@@ -37,12 +37,20 @@ P = TypeVar("P")  #: where the mover is and what is asked there
 
 
 class ErrorSource(ABC, Generic[T]):
-    """One reason why the delivered wrench is not the one asked for.
+    """One reason why the delivered wrench differs from the commanded one; the base class of every source of error.
 
-    name       short, as tables and JSON have it
-    standard   its standard uncertainty with unit, as text
-    origin     where that comes from: "device file", "assumed", "default", "calibration"
-    dimension  number of independent standard normal deviates that it takes
+    A subclass implements `perturb`, which changes a trial by its standard uncertainty times standard normal deviates.
+
+    Parameters
+    ----------
+    name : str
+        Short name for tables and JSON.
+    standard : str
+        Standard uncertainty with unit, as text.
+    origin : str
+        Where the uncertainty comes from: "device file", "assumed", "default" or "calibration".
+    dimension : int
+        Number of independent standard normal deviates.
     """
 
     def __init__(self, name: str, standard: str, origin: str, dimension: int) -> None:

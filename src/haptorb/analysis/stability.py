@@ -38,6 +38,27 @@ __all__ = ["GRIPS", "Field", "HandGrip", "SampledLoop", "Steepest", "Steepness",
 class HandGrip:
     """One axis of a hand with what it holds: m ẍ + b ẋ + k x = force.
 
+    Parameters
+    ----------
+    mass : float
+        Mass m of hand and tool [kg].
+    damping : float
+        Damping b [N·s/m].
+    stiffness : float
+        Stiffness k [N/m].
+
+    Raises
+    ------
+    InputError
+        If the mass is not positive, or damping or stiffness is negative.
+
+    Notes
+    -----
+    Hogan 1989 and Hajian and Howe 1997 measured 0.1 to 0.8 kg, 2 to 10 N·s/m and 100 to 500 N/m, from a light to a firm
+    grip; `haptorb.GRIPS` has three of them by name.
+
+    Examples
+    --------
     >>> HandGrip(0.1, -1.0, 0.0)
     Traceback (most recent call last):
     haptorb.errors.InputError: a grip needs mass > 0 kg, damping ≥ 0 N·s/m and stiffness ≥ 0 N/m; got 0.1, -1, 0
@@ -91,14 +112,35 @@ _LONGEST = 64  #: a delay of more periods is refused
 
 @dataclass(frozen=True)
 class SampledLoop:
-    """When poses are taken and when their forces act.
+    """Timing of a sampled loop with delay, and the largest stiffness that it renders stably.
 
-    period         between two poses that are used: of the tracker, or of the servo if that is slower [s]
-    delay          from the moment of a pose to the beginning of its force [s]
-    ramp           in which the drive brings a current from one wanted value to the next: a tick of the servo [s]
-    time_constant  L/R of the coils, after which the ramp is shaped [s]; 0: currents jump
-    memory         θ of the filter that makes place and velocity of a pose (`sensing.place_filter`); 0: none
+    `SampledLoop.of` makes one from rates and latency.
 
+    Parameters
+    ----------
+    period : float
+        Time between two poses that are used [s]: of the tracker, or of the servo if that is slower.
+    delay : float
+        Time from the measurement of a pose to the beginning of its force [s].
+    ramp : float
+        Time in which the drive changes a current from one commanded value to the next [s]: a tick of the servo.
+    time_constant : float
+        L/R of the coils [s]; 0: currents follow at once.
+    memory : float
+        Parameter θ of the filter that computes position and velocity from the poses [1]; 0: no filter.
+
+    Raises
+    ------
+    InputError
+        For a period that is not positive, a negative time, a ramp longer than the period, or a delay above 64 periods.
+
+    Notes
+    -----
+    `passive_bound` is Colgate and Schenkel 1997 (any passive hand, no delay), `delay_bound` the condition of Gil et al.
+    2009, and `largest` is exact for one hand: no eigenvalue of the loop over one period leaves the unit circle.
+
+    Examples
+    --------
     >>> SampledLoop(1e-3).delay_bound(1.0), round(SampledLoop(1 / 240, 5e-3).delay_bound(1.0), 1)
     (2000.0, 141.2)
     """

@@ -1200,10 +1200,38 @@ def report_errors(
     seed: int = 0,
     report: Report | None = None,
 ) -> ErrorReport:
-    """The error budget of `device` for wrenches of `asked` [N or N·m]; InputError where its kind has none.
+    """Compute the error budget of the wrench that a device delivers, as `haptorb inspect --errors` does.
 
-    asked, estimator: None for the kind's own choice. `samples` devices in each region of the workspace, from `seed`;
-    `report` receives the share that is done.
+    Parameters
+    ----------
+    device : Device
+        Device from `haptorb.load`.
+    asked : float, optional
+        Magnitude of the commanded wrench [N or N·m]; None: half of the smallest peak.
+    estimator : str, optional
+        Name of the estimator; None: the choice of the kind of device.
+    calibration : Calibration, optional
+        Calibration that the controller uses.
+    samples : int
+        Number of sampled devices in each region of the workspace.
+    seed : int
+        Seed of the samples.
+    report : callable, optional
+        Receives the share that is done, 0 to 1.
+
+    Returns
+    -------
+    ErrorReport
+        95 % bands by component and region, and the share of each source, in `budget`.
+
+    Raises
+    ------
+    InputError
+        If the kind of device has no error model.
+
+    Notes
+    -----
+    Propagation of distributions by Monte Carlo (JCGM 101:2008); shares are first-order Sobol indices.
     """
     model = device.kind.require_part("errors", device.name, "`haptorb inspect --errors`")(
         device, asked, estimator, calibration

@@ -18,7 +18,19 @@ class GuardState(IntEnum):
 
 
 class CoilState(IntEnum):
-    """Whether current can flow, as the device itself confirmed; the numbers stand in recordings and never change."""
+    """Whether current can flow, as the device itself confirmed.
+
+    The numbers are stored in recordings and never change.
+
+    Attributes
+    ----------
+    OFF : int
+        0, confirmed by the device.
+    ON : int
+        1, current can flow.
+    UNKNOWN : int
+        2, after a command to switch off that the device has not confirmed yet.
+    """
 
     OFF = 0  #: confirmed by the device
     ON = 1

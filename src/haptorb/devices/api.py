@@ -11,11 +11,31 @@ __all__ = ["wrench_map"]
 
 
 def wrench_map(device: Device | str | Path, state: State, model: str | None = None) -> WrenchMap:
-    """The wrench map of `device` at `state`: `.matrix` (6, m) [N/A, N·m/A], `.passive` (6,).
+    """Compute the wrench per ampere of every channel of a device at one pose.
 
-    `device` is a Device, its name, or its file; `model` is one of its `models`, by default the first. Stator frame,
-    torque about the mover's origin. Raises UnknownName for an unknown model.
+    Parameters
+    ----------
+    device : Device or str
+        Device, or its name for `haptorb.load`.
+    state : State
+        Pose of the mover.
+    model : str, optional
+        One of `device.models`; None: the first.
 
+    Returns
+    -------
+    WrenchMap
+        `matrix` (6, m) [N/A, N·m/A] and `passive` (6,) [N, N·m]; stator frame, torque about the mover's origin.
+
+    Raises
+    ------
+    UnknownName
+        If the device has no such model.
+    GeometryError
+        If a magnet would be inside a coil or the core at this pose.
+
+    Examples
+    --------
     >>> per_ampere = wrench_map("omni", State.at((0, 0, 0.05)), model="published").matrix
     >>> round(float(-1e3 * per_ampere[2, 2]), 1)        # pull of the z coil [mN/A]
     50.5

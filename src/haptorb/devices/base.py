@@ -128,11 +128,26 @@ def check_distance(places: Array, what: str, farthest: float = FARTHEST) -> None
 class State:
     """Pose and motion of the mover (a tool's magnet, or a rotor) in the stator frame S.
 
-    t      time [s]
-    R_SR   (3, 3) turns mover vectors into stator vectors; a tool's magnetic moment lies along the mover's +z
-    p      (3,) position of the mover's origin [m]: a tool's magnet centre; zero for a rotor
-    w      (3,) angular velocity [rad/s], stator frame
-    v      (3,) velocity of p [m/s], stator frame
+    `State.at` makes one for a tool, `State.from_rotation` one for a rotor.
+
+    Parameters
+    ----------
+    t : float
+        Time [s].
+    R_SR : ndarray, shape (3, 3)
+        Rotation from the mover's frame to the stator frame; a tool's magnetic moment lies along the mover's +z.
+    p : ndarray, shape (3,)
+        Position of the mover's origin [m]: a tool's magnet centre; zero for a rotor.
+    w : ndarray, shape (3,)
+        Angular velocity in the stator frame [rad/s].
+    v : ndarray, shape (3,)
+        Velocity of p in the stator frame [m/s].
+
+    Examples
+    --------
+    >>> tool = State.at((0.0, 0.0, 0.05))           # 50 mm above the centre
+    >>> tool.distance, tool.axis.tolist()
+    (0.05, [0.0, 0.0, 1.0])
     """
 
     t: float
@@ -224,10 +239,26 @@ _NAMES = ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
 
 @record
 class WrenchMap:
-    """Wrench on the mover, in the stator frame, torque about the mover's origin p.
+    """Wrench per ampere of each channel on the mover, and the passive wrench at zero current, at one pose.
 
-    matrix    (6, m) force [N/A] above torque [N·m/A], one column per channel
-    passive   (6,) passive wrench at zero current [N, N·m], of a soft core or a regulator
+    In the stator frame; torques are about the mover's origin p.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (6, m)
+        Force [N/A] above torque [N·m/A], one column per channel.
+    passive : ndarray, shape (6,)
+        Wrench at zero current [N, N·m], of a soft core or a regulator.
+
+    Notes
+    -----
+    The wrench is linear in the currents: w = matrix @ i + passive. Saturation and eddy currents are left out.
+
+    Examples
+    --------
+    >>> at_rest = WrenchMap(np.eye(6)[:, :3], np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0]))
+    >>> at_rest.wrench(np.array([0.0, 0.0, 2.5])).tolist()
+    [0.0, 0.0, 1.5, 0.0, 0.0, 0.0]
     """
 
     matrix: Array
@@ -294,30 +325,58 @@ def load_part(part: Part) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceKind:
-    """Record of one kind of device. If an optional part is None, programs that need it refuse such devices.
+    """Everything that programs do differently for one kind of device.
 
-    name           as `kind` in a device file
-    title          in sentences: "spherical motor", or for several "spherical motors"
-    world          name of the default world
-    allocator      (device) → Allocator
-    wrench_choice  (device, part or None, arm or None) → WrenchChoice, for a kind that can render force, torque or both
-    part_remarks   (device, WrenchChoice) → a remark for each part that can be rendered
-    estimators     (device) → {name: EstimatorChoice}, the default first
-    linkage        (device, gains or None) → Linkage
-    modes          names of the linkage's modes; empty for a direct one
-    contacts       number of contacts of a `ContactWorld` in its rows, filled by the linkage
-    simulation     (device, seed) → Simulation, for the driver "sim"
-    guide          (device) → Guide: motion of the simulated hand before a person points; by default it rests
-    file           class of its device file (pydantic), with `build(assumed, digest, override=…)`; None: Python only
-    tables         (device, report) → data for `device.tables` that take long to compute
-    geometry       (device) → Geometry: bodies and positions, for `haptorb show` and the console
-    scene          (device) → JSON for the console, with "kind": one of the page's scenes; None: axes
-    force_map      (device) → process that computes the force map on the dome in the console
-    card           (device) → Card of `haptorb inspect`
-    errors         (device, wrench asked, estimator, calibration) → ErrorModel of `haptorb inspect --errors`
-    hold           (device, hand) → HeldMover, for a kind that a scene can be coupled to
-    workspace      (device) → Workspace of `haptorb check --world`
-    boundary       largest stable stiffness of the simulated loop, for `haptorb check --world NAME --plot FILE`
+    A part is a callable or "module:name", which is imported when it is first needed. A program that needs a part that
+    is None refuses devices of this kind.
+
+    Parameters
+    ----------
+    name : str
+        Value of `kind` in a device file.
+    title : str
+        Name in sentences: "spherical motor", or for several "spherical motors".
+    world : str
+        Name of the default world.
+    allocator : Part
+        (device) → Allocator.
+    wrench_choice : Part, optional
+        (device, part or None, arm or None) → WrenchChoice, for a kind that can render force, torque or both.
+    part_remarks : Part, optional
+        (device, WrenchChoice) → a remark for each part that can be rendered.
+    estimators : Part
+        (device) → {name: EstimatorChoice}, the default first.
+    linkage : Part
+        (device, gains or None) → Linkage.
+    modes : tuple of str
+        Names of the linkage's modes; empty for a direct linkage.
+    contacts : int
+        Number of contacts of a `ContactWorld` in each row, filled by the linkage.
+    simulation : Part, optional
+        (device, seed) → Simulation, for the driver "sim".
+    guide : Part
+        (device) → Guide: motion of the simulated hand before a person points; by default the hand rests.
+    file : Part, optional
+        Class of the device file (pydantic), with `build(assumed, digest, override=…)`; None: devices are made in
+        Python.
+    tables : Part, optional
+        (device, report) → data for `device.tables` that take long to compute.
+    geometry : Part, optional
+        (device) → Geometry: bodies and positions, for `haptorb show` and the console.
+    scene : Part, optional
+        (device) → JSON for the console, with "kind": one of the page's scenes; None: axes.
+    force_map : Part, optional
+        (device) → process that computes the force map on the dome in the console.
+    card : Part, optional
+        (device) → Card of `haptorb inspect`.
+    errors : Part, optional
+        (device, wrench asked, estimator, calibration) → ErrorModel of `haptorb inspect --errors`.
+    hold : Part, optional
+        (device, hand) → HeldMover, for a kind to which a scene can be coupled.
+    workspace : Part, optional
+        (device) → Workspace of `haptorb check --world`.
+    boundary : Part, optional
+        Largest stable stiffness of the simulated loop, for `haptorb check --world NAME --plot FILE`.
     """
 
     name: str
@@ -366,9 +425,19 @@ KINDS: Final[dict[str, DeviceKind | str]] = {
 
 
 def register(kind: DeviceKind) -> None:
-    """Make device files of `kind` known to the loader. Devices made in Python need no registration.
+    """Make device files of a kind known to the loader.
 
-    Raises InputError for a name that another record already has.
+    Devices made in Python need no registration.
+
+    Parameters
+    ----------
+    kind : DeviceKind
+        Record of the kind.
+
+    Raises
+    ------
+    InputError
+        If another record has this name.
     """
     KINDS.setdefault(kind.name, kind)
     if kind_of_name(kind.name) != kind:
@@ -483,9 +552,48 @@ class Shell:
 
 @dataclass(frozen=True, kw_only=True)
 class Device(Presentable, ABC):
-    """Frozen data of one device; built by the loader from a file, or in Python."""
+    """Electrical data, limits and models of one device; the base class of every kind of device.
 
-    kind: ClassVar[DeviceKind]  #: what programs do differently for devices of this class
+    `haptorb.load` builds one from a device file. Frozen; a variant is made with `dataclasses.replace`. A subclass is a
+    new kind of device: it names its record in `kind` and implements `wrench_map`.
+
+    Parameters
+    ----------
+    name : str
+        Short name; recordings and calibrations refer to it.
+    title : str
+        Title in reports.
+    source : str
+        Where the values come from.
+    coils : Coils
+        Resistance [Ω], inductance [H], current limit [A] and heat of each channel.
+    supply : Supply
+        Voltage [V], power [W] and resolution of the supply.
+    limits : Limits
+        Limits of force [N], torque [N·m] and current slew rate [A/s] that the guard enforces.
+    assumed : Mapping
+        Key of the device file → reason, for values that the source does not give.
+    digest : str
+        SHA-256 of everything in the file; a recording names its device by it.
+    models : tuple of str
+        Names of the models that `wrench_map` knows, the default first.
+    text : DeviceText, optional
+        The device file with those that it is based on.
+
+    Notes
+    -----
+    `sustained_current` and `sustained_current_together` follow from the steady state of the thermal network, with every
+    resistance at the derating temperature.
+
+    Examples
+    --------
+    >>> from haptorb import load
+    >>> omni = load("omni")
+    >>> omni.channels, omni.models
+    (3, ('exact', 'published'))
+    """
+
+    kind: ClassVar[DeviceKind]
 
     name: str
     title: str
@@ -493,13 +601,11 @@ class Device(Presentable, ABC):
     coils: Coils
     supply: Supply
     limits: Limits
-    assumed: Mapping[str, str]  #: value → reason, for values that the source does not give
-    digest: str  #: of everything in the file: recordings and calibrations name their device by it
+    assumed: Mapping[str, str]
+    digest: str
 
-    #: the models of coils and magnets that `wrench_map` knows, the default first
     models: tuple[str, ...] = ()
 
-    #: what it was built from, if that was a file
     text: DeviceText | None = field(default=None, repr=False, compare=False)
 
     @property

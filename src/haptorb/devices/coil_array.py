@@ -439,10 +439,35 @@ class BuildTolerance:
 
 @dataclass(frozen=True, kw_only=True)
 class CoilArray(Device):
-    """Round coils with places, axes and windings of their own, and a mover whose magnets they act on.
+    """Any number of round coils anywhere, and a tool with one or several magnets on which they act.
 
-    Model "exact": the field of every thick winding on the charges of every magnet's faces, with the answer of a soft
-    core to both. The magnets and the coils' copper are rigid, their permeability is 1; eddy currents are left out.
+    Built from a device file of the kind "coil-array". Parameters beside those of `haptorb.Device`:
+
+    Parameters
+    ----------
+    windings : PlacedCoils
+        Position [m], axis and winding of every coil.
+    core : SoftSphere or None
+        Soft-magnetic core at the origin.
+    tool : ArrayMover
+        Tool with its magnets.
+    hand : Hand
+        Simulated hand that holds the tool.
+    surface : Surface
+        Surface that the tool touches.
+    tolerance : BuildTolerance
+        Standard deviations of position [m], tilt [rad] and strength [1] of the simulated coils.
+    thermometer_step : float
+        Resolution of the thermometers [K].
+    thermometer_noise : float
+        Standard deviation of one temperature reading [K].
+    uncertainty : ArrayUncertainty
+        Standard uncertainties of the values, for the error budget.
+
+    Notes
+    -----
+    Model "exact": the field of every thick winding at the charges of every magnet's faces, and the response of a soft
+    core to both. Magnets and copper are rigid with relative permeability 1; eddy currents are left out.
     """
 
     kind: ClassVar[DeviceKind] = COIL_ARRAY
@@ -453,8 +478,8 @@ class CoilArray(Device):
     hand: Hand
     surface: Surface
     tolerance: BuildTolerance
-    thermometer_step: float  #: [K]
-    thermometer_noise: float  #: [K]
+    thermometer_step: float
+    thermometer_noise: float
     uncertainty: ArrayUncertainty = field(default_factory=lambda: ArrayUncertainty.model_validate({}))
 
     models: tuple[str, ...] = ("exact",)

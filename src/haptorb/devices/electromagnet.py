@@ -171,33 +171,73 @@ class DomeContact:
 
 @dataclass(frozen=True, kw_only=True)
 class SphericalElectromagnet(Device):
-    """Three coils about one soft sphere, and a magnet in a tool that moves over a dome.
+    """Three coils around one soft-magnetic sphere, and a magnet in a tool that moves over a dome (Zárate 2020).
 
-    Models: "exact" has the tool's magnet at its size and the pull of the core on it; "published" is Zárate 2020's, two
-    point dipoles. In both, the electromagnet is the point dipole that calibration measured outside the dome.
+    Built from a device file of the kind "spherical-electromagnet". Parameters beside those of `haptorb.Device`:
+
+    Parameters
+    ----------
+    moment_per_current : ndarray, shape (3, 3)
+        Moment of the electromagnet per ampere [m²]: m_e = moment_per_current @ currents [A·m²].
+    core_radius : float
+        Radius of the core [m].
+    core_permeability : float
+        Relative permeability of the core [1]; may be infinite.
+    dome_radius : float
+        Outer radius of the dome [m].
+    shell_thickness : float
+        Height above contact up to which forces are rendered [m].
+    workspace_half_angle : float
+        Half angle of the workspace from +z [rad].
+    tool : Tool
+        Tool with its magnet.
+    hand : Hand
+        Simulated hand that holds the tool.
+    contact : DomeContact
+        Contact of the tool with the dome.
+    hall : FieldSensors
+        Field sensors on the stator.
+    thermometer_step : float
+        Resolution of the thermometers [K].
+    thermometer_noise : float
+        Standard deviation of one temperature reading [K].
+    windings : Windings, optional
+        Sizes of the coils, where given or assumed.
+    moments_from : str
+        Where `moment_per_current` comes from: "device file", "windings" or "calibration".
+    core_dynamics : CoreDynamics
+        Eddy currents and remanence of the core.
+    marks : Marks, optional
+        Places to touch with the tip, for the registration of a tracker.
+    uncertainty : ToolUncertainty
+        Standard uncertainties of the values, for the error budget.
+
+    Notes
+    -----
+    Model "exact": the tool's magnet at its true size, and the pull of the core on it. Model "published": two point
+    dipoles, Zárate 2020 eqs. (1)–(2). In both, the electromagnet is the point dipole that a calibration measures
+    outside the dome.
     """
 
     kind: ClassVar[DeviceKind] = ELECTROMAGNET
 
-    moment_per_current: Array  #: (3, 3) [m²], m_e = moment_per_current @ currents
-    core_radius: float  #: [m]
-    core_permeability: float  #: relative, may be inf
-    dome_radius: float  #: [m]
-    shell_thickness: float  #: height above contact up to which forces are rendered [m]
-    workspace_half_angle: float  #: [rad] from +z
+    moment_per_current: Array
+    core_radius: float
+    core_permeability: float
+    dome_radius: float
+    shell_thickness: float
+    workspace_half_angle: float
     tool: Tool
     hand: Hand
     contact: DomeContact
     hall: FieldSensors
-    thermometer_step: float  #: [K]
-    thermometer_noise: float  #: [K]
-    windings: Windings | None = None  #: the coils' sizes, where given or assumed
-    moments_from: str = "device file"  #: where `moment_per_current` comes from: that, "windings" or "calibration"
-    core_dynamics: CoreDynamics = field(default_factory=CoreDynamics)  #: eddy currents and remanence
-    marks: Marks | None = None  #: places to touch with the tip, where there are any
-    uncertainty: ToolUncertainty = field(
-        default_factory=lambda: ToolUncertainty.model_validate({})
-    )  #: how well the values are known
+    thermometer_step: float
+    thermometer_noise: float
+    windings: Windings | None = None
+    moments_from: str = "device file"
+    core_dynamics: CoreDynamics = field(default_factory=CoreDynamics)
+    marks: Marks | None = None
+    uncertainty: ToolUncertainty = field(default_factory=lambda: ToolUncertainty.model_validate({}))
 
     models: tuple[str, ...] = ("exact", "published")
 
@@ -549,16 +589,51 @@ class Layer:
 
 @dataclass(frozen=True)
 class ShellCapability:
-    """The whole card: force by distance, and how long loads may last from room temperature."""
+    """Force over the shell above the dome by height, and how long loads last.
+
+    Parameters
+    ----------
+    layers : tuple of Layer
+        Peak and continuous force [N] at each distance from the centre, from contact outward.
+    endurance : tuple of (float, float)
+        Share of full current [1], and time from cold to derating [s] or inf.
+    """
 
     layers: tuple[Layer, ...]
-    endurance: tuple[tuple[float, float], ...]  #: (share of full current, seconds until derating or inf)
+    endurance: tuple[tuple[float, float], ...]
 
 
 def shell_capability(
     device: SphericalElectromagnet, distances: Array | None = None, points: int = 60
 ) -> ShellCapability:
-    """Card for `device` at `distances` [m] (five over the shell where none are given), `points` over the workspace."""
+    """Compute the peak and continuous force of a spherical electromagnet over its shell.
+
+    Parameters
+    ----------
+    device : SphericalElectromagnet
+        Device from `haptorb.load`.
+    distances : ndarray, shape (n,), optional
+        Distances of the tool's magnet from the centre [m]; None: five from contact to the top of the shell.
+    points : int
+        Number of directions over the workspace.
+
+    Returns
+    -------
+    ShellCapability
+        Forces [N] in the weakest direction at each distance, and times [s] from cold to derating.
+
+    Notes
+    -----
+    Exact model, within the current limits, the continuous currents and the power of the supply, with windings at the
+    stop temperature.
+
+    Examples
+    --------
+    >>> from haptorb import load
+    >>> contact = shell_capability(load("omni"), points=20).layers[0]
+    >>> contact.lasting_radial_all_warm < contact.peak_radial
+    True
+    """
     if distances is None:
         distances = device.contact_distance + np.linspace(0, device.shell_thickness, 5)
     directions = cap_directions(device.workspace_half_angle, points)

@@ -392,12 +392,41 @@ def fit_eddy_lag(
     core_share: float,
     frequencies: tuple[float, float] = (10.0, 50.0),
 ) -> tuple[float, float]:
-    """Share of the whole moment and time constant [s] of the first-order lag that misses as much as the sphere does.
+    """Fit a first-order lag to the eddy currents of a conducting sphere in an alternating field.
 
-    At both `frequencies` [Hz], in size; core_share: of the core in the whole moment at rest.
+    The lag misses the same share of the moment as the sphere at both frequencies.
 
-    Raises InputError where no first-order lag does.
+    Parameters
+    ----------
+    radius : float
+        Radius of the sphere [m].
+    permeability : float
+        Relative permeability [1].
+    conductivity : float
+        Conductivity [S/m].
+    core_share : float
+        Share of the core in the whole moment at rest [1].
+    frequencies : tuple of float
+        The two frequencies [Hz].
 
+    Returns
+    -------
+    share : float
+        Share of the whole moment that lags [1].
+    time_constant : float
+        Time constant of the lag [s].
+
+    Raises
+    ------
+    InputError
+        If no first-order lag does.
+
+    Notes
+    -----
+    Wait's solution for a conducting permeable sphere in a uniform alternating field (Wait 1951).
+
+    Examples
+    --------
     >>> share, time = fit_eddy_lag(15e-3, 1000.0, 6e6, 0.39)
     >>> round(share, 3), round(1e3 * time, 1)
     (0.014, 6.4)

@@ -78,7 +78,23 @@ class Reach:
 @final
 @dataclass(frozen=True)
 class Geometry:
-    """All parts of a device with a position; `notes` name what the device file does not state or assumes."""
+    """All parts of a device with size and position, as the console and `haptorb show` draw them.
+
+    Parameters
+    ----------
+    round_parts : tuple of RoundPart
+        Coils and magnets: rings and cylinders [m].
+    balls : tuple of Ball
+        Spheres, such as core and dome [m].
+    spots : tuple of Spot
+        Points, such as field sensors [m].
+    rods : tuple of Rod
+        Rods, such as a handle [m].
+    reach : Reach, optional
+        Workspace of the mover.
+    notes : tuple of str
+        What the device file does not state or assumes.
+    """
 
     round_parts: tuple[RoundPart, ...]
     balls: tuple[Ball, ...] = ()

@@ -56,11 +56,29 @@ def catalogue() -> dict[str, str]:
 
 
 def load(name: str | Path, *, override: bool = False) -> Device:
-    """The device of that name in the catalogue, or in the TOML file at that path.
+    """Load a device from the catalogue or from a device file.
 
-    Raises UnknownName with the most similar name, or DeviceError with file, key, value and what was expected. With
-    `override` a device whose parts overlap, or whose wiring cannot work, is built anyway, for study.
+    Parameters
+    ----------
+    name : str or Path
+        Name in the catalogue (`haptorb devices` lists it), or path of a TOML file.
+    override : bool
+        Build a device whose parts overlap, or whose wiring cannot work, for study.
 
+    Returns
+    -------
+    Device
+        The device, all quantities in SI units.
+
+    Raises
+    ------
+    UnknownName
+        If the catalogue has no device of this name; the message names the most similar one.
+    DeviceError
+        If the file does not describe a device; the message lists file, key, value and what was expected.
+
+    Examples
+    --------
     >>> load("omni").channels
     3
     """
@@ -91,12 +109,34 @@ def _read(text: str) -> tuple[str, str]:
 
 
 def parse(content: str, name: str, *, bases: Mapping[str, str] | None = None, override: bool = False) -> Device:
-    """The device that the TOML text `content` describes; `name` is the name for messages.
+    r"""Build a device from the text of a device file.
 
-    bases: files that it may be based on besides the catalogue, by the text of `based_on`; no other file is read. None:
-    any file.
+    Parameters
+    ----------
+    content : str
+        TOML text of the device file.
+    name : str
+        Name of the file in messages.
+    bases : Mapping, optional
+        Files that the device may be based on besides the catalogue, by the text of `based_on`; then no other file is
+        read. None: any file.
+    override : bool
+        As for `haptorb.load`.
 
-    Raises DeviceError with all mistakes of the text.
+    Returns
+    -------
+    Device
+        The device, all quantities in SI units.
+
+    Raises
+    ------
+    DeviceError
+        With all mistakes of the text.
+
+    Examples
+    --------
+    >>> parse('based_on = "omni"\nname = "mine"\n[tool]\nlength = "30 mm"', "mine.toml").tool.length
+    0.03
     """
     return build_tables(_lay_over_bases(content, name, bases), override=override)
 

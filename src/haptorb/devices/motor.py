@@ -145,36 +145,79 @@ class Rotor:
 @final
 @dataclass(frozen=True, kw_only=True)
 class SphericalMotor(Device):
-    """Round magnets on a rotor, round air-cored coils and field sensors on a stator, all axes through one centre.
+    """Magnets on a rotor, air-cored coils and field sensors on a stator, all axes through one centre (Bai 2012).
 
-    The channels are the groups of coils that are wired in series; `groups` says how. Models: "table" looks the exact
-    one up (servo speed), "exact" integrates the magnets' closed-form fields over the windings, "published" is the
-    distributed multipole model of Bai 2012 eqs. 7–9, corrected, "dipole" its far field.
+    Built from a device file of the kind "spherical-motor". The channels are groups of coils that are wired in series.
+    Parameters beside those of `haptorb.Device`:
+
+    Parameters
+    ----------
+    magnets : Layout
+        Places and axes of the p magnets, in the rotor's frame.
+    polarity : ndarray, shape (p,)
+        +1: polarised outward, −1: inward [1]; other values scale the strength.
+    magnet : CylinderMagnet
+        One magnet, polarised along its +z, which points outward.
+    electromagnets : Layout
+        Places and axes of the coils, in the stator's frame.
+    electromagnet : Coil
+        One coil; a positive current is right-handed about the outward axis.
+    sensor_layout : Layout
+        Places and axes of the field sensors, in the stator's frame.
+    hall : FieldSensors
+        Errors and noise of the field sensors.
+    groups : ndarray, shape (24, m)
+        Current of every coil per current of every channel: 0, +1 or −1 [1].
+    magnet_model : MultipoleSource or None
+        Published model of one magnet.
+    coil_model : MultipoleSource or None
+        Published model of one coil, per ampere.
+    workspace_tilt : float
+        Greatest |ψ| and |λ| [rad].
+    end_stop : EndStop
+        Stop at the edge of the workspace.
+    thermometer_step : float
+        Resolution of the thermometers [K].
+    thermometer_noise : float
+        Standard deviation of one temperature reading [K].
+    hand : Grasp
+        Simulated hand that holds the handle.
+    rotor : Rotor
+        Inertia and friction of the rotor.
+    regulator : Regulator or None
+        Pair of ring magnets that turns the rotor upright without current.
+    uncertainty : MotorUncertainty
+        Standard uncertainties of the values, for the error budget.
+    findings : tuple of str
+        Objections of the validation that were overridden.
+
+    Notes
+    -----
+    Model "table": "exact" interpolated, at servo speed; "exact": the magnets' closed-form fields integrated over the
+    windings; "published": the distributed multipole model of Bai 2012 eqs. (7)–(9), corrected; "dipole": its far field.
     """
 
     kind: ClassVar[DeviceKind] = MOTOR
 
-    magnets: Layout  #: in the rotor's frame
-    polarity: Array  #: (p,) +1 where a magnet is polarized outward, −1 inward (other values scale its strength)
-    magnet: CylinderMagnet  #: one of them, polarized along its +z, which points outward
-    electromagnets: Layout  #: in the stator's frame
-    electromagnet: Coil  #: one of them; positive current is right-handed about the outward axis
-    sensor_layout: Layout  #: in the stator's frame
+    magnets: Layout
+    polarity: Array
+    magnet: CylinderMagnet
+    electromagnets: Layout
+    electromagnet: Coil
+    sensor_layout: Layout
     hall: FieldSensors
-    groups: Array  #: (24, m) current of every coil per current of every channel: 0, +1 or −1
-    magnet_model: MultipoleSource | None  #: the published model of one magnet
-    coil_model: MultipoleSource | None  #: the published model of one coil, per ampere
-    workspace_tilt: float  #: greatest |ψ| and |λ| [rad]
-    end_stop: EndStop  #: at its edge
-    thermometer_step: float  #: [K]
-    thermometer_noise: float  #: [K]
-    hand: Grasp  #: who holds the handle
+    groups: Array
+    magnet_model: MultipoleSource | None
+    coil_model: MultipoleSource | None
+    workspace_tilt: float
+    end_stop: EndStop
+    thermometer_step: float
+    thermometer_noise: float
+    hand: Grasp
     rotor: Rotor
     regulator: Regulator | None
-    uncertainty: MotorUncertainty = dataclasses_field(
-        default_factory=lambda: MotorUncertainty.model_validate({})
-    )  #: how well the values are known
-    findings: tuple[str, ...] = ()  #: what validation objected to, where it was overridden
+    uncertainty: MotorUncertainty = dataclasses_field(default_factory=lambda: MotorUncertainty.model_validate({}))
+    findings: tuple[str, ...] = ()
 
     models: tuple[str, ...] = ("table", "exact", "published", "dipole")
 
@@ -600,12 +643,38 @@ def motor(device: Device | str | Path, what: str = "this function") -> Spherical
 def torque_characteristic(
     device: Device | str | Path, R_SR: ArrayLike, model: str = "table", *, grouped: bool = False
 ) -> Array:
-    """K (3, m), or (n, 3, m) for a batch: torque on the rotor per ampere [N·m/A], stator frame; Bai 2012 eqs. (2)–(3).
+    """Compute a motor's torque characteristic K: torque on the rotor per ampere, Bai 2012 eqs. (2)–(3).
 
-    R_SR (3, 3) or (n, 3, 3) turns rotor vectors into stator vectors. m is the number of coils, or with `grouped` the
-    number of channels (coils wired in series). `model` is "table", "exact", "published" or "dipole". Raises
-    InputError for a matrix that is not a rotation, and UnknownName for another model.
+    Parameters
+    ----------
+    device : Device or str
+        Spherical motor, or its name for `haptorb.load`.
+    R_SR : array_like, shape (3, 3) or (n, 3, 3)
+        Rotation from the rotor's frame to the stator frame.
+    model : str
+        "table" (interpolated, servo speed), "exact", "published" (multipoles of Bai 2012) or "dipole".
+    grouped : bool
+        One column per channel (coils wired in series) instead of one per coil.
 
+    Returns
+    -------
+    ndarray, shape (3, m) or (n, 3, m)
+        Torque per ampere [N·m/A] in the stator frame; m coils, or channels.
+
+    Raises
+    ------
+    InputError
+        If R_SR is not a rotation, or the device is not a spherical motor.
+    UnknownName
+        If there is no such model.
+
+    Notes
+    -----
+    The torque is T = K i. "exact" integrates the magnets' closed-form fields over the thick windings; iron and
+    saturation are left out.
+
+    Examples
+    --------
     >>> from haptorb.rotations import rotation_from_euler
     >>> K = torque_characteristic("pmsm", rotation_from_euler(*np.radians((10, 5, 5))))
     >>> K[:, 16].round(6).tolist()        # electromagnet 17 [N·m/A]
@@ -620,11 +689,32 @@ def torque_characteristic(
 
 
 def sensor_field(device: Device | str | Path, R_SR: ArrayLike, model: str = "table") -> Array:
-    """(k, 3), or (n, k, 3) for a batch: flux density [T] of the rotor's magnets at the sensors, stator frame.
+    """Compute the flux density of a motor's magnets at its field sensors.
 
-    A sensor's own axes (ϑ̂, φ̂, r̂) are the columns of `device.sensor_layout.frames`. Arguments and errors are those of
-    `torque_characteristic`.
+    Parameters
+    ----------
+    device : Device or str
+        Spherical motor, or its name for `haptorb.load`.
+    R_SR : array_like, shape (3, 3) or (n, 3, 3)
+        Rotation from the rotor's frame to the stator frame.
+    model : str
+        "table", "exact", "published" or "dipole", as for `torque_characteristic`.
 
+    Returns
+    -------
+    ndarray, shape (k, 3) or (n, k, 3)
+        Flux density [T] in the stator frame. A sensor's own axes (ϑ̂, φ̂, r̂) are the columns of
+        `device.sensor_layout.frames`.
+
+    Raises
+    ------
+    InputError
+        If R_SR is not a rotation, or the device is not a spherical motor.
+    UnknownName
+        If there is no such model.
+
+    Examples
+    --------
     >>> sensor_field("pmsm", np.eye(3)).shape
     (48, 3)
     """
@@ -635,12 +725,33 @@ def sensor_field(device: Device | str | Path, R_SR: ArrayLike, model: str = "tab
 
 
 def field(device: Device | str | Path, R_SR: ArrayLike, points: ArrayLike, currents: ArrayLike | None = None) -> Array:
-    """(p, 3), or (n, p, 3) for a batch: flux density [T] at `points` (p, 3) [m], stator frame, exact model.
+    """Compute the flux density of a motor's magnets, and of its coils, at any points, by the exact model.
 
-    Of the rotor's magnets, and of the coils if `currents` (channels,) [A] are given. Inside a magnet it is B
-    (not H). Raises GeometryError on an edge, where the field is infinite, and InputError for a point more than 1 m from
-    the centre.
+    Parameters
+    ----------
+    device : Device or str
+        Spherical motor, or its name for `haptorb.load`.
+    R_SR : array_like, shape (3, 3) or (n, 3, 3)
+        Rotation from the rotor's frame to the stator frame.
+    points : array_like, shape (p, 3)
+        Points in the stator frame [m].
+    currents : array_like, shape (m,), optional
+        Current of each channel [A]; None: the magnets alone.
 
+    Returns
+    -------
+    ndarray, shape (p, 3) or (n, p, 3)
+        Flux density B [T] in the stator frame, also inside a magnet.
+
+    Raises
+    ------
+    InputError
+        If R_SR is not a rotation, a shape is wrong, or the device is not a spherical motor.
+    GeometryError
+        At a point on the edge of a magnet, where the field is infinite.
+
+    Examples
+    --------
     >>> on_axis = field("pmsm", np.eye(3), [[0.0, 0, 0]])
     >>> bool(abs(on_axis).max() < 1e-12)      # outward and inward magnets cancel at the centre
     True

@@ -340,7 +340,11 @@ class ThermometerSection(Section):
 
 
 class CommonFile(Section):
-    """What every device file has."""
+    """Schema of what every device file has; the base class of the schema of a kind of device (pydantic).
+
+    A subclass adds a section for each table of its file, and `build`, which returns the device and reports all mistakes
+    at once.
+    """
 
     name: Annotated[Name, Meaning("short name of the device; recordings and calibrations refer to it")]
     title: Annotated[Text, Meaning("title of the device")]

@@ -34,28 +34,53 @@ __all__ = [
 
 @record
 class Pose:
-    """A pose from a tracker: position and orientation, time of measurement, and validity."""
+    """Pose from a tracker, with the time of measurement and whether it is valid.
 
-    t: float  #: time at which the pose was measured [s], on the sample's clock
-    R_SR: Array  #: (3, 3)
-    p: Array  #: (3,) [m]
-    w: Array  #: (3,) [rad/s]
-    v: Array  #: (3,) [m/s]
+    Parameters
+    ----------
+    t : float
+        Time of measurement [s], on the sample's clock.
+    R_SR : ndarray, shape (3, 3)
+        Rotation from the mover's frame to the stator frame.
+    p : ndarray, shape (3,)
+        Position of the mover's origin in the stator frame [m].
+    w : ndarray, shape (3,)
+        Angular velocity in the stator frame [rad/s].
+    v : ndarray, shape (3,)
+        Velocity of p in the stator frame [m/s].
+    valid : bool
+        False: the tracker has lost the mover; the guard switches the coils off.
+    """
+
+    t: float
+    R_SR: Array
+    p: Array
+    w: Array
+    v: Array
     valid: bool
 
 
 @record
 class Sample:
-    """The measurements of one tick; arrays have one entry per channel or per sensor.
+    """Measurements of a driver in one tick.
 
-    t             time of the tick that read [s]
-    currents      (m,) measured [A]
-    temperatures  (m,) coil boundary [K]
-    field         (k, 3) field sensors [T]; (0, 3) if the device has none
-    pose          the tracker's last pose; not valid for a rotor that is measured by its field
-    currents_age  age of the currents at t [s], from the middle of their sensors' averaging time; negative if
-                  they were measured after the tick began
-    field_age     the same for the field [s]
+    Parameters
+    ----------
+    t : float
+        Time of the tick that read [s].
+    currents : ndarray, shape (m,)
+        Measured current of each channel [A].
+    temperatures : ndarray, shape (m,)
+        Temperature at the boundary of each coil [K].
+    field : ndarray, shape (k, 3)
+        Flux density at the field sensors in the stator frame [T]; (0, 3) for a device without any.
+    pose : Pose
+        Last pose of the tracker; not valid for a rotor that is measured by its field.
+    currents_age : float
+        Age of the currents at t [s], from the middle of their sensors' averaging time; negative if they were measured
+        after the tick began.
+    field_age : float
+        Age of the field at t [s], in the same sense.
     """
 
     t: float
@@ -69,18 +94,42 @@ class Sample:
 
 @record
 class Estimate:
-    """The estimate: state of the mover, wrench map there, age, and limits of validity."""
+    """State of the mover and wrench map there, as the controller uses them in one tick.
+
+    Parameters
+    ----------
+    state : State
+        Estimated pose and motion.
+    wrench_map : WrenchMap
+        Wrench per ampere at that state.
+    valid : bool
+        False: it is not known where the mover is; no force is rendered.
+    age : float
+        Age of the underlying measurement [s]; the guard trips when it exceeds the device's `limits.expiry`.
+    oriented : bool
+        False: orientation and angular velocity are not estimated (NaN); the wrench map was found without them.
+    spin_period : float
+        Rotations about the mover's z are known except for a multiple of this [rad]; 0: absolutely.
+    covariance : ndarray, shape (3, 3), optional
+        Covariance of the orientation as a rotation vector in the stator frame [rad²].
+    strength : float
+        Strength of the mover's magnets relative to the device file [1], where the estimator finds it.
+    disbelieved : int
+        Number of field sensors whose readings were left out.
+    reversed : bool
+        True: the mover's magnet is the wrong way round, so that every force would be inverted.
+    """
 
     state: State
     wrench_map: WrenchMap
-    valid: bool  #: False: where the mover is, is not known; nothing may be asked of the coils
-    age: float  #: of the pose behind it [s]
-    oriented: bool = True  #: False: R_SR and w are not estimated, they are NaN; the wrench map was found without them
-    spin_period: float = 0.0  #: turns about the mover's z are known but for a multiple of this [rad]; 0: absolutely
-    covariance: Array | None = None  #: (3, 3) of the orientation as a rotation vector, stator frame [rad²], if known
-    strength: float = 1.0  #: of the mover's magnets, relative to the device file, where the estimator finds it
-    disbelieved: int = 0  #: number of field sensors whose readings were left out
-    reversed: bool = False  #: the mover's magnet is the wrong way round: every force would invert
+    valid: bool
+    age: float
+    oriented: bool = True
+    spin_period: float = 0.0
+    covariance: Array | None = None
+    strength: float = 1.0
+    disbelieved: int = 0
+    reversed: bool = False
 
 
 # --------------------------------------------------------------------------------------------------
@@ -139,7 +188,11 @@ def _is_finite(p: Array, R: Array, v: Array, w: Array) -> bool:
 
 
 class Estimator(Stateful, ABC):
-    """The interface of every estimator. What it remembers from tick to tick, `state_arrays` names."""
+    """Computes state and wrench map from the sample of a tick; the base class of every estimator.
+
+    A subclass implements `update`. It reads no clock (time is `sample.t`), allocates nothing that grows, and names what
+    it remembers from tick to tick in `state_arrays`, so that a replay can start in the middle of a recording.
+    """
 
     @abstractmethod
     def update(self, sample: Sample) -> Estimate:
@@ -161,10 +214,19 @@ class Estimator(Stateful, ABC):
 
 
 class TrackedPose(Estimator):
-    """Uses the tracker's pose: state as tracked, wrench map by the device's `model`, by default the first.
+    """Estimator that takes the tracker's pose as the state.
 
-    A pose older than the guard's expiry is still passed on, with its age; the guard decides what to do. An
-    impossible pose (not finite, or inside the device) is replaced by the last valid pose, marked as not valid.
+    Parameters
+    ----------
+    device : Device
+        Device whose wrench map is evaluated.
+    model : str, optional
+        Model of the wrench map, one of `device.models`; None: the first.
+
+    Notes
+    -----
+    A pose older than the guard's expiry is still passed on, with its age; the guard decides what to do. An impossible
+    pose (not finite, or inside the device) is replaced by the last valid pose, marked as not valid.
     """
 
     state_kind = "tracker"

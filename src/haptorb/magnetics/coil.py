@@ -162,15 +162,36 @@ _SERIES_X, _SERIES_W = np.polynomial.legendre.leggauss(17)
 
 @final
 class Coil(RoundBody):
-    """`turns` of wire that fill a ring between `inner_radius` and `outer_radius` [m] of `length` [m] evenly.
+    """Thick round coil: turns of wire that fill a rectangular cross-section evenly; per ampere.
 
-    Per ampere; a positive current is right-handed about +z. The field is the closed form of current sheets
-    (see `current_sheet`) integrated over the wall's thickness by bisected Gauss rules, to `precision` relative to what
-    the turns give before their fields cancel; `field_bounded` also tells the bound. Finite everywhere, in the winding
-    too. Left out: the wire's helix, its single turns and its leads.
+    A positive current is right-handed about +z.
 
-    Raises InputError for turns or lengths that are not positive, or an inner radius that is not the smaller one.
+    Parameters
+    ----------
+    turns : float
+        Number of turns [1].
+    inner_radius : float
+        Inner radius of the winding [m].
+    outer_radius : float
+        Outer radius of the winding [m].
+    length : float
+        Length along the axis [m].
+    precision : float
+        Bound of the field's error relative to what the turns give before their fields cancel [1].
 
+    Raises
+    ------
+    InputError
+        If turns or lengths are not positive, or the inner radius is not smaller than the outer one.
+
+    Notes
+    -----
+    Closed form of current sheets (Callaghan & Maslen 1960, Derby & Olbert 2010) integrated over the thickness of the
+    wall by bisected Gauss rules; `field_bounded` also returns the bound. Finite everywhere, in the winding too. Left
+    out: the wire's helix, its single turns and its leads.
+
+    Examples
+    --------
     >>> coil = Coil(turns=1000, inner_radius=4.764e-3, outer_radius=15.88e-3, length=7.62e-3)
     >>> float(coil.moment[2].round(5))      # N π (rₒ² + rₒrᵢ + rᵢ²)/3
     0.36707

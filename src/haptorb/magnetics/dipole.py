@@ -57,10 +57,32 @@ def _flatten(*arrays: ArrayLike, names: tuple[str, ...]) -> tuple[tuple[int, ...
 
 
 def field(moment: ArrayLike, r: ArrayLike) -> Array:
-    """Flux density (..., 3) [T] of a dipole `moment` (..., 3) [A·m²] at `r` (..., 3) [m] from it.
+    """Compute the flux density of point dipoles.
 
-    B = μ0/4π [3 (m·r̂) r̂ − m] / r³. Raises GeometryError at r = 0.
+    Parameters
+    ----------
+    moment : array_like, shape (..., 3)
+        Magnetic moments m [A·m²].
+    r : array_like, shape (..., 3)
+        Vectors from the dipole to the point [m]; the two shapes broadcast together.
 
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        Flux density [T] in the frame of `moment` and `r`.
+
+    Raises
+    ------
+    GeometryError
+        At r = 0, where the field is not defined.
+
+    Notes
+    -----
+    B = μ0/4π [3 (m·r̂) r̂ − m] / r³. The field of a body of size a is that of a point dipole only to order (a/r)²: a 24
+    mm ring magnet at 50 mm differs by 15.6 % (erratum E16).
+
+    Examples
+    --------
     >>> bool(abs(field((0, 0, 1.0), (0, 0, 0.1))[2] - 2e-4) < 1e-12)
     True
     """
@@ -71,8 +93,27 @@ def field(moment: ArrayLike, r: ArrayLike) -> Array:
 
 
 def field_gradient(moment: ArrayLike, r: ArrayLike) -> Array:
-    """(..., 3, 3) [T/m], element [i, j] = ∂B_i/∂x_j; symmetric and free of trace (curl B = 0, div B = 0).
+    """Compute the gradient of the flux density of point dipoles.
 
+    Parameters
+    ----------
+    moment : array_like, shape (..., 3)
+        Magnetic moments [A·m²].
+    r : array_like, shape (..., 3)
+        Vectors from the dipole to the point [m].
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        Element [i, j] is ∂B_i/∂x_j [T/m]; symmetric and without trace, as curl B = 0 and div B = 0.
+
+    Raises
+    ------
+    GeometryError
+        At r = 0, where the field is not defined.
+
+    Examples
+    --------
     >>> bool(abs(np.trace(field_gradient((1.0, 2, 3), (0.1, 0, 0.2)))) < 1e-15)
     True
     """
@@ -83,8 +124,33 @@ def field_gradient(moment: ArrayLike, r: ArrayLike) -> Array:
 
 
 def force(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> Array:
-    """Force (..., 3) [N] on `moment_2` at `r` from `moment_1` (all (..., 3), [A·m²] and [m]): F = ∇(m₂·B₁).
+    """Compute the force between two point dipoles.
 
+    Parameters
+    ----------
+    moment_1 : array_like, shape (..., 3)
+        Moment of the dipole that makes the field [A·m²].
+    moment_2 : array_like, shape (..., 3)
+        Moment of the dipole on which the force acts [A·m²].
+    r : array_like, shape (..., 3)
+        Vector from the first dipole to the second [m].
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        Force on the second dipole [N].
+
+    Raises
+    ------
+    GeometryError
+        At r = 0.
+
+    Notes
+    -----
+    F = ∇(m₂·B₁). Zárate 2020, eqs. (1)–(2) are the radial case.
+
+    Examples
+    --------
     >>> pull = force((0, 0, 2.0), (0, 0, 3.0), (0, 0, 0.05))    # aligned, one above the other: they attract
     >>> bool(abs(pull[2] + 6 * MU0 * 6 / (4 * np.pi * 0.05**4)) < 1e-12)
     True
@@ -97,7 +163,36 @@ def force(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> Array:
 
 
 def torque(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> Array:
-    """Torque (..., 3) [N·m] on `moment_2` about its own centre, at `r` from `moment_1`: m₂ × B₁."""
+    """Compute the torque of one point dipole on another, about the other's own centre.
+
+    Parameters
+    ----------
+    moment_1 : array_like, shape (..., 3)
+        Moment of the dipole that makes the field [A·m²].
+    moment_2 : array_like, shape (..., 3)
+        Moment of the dipole on which the torque acts [A·m²].
+    r : array_like, shape (..., 3)
+        Vector from the first dipole to the second [m].
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        Torque on the second dipole [N·m].
+
+    Raises
+    ------
+    GeometryError
+        At r = 0.
+
+    Notes
+    -----
+    T = m₂ × B₁.
+
+    Examples
+    --------
+    >>> torque((0, 0, 1.0), (1.0, 0, 0), (0, 0, 0.1)).round(7).tolist()        # towards the first moment
+    [0.0, -0.0002, 0.0]
+    """
     shape, (m1, m2, at) = _flatten(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
     b = np.empty_like(at)
     _field(m1, at, b)
@@ -105,7 +200,20 @@ def torque(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> Array:
 
 
 class Dipole(Source):
-    """A point dipole as a source of field, at `position` (3,) [m] with `moment` (3,) [A·m²]."""
+    """Point dipole as a source of field.
+
+    Parameters
+    ----------
+    moment : array_like, shape (3,)
+        Magnetic moment [A·m²].
+    position : array_like, shape (3,)
+        Position [m].
+
+    Examples
+    --------
+    >>> Dipole((0, 0, 1.0)).field((0, 0, 0.1)).round(7).tolist()
+    [0.0, 0.0, 0.0002]
+    """
 
     def __init__(self, moment: ArrayLike, position: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         self._moment = vectors(moment, "moment")

@@ -38,9 +38,14 @@ _ROUNDING = 4e-15  #: what summing leaves, relative to the sum of magnitudes
 
 @dataclass(frozen=True, slots=True)
 class BoundedValue:
-    """A value with the bound of its numerical error, in the same unit: how far two refinements still differ.
+    """Value with the bound of its numerical error.
 
-    Of the unit of what was asked, such as [N, N·m].
+    Parameters
+    ----------
+    value : ndarray, shape (...)
+        The value, in the unit of the computed quantity, such as [N, N·m].
+    bound : ndarray, shape (...)
+        Difference between the last two refinements, in the same unit and shape.
     """
 
     value: Array
@@ -56,14 +61,43 @@ def wrench(
     about: ArrayLike | None = None,
     precision: float = 1e-8,
 ) -> BoundedValue:
-    """Force and torque (6,) [N, N·m] that `source` exerts on `target` (coils carry one ampere).
+    """Compute force and torque of a magnetic source on a round body, with a bound of the error.
 
-    The target's centre is at `position` (3,) [m] and its axes are turned by `turn` (3, 3), in the source's frame, in
-    which the result is given; the torque is about `about` (3,) [m], else about the target's centre. `precision` is
-    relative to the magnitude of force and of torque, or to a thousandth of the sum of |dF| where symmetry makes them
-    vanish; `bound` (6,) holds what was reached. Raises PrecisionError (with the best reached) and GeometryError when
-    the target reaches into the source.
+    Parameters
+    ----------
+    source : Source
+        Source of the field; its frame is the frame of the result.
+    target : RoundBody
+        Magnet or coil (carrying one ampere) on which force and torque act.
+    position : array_like, shape (3,)
+        Centre of the target in the source's frame [m].
+    turn : array_like, shape (3, 3)
+        Rotation from the target's frame to the source's frame.
+    about : array_like, shape (3,), optional
+        Point about which the torque is taken [m]; None: the target's centre.
+    precision : float
+        Wanted error relative to the magnitude of force and of torque [1], or to a thousandth of the sum of |dF| where
+        symmetry makes them vanish.
 
+    Returns
+    -------
+    BoundedValue
+        Force and torque, shape (6,) [N, N·m], and the reached bound of each component, shape (6,).
+
+    Raises
+    ------
+    PrecisionError
+        If the precision is not reached; the message states the best value.
+    GeometryError
+        If the target reaches into the source.
+
+    Notes
+    -----
+    F = ∮ I dl × B over the target's current filaments, at Gauss points across and along the body and in equal steps
+    around it, so that the error falls exponentially with the number of points (Lorentz force).
+
+    Examples
+    --------
     >>> from haptorb.magnetics.magnets import CylinderMagnet
     >>> magnet = CylinderMagnet(radius=0.02, length=0.04, polarization=1.3)
     >>> push = wrench(magnet, magnet, (0, 0, 0.05), np.diag([1.0, -1.0, -1.0]))    # opposed, 10 mm apart

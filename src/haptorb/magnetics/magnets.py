@@ -23,14 +23,32 @@ __all__ = ["ChargedRing", "CylinderMagnet", "RingMagnet", "charge_field", "dipol
 
 @final
 class CylinderMagnet(RoundBody):
-    """Cylinder of `radius` [m] and `length` [m] with `polarization` J = μ0M [T] along +z (negative: along −z).
+    """Full round magnet, magnetised uniformly along its axis: exact field inside and outside.
 
-    Flux density by Callaghan & Maslen 1960 / Derby & Olbert 2010 (see `current_sheet`), relative error below 1e-12 of
-    the local field except within a few rounding steps of the edges, where it grows without limit as ln(distance).
-    B is defined inside too (it is what a thin slot across the axis would hold); H = (B − J)/μ0 there, and a force on a
-    part of the magnet itself, are not given. On the side wall B_z jumps by J and the mean is returned. Left out:
-    the magnet's own permeability (recoil about 1.05) and demagnetization.
+    Parameters
+    ----------
+    radius : float
+        Radius [m].
+    length : float
+        Length along the axis [m].
+    polarization : float
+        Polarisation J = μ0 M along +z [T]; negative: along −z.
 
+    Raises
+    ------
+    InputError
+        If radius or length is not a positive number.
+
+    Notes
+    -----
+    Flux density by Callaghan & Maslen 1960 and Derby & Olbert 2010, relative error below 1e-12 of the local field
+    except within a few rounding steps of the edges, where it grows without limit as ln(distance). B is defined inside
+    too (in a thin slot across the axis); H = (B − J)/μ0 there, and a force on a part of the magnet itself, are not
+    given. On the side wall B_z jumps by J, and the mean is returned. Left out: the magnet's own permeability (recoil
+    about 1.05) and demagnetisation.
+
+    Examples
+    --------
     >>> magnet = CylinderMagnet(radius=0.01, length=0.02, polarization=1.0)
     >>> float(magnet.field((0, 0, 0))[2].round(12))     # J h/√(h² + a²)
     0.707106781187
@@ -78,13 +96,31 @@ class CylinderMagnet(RoundBody):
 
 @final
 class RingMagnet(RoundBody):
-    """Ring between `inner_radius` and `outer_radius` [m], of `length` [m], with `polarization` J = μ0M [T] along +z.
+    """Ring magnet, magnetised uniformly along its axis: exact field inside and outside.
 
-    The difference of two cylinders' closed forms (see `current_sheet`). B is defined in the matter, in the hole and
-    outside; on the two side walls B_z jumps by J and the mean is returned. Left out: the magnet's permeability.
+    Parameters
+    ----------
+    outer_radius : float
+        Outer radius [m].
+    inner_radius : float
+        Radius of the hole [m].
+    length : float
+        Length along the axis [m].
+    polarization : float
+        Polarisation J = μ0 M along +z [T]; negative: along −z.
 
-    Raises InputError for radii or a length that make no ring.
+    Raises
+    ------
+    InputError
+        If the radii or the length make no ring.
 
+    Notes
+    -----
+    The difference of two cylinders in closed form, see `CylinderMagnet`. B is defined in the material, in the hole and
+    outside; on the two side walls B_z jumps by J, and the mean is returned. Left out: the magnet's permeability.
+
+    Examples
+    --------
     >>> ring = RingMagnet(outer_radius=0.006, inner_radius=0.0025, length=0.024, polarization=1.348)
     >>> round(float(ring.moment[2]), 3)
     2.406

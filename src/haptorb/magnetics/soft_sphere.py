@@ -105,8 +105,17 @@ def pair_sums(rows: Array, radius: float, out: Array) -> None:
 
 @dataclass(frozen=True)
 class SoftSphere:
-    """A soft-magnetic sphere at the origin: `radius` [m] and relative `permeability` (infinity allowed).
+    """Soft-magnetic sphere at the origin: a linear core without hysteresis.
 
+    Parameters
+    ----------
+    radius : float
+        Radius [m].
+    permeability : float
+        Relative permeability [1]; infinity is allowed.
+
+    Examples
+    --------
     >>> SoftSphere(15e-3, np.inf).response(3)
     array([1., 1., 1.])
     """

@@ -21,9 +21,10 @@ __all__ = ["PlacedSource", "RoundBody", "SheetStack", "Source", "length", "tenso
 
 
 class Source(ABC):
-    """A body in its own frame: its centre at the origin, its axis along +z. Coils answer per ampere.
+    """Magnet, coil or dipole that makes a magnetic field; the base class of every shape.
 
-    A new shape is one file with one final class and its name in the list that the laws in `tests/laws` run over.
+    In its own frame: centre at the origin, axis along +z. Coils answer per ampere. A subclass implements `field`,
+    `field_gradient` and `moment`.
     """
 
     @abstractmethod
@@ -50,10 +51,24 @@ class Source(ABC):
 
 @final
 class PlacedSource(Source):
-    """`source` with its centre at `position` (3,) [m], turned by `turn` (3, 3) (body vectors to common ones).
+    """Source at a position and orientation; it is a source again.
 
-    Raises InputError for other shapes.
+    Parameters
+    ----------
+    source : Source
+        Source in its own frame.
+    position : array_like, shape (3,)
+        Position of its centre in the common frame [m].
+    turn : array_like, shape (3, 3)
+        Rotation from the source's frame to the common frame.
 
+    Raises
+    ------
+    InputError
+        If a shape is wrong, or `turn` is not a rotation.
+
+    Examples
+    --------
     >>> from haptorb.magnetics.dipole import Dipole
     >>> turned = PlacedSource(Dipole((0, 0, 1.0)), (0, 0, 0.1), [[0, 0, 1], [0, 1, 0], [-1, 0, 0]])
     >>> turned.moment.tolist()

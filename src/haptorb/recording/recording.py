@@ -383,9 +383,25 @@ _WHOLE = 32 * 1024 * 1024  #: bytes of a file that is read, and checked, at once
 
 @final
 class Recording:
-    """Rows and metadata of a haptorb recording (MCAP).
+    """Rows and metadata of a recording (MCAP), read by field name.
 
-    `recording["p"]` is the field `p` of all ticks, shape (n, 3), or (n,) for a single number.
+    `recording["p"]` is the field p of all ticks: shape (n, 3), or (n,) for a field with one number, in SI units. A file
+    above 32 MiB is read on demand.
+
+    Parameters
+    ----------
+    path : str or Path
+        File that `haptorb run --record` or `haptorb.Servo(record=…)` wrote.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, is no MCAP file, or has no rows of haptorb.
+
+    Warns
+    -----
+    RecordingWarning
+        If the file is damaged or truncated; `missing`, `damage` and `truncated` state what is lost.
     """
 
     def __init__(self, path: str | Path) -> None:

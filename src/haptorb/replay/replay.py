@@ -478,19 +478,47 @@ _REPLACE = int(TickCommand.REPLACE)
 
 @final
 class Replay:
-    """Runs `recording` again; `run` does it, once.
+    """Run the loop of a recording again, with the same or other parts; `run` does it, once.
 
-    world, estimator, model, rate  stand in for the recorded ones; rate in [Hz]
-    recorded_world  render the recorded wrench, and run no world
-    part, rows  the rows from one up to another only, the first of which the recording keeps the state; rows, if at hand
+    Parameters
+    ----------
+    recording : Recording
+        Recording of the run.
+    world : World, optional
+        World in place of the recorded one.
+    estimator : str, optional
+        Name of an estimator in place of the recorded one.
+    model : str, optional
+        Controller model in place of the recorded one.
+    rate : float, optional
+        Rate of the loop in place of the recorded one [Hz].
+    recorded_world : bool
+        Render the recorded wrench, and run no world.
+    part : tuple of int, optional
+        First row and the row after the last one of the part to replay; the recording must have the loop's state before
+        the first.
+    rows : PlayedRows, optional
+        The rows, if they are already decoded.
 
-    comparison  of what was recorded and what came out
-    replaced    part → what stands in for it
-    remarks     what is not as it was in the run
-    approximate  something that a replay to the bit needs is missing: the result is near
-    seconds     length of the run [s]
+    Attributes
+    ----------
+    comparison : RunComparison
+        Recorded and replayed numbers compared, after `run`.
+    replaced : dict
+        Part → what stands in for it.
+    remarks : list of str
+        What differs from the run.
+    approximate : bool
+        True: something that a bit-exact replay needs is missing.
+    seconds : float
+        Length of the run [s].
 
-    Raises RecordingError for a recording that cannot be replayed, and what the chain raises for parts that do not fit.
+    Raises
+    ------
+    RecordingError
+        If the recording cannot be replayed.
+    InputError
+        If a part does not fit the device.
     """
 
     def __init__(

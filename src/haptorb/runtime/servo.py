@@ -606,39 +606,72 @@ def check_seed(seed: int) -> int:
 
 @final
 class Servo(ServoContext):
-    """A device, a world, and the loop that connects them.
+    """Real-time loop that connects a device with a world, in a process of its own.
 
-    device     name in the catalogue, path of a device file, or a Device
-    world      name in the catalogue, a World, a function of a State that returns a wrench (6,), or "FILE.py:NAME"
-               (WorldFile), or a SceneFile, reloaded whenever it is saved, with or without clients' force
-               (FileWithRemote); None: the default world of the kind of device
-    driver     "sim": the simulated device; "serial:PORT" or "i2c:BUS": a real device
-    tracker    "pointer": the pose set by `point`; "hall": the field sensors, while the simulated hand follows `point`;
-               "osc:PORT", "lsl:NAME", "replay:FILE", "natnet:HOST": a tracker in its own process, see
-               `tracker_registry`
-    prediction  longest time by which such a tracker's pose is extrapolated with its own velocity [s]
-    frame      file of `haptorb frame` (or a TrackerFrame) that transforms such a tracker's poses into those of the tool
-               in the stator's frame; None: they are already in it
-    rate       of the loop [Hz], 50 to 4000
-    record     file to record to (MCAP); None: a temporary one, deleted at exit; False: no recording
-    overwrite  whether `record` may replace a file
-    seed       of the simulation's noise
-    model      controller model, one of the device's `tick_models`; None: the first
-    estimator  name of the estimator; None: the device's default
-    gains      of a motor's two modes; None: `linkage.MOTOR_GAINS`
-    calibration  file of `haptorb calibrate` (or a Calibration) for this device
-    render     part of the world's wrench to render, "force", "torque" or "both"; None: the part that the world defines
-    torque_arm  length that weights torque against force if both are rendered [m]; None: `whole_wrench.TORQUE_ARM`
-    watchdog   False: drive an I²C bus although nothing switches off when this computer stops; do not touch the device
-    grip       of the hand for which the coupling of a scene is chosen: "loose", "light", "firm", or
-               "MASS,DAMPING,STIFFNESS"
-    latency    of the tracker, for the same choice [s]; None: 5 ms (assumed) if it has its own process
-    black_box  folder for a recording of the last 100 ticks before every trip; None: they are in `trips` only
-    about      what a recording is of: texts by name, kept in its file, such as a study and its session
+    A `with` block starts it and ends it with the coils off, in whatever way the block ends.
 
-    Raises UnknownName for an unknown name; InputError for an invalid value, or for a world, tracker or gains that do
-    not fit the device; DeviceError for an invalid device file; CalibrationError for a calibration or frame that cannot
-    be read or belongs to another device or tracker; PlatformError if this is not Linux.
+    Parameters
+    ----------
+    device : str, Path or Device
+        Name in the catalogue, path of a device file, or a Device.
+    world : str, World, WorldFile, SceneFile, FileWithRemote, callable or None
+        Name in the catalogue, a World, a function of a State that returns a wrench (6,) [N, N·m], "FILE.py:NAME"
+        (WorldFile), or a SceneFile, which is reloaded whenever it is saved, with or without clients' force
+        (FileWithRemote). None: the default world of the kind of device.
+    driver : str
+        "sim": the simulated device; "serial:PORT" or "i2c:BUS": a real device.
+    tracker : str
+        "pointer": the pose set by `point`; "hall": the field sensors, while the simulated hand follows `point`;
+        "osc:PORT", "lsl:NAME", "replay:FILE", "natnet:HOST": a tracker in its own process.
+    prediction : float
+        Longest time by which the pose of such a tracker is extrapolated with its own velocity [s].
+    frame : str, Path or TrackerFrame, optional
+        File of `haptorb frame` that transforms such a tracker's poses to the tool in the stator frame; None: they are
+        in it.
+    rate : float
+        Rate of the loop [Hz], 50 to 4000.
+    record : str, Path, False or None
+        File to record to (MCAP); None: a temporary one, deleted at exit; False: no recording.
+    overwrite : bool
+        Whether `record` may replace a file.
+    seed : int
+        Seed of the simulation's noise.
+    model : str, optional
+        Controller model, one of the device's `tick_models`; None: the first.
+    estimator : str, optional
+        Name of the estimator; None: the device's default.
+    gains : Gains, optional
+        Gains of a motor's two modes; None: the default.
+    calibration : str, Path or Calibration, optional
+        File of `haptorb calibrate` for this device.
+    black_box : str or Path, optional
+        Folder for a recording of the last 100 ticks before every trip; None: they are in `trips` only.
+    watchdog : bool
+        False: drive an I²C bus although nothing switches off when this computer stops; do not touch the device.
+    render : str, optional
+        Part of the world's wrench to render, "force", "torque" or "both"; None: the part that the world defines.
+    torque_arm : float, optional
+        Length that weights torque against force if both are rendered [m]; None: 43.5 mm.
+    grip : str
+        Hand for which the coupling of a scene is chosen: "loose", "light", "firm", or "MASS,DAMPING,STIFFNESS" in kg,
+        N·s/m and N/m.
+    latency : float, optional
+        Latency of the tracker for the same choice [s]; None: 5 ms (assumed) if it has its own process.
+    about : Mapping, optional
+        Texts by name that are stored in the recording, such as a study and its session.
+
+    Raises
+    ------
+    UnknownName
+        If a device, world, estimator or model does not exist.
+    InputError
+        If a value is invalid, or world, tracker or gains do not fit the device.
+    DeviceError
+        If a device file is invalid.
+    CalibrationError
+        If a calibration or frame cannot be read, or belongs to another device or tracker.
+    PlatformError
+        If this is not Linux.
     """
 
     def __init__(

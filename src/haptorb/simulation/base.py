@@ -18,9 +18,15 @@ __all__ = ["CoilSimulation", "Simulation", "simulate"]
 
 
 class Simulation(ABC):
-    """A device, the mover and a hand as differential equations. Deterministic: the same seed and calls, the same bits.
+    """Device, mover and hand as differential equations; the base class of every simulated device.
 
-    It has no clock: the caller of `advance` determines how much time passes.
+    It has no clock: the caller of `advance` determines how much time passes. Deterministic: the same seed and calls
+    give the same bits.
+
+    Attributes
+    ----------
+    device : Device
+        The simulated device.
     """
 
     device: Device

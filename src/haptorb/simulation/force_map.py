@@ -30,17 +30,52 @@ def force_map(
     allocator: Allocator | None = None,
     render: WrenchPart | None = None,
 ) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
-    """Radial force (n,) [N], outward positive, and where currents saturate (n,); radial tool at `points` (n, 3) [m].
+    """Compute the radial force that a device renders of a world at many positions, limits included.
 
-    `device` and `world` may be names in their catalogues, or `device` a file. The device must support force, torque or
-    both on a tool. `model` is the controller model (None: the device's first
-    model); the core's pull is compensated as far as the model includes it. `render` is the part of the wrench to
-    render, by default the part that the world defines; for a torque, the result is the accompanying force. The
-    force given follows from the device's exact model. At rest: no inductance, no heat.
+    The tool is at rest, its axis radial. The world's wrench goes through the controller model, the allocation and the
+    current limits; the resulting force follows from the exact model.
 
-    >>> force, saturated = force_map("omni", "dome", [[0.0, 0.0, 0.055]])
-    >>> bool(force[0] > 0.1), bool(saturated[0])
-    (True, False)
+    Parameters
+    ----------
+    device : Device
+        Device that renders force, torque or both on a tool.
+    world : World
+        World to be rendered.
+    points : array_like, shape (n, 3)
+        Positions of the tool's magnet in the stator frame [m].
+    model : str, optional
+        Controller model; None: the device's first.
+    allocator : Allocator, optional
+        Allocator of the currents; None: that of the device.
+    render : str, optional
+        Part of the wrench to render, "force", "torque" or "both"; None: the part that the world defines. For a torque,
+        the result is the accompanying force.
+
+    Returns
+    -------
+    force : ndarray, shape (n,)
+        Radial force [N], outward positive.
+    saturated : ndarray of bool, shape (n,)
+        Whether a limit of current or power is reached.
+
+    Raises
+    ------
+    UnknownName
+        If the device has no such model.
+    InputError
+        If the kind of device has no force map, or a shape is wrong.
+
+    Notes
+    -----
+    The pull of the core is compensated as far as the controller model includes it. Inductance and heat are left out.
+
+    Examples
+    --------
+    >>> from haptorb.devices.loader import load
+    >>> from haptorb.worlds import Dome
+    >>> force, saturated = force_map(load("omni"), Dome(), [[0.0, 0.0, 0.05]])
+    >>> force.shape, bool(saturated[0])
+    ((1,), False)
     """
     known, at = find_device(device), vectors(points, "points").reshape(-1, 3)
     fitted = (find_world(world)() if isinstance(world, str) else world).for_device(known)

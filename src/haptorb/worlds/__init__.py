@@ -100,7 +100,28 @@ CATALOGUE: dict[str, type[World]] = {
 
 
 def find_world(name: str) -> type[World]:
-    """The world called `name`. Raises UnknownName with the most similar name."""
+    """Find a world of the catalogue by its name.
+
+    Parameters
+    ----------
+    name : str
+        Name on the command line, such as "dome"; `haptorb worlds` lists them.
+
+    Returns
+    -------
+    type of World
+        Class of the world; its parameters have defaults.
+
+    Raises
+    ------
+    UnknownName
+        If there is no such world; the message names the most similar one.
+
+    Examples
+    --------
+    >>> find_world("dome").__name__
+    'Dome'
+    """
     if name not in CATALOGUE:
         raise UnknownName("world", name, CATALOGUE)
     return CATALOGUE[name]

@@ -110,7 +110,37 @@ class Parameter:
 
 
 def parameter(default: float | tuple[float, ...], unit: str, low: float, high: float, about: str) -> Any:
-    """A dataclass field that is a parameter: see `Parameter`."""
+    """Declare a parameter of a world: a dataclass field with unit, range and meaning.
+
+    The console shows a slider for it, `--set` accepts its value in any unit of the same dimension, and every
+    constructor checks it.
+
+    Parameters
+    ----------
+    default : float or tuple of float
+        Default value in `unit`, or 3 numbers for a direction.
+    unit : str
+        Unit of the value, SI, such as "N/m"; "1" for a plain number.
+    low : float
+        Smallest allowed value in `unit`.
+    high : float
+        Largest allowed value in `unit`.
+    about : str
+        Meaning, in a few words.
+
+    Returns
+    -------
+    dataclasses.Field
+        The field, to be assigned in the class body.
+
+    Examples
+    --------
+    >>> @dataclass(frozen=True)
+    ... class Spring:
+    ...     stiffness: float = parameter(20.0, "N/m", 0, 200, "stiffness across the groove")
+    >>> Spring().stiffness, parameters(Spring)["stiffness"].unit
+    (20.0, 'N/m')
+    """
     return field(default=default, metadata={"unit": unit, "low": low, "high": high, "about": about})
 
 
@@ -182,9 +212,35 @@ def _to_tuple(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class World(Presentable, ABC):
-    """A world renders a wrench (6,) for a state: force [N] and torque about the mover's origin [N·m], frame S.
+    """Virtual object or force: renders a wrench for a state; the base class of every world.
 
-    It has no clock and no memory: two calls with the same state give the same wrench. A `DynamicWorld` has a memory.
+    A subclass is a frozen dataclass that implements `wrench`, which returns (6,): force [N], then torque about the
+    mover's origin [N·m], in the stator frame. It has no clock and no memory: the same state gives the same wrench. A
+    `DynamicWorld` has a memory. Worlds add: `Dome() + Wall()`.
+
+    Attributes
+    ----------
+    passive : bool
+        Whether no closed path can extract energy from it.
+    continuous : bool
+        Whether the wrench has no jumps.
+    needs_target : bool
+        Whether it acts on the target that a device moves through modes, whose frame is not the stator's.
+    asks : str or None
+        Part of the wrench that it defines, "force", "torque" or "both"; None: every part that is not zero.
+    remembers : bool
+        Whether it has a memory, as a `DynamicWorld` has.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from haptorb import State
+    >>> @dataclass(frozen=True)
+    ... class Groove(World):
+    ...     def wrench(self, state):
+    ...         return np.array([0.0, -40.0 * state.p[1], 0.0, 0.0, 0.0, 0.0])
+    >>> Groove().wrench(State.at((0, 0.01, 0.05)))[1].item()
+    -0.4
     """
 
     passive: ClassVar[bool] = True  #: no closed path can take energy out of it
@@ -292,7 +348,13 @@ class TargetWorld(World):
 
 @dataclass(frozen=True)
 class Sum(World):
-    """Several worlds together: their wrenches add."""
+    """Several worlds at once: their wrenches add. `first + second` makes one.
+
+    Parameters
+    ----------
+    parts : tuple of World
+        The worlds.
+    """
 
     parts: tuple[World, ...] = ()
 
@@ -337,9 +399,10 @@ class Sum(World):
 
 @dataclass(frozen=True)
 class ContactWorld(World):
-    """A world that computes its wrench from contacts. They are recorded if the kind of device has contacts.
+    """World that computes its wrench from contacts, which are recorded and drawn.
 
-    A kind of device states how many contacts its rows have (`DeviceKind.contacts`); excess contacts are left out.
+    A subclass implements `render_contacts`. The record of the kind of device states how many contacts its rows have
+    (`DeviceKind.contacts`); excess contacts are left out.
     """
 
     @abstractmethod
@@ -368,17 +431,30 @@ SHAPES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3, "m
 
 @dataclass(frozen=True)
 class Shape:
-    """A body that the console draws at a pose from the memory.
+    """Body that the console draws at a pose from a world's memory.
 
-    kind      "sphere", "capsule", "cylinder" or "box", see `SHAPES`
-    size      its dimensions [m]
-    place     memory field with its centre, (3,) [m], in the frame of the world's states
-    attitude  memory field with its orientation, a quaternion (x, y, z, w); empty: along the frame
-    row       row of those fields, if they are tables (n, 3) and (n, 4)
-    at        (7,) initial centre [m] and quaternion; without place and attitude it stays there
-    role      "held", "moves", "fixed" or "path", for its colour; empty: only one kind of body
-    points    (3 n,) x, y, z of a mesh's vertices [m]
-    corners   (3 m,) indices of the vertices of its triangles
+    Parameters
+    ----------
+    name : str
+        Name of the body.
+    kind : str
+        "sphere", "capsule", "cylinder" or "box", see `SHAPES`.
+    size : tuple of float
+        Dimensions [m].
+    place : str
+        Memory field with the centre, shape (3,) [m], in the frame of the world's states.
+    attitude : str
+        Memory field with the orientation, a quaternion (x, y, z, w); empty: along the frame.
+    row : int
+        Row of these fields, if they are tables of shape (n, 3) and (n, 4).
+    at : tuple of float
+        Initial centre [m] and quaternion, 7 numbers; without place and attitude the body stays there.
+    role : str
+        "held", "moves", "fixed" or "path", for the colour; empty: there is only one kind of body.
+    points : tuple of float
+        Coordinates x, y, z of a mesh's n vertices [m], 3 n numbers.
+    corners : tuple of int
+        Indices of the vertices of its m triangles, 3 m numbers.
     """
 
     name: str

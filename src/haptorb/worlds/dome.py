@@ -175,9 +175,24 @@ def overlaps(domes: Sequence[Dome]) -> list[tuple[int, int, float]]:
 
 
 def domes_apart(domes: Sequence[Dome]) -> Sum:
-    """All `domes` at once; InputError names the first two whose cut-offs overlap.
+    """Combine several domes of which no two may overlap.
 
     To let domes overlap, add them: `Dome(...) + Dome(...)`.
+
+    Parameters
+    ----------
+    domes : sequence of Dome
+        The domes.
+
+    Returns
+    -------
+    Sum
+        All domes at once.
+
+    Raises
+    ------
+    InputError
+        If the cut-offs of two domes overlap; the message names the first two.
     """
     if not domes:
         raise InputError("domes_apart needs at least one dome")

@@ -51,8 +51,21 @@ __all__ = [
 
 @dataclass(frozen=True)
 class MemoryField:
-    """One named part of a world's memory: a number, or an array of `shape`, in `unit`.
+    """One named part of a world's memory: a number or an array.
 
+    Parameters
+    ----------
+    name : str
+        Name of the field.
+    unit : str
+        SI unit.
+    about : str
+        Meaning, in a few words.
+    shape : tuple of int
+        Shape of the array; empty: one number.
+
+    Examples
+    --------
     >>> MemoryField("place", "m", "of the ball, stator frame", (3,)).size
     3
     """
@@ -90,8 +103,20 @@ def memory_dtype(fields: tuple[MemoryField, ...]) -> np.dtype[Any]:
 
 
 def make_memory(fields: tuple[MemoryField, ...]) -> Records:
-    """(1,) a record with these `fields`, all zero, in their units.
+    """Make the memory of a world, all zero; a `begin` of its own starts from it.
 
+    Parameters
+    ----------
+    fields : tuple of MemoryField
+        Fields of the memory.
+
+    Returns
+    -------
+    ndarray, shape (1,)
+        Structured array of one record with these fields, in their units.
+
+    Examples
+    --------
     >>> memory = make_memory((MemoryField("speed", "m/s", "of the fluid"),))
     >>> memory["speed"].tolist()
     [0.0]
@@ -187,21 +212,28 @@ class WorldWork(ABC):
 
 @dataclass(frozen=True)
 class DynamicWorld(World):
-    """A world with memory: a structured array of one record, advanced by `dt` in every tick.
+    """World with memory, which is advanced by the loop's period in every tick; the base class of such worlds.
 
-    It declares the fields of its memory (`memory_fields`), creates one (`begin`), and in each tick changes it in
-    place and returns the wrench (`advance`). Nothing else has state: the world itself is frozen, has no clock,
-    and stores nothing that grows, so the same memory, state and dt give the same memory and wrench, bit for bit.
+    A subclass declares the fields of its memory (`memory_fields`), and `advance` changes the memory in place and
+    returns the wrench, shape (6,) [N, N·m]. The world itself is frozen, has no clock, and stores nothing that grows:
+    the same memory, state and dt give the same memory and wrench, bit for bit.
 
-    It advances in every tick with a valid pose, even while the coils are off: a hand still moves objects then,
-    without feeling them. Without a valid pose its time stops and it renders nothing. dt is always the loop's
-    nominal period: if ticks are missed, its time slows down, but never jumps. After a trip or a stop it
-    continues. If it fails, or its memory is no longer finite, the coils go off, and it restarts when a person
-    engages.
+    Attributes
+    ----------
+    passive : bool
+        Whether it delivers no more energy than it received. If it has a memory field `energy` [J], the energy stored
+        after the tick, the passivity control includes it and damps energy that the numerical integration generates.
+    remembers : bool
+        True: it has a memory.
+    takes_commands : bool
+        Whether it renders what programs outside the loop command, see `take_command`.
 
-    passive  it delivers no more energy than it received since it began. If it has a memory field `energy` [J], the
-             energy stored after the tick, the passivity control includes it in the energy of the hand, and damps
-             energy that a time step generates.
+    Notes
+    -----
+    It advances in every tick with a valid pose, even while the coils are off: a hand still moves objects then, without
+    feeling them. Without a valid pose it is paused and renders nothing. dt is always the loop's nominal period: if
+    ticks are missed, its time slows down, but never jumps. After a trip or a stop it continues. If it fails, or its
+    memory is no longer finite, the coils go off, and it restarts when a person engages.
     """
 
     remembers: ClassVar[bool] = True
@@ -313,7 +345,15 @@ class _PartsWork(WorldWork):
 
 @dataclass(frozen=True)
 class DynamicSum(Sum, DynamicWorld):
-    """Several worlds at once, with and without memory: their wrenches add, and each has its own memory."""
+    """Several worlds at once, with and without memory: their wrenches add, and each has its own memory.
+
+    `first + second` makes one.
+
+    Parameters
+    ----------
+    parts : tuple of World
+        The worlds.
+    """
 
     @property
     def name(self) -> str:

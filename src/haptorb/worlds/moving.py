@@ -21,10 +21,19 @@ __all__ = ["ChangingTerrain", "Orbit", "Summits", "Varying", "Wander"]
 
 @dataclass(frozen=True)
 class Varying(World):
-    """The world that `at(state)` returns in every tick: changing terrain, domes that follow the tool.
+    """World that is another world in every tick: changing terrain, domes that follow the tool.
 
-    A moving world can do work, so it is declared active, and not continuous.
+    It can do work, so it is declared active, and not continuous.
 
+    Parameters
+    ----------
+    at : callable
+        (State) → World that is rendered at that state; `state.t` is the time [s].
+    device : Device, optional
+        Device for which the worlds are adapted; a servo sets it.
+
+    Examples
+    --------
     >>> rising = Varying(lambda state: Dome(moment=min(2.4, state.t)))
     >>> bool(rising.wrench(State.at((0, 0, 0.05), t=0.0)).any())
     False

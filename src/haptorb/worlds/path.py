@@ -104,17 +104,32 @@ _SAME = 1e-6  #: two points nearer to each other are one [m]
 @final
 @dataclass(frozen=True, eq=False)
 class GuidancePath:
-    """A curve at even steps of its arc length, in the stator frame.
+    """Curve in the stator frame, sampled at equal steps of arc length.
 
+    `make_path` and `load_path` make one.
+
+    Parameters
+    ----------
+    places : ndarray, shape (n, 3)
+        Points of the curve [m]; the first again at the end if it is closed.
+    tangents : ndarray, shape (n, 3)
+        Unit vectors along the curve.
+    spacing : float
+        Arc length between two points [m].
+    closed : bool
+        Whether the curve ends where it begins.
+
+    Examples
+    --------
     >>> path = make_path([(0, -0.02, 0.05), (0, 0, 0.055), (0, 0.02, 0.05)])
     >>> path.closed, 0.04 < path.length < 0.05
     (False, True)
     """
 
-    places: Array  #: (n, 3) [m], the first again at the end where the path is closed
-    tangents: Array  #: (n, 3) unit vectors along it
-    spacing: float  #: arc length between two places [m]
-    closed: bool  #: it ends where it begins
+    places: Array
+    tangents: Array
+    spacing: float
+    closed: bool
 
     @property
     def length(self) -> float:
@@ -134,14 +149,34 @@ class GuidancePath:
 
 
 def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = True) -> GuidancePath:
-    """The path through `points` (k, 3) [m], k ≥ 2, in their order.
+    """Make a guidance path through given points.
 
-    smooth: a spline through the points; else arcs about the dome's centre from one to the next, with corners. Between
-    points the distance from the centre changes evenly, so that points on a dome give a path on it. closed: the
-    path continues from the last point to the first; None: closed if the last point equals the first.
+    Parameters
+    ----------
+    points : array_like, shape (k, 3)
+        Two or more points in order, in the stator frame [m].
+    closed : bool, optional
+        Whether the path continues from the last point to the first; None: if the last point equals the first.
+    smooth : bool
+        True: a spline through the points. False: arcs about the dome's centre from one point to the next, with corners.
 
-    Raises InputError for fewer points, points that are not numbers or are at the centre, a length below 5 mm or
-    above 2 m, and a path that crosses itself; the message states where.
+    Returns
+    -------
+    GuidancePath
+        The path. Between points the distance from the centre changes evenly, so that points on a dome give a path on
+        it.
+
+    Raises
+    ------
+    InputError
+        For fewer than two points, points that are not numbers or are at the centre, a length below 5 mm or above 2 m,
+        and a path that crosses itself; the message states where.
+
+    Examples
+    --------
+    >>> ring = make_path([(0.02, 0, 0.05), (0, 0.02, 0.05), (-0.02, 0, 0.05), (0, -0.02, 0.05)], closed=True)
+    >>> ring.closed, bool((ring.places[0] == ring.places[-1]).all())
+    (True, True)
     """
     corners = vectors(points, "points of the path")
     if corners.ndim != 2 or len(corners) < 2:
@@ -217,9 +252,26 @@ _HEAD = "x_mm,y_mm,z_mm"
 
 
 def load_path(file: str | Path, *, closed: bool | None = None, smooth: bool = True) -> GuidancePath:
-    """The path through the points of a CSV file whose first line is x_mm,y_mm,z_mm; see `make_path` for the rest.
+    """Load a guidance path from a CSV file.
 
-    Raises InputError, with the line, for a file that cannot be read, another header, or an invalid number.
+    Parameters
+    ----------
+    file : str or Path
+        CSV file whose first line is x_mm,y_mm,z_mm: points in the stator frame [mm].
+    closed : bool, optional
+        As for `make_path`.
+    smooth : bool
+        As for `make_path`.
+
+    Returns
+    -------
+    GuidancePath
+        The path through the points.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read, another header, or an invalid number, with the line; and as `make_path`.
     """
     path = Path(file).expanduser()
     # Spreadsheet programs begin a file with a byte order mark.

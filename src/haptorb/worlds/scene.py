@@ -130,23 +130,32 @@ class SceneWork(WorldWork):
 
 @dataclass(frozen=True)
 class Scene(DynamicWorld):
-    """A MuJoCo scene; the mover, or a motor's target, holds one of its bodies through a virtual coupling.
+    """MuJoCo scene of which the mover, or a motor's target, holds one body through a virtual coupling.
 
-    source  a supplied scene ("peg", "outlet", "boxes", "drawer"), the path of an XML file (MJCF), or an MjModel
-    body    name of the held body; it, or a parent body, needs a joint. Empty: the one that
-            the file names, <custom><text name="held" data="BODY"/></custom>, else "peg"
+    Needs the extra `haptorb[scenes]`.
 
-    The coupling is a spring and a damper between the mover and the origin of the body's frame; for a motor's target
-    it also couples the orientation. The hand feels the coupling, so the loop is stable with any passive scene if
-    it is stable with the coupling against a wall. Stiffness 0 means: not chosen yet. A servo chooses it for its
-    rate, latency and hand (`control.stability.coupling_choice`); until then `UNCHOSEN` is used.
+    Parameters
+    ----------
+    source : str, Path or MjModel
+        A supplied scene ("peg", "outlet", "boxes", "drawer"), the path of an XML file (MJCF), or a model.
+    body : str
+        Name of the held body; it, or a parent body, needs a joint. Empty: the one that the file names,
+        <custom><text name="held" data="BODY"/></custom>, else "peg".
+    anchored : bool
+        True: the mover begins where the scene has the body, as a motor's target does.
 
-    A tool's position is in the frame S of its device, in metres, times `scale`. A motor's target begins at zero, at
-    the initial pose of the body. The hand feels `scale` times the force, so that power is the same as in the
-    scene.
+    Notes
+    -----
+    The coupling is a spring and a damper between the mover and the origin of the body's frame; for a motor's target it
+    also couples the orientation. The hand feels the coupling, so the loop is stable with any passive scene if it is
+    stable with the coupling against a wall (Colgate et al. 1995). With stiffness 0 a servo chooses the coupling for its
+    rate, latency and hand.
 
-    Needs the extra haptorb[scenes]. Simplified: energy stored in contacts is not in `energy`; the passivity control
-    therefore damps earlier, never later.
+    A tool's position is in the stator frame, in metres, times `scale`. A motor's target begins at zero, at the initial
+    pose of the body. The hand feels `scale` times the force, so that power is the same as in the scene.
+
+    Simplified: energy stored in contacts is not in `energy`; the passivity control therefore damps earlier, never
+    later.
     """
 
     source: Any = field(default="peg", repr=False)

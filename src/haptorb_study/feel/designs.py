@@ -219,17 +219,35 @@ _MISTAKES = 40  #: reported at once
 
 @dataclass(frozen=True)
 class Candidate:
-    """One design as it can be felt."""
+    """One design of a snap-fit, or of another world, as it can be rendered.
+
+    Parameters
+    ----------
+    name : str
+        Name in the design file.
+    title : str
+        Title of the design.
+    material : str
+        Material; empty for a world of the user's own.
+    world : World
+        World that renders the design.
+    remarks : tuple of str
+        Remarks about the design.
+    digest : str
+        Digest of everything that determines its force; ratings and traces refer to it.
+    root : RootLoad, optional
+        Load at the root of the hook at its largest deflection; None for a world without a hook.
+    """
 
     name: str
     title: Annotated[str, m.Meaning("title of the file"), m.Form("text")]
-    material: str  #: empty for a world of the user's own
+    material: str
     world: Annotated[
         World, m.Meaning("kind of design: a part that snaps in (snap_fit), or a socket with a plug (outlet)")
     ]
-    remarks: tuple[str, ...]  #: what should be said about it though it can exist
-    digest: str  #: of everything that makes its feel; ratings and traces carry it
-    root: RootLoad | None = None  #: what the hook's root bears where it is bent most; None for a world without a hook
+    remarks: tuple[str, ...]
+    digest: str
+    root: RootLoad | None = None
 
     @property
     def hook(self) -> Hook | None:
@@ -239,7 +257,19 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Candidates:
-    """A file's designs, in its order."""
+    """Designs of a file, in its order; `designs["name"]` is one of them.
+
+    Parameters
+    ----------
+    title : str
+        Title of the file.
+    beam : Model
+        Beam model: Timoshenko's, loaded where the contact is, or the paper's.
+    gains : Gains
+        Gains of the motor's modes.
+    designs : tuple of Candidate
+        The designs.
+    """
 
     title: Annotated[str, m.Meaning("title of the file"), m.Form("text")]
     beam: Annotated[Model, m.Meaning("beam model: Timoshenko's, loaded where the contact is, or the paper's")]
@@ -254,10 +284,23 @@ class Candidates:
 
 
 def load_designs(path: str | Path) -> Candidates:
-    """The designs in the TOML file at `path`.
+    """Load the designs of a file for `haptorb feel`.
 
-    Raises InputError with every mistake: file, design, key, value and what was expected; among them sizes that
-    contradict each other, with the amount (erratum E8).
+    Parameters
+    ----------
+    path : str or Path
+        TOML file with the designs.
+
+    Returns
+    -------
+    FeelDesigns
+        The designs, in the order of the file.
+
+    Raises
+    ------
+    InputError
+        With every mistake: file, design, key, value and what was expected; among them sizes that contradict each other,
+        with the amount (erratum E8).
     """
     where = str(path)
     text = read_text(path, "design file", InputError, kind=FileKind.FELT_DESIGNS)

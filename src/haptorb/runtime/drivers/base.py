@@ -40,7 +40,20 @@ _NO_WRENCH = np.full(6, np.nan)
 
 
 class Driver(ABC):
-    """The interface of every driver. Coils are off before `open`, after `close`, and after leaving `with`."""
+    """Interface to a device, simulated or real; the base class of every driver.
+
+    Coils are off before `open`, after `close`, and after leaving a `with` block. A subclass implements `open`, `close`,
+    `read` and `write`, and sets the attributes below.
+
+    Attributes
+    ----------
+    name : str
+        Name on the command line, as in `--driver`.
+    simulated : bool
+        True only if the device cannot touch a person.
+    lead : float
+        Time before a tick at which `prepare` is called [s].
+    """
 
     name: str  #: as in `--driver`
     simulated: bool  #: whether a person can be touched by it

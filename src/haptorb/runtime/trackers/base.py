@@ -17,11 +17,20 @@ __all__ = ["RESTART_SILENCE", "Feed", "FramedFeed", "Goal", "RawPose", "Rejected
 
 
 class RawPose(NamedTuple):
-    """One pose as received, not yet checked.
+    """Pose as received from a tracker, not yet checked.
 
-    p and q are as sent: three and four numbers that may be anything. `valid` False: the tracker reports that it
-    lost the tool; then they are ignored. `stamp` [s] is the time of measurement on the computer's monotonic
-    clock; `arrival` the time of arrival.
+    Parameters
+    ----------
+    p : tuple of float
+        Position as sent: three numbers [m], or whatever the sender sent.
+    q : tuple of float
+        Quaternion (x, y, z, w) as sent, from the tool's frame to the tracker's.
+    stamp : float
+        Time of measurement on the computer's monotonic clock [s].
+    arrival : float
+        Time of arrival on the same clock [s].
+    valid : bool
+        False: the tracker reports that it lost the tool; p and q are ignored.
     """
 
     p: tuple[float, ...]
@@ -38,9 +47,15 @@ class RejectedPose(NamedTuple):
 
 
 class Feed(ABC):
-    """A source of poses, in its own process: it may wait, and it may fail.
+    """Source of poses in its own process, where it may wait and may fail; the base class of every tracker.
 
-    `one_tool` False: its poses are pointer targets, which may jump.
+    A subclass implements `receive` and `close`. haptorb checks the poses, computes velocities and counts what it
+    rejects.
+
+    Attributes
+    ----------
+    one_tool : bool
+        False: the poses are pointer targets, which may jump; a jump then does not count as a loss.
     """
 
     one_tool = True
