@@ -35,7 +35,7 @@ def _paragraph(lines: list[str]) -> list[str]:
         end = code.end()
     parts.append(_MARKUP.sub(r"\\\1", text[end:]))
     escaped = "".join(parts)
-    return [line if number else re.sub(r"^(\W|\w[.)]\s|\w+[.)]\s)", r"\\\1", line)
+    return [line if number else re.sub(r"^(?!``)(\W|\w[.)]\s|\w+[.)]\s)", r"\\\1", line)
             for number, line in enumerate(escaped.splitlines())]  # fmt: skip
 
 
@@ -123,7 +123,18 @@ def _process(app: Sphinx, what: str, name: str, obj: object, options: Any, lines
     lines[:] = converted(lines)
 
 
+_ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")
+
+
+def _name_aliases(
+    app: Sphinx, what: str, name: str, obj: object, options: Any, signature: str | None, result: str | None
+) -> tuple[str | None, str | None]:
+    """`Array` in a union or a tuple, as it is written everywhere else."""
+    return tuple(text and _ALIAS.sub(r"\1", text) for text in (signature, result))  # type: ignore[return-value]
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Hook into autodoc."""
     app.connect("autodoc-process-docstring", _process)
+    app.connect("autodoc-process-signature", _name_aliases)
     return {"parallel_read_safe": True}

@@ -31,10 +31,10 @@ _INTRODUCTION = """
 Public API
 ==========
 
-These six packages are the public API of haptorb. What the documentation uses is imported from them. Their names are
-loaded when first used. From version 0.2.0 on, a public name changes only with a warning one version before.
+These six packages are the public API of haptorb: what the documentation uses is imported from them. A name's module is
+loaded when the name is first used.
 
-All other modules are internal and may change without notice, even if their pages stand in this reference.
+All other modules are internal and may change without notice.
 ``haptorb_study`` and ``haptorb_design`` need the extras ``haptorb[study]`` and ``haptorb[design]``.
 """
 
@@ -65,7 +65,10 @@ def sources(package: str) -> dict[str, tuple[str, str]]:
     return {name: found.get(name, (package, name)) for name in module.__all__}
 
 
+#: place of definition → public name
 _PUBLIC_NAMES = {place: f"{package}.{name}" for package in PUBLIC for name, place in sources(package).items()}
+
+_PUBLIC_CLASSES = [getattr(import_module(module), name) for module, name in _PUBLIC_NAMES]
 
 
 def _about_data(module: str, name: str) -> str:
@@ -103,18 +106,25 @@ def public_page(package: str) -> list[str]:
     for name, place in sources(package).items():
         thing = getattr(module, name)
         if inspect.isclass(thing) or inspect.isroutine(thing):
-            lines += _describe(f"{package}.{name}", thing)
+            lines += _describe(f"{package}.{name}", thing, public=True)
         else:
             lines += [f".. py:data:: {package}.{name}", "", f"   {_first_line(thing, place)}", ""]
     return lines
 
 
-def _describe(name: str, thing: object) -> list[str]:
+def _is_own(base: type) -> bool:
+    return base.__module__.startswith("haptorb") and base.__name__ != "Presentable"
+
+
+def _describe(name: str, thing: object, *, public: bool = False) -> list[str]:
     """The directive that describes a class, function or constant."""
     kind = "class" if inspect.isclass(thing) else "function" if callable(thing) else "data"
     lines = [f".. auto{kind}:: {name}"]
     if inspect.isclass(thing):
-        lines += ["   :members:"]
+        lines += ["   :members:", f"   :exclude-members: {', '.join(getattr(thing, '_fields', ())) or '__none__'}"]
+        if public:  # methods of internal bases are methods of this class; those of others are described there
+            others = {base.__name__ for base in thing.__mro__[1:] if base in _PUBLIC_CLASSES or not _is_own(base)}
+            lines += [f"   :inherited-members: {', '.join(sorted(others))}"]
         if thing.__bases__ != (object,):
             lines += ["   :show-inheritance:"]
     return [*lines, ""]

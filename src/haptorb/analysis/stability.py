@@ -81,7 +81,7 @@ class HandGrip:
         return HandGrip(self.mass + mass, self.damping, self.stiffness)
 
 
-#: name → hand. `loose` is assumed: fingers that only guide, with the least damping that any hand is assumed to have
+#: Grips of a hand by name, `HandGrip` each. `loose` is assumed: fingers that only guide, with the least damping.
 GRIPS = {
     "loose": HandGrip(0.1, 1.0, 20.0),
     "light": HandGrip(0.1, 2.0, 100.0),

@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -26,6 +27,7 @@ from haptorb.devices.electromagnet import (
     shell_capability,
 )
 from haptorb.devices.field_sensors import SensorErrors
+from haptorb.devices.loader import find_device
 from haptorb.devices.motor import GRAVITY, SphericalMotor
 from haptorb.display import format_number
 from haptorb.errors import InputError
@@ -1191,7 +1193,7 @@ class ErrorReport(NotebookReport):
 
 
 def report_errors(
-    device: Device,
+    device: Device | str | Path,
     *,
     asked: float | None = None,
     estimator: str | None = None,
@@ -1204,8 +1206,8 @@ def report_errors(
 
     Parameters
     ----------
-    device : Device
-        Device from `haptorb.load`.
+    device : Device, str or Path
+        Device, or its name in the catalogue, or path of its file.
     asked : float, optional
         Magnitude of the commanded wrench [N or N·m]; None: half of the smallest peak.
     estimator : str, optional
@@ -1233,10 +1235,11 @@ def report_errors(
     -----
     Propagation of distributions by Monte Carlo (JCGM 101:2008); shares are first-order Sobol indices.
     """
-    model = device.kind.require_part("errors", device.name, "`haptorb inspect --errors`")(
-        device, asked, estimator, calibration
+    known = find_device(device)
+    model = known.kind.require_part("errors", known.name, "`haptorb inspect --errors`")(
+        known, asked, estimator, calibration
     )
-    return ErrorReport(device, error_budget(model, samples, seed, report))
+    return ErrorReport(known, error_budget(model, samples, seed, report))
 
 
 def _format_size(size: float) -> str:

@@ -32,9 +32,9 @@ class CoilState(IntEnum):
         2, after a command to switch off that the device has not confirmed yet.
     """
 
-    OFF = 0  #: confirmed by the device
+    OFF = 0
     ON = 1
-    UNKNOWN = 2  #: off was asked for, and the device has not confirmed it yet
+    UNKNOWN = 2
 
 
 class Trip(IntEnum):

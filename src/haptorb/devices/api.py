@@ -15,8 +15,8 @@ def wrench_map(device: Device | str | Path, state: State, model: str | None = No
 
     Parameters
     ----------
-    device : Device or str
-        Device, or its name for `haptorb.load`.
+    device : Device, str or Path
+        Device, or its name in the catalogue, or path of its file.
     state : State
         Pose of the mover.
     model : str, optional

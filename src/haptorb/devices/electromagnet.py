@@ -603,15 +603,13 @@ class ShellCapability:
     endurance: tuple[tuple[float, float], ...]
 
 
-def shell_capability(
-    device: SphericalElectromagnet, distances: Array | None = None, points: int = 60
-) -> ShellCapability:
+def shell_capability(device: Device | str | Path, distances: Array | None = None, points: int = 60) -> ShellCapability:
     """Compute the peak and continuous force of a spherical electromagnet over its shell.
 
     Parameters
     ----------
-    device : SphericalElectromagnet
-        Device from `haptorb.load`.
+    device : Device, str or Path
+        Spherical electromagnet, or its name in the catalogue, or path of its file.
     distances : ndarray, shape (n,), optional
         Distances of the tool's magnet from the centre [m]; None: five from contact to the top of the shell.
     points : int
@@ -622,6 +620,11 @@ def shell_capability(
     ShellCapability
         Forces [N] in the weakest direction at each distance, and times [s] from cold to derating.
 
+    Raises
+    ------
+    InputError
+        If the device is not a spherical electromagnet.
+
     Notes
     -----
     Exact model, within the current limits, the continuous currents and the power of the supply, with windings at the
@@ -629,15 +632,15 @@ def shell_capability(
 
     Examples
     --------
-    >>> from haptorb import load
-    >>> contact = shell_capability(load("omni"), points=20).layers[0]
+    >>> contact = shell_capability("omni", points=20).layers[0]
     >>> contact.lasting_radial_all_warm < contact.peak_radial
     True
     """
+    known = electromagnet(device, "the capability of a shell")
     if distances is None:
-        distances = device.contact_distance + np.linspace(0, device.shell_thickness, 5)
-    directions = cap_directions(device.workspace_half_angle, points)
-    return ShellCapability(tuple(_layer(device, float(d), directions) for d in distances), endurance(device))
+        distances = known.contact_distance + np.linspace(0, known.shell_thickness, 5)
+    directions = cap_directions(known.workspace_half_angle, points)
+    return ShellCapability(tuple(_layer(known, float(d), directions) for d in distances), endurance(known))
 
 
 def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -> Layer:

@@ -647,8 +647,8 @@ def torque_characteristic(
 
     Parameters
     ----------
-    device : Device or str
-        Spherical motor, or its name for `haptorb.load`.
+    device : Device, str or Path
+        Spherical motor, or its name in the catalogue, or path of its file.
     R_SR : array_like, shape (3, 3) or (n, 3, 3)
         Rotation from the rotor's frame to the stator frame.
     model : str
@@ -693,8 +693,8 @@ def sensor_field(device: Device | str | Path, R_SR: ArrayLike, model: str = "tab
 
     Parameters
     ----------
-    device : Device or str
-        Spherical motor, or its name for `haptorb.load`.
+    device : Device, str or Path
+        Spherical motor, or its name in the catalogue, or path of its file.
     R_SR : array_like, shape (3, 3) or (n, 3, 3)
         Rotation from the rotor's frame to the stator frame.
     model : str
@@ -729,8 +729,8 @@ def field(device: Device | str | Path, R_SR: ArrayLike, points: ArrayLike, curre
 
     Parameters
     ----------
-    device : Device or str
-        Spherical motor, or its name for `haptorb.load`.
+    device : Device, str or Path
+        Spherical motor, or its name in the catalogue, or path of its file.
     R_SR : array_like, shape (3, 3) or (n, 3, 3)
         Rotation from the rotor's frame to the stator frame.
     points : array_like, shape (p, 3)

@@ -17,7 +17,7 @@ from haptorb.magnetics.source import Source
 
 __all__ = ["MU0", "Dipole", "field", "field_gradient", "force", "torque"]
 
-MU0 = 4e-7 * np.pi  #: vacuum permeability [T·m/A], the rounded value that both papers use
+MU0 = 4e-7 * np.pi  #: Vacuum permeability μ0 [T·m/A], the rounded value 4π·10⁻⁷ that both papers use.
 _K = MU0 / (4 * np.pi)
 
 

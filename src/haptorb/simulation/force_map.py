@@ -37,10 +37,10 @@ def force_map(
 
     Parameters
     ----------
-    device : Device
-        Device that renders force, torque or both on a tool.
-    world : World
-        World to be rendered.
+    device : Device, str or Path
+        Device that renders force, torque or both on a tool; or its name, or path of its file.
+    world : World or str
+        World to be rendered, or its name in the catalogue.
     points : array_like, shape (n, 3)
         Positions of the tool's magnet in the stator frame [m].
     model : str, optional
@@ -61,7 +61,7 @@ def force_map(
     Raises
     ------
     UnknownName
-        If the device has no such model.
+        If there is no such device, world or model.
     InputError
         If the kind of device has no force map, or a shape is wrong.
 
@@ -71,11 +71,9 @@ def force_map(
 
     Examples
     --------
-    >>> from haptorb.devices.loader import load
-    >>> from haptorb.worlds import Dome
-    >>> force, saturated = force_map(load("omni"), Dome(), [[0.0, 0.0, 0.05]])
-    >>> force.shape, bool(saturated[0])
-    ((1,), False)
+    >>> force, saturated = force_map("omni", "dome", [[0.0, 0.0, 0.055]])
+    >>> bool(force[0] > 0.1), bool(saturated[0])
+    (True, False)
     """
     known, at = find_device(device), vectors(points, "points").reshape(-1, 3)
     fitted = (find_world(world)() if isinstance(world, str) else world).for_device(known)

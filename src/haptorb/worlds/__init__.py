@@ -68,7 +68,7 @@ __all__ = [
     "parameter",
 ]
 
-#: name on the command line → world; contract tests run over all of them
+#: World classes by their names on the command line.
 CATALOGUE: dict[str, type[World]] = {
     "dome": Dome,
     "nothing": Nothing,
