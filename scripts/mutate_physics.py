@@ -1,11 +1,11 @@
-"""Change one factor or sign of the physics and see reproduced rows go red: `python scripts/mutate_physics.py [WORD…]`.
+"""Change one factor or sign of the physics and see the rows go red: `python scripts/mutate_physics.py [WORD…]`.
 
 With words: only the mutations in whose name one of them stands. A row of `haptorb reproduce` that cannot turn red shows
 nothing. So each mutation of `physics_mutations.MUTATIONS` is made in a copy of the sources, and the rows are computed
 anew in a process of its own, with a cache of its own: kernels and tables are named after the sources that make them, so
 a changed formula meets neither a compiled one nor a stored table. The record of which rows went red is kept beside this
 file (`--write`); without that option the run is compared with it. The exit code is the number of mutations that no row
-notices, of files of the physics without a mutation or a reason, and of reproduced and contradicted rows that no
+notices, of files of the physics without a mutation or a reason, and of rows of SHOWN that no
 mutation turns red, but for those that compute with what is printed alone (`PRINT_ONLY`).
 
 `--slow` adds the rows that take minutes.
@@ -30,7 +30,7 @@ from physics_mutations import MUTATIONS, PRINT_ONLY, REASONS, SLOW
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "haptorb"
 RECORD = Path(__file__).with_name("physics_mutations.json")
-SHOWN = ("reproduced", "contradicted")  #: classes whose rows must be able to turn red
+SHOWN = ("reproduced", "implied", "set and found", "contradicted")  #: classes whose rows must be able to turn red
 
 _COMPUTE = """
 import json, sys
@@ -104,7 +104,7 @@ def find_gaps(record: dict[str, list[str]], sound: dict[str, str]) -> list[str]:
         mutated[mutation.file] += record.get(mutation.name, [])
     gaps = [f"{mutation.name}: no row turns red" for mutation in MUTATIONS if not record.get(mutation.name)]
     for file in list_physics():
-        shown = [row for row in mutated.get(file, []) if sound.get(row) == "reproduced"]
+        shown = [row for row in mutated.get(file, []) if sound.get(row) in ("reproduced", "implied")]
         if not shown and file not in REASONS:
             gaps.append(f"{file}: no reproduced row turns red by a change of it")
     red = {row for rows in record.values() for row in rows}

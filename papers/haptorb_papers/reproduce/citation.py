@@ -98,6 +98,24 @@ class Citation:
         """
         return replace(self.item(name, what, published, computed, unit, tolerance, why, where=where), basis="assumed")
 
+    def set_and_find(
+        self,
+        name: str,
+        what: str,
+        given: SupportsFloat,
+        computed: SupportsFloat,
+        unit: str = "1",
+        tolerance: float = 1e-9,
+        why: str = ROUNDING,
+        *,
+        implied: bool = True,
+        erratum: str = "",
+        where: str = "",
+    ) -> Item:
+        """A value that was set, and what a computation that starts from it finds; `implied` unless it is printed."""
+        item = self.item(name, what, given, computed, unit, tolerance, why, erratum=erratum, where=where)
+        return replace(item, basis="set", implied=implied)
+
     def compare(
         self,
         name: str,

@@ -24,6 +24,7 @@ __all__ = [
     "bend_hook",
     "compute_pull_stiffness",
     "hold_hook",
+    "pull_bends",
     "pull_over_stored",
     "thickness",
 ]
@@ -100,6 +101,18 @@ def hold_hook(length: float, bent: float, slope: float, friction: float) -> tupl
         turn = math.atan(push * (by_push + ratio * by_pull))
     energy = 0.5 * push**2 * (plus + 2 * ratio * minus + ratio**2 * along)
     return ratio * push, push, turn, push * (minus + ratio * along), energy
+
+
+def pull_bends() -> float:
+    """Ω₋ [1] at the contact of a beam that carries the pull's moment where it acts: what (13) has to give.
+
+    >>> round(pull_bends())
+    4425
+    """
+    return float(
+        quad(lambda x: 12 * (L_M - x) * (thickness(L_M) - thickness(x) / 2) / thickness(x) ** 3, 0, L_M,
+             points=[L_B, END])[0]
+    )  # fmt: skip
 
 
 def pull_over_stored(friction: float) -> float:

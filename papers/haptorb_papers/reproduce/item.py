@@ -6,17 +6,23 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from haptorb.errors import InputError, quote
+
 __all__ = ["CLASSES", "MEANINGS", "Basis", "Item", "exempt"]
 
 #: How the number here was obtained: computed without the printed one, held by a file or a table of the package, assumed
-#: or fitted so that the printed one comes out, or computed to be compared with another number of this project.
-Basis = Literal["computed", "held", "assumed", "own"]
+#: or fitted so that the printed one comes out, set and then found again by a computation that starts from it, or
+#: computed to be compared with another number of this project.
+Basis = Literal["computed", "held", "assumed", "set", "own"]
 
 #: The classes, and what each of them says
 MEANINGS = {
-    "reproduced": "an independent computation agrees with the printed value",
+    "reproduced": "a computation that did not get the printed number as an input agrees with it",
+    "implied": "no number is printed; an independent computation agrees with what an equation or sentence implies",
+    "set and found": "a value that was set is found again at the other end of the code; not evidence about the paper",
     "contradicted": (
-        "the computation contradicts the printed value and agrees with a correction that has evidence: an erratum"
+        "the computation contradicts what is printed or implied and agrees with a correction that has evidence: an "
+        "erratum"
     ),
     "differs": "the computation agrees neither with the printed value nor with a correction",
     "transcribed": "a device file, a world or a table of haptorb contains the value; nothing is computed",
@@ -26,12 +32,15 @@ MEANINGS = {
 }
 CLASSES = tuple(MEANINGS)
 
-_CLASS_OF: dict[Basis, str] = {"held": "transcribed", "assumed": "assumed", "own": "ours"}
+_CLASS_OF: dict[Basis, str] = {"held": "transcribed", "assumed": "assumed", "set": "set and found", "own": "ours"}
+_PAPERS = ("bai2012", "zarate2020")
 
 
 @dataclass(frozen=True)
 class Item:
     """A statement of a paper against ours. Build it by a `Citation`, which knows the basis from what it is given.
+
+    Raises InputError for a statement without a source: a known paper, and a place in it.
 
     id          short and unique within its paper
     paper       key in references.bib
@@ -68,6 +77,13 @@ class Item:
     held_at: str = ""
     known: str = ""
 
+    def __post_init__(self) -> None:
+        if self.paper not in _PAPERS or not self.where.strip():
+            raise InputError(
+                f"row '{self.id}' has no source: paper {quote(self.paper)}, place {quote(self.where)}; name one of "
+                f"{', '.join(_PAPERS)} and the figure, table, equation or section"
+            )
+
     @property
     def verdict(self) -> str:
         """One of CLASSES. NaN differs, and so does a correction missed.
@@ -88,7 +104,9 @@ class Item:
             return "ours"
         if not abs(self.computed - goal) <= self.tolerance:
             return "differs"
-        return _CLASS_OF.get(self.basis) or ("contradicted" if self.is_corrected else "reproduced")
+        if self.basis in _CLASS_OF:
+            return _CLASS_OF[self.basis]
+        return "contradicted" if self.is_corrected else "implied" if self.implied else "reproduced"
 
     @property
     def is_corrected(self) -> bool:
@@ -125,7 +143,7 @@ class Item:
         """`why`, or where nothing was said, what the class says of a value that was not computed."""
         if self.known and self.verdict == "differs":
             return self.known
-        if self.why or self.verdict in ("reproduced", "contradicted", "differs", "not checkable"):
+        if self.why or self.verdict in ("reproduced", "implied", "contradicted", "differs", "not checkable"):
             return self.why
         return f"from {self.held_at}" if self.held_at else MEANINGS[self.verdict]
 

@@ -28,7 +28,7 @@ def item_anchor(item: Item) -> str:
 
 def css_class(verdict: str) -> str:
     """In which colour a class is written."""
-    return {"reproduced": "good", "contradicted": "erratum", "differs": "bad"}.get(verdict, "open")
+    return {"reproduced": "good", "implied": "good", "contradicted": "erratum", "differs": "bad"}.get(verdict, "open")
 
 
 def _row(item: Item) -> str:

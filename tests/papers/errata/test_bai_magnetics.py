@@ -79,6 +79,13 @@ def true() -> np.ndarray:
     return exact(EM.body)
 
 
+def test_e28_the_loops_of_equation_7_divide_the_radius_evenly(numbers):
+    assert numbers("bai2012", "equations 7 to 9", "dmp-7-pm", "dmp-7-em") == pytest.approx([12.7, 13.611], abs=1e-3)
+    for model, radius, loops in ((PM.model, 15.875e-3, 4), (EM.model, 15.88e-3, 6)):
+        found = np.unique(np.hypot(model.poles[:, 0], model.poles[:, 1]).round(9))
+        assert found == pytest.approx(np.arange(loops + 1) * radius / (loops + 1), abs=1e-8)
+
+
 def test_moments_in_the_readings_of_table_1(numbers):
     """E1: the magnet's poles and its polarization agree for l̄/l = 0.2, not for the printed 0.3."""
     ids = "t1-pm-per-metre", "t1-pm-ratio", "t1-pm-printed", "t1-em-moment", "t1-em-aspect"

@@ -104,6 +104,31 @@ def test_e26_c_of_equation_5_is_current_over_field(numbers, printed) -> None:
     assert printed(ZARATE, "equations 3 to 6", "drive-5-c") == pytest.approx([0.219], abs=5e-4)
 
 
+def test_e33_the_force_depends_on_more_than_alpha_unless_the_tool_is_radial(numbers) -> None:
+    assert numbers(ZARATE, "equations 1 and 2", "model-1-leaning") == pytest.approx([1.170], abs=5e-4)
+
+
+def test_e34_the_endurances_hold_for_constant_power(numbers) -> None:
+    ids = "power-full", "power-half", "power-full-current", "power-half-current"
+    assert numbers(ZARATE, "forces", *ids) == pytest.approx([5.0, 60.0, 4.2, 43.0], rel=0.012)
+    # small steps: a heated winding, its body, the core, and the other two coils; copper's resistance, 60 K of rise
+    for amperes, printed, held in ((20.0, 5.0, 4.2), (10.0, 60.0, 43.0)):
+        for hotter, seconds in ((0.0, printed), (3.93e-3, held)):
+            winding = body = core = others = bodies = t = 0.0
+            dt = 4e-3
+            while winding < 60.0:
+                heat = 0.6 * amperes**2 * (1.0 + hotter * (5.0 + winding))
+                out, aside, on = 1.397 * (winding - body), 0.5 * (winding - core), 1.0 * (core - others)
+                beyond = 2.794 * (others - bodies)
+                winding += (heat - out - aside) / 15.05 * dt
+                body += (out - 0.1488 * body) / 39.12 * dt
+                core += (aside - on) / 50.0 * dt
+                others += (on - beyond) / 30.1 * dt
+                bodies += (beyond - 0.2976 * bodies) / 78.24 * dt
+                t += dt
+            assert t == pytest.approx(seconds, rel=0.012)
+
+
 def test_e30_f0_is_half_the_force_at_the_summit() -> None:
     device = load("omni")
     world = Dome(moment=2.4).for_device(device)

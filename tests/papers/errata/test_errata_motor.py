@@ -79,6 +79,16 @@ def test_e5_only_the_corrected_equation_is_the_derivative_of_the_energy(numbers,
     assert numbers(BAI, "equations 7 to 9", *ids) == pytest.approx(by_energy, abs=1e-7)
 
 
+def test_e6_the_torques_of_the_modes_belong_to_the_euler_angles(numbers) -> None:
+    ids = "eq-6-cartesian-lambda", "eq-6-cartesian-phi"
+    assert numbers(BAI, "equations 1 to 6", *ids) == pytest.approx([0.924, 0.854], abs=5e-4)
+    # by statics: the axes of λ and φ in the stator at ψ = λ = 22.5°, from products of elementary rotations
+    tilt = np.radians(22.5)
+    about_x = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
+    about_y = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    assert numbers(BAI, "equations 1 to 6", *ids) == pytest.approx([about_x[1, 1], (about_x @ about_y)[2, 2]], abs=1e-6)
+
+
 def test_e6_only_equation_6b_conserves_power(numbers) -> None:
     assert numbers(BAI, "equations 1 to 6", "eq-6-power", "eq-6-text") == pytest.approx([0.0, 1.75], abs=1e-12)
     rng = np.random.default_rng(6)

@@ -1,12 +1,14 @@
-"""Errata E7 to E11, E20, E21, E27, E28: what Bai 2012 prints of the snap-fit, against integrals and beam theory."""
+"""Errata E7 to E11, E20, E21, E27 to E29, E32: the snap-fit of Bai 2012 in print, against integrals and beam theory."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
-from haptorb.beams import balance_face, compliance
+from haptorb.beams import TABLE_3, appendix_b, balance_face, compliance
+from haptorb.devices.base import State
 from haptorb.worlds import Outlet, SnapFit
 
 pytestmark = pytest.mark.background
@@ -43,9 +45,9 @@ def test_e10_the_last_member_of_equation_18_is_a_length_squared(numbers, printed
 
 
 def test_e11_a_beam_loaded_where_the_contact_is_is_almost_five_times_softer(numbers, printed) -> None:
-    found = numbers(BAI, "appendix B", "b-12-load", "b-12-load-flat", "b-12-softer")
-    assert found == pytest.approx([15490, 15206, 4.77], rel=0.002)
-    assert printed(BAI, "appendix B", "b-12-load-flat") == pytest.approx([3245.9], abs=0.1)
+    found = numbers(BAI, "appendix B", "b-12-load", "b-12-load-flat", "b-12-softer", "b-13-load")
+    assert found == pytest.approx([15490, 15206, 4.77, 4425], rel=0.002)
+    assert printed(BAI, "appendix B", "b-12-load-flat", "b-13-load") == pytest.approx([3245.9, 3119.4], abs=0.1)
 
 
 def test_e20_the_reaction_torque_falls_with_the_tilt_not_against_it(numbers) -> None:
@@ -77,6 +79,27 @@ def test_e28_the_appendix_names_beta_sigma_and_p_k(numbers, printed) -> None:
     ids = "b-b4", "b-b5a"
     assert numbers(BAI, "appendix B", *ids) == pytest.approx(printed(BAI, "appendix B", *ids), rel=1e-8)
     assert numbers(BAI, "appendix B", "b-12-thickness") == pytest.approx([4.0])
+
+
+def test_e28_a_length_in_16_and_a_ratio_in_10() -> None:
+    # (17) with (16)'s lengths is the pull of the outlet in newtons; with (10)'s ratios it lacks a factor of h₀, 0.6 mm
+    soft = appendix_b(TABLE_3)
+    lengths = 113e9 * 8e-3 * 0.134 * (6.3e-3 - 4.8e-3) / (soft.plus + 0.134 * soft.minus)
+    ratios = 113e9 * 8e-3 * 0.134 * (6.3 - 4.8) / 0.6 / (soft.plus + 0.134 * soft.minus)
+    pull = Outlet(beam="paper").wrench(State.at((1e-3, 0, 0), R_SR=np.eye(3), v=(1e4, 0, 0)))[0]
+    assert -pull == pytest.approx(lengths, rel=1e-6)
+    assert -pull == pytest.approx(ratios * TABLE_3.thickness, rel=1e-6)
+
+
+def test_e32_friction_on_the_faces_of_the_plug_is_a_couple(numbers) -> None:
+    assert numbers(BAI, "figure 7", "fig7-18-couple") == pytest.approx([1 - 0.134 * 3.15 / 15], abs=1e-5)
+    # by the contacts themselves: two forces along X', 3.15 mm to either side
+    plug = State.at((1e-3, 0.1e-3, 0), R_SR=np.eye(3), v=(1e4, 0, 0))
+    along = [contact.force[0] for contact in Outlet(beam="paper").contacts(plug)]
+    couple = -3.15e-3 * (along[0] - along[1])
+    wrench = Outlet(beam="paper").wrench(plug)
+    assert wrench[5] - 15e-3 * wrench[1] == pytest.approx(couple, rel=1e-6)
+    assert couple == pytest.approx(-0.134 * 3.15e-3 * wrench[1], rel=1e-6)
 
 
 def test_e29_the_outlets_hooks_are_bent_beyond_yield() -> None:

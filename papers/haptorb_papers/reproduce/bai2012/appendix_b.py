@@ -8,7 +8,17 @@ import numpy as np
 
 from haptorb.beams import TABLE_3, appendix_b, compliance
 from haptorb_papers.reproduce.citation import Citation
-from haptorb_papers.reproduce.hook_quadrature import BENDING, L_B, L_M, MINUS_1, MINUS_2, SHEAR, bend_hook, thickness
+from haptorb_papers.reproduce.hook_quadrature import (
+    BENDING,
+    L_B,
+    L_M,
+    MINUS_1,
+    MINUS_2,
+    SHEAR,
+    bend_hook,
+    pull_bends,
+    thickness,
+)
 from haptorb_papers.reproduce.item import Item
 from haptorb_papers.reproduce.registry import Drawing, Report
 
@@ -53,6 +63,10 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.note("12-load", "the same, ramp straight to ℓ_m (E8)", ramp, "1", where="eq. (12)"),
         _AT.note("12-softer", "how much softer that is: ratio of the two", ramp / closed.plus, "1", "E11",
                  where="eq. (12)"),
+        _AT.claim("13-load", "Ω₋ of (13), with E9's H_x, and of a beam that carries the pull's moment from root to "
+                  "contact", closed.minus, float(compliance(hook, hook.peak).minus), "1", 0.5,
+                  "6X stands for 12(X − ξ); by another quadrature", erratum="E11",
+                  corrected=pull_bends(), where="eq. (13)"),
         _AT.claim("12-thickness", "'Δ₊ = δ₊/h': thickness at the contact over h₀, if h is read literally", 1.0,
                  hook.section(hook.peak) / hook.thickness, "1", 1e-9, "h₀ is meant; otherwise all is 4 times smaller",
                  erratum="E28", corrected=thickness(L_M), where="eq. (12)"),

@@ -28,6 +28,7 @@ _GAINS = Gains(  # all different, so that no two can be taken for each other
     rotate_torque=(0.19, 0.23, 0.29),
 )
 _TURN = 0.01  #: [rad]
+_DIAGONAL = math.radians(22.5)  #: of ψ and λ, in the corner of the working space
 
 
 def items(report: Report) -> tuple[tuple[Item, ...], None]:
@@ -64,6 +65,14 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  "(due to F_Y')', F_X' = F_Y', λ alone moves, ζ̂₁ = 0.4, ζ̂₂ = 0.7", 1.0, _find_power_by_text(), "1",
                  1e-12, "λ moves X' by (6a), and the text has F_Y' act on it: η̂₁ = ζ̂₂ stands where ζ̂₁ must",
                  erratum="E6", corrected=0.7 / 0.4, where="§3.2"),
+        *(
+            _AT.claim(f"6-cartesian-{name}", f"power at the handle over power at the target if T_{sign} of (6b) is "
+                      f"taken as the {axis} component of the torque of (2) and (9): ψ = λ = 22.5°, {sign} alone moves",
+                      1.0, _take_as_cartesian(n), "1", 1e-6, "T_ψ, T_λ, T_φ do work on the Euler rates, whose axes "
+                      "are not the stator's", erratum="E6", corrected=share, where="eqs. (2), (9), (6b)")
+            for n, name, sign, axis, share in (
+                (1, "lambda", "λ", "Y", math.cos(_DIAGONAL)), (2, "phi", "φ", "Z", math.cos(_DIAGONAL) ** 2))
+        ),
         _AT.item("6-six", "independent motions of the target in the two modes", 6, _count_freedoms(), where="§2.1"),
     ]  # fmt: skip
     report(1.0)
@@ -136,7 +145,7 @@ def _motions() -> list[Item]:
         ("6a-z", "translate", phi, 2, "ζ̂₃ of Z' = ζ̂₃ φ [m/rad]", 0.05),
     )  # fmt: skip
     return [
-        _AT.claim(name, f"{what}, set and found by turning the rotor", gain, _turn_handle(_GAINS, mode, axis)[row], "1",
+        _AT.set_and_find(name, f"{what}, by turning the rotor", gain, _turn_handle(_GAINS, mode, axis)[row], "1",
                  1e-9, where=f"eq. ({name[:2]})")
         for name, mode, axis, row, what, gain in rows
     ]  # fmt: skip
@@ -152,7 +161,7 @@ def _torques() -> list[Item]:
         ("6b-phi", "translate", 2, 2, "η̂₃ of T_φ = η̂₃ F_Z' [m]", 0.017),
     )  # fmt: skip
     return [
-        _AT.claim(name, f"{what}, set and found", gain, _find_torque(_GAINS, mode, np.eye(6)[component])[axis],
+        _AT.set_and_find(name, what, gain, _find_torque(_GAINS, mode, np.eye(6)[component])[axis],
                  "1", 1e-9, where=f"eq. ({name[:2]})", erratum="E6" if name[:2] == "6b" and axis < 2 else "")
         for name, mode, component, axis, what, gain in rows
     ]  # fmt: skip
@@ -167,6 +176,25 @@ def _find_power_by_text() -> float:
     target = float(force @ (_turn_handle(_UNLIKE, "translate", 1)[:3]))
     torque = _find_torque(_UNLIKE, "translate", np.concatenate([force, np.zeros(3)]))[[1, 0, 2]]
     return float(torque[1]) / target
+
+
+def _take_as_cartesian(axis: int) -> float:
+    """Power at the handle over power at the target where ψ = λ = 22.5° and λ or φ (`axis` 1, 2) alone moves.
+
+    The library's torque on the rotor gives the generalised force of that angle; the same number about Y or Z of the
+    stator is what the print takes.
+    """
+    linkage = _engage(Gains(), "translate")
+    wrench = np.zeros(6)
+    wrench[0 if axis == 1 else 2] = 1.0
+    angles = np.array([_DIAGONAL, _DIAGONAL, 0.2])
+    torque = linkage.render(_ConstantWrench(wrench), _state(0.33, *angles)).wrench[3:]
+    step = 1e-6 * np.eye(3)[axis]
+    turn = (rotation_from_euler(*(angles + step)) - rotation_from_euler(*(angles - step))) / 2e-6
+    spin = turn @ rotation_from_euler(*angles).T
+    rate = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])  # angular velocity per unit of that Euler rate
+    generalised = float(torque @ rate)
+    return generalised * float(rate[axis]) / (Gains().translate[0 if axis == 1 else 2] * 1.0)
 
 
 def _find_imbalance() -> float:

@@ -35,9 +35,9 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     pm, em = load_published("bai2012-pm").model, load_published("bai2012-em").model
     found = [
         *(
-            _AT.claim(f"7-{name}", f"outermost loop of the {name.upper()}: a k/(k + 1)", radius,
+            _AT.claim(f"7-{name}", f"outermost loop of the {name.upper()}, a₀ⱼ read as j a: a k/(k + 1)", radius,
                      1e3 * _outermost(model),
-                     "mm", 5e-4, where="eq. (7)")
+                     "mm", 5e-4, erratum="E28", where="eq. (7)")
             for name, model, radius in (("pm", pm, 15.875 * 4 / 5), ("em", em, 15.88 * 6 / 7))
         ),
         _AT.claim("8-axis", "field 10 mm above the middle of one PM by (8), summed independently, against the "

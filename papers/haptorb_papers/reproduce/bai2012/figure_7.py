@@ -48,9 +48,9 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                      erratum="E23", where="eq. (16)")
             for n in range(2)
         ),
-        _AT.claim("15b", "(15b): f_X' over f_Y' of one hook, pulled straight", _FRICTION,
-                 abs(straight[0].force[0] / straight[0].force[1]), "1", 1e-6, "the outlet that conserves energy",
-                 where="eq. (15b)"),
+        _AT.set_and_find("15b", "(15b): f_X' over f_Y' of one hook, pulled straight: μ", _FRICTION,
+                         abs(straight[0].force[0] / straight[0].force[1]), "1", 1e-6,
+                         "the outlet that conserves energy", where="eq. (15b)"),
         _AT.claim("14", "(14): F_X' of both hooks, pulled straight, and (17)", stiffness * _FRICTION * (_WP - _WS),
                  -rendered.wrench(_plug(1e-3, vx=_FAST))[0], "N", 1e-3, "the outlet that conserves energy",
                  erratum="E9", where="eq. (14)"),
@@ -63,6 +63,9 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  where="eqs. (17), (18)"),
         _AT.claim("18-arm", "(18): T_Z' over F_Y', h − x − x₀", 1e3 * (_ARM - _X0), 1e3 * tilted[5] / tilted[1], "mm",
                  1e-6, where="eq. (18)"),
+        _AT.claim("18-couple", "(18): T_Z' over F_Y'(h − x − x₀), straight plug 0.1 mm aside, pulled", 1.0,
+                 _find_couple(rendered), "1", 1e-5, "friction at ±w_p/2, by statics; h is assumed", erratum="E32",
+                 corrected=1.0 - _FRICTION * 0.5 * _WP / (_ARM - 1e-3), where="eq. (18)"),
         _AT.claim("18-factor", "(18): last member as printed, m², and the torque", area, tilted[5], "N·m", 1e-6,
                  "E w/(Ω₊ + μΩ₋) is missing", erratum="E10", corrected=stiffness * area, where="eq. (18)"),
         _AT.claim("18-falls", "phase 2: 1 if torque falls as the tilt falls (printed: rises)", -1.0,
@@ -96,6 +99,11 @@ def _plug(x: float, *, y: float = 0.0, tilt: float = 0.0, vx: float = 0.0) -> St
     R = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     lift = 0.5 * _WP * math.sin(tilt)
     return State(0.0, R, np.array([lift + x, y, 0.0]), np.zeros(3), np.array([vx, 0.0, 0.0]))
+
+
+def _find_couple(world: Outlet) -> float:
+    wrench = world.wrench(_plug(1e-3, y=0.1e-3, vx=_FAST))
+    return float(wrench[5] / wrench[1] / (_ARM - 1e-3))
 
 
 def _compare_sense(stiffness: float) -> float:

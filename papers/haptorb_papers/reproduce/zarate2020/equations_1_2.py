@@ -1,4 +1,4 @@
-"""Zárate 2020, eqs. (1), (2) and §II.A: forces of two dipoles, and their fall with distance (errata E12, E16)."""
+"""Zárate 2020, eqs. (1), (2) and §II.A: forces of two dipoles, and their fall with distance (E12, E16, E33)."""
 
 from __future__ import annotations
 
@@ -45,6 +45,12 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
                      -1e3 * scale * sin(a), 1e3 * float(force @ away), "mN", 1e-3,
                      "finite differences of the energy", erratum="E12", where="eq. (2)")
         )  # fmt: skip
+    found.append(
+        _AT.claim("1-leaning", "force on a tool 25° from the dipole's axis that leans 20° outwards, over that on a "
+                  "radial tool at 45°: α = 45° for both ('depend only on α')", 1.0, _lean(device), "1", 1e-5,
+                  "finite differences of the energy", erratum="E33",
+                  corrected=_lean_by_energy(contact), where="eqs. (1), (2)")
+    )  # fmt: skip
     report(0.3)
     pull = {d: _axial(device, 1e-3 * d) for d in (50, 60, 70)}
     even = _moment_ratio(device)
@@ -86,6 +92,34 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     ]  # fmt: skip
     report(1.0)
     return tuple(found), lambda path: _draw_figure(device, path)
+
+
+def _place(angle: float, lean: float, d: float) -> tuple[Array, Array]:
+    """Where a tool is, `angle` [rad] from the axis, and where its moment points, `lean` [rad] further from it."""
+    return d * np.array([sin(angle), 0.0, cos(angle)]), np.array([sin(angle + lean), 0.0, cos(angle + lean)])
+
+
+def _lean(device: SphericalElectromagnet) -> float:
+    sizes = []
+    for angle, lean in ((radians(25.0), radians(20.0)), (radians(45.0), 0.0)):
+        place, points = _place(angle, lean, device.contact_distance)
+        sizes.append(np.linalg.norm(dipole.force((0, 0, _ME), device.tool.moment * points, place)))
+    return float(sizes[0] / sizes[1])
+
+
+def _lean_by_energy(d: float) -> float:
+    """The same by −∇(m · B): the field of the dipole in the centre differentiated by finite differences."""
+    sizes, h = [], 1e-5
+    for angle, lean in ((radians(25.0), radians(20.0)), (radians(45.0), 0.0)):
+        place, points = _place(angle, lean, d)
+
+        def energy(p: Array, points: Array = points) -> float:
+            r = float(np.linalg.norm(p))
+            return float(points[2] / r**3 - 3 * (points @ p) * p[2] / r**5)  # of two unit dipoles
+
+        slope = [(energy(place + h * e) - energy(place - h * e)) / (2 * h) for e in np.eye(3)]
+        sizes.append(float(np.linalg.norm(slope)))
+    return sizes[0] / sizes[1]
 
 
 def _energy_gradient(alpha: float, d: float, m_p: float) -> Array:

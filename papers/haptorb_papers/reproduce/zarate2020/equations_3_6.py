@@ -35,8 +35,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     found = (
         _AT.claim("4-5", "(4): duty for 5 A, I R/V₀, and the drive's", 5 * cold[0] / 12.0, _duty(device, 5), "1", 1e-9,
                  "steady current, cold coil", where="eqs. (3), (4)"),
-        _AT.item("4-range", "greatest duty, u ∈ [−1, 1], for 40 A", 1.0, _duty(device, 40), "1", 1e-12, "clipped",
-                 where="eq. (4)"),
+        _AT.set_and_find("4-range", "greatest duty, u ∈ [−1, 1], for 40 A", 1.0, _duty(device, 40), "1", 1e-12,
+                         "the drive's limit is set to it", implied=False, where="eq. (4)"),
         _AT.claim("5-field", "(5): μ₀ m_e/(2π d³) at 0.055 m for 2.82 A·m², and the dipole's field on its axis",
                  1e3 * MU0 * 2.82 / (2 * np.pi * 0.055**3), 1e3 * field, "mT", 1e-9, where="eq. (5)"),
         _AT.compare("5-diagonal", "(5): m_e per ampere from simulated Hall readings, greatest relative error of the "

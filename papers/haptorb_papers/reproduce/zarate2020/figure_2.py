@@ -22,7 +22,7 @@ from haptorb.simulation.truth import true_wrench
 from haptorb.worlds.base import World
 from haptorb.worlds.dome import Dome
 from haptorb.worlds.terrain import Terrain
-from haptorb_papers.reproduce.item import Item
+from haptorb_papers.reproduce.item import Basis, Item
 from haptorb_papers.reproduce.registry import Drawing
 
 __all__ = ["compute_given_forces", "items", "radial_zero", "tilt_force_map"]
@@ -107,19 +107,19 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
     ends = course(plain, np.array([1e-6, np.pi - 1e-6]), d)[:, 0]
     edge = _edge(sharp, d)
     found = (
-        _angle("b-zero", "angle from the summit at which a permanent magnet's radial force vanishes",
-               90.0, np.degrees(radial_zero(plain, d)), "", None),
+        _angle("b-zero", "angle from the summit at which a permanent magnet's radial force vanishes, two dipoles",
+               90.0, np.degrees(_find_dipole_zero(device)), "", None),
         Item("fig2b-turn", "zarate2020", "Fig. 2b", "radial force after half a turn over that at the summit", -1.0,
              float(ends[1] / ends[0]), "1", 1e-6, why="switching needs α = π: eq. (1)",
              implied=True),
         Item("fig2b-magnet", "zarate2020", "Fig. 2b", "map with θ1 = π/2 against two point dipoles, greatest error",
              0.0, _compare_with_dipoles(device, plain), "N", 1e-9, why="the text: then we recover a permanent magnet",
              implied=True),
-        _angle("c-zero", "angle at which the adjustable map's radial force vanishes first", 18.0,
-               np.degrees(radial_zero(sharp, d)), "E13", 18.0),
+        _angle("c-zero", "angle at which the adjustable map's radial force vanishes first, θ1 = 18° set", 18.0,
+               np.degrees(radial_zero(sharp, d)), "E13", 18.0, "set"),
         _angle("c-printed", "the same by the printed argument α·2θ1/π, found in the printed code", 18.0,
                np.degrees(_find_printed_zero()), "E13", 180.0 / _NARROW * 45.0),
-        _angle("c-cut", "angle at which its forces are cut off", 54.0, np.degrees(edge), "", None),
+        _angle("c-cut", "angle at which its forces are cut off, θ2 = 54° set", 54.0, np.degrees(edge), "", None, "set"),
         Item("fig2c-given", "zarate2020", "Fig. 2c",
              "largest error of that map in contact with the exact inverse", None,
              1e3 * float(np.abs(given - asked[::_EVERY]).max()), "mN", None),
@@ -131,9 +131,24 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
     return found, lambda path: _draw_figure(maps, angles, asked, given, surface, path)
 
 
-def _angle(name: str, what: str, published: float, computed: float, erratum: str, corrected: float | None) -> Item:
+def _angle(
+    name: str, what: str, published: float, computed: float, erratum: str, corrected: float | None,
+    basis: Basis = "computed",
+) -> Item:  # fmt: skip
     return Item(f"fig2{name}", "zarate2020", f"Fig. 2{name[0]}", what, published, float(computed), "°", 0.01, erratum,
-                corrected, "a hundredth of a degree: found by bisection")  # fmt: skip
+                corrected, "a hundredth of a degree: found by bisection", basis=basis)  # fmt: skip
+
+
+def _find_dipole_zero(device: SphericalElectromagnet) -> float:
+    """The polar angle [rad] of a radial dipole in contact at which an upright one pulls it to neither side."""
+    from scipy.optimize import brentq
+
+    def pull(angle: float) -> float:
+        radial = np.array([np.sin(angle), 0.0, np.cos(angle)])
+        force = dipole.force((0.0, 0.0, _MOMENT), device.tool.moment * radial, device.contact_distance * radial)
+        return float(force @ radial)
+
+    return float(brentq(pull, 0.1, 3.0))
 
 
 def _find_printed_zero() -> float:

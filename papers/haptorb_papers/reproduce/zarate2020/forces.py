@@ -1,4 +1,4 @@
-"""Zárate 2020, sections III and V: power, current and force, which must agree with one another (erratum E15)."""
+"""Zárate 2020, sections III and V: power, current and force, which must agree with one another (errata E15, E34)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from math import log10, pi, sqrt
 
 import numpy as np
 
-from haptorb.devices.base import State
+from haptorb.devices.base import State, endurance
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load
 from haptorb.magnetics import dipole
@@ -63,10 +63,18 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  12.0, "5 %: 'roughly 0.6 Ω'"),
         _AT.note("fifteen", "full power over the averaged 17 W: 'peaks up to 15 × P_ave'",
                  drive_fully(device)[1] / 17.0),
-        _AT.assume("full", "seconds at full power, 240 W, from cold", 5.0, coils.time_to(rise, 240.0 * alone), "s",
-                   0.1, "network fitted to the three endurances of one coil", where="§V"),
-        _AT.assume("half", "seconds at half duty, a quarter of the power", 60.0, coils.time_to(rise, 60.0 * alone), "s",
-                   0.5, "network fitted to the three endurances of one coil", where="§V"),
+        _AT.assume("full", "seconds at full power, 240 W, from cold, power constant", 5.0,
+                   coils.time_to(rise, 240.0 * alone), "s", 0.1,
+                   "network fitted to the three endurances of one coil", where="§V"),
+        _AT.assume("half", "seconds at half duty, a quarter of the power, constant", 60.0,
+                   coils.time_to(rise, 60.0 * alone), "s", 0.5,
+                   "network fitted to the three endurances of one coil", where="§V"),
+        *(
+            _AT.note(f"{name}-current", f"the same at a constant current of {amperes:g} A, as the loop holds it",
+                     seconds, "s", "the hot winding takes more power (E34)", where="§V", erratum="E34")
+            for name, amperes, (_, seconds) in zip(
+                ("full", "half"), (20.0, 10.0), endurance(device, (1.0, 0.5)), strict=True)
+        ),
         _AT.assume("for-ever", "continuous power of the coil", 17.0,
                    rise / float(coils.rise_per_watt[0, 0]), "W", 0.1,
                    "network fitted to the three endurances of one coil"),
