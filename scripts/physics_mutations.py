@@ -54,6 +54,7 @@ MUTATIONS = (
     Mutation("magnetics/dipole.py", "_field", "c", 1.1, (_Z1, _Z3)),
     Mutation("magnetics/dipole.py", "_gradient", "c", 1.1, (_Z2F, _Z3F, _P)),
     Mutation("magnetics/dipole.py", "_gradient", "c", -1, (_Z1,)),
+    Mutation("magnetics/dipole.py", "_gradient", "g", 1.1, (_Z1,)),
     Mutation("magnetics/dipole.py", "_field", "out[n, 0]", -1, (_Z1,)),
     Mutation("magnetics/magnets.py", "ChargedRing.__init__", "q", 1.1, (_E1, _Z1)),
     Mutation("magnetics/magnets.py", "dipole_on_charges", "s", 1.1, (_Z1,)),

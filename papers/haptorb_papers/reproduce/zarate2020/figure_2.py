@@ -107,8 +107,8 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
     ends = course(plain, np.array([1e-6, np.pi - 1e-6]), d)[:, 0]
     edge = _edge(sharp, d)
     found = (
-        _angle("b-zero", "angle from the summit at which a permanent magnet's radial force vanishes, two dipoles",
-               90.0, np.degrees(_find_dipole_zero(device)), "", None),
+        _angle("b-zero", "angle from the summit at which a permanent magnet's radial force vanishes, θ1 = 90° set",
+               90.0, np.degrees(radial_zero(plain, d)), "", None, "set"),
         Item("fig2b-turn", "zarate2020", "Fig. 2b", "radial force after half a turn over that at the summit", -1.0,
              float(ends[1] / ends[0]), "1", 1e-6, why="switching needs α = π: eq. (1)",
              implied=True),
@@ -137,18 +137,6 @@ def _angle(
 ) -> Item:  # fmt: skip
     return Item(f"fig2{name}", "zarate2020", f"Fig. 2{name[0]}", what, published, float(computed), "°", 0.01, erratum,
                 corrected, "a hundredth of a degree: found by bisection", basis=basis)  # fmt: skip
-
-
-def _find_dipole_zero(device: SphericalElectromagnet) -> float:
-    """The polar angle [rad] of a radial dipole in contact at which an upright one pulls it to neither side."""
-    from scipy.optimize import brentq
-
-    def pull(angle: float) -> float:
-        radial = np.array([np.sin(angle), 0.0, np.cos(angle)])
-        force = dipole.force((0.0, 0.0, _MOMENT), device.tool.moment * radial, device.contact_distance * radial)
-        return float(force @ radial)
-
-    return float(brentq(pull, 0.1, 3.0))
 
 
 def _find_printed_zero() -> float:
