@@ -102,7 +102,9 @@ def describe_tracking(name: str, poses: dict[str, Any]) -> str:
         if poses["age_ms"]:
             text += f", age in use {poses['age_ms']['p50']:.1f} ms (99 %: {poses['age_ms']['p99']:.1f} ms)"
     refused = ", ".join(f"{count} {why.replace('_', ' ')}" for why, count in poses["refused"].items())
-    return f"tracker {name}: {text}, lost {poses['lost']} times" + (f"; refused: {refused}" if refused else "")
+    remark = f"; {poses['remark']}" if poses.get("remark") else ""
+    refused = f"; refused: {refused}" if refused else ""
+    return f"tracker {name}: {text}, lost {poses['lost']} times{refused}{remark}"
 
 
 def register(app: typer.Typer) -> None:

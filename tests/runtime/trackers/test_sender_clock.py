@@ -1,13 +1,21 @@
 """A sender's clock: what was held up is seen, what tells no time is not believed, and no pose comes from the future."""
 
 import random
+import socket
+from time import monotonic
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pythonosc.osc_message_builder import OscMessageBuilder
 
-from haptorb.runtime.trackers.base import SenderClock
+from haptorb.runtime.shared_memory import WORDS, PoseBlock
+from haptorb.runtime.trackers import lsl
+from haptorb.runtime.trackers.base import RawPose, SenderClock
+from haptorb.runtime.trackers.osc import OscFeed
+from haptorb.runtime.trackers.pose_filter import PoseFilter
 
 
 def test_a_senders_clock_shows_what_was_held_up() -> None:
@@ -47,3 +55,57 @@ def test_no_pose_was_measured_after_it_came(sent: list[tuple[float, float]]) -> 
     for time, gap in sent:
         arrival += gap
         assert clock.stamp(time, arrival) <= arrival
+
+
+@pytest.mark.parametrize(
+    ("origin", "used"), [(1.7e9, False), (10 * 86400.0, False), (86400.0, False), (60.0, True)]
+)  # Unix time, ten days and a day of uptime, a program that has just begun
+def test_a_time_of_four_bytes_is_a_clock_only_while_it_tells_a_tenth_of_a_millisecond(
+    origin: float, used: bool
+) -> None:
+    feed = OscFeed(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+    memory = memoryview(bytearray(8 * WORDS))
+    pose_filter = PoseFilter(feed, PoseBlock(memory.cast("q"), memory.cast("d"), 0))
+    with feed._socket:
+        for k in range(250):
+            builder = OscMessageBuilder("/haptorb/pose")
+            for value in (1e-5 * k, 0.0, 0.052, 0.0, 0.0, 0.0, 1.0, origin + 0.004 * k):
+                builder.add_arg(value, "f")
+            for one in feed.read(builder.build().dgram, 1000.0 + 0.004 * k):
+                assert isinstance(one, RawPose)
+                pose_filter._accept(one)
+    assert pose_filter.accepted == 250
+    assert ("time of arrival" in pose_filter.facts()["remark"]) is not used
+
+
+def test_different_poses_with_one_time_have_none() -> None:
+    """A stamp that is rounded to 10 ms, at 250 Hz: none of the poses is older than the one before."""
+    clock, stamps = SenderClock(), []
+    for k in range(100):
+        stamps.append(clock.stamp(round(0.004 * k, 2), 100.0 + 0.004 * k, changed=True))
+    assert stamps[10:] == [100.0 + 0.004 * k for k in range(10, 100)]
+    assert "same time" in clock.remark
+    assert clock.stamp(0.0, 200.0, changed=True) == 200.0  # after a silence it is another sender's
+    assert clock.remark == ""
+
+
+def test_a_pose_that_is_sent_twice_leaves_the_clock_as_it_is() -> None:
+    clock = SenderClock()
+    for k in range(100):
+        for copy in range(3):
+            clock.stamp(0.01 * k, 100.0 + 0.01 * k + 0.001 * copy, changed=copy == 0)
+    assert clock.remark == ""
+
+
+def test_a_stream_on_another_clock_is_compared_and_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    inlet = SimpleNamespace(samples=[], close_stream=lambda: None)
+    inlet.pull_sample = lambda timeout: inlet.samples.pop(0) if inlet.samples else (None, None)
+    monkeypatch.setattr(lsl, "lsl_stream", lambda name: None)
+    monkeypatch.setattr(lsl, "_open_inlet", lambda stream: inlet)
+    feed = lsl.LslFeed("poses")
+    for offset, said in ((0.0, ""), (-2400.0, "2.4e+03 s")):
+        inlet.samples.append(([0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0], monotonic() + offset))
+        (one,) = feed.receive(0.0)
+        assert isinstance(one, RawPose)
+        assert 0.0 <= one.arrival - one.stamp < 0.05
+        assert (said in feed.remark) if said else feed.remark == ""

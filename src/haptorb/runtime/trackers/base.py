@@ -60,6 +60,11 @@ class Feed(ABC):
 
     one_tool = True
 
+    @property
+    def remark(self) -> str:
+        """What is unusual about its messages, for people; empty if nothing is."""
+        return ""
+
     @abstractmethod
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """The received poses, in order of arrival; waits at most `patience` [s] for the first.
@@ -91,6 +96,11 @@ class FramedFeed(Feed):
                 continue
             p, q = self._frame.transform_pose(one.p, one.q)
             yield one._replace(p=p, q=q)
+
+    @property
+    def remark(self) -> str:
+        """That of the feed."""
+        return self._feed.remark
 
     def close(self) -> None:
         """Close the feed."""
@@ -154,12 +164,24 @@ class Tracker(ABC):
 RESTART_SILENCE = 0.25  #: after such a silence the sender may have restarted, with another clock [s]
 
 _COARSEST = 1e-4  #: a number whose resolution is coarser than this is no clock [s]
+_REPEATED = 2  #: different poses with the time of the one before, in succession: it is rounded
 _WINDOW = 10.0  #: clocks drift by 100 µs in a second at the most: a millisecond in this time [s]
+
+
+def _describe_time(seconds: float) -> str:
+    """`seconds` in a unit that suits it.
+
+    >>> _describe_time(128.0), _describe_time(0.0078125)
+    ('128 s', '7.8 ms')
+    """
+    return f"{seconds:.3g} s" if seconds >= 1.0 else f"{1e3 * seconds:.2g} ms"
 
 
 @final
 class SenderClock:
     """The least offset over the present window and the one before it.
+
+    remark   why the sender's times are not used, for people; empty while they are
 
     >>> clock = SenderClock()
     >>> clock.stamp(5.000, 100.010), round(clock.stamp(5.010, 100.025), 9)       # the second was held up by 5 ms
@@ -169,18 +191,32 @@ class SenderClock:
     def __init__(self) -> None:
         self._since = self._last = float("-inf")
         self._least = self._before = float("inf")
+        self._sent = float("nan")
+        self._repeated = 0
+        self.remark = ""
 
-    def stamp(self, sent: float, arrival: float) -> float:
+    def stamp(self, sent: float, arrival: float, resolution: float = 0.0, *, changed: bool = False) -> float:
         """When a pose of the sender's time `sent` [s] was measured, on the clock of `arrival` [s]; never later than it.
 
-        Both must be finite.
+        resolution  of `sent` as it was transmitted [s]; that of a double is known
+        changed     this pose differs from the one before
+
+        Both times must be finite. A time that is coarser than 0.1 ms, or that several different poses in succession
+        have in common, is no clock: the pose was measured when it arrived.
         """
-        if ulp(sent) > _COARSEST:  # safety: sender-time
-            return arrival
-        offset = arrival - sent
         if arrival - self._last > RESTART_SILENCE:
             self._least = self._before = float("inf")
+            self._repeated, self.remark = 0, ""
         self._last = arrival
+        self._repeated = self._repeated + 1 if changed and sent == self._sent else 0
+        self._sent = sent
+        if (coarse := max(resolution, ulp(sent))) > _COARSEST:
+            self.remark = f"its times have a resolution of {_describe_time(coarse)}: the time of arrival is used"
+        elif self._repeated >= _REPEATED:
+            self.remark = "several poses have the same time: the time of arrival is used"
+        if self.remark:  # safety: sender-time
+            return arrival
+        offset = arrival - sent
         if arrival - self._since > _WINDOW:
             self._before = self._least
             self._least, self._since = offset, arrival

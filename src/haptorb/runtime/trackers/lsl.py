@@ -1,6 +1,6 @@
 """Poses as a stream of the lab streaming layer: seven channels, x y z qx qy qz qw, and perhaps an eighth, valid.
 
-The layer's clock is this computer's monotonic clock, and it measures the offset of others itself. It knows no token and
+The layer's clock is this computer's monotonic clock in every program that runs on it. The layer knows no token and
 finds streams by calling into the network; so only streams of this computer are asked for, and only those of this
 account are used.
 """
@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 
 from haptorb.errors import DriverError
 from haptorb.runtime.sockets import is_own_account, listener_owner
-from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
+from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose, SenderClock
 
 __all__ = ["CHANNELS", "THIS_COMPUTER", "LslFeed", "lsl_stream"]
 
@@ -40,7 +40,7 @@ level = -2
 _SEARCH = 3.0  #: how long a stream is looked for [s]
 _AGAIN = 0.2  #: and, in one attempt, one that was lost [s]
 _CONNECT = 2.0  #: longest wait for its data [s]
-_OFFSET = 5.0  #: between two looks at the clocks' offset [s]
+_OLDEST = 1.0  #: a sample whose time is farther from its arrival is stamped on another clock [s]
 _AT_ONCE = 64  #: samples taken before the pose is written again
 
 
@@ -109,13 +109,15 @@ class LslFeed(Feed):
 
     def __init__(self, name: str) -> None:
         self._name, self._inlet = name, _open_inlet(lsl_stream(name))
-        self._offset, self._next = 0.0, float("-inf")
+        self._clock, self._other_clock, self._numbers = SenderClock(), SenderClock(), [0.0]
+        self._foreign = ""
 
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """Up to 64 samples; the first is waited for, at most `patience` [s]."""
         if self._inlet is None:
             with suppress(DriverError):
-                self._inlet, self._next = _open_inlet(lsl_stream(self._name, _AGAIN)), float("-inf")
+                self._inlet = _open_inlet(lsl_stream(self._name, _AGAIN))
+                self._clock, self._other_clock, self._foreign = SenderClock(), SenderClock(), ""
             return
         for _ in range(_AT_ONCE):
             try:
@@ -126,21 +128,34 @@ class LslFeed(Feed):
             if values is None:
                 return
             arrival, patience = monotonic(), 0.0
-            self._compare(arrival)
             numbers = [float(x) for x in values]
-            stamp = min(sent + self._offset, arrival)
+            stamp = self._stamp(float(sent), arrival, numbers)
             if len(numbers) == 8 and not numbers[7] > 0.5:
                 yield RawPose((), (), stamp, arrival, False) if isfinite(numbers[7]) else RejectedPose("not_finite")
             else:
                 yield RawPose(tuple(numbers[:3]), tuple(numbers[3:7]), stamp, arrival)
 
-    def _compare(self, now: float) -> None:
-        if now >= self._next:
-            self._next = now + _OFFSET
-            try:
-                self._offset = float(self._inlet.time_correction(timeout=0.05))
-            except Exception:  # not known yet: ask again soon
-                self._next = now + 0.5
+    @property
+    def remark(self) -> str:
+        """Why the sender's times are not used, or not as they are; empty while they are."""
+        return self._clock.remark or self._foreign
+
+    def _stamp(self, sent: float, arrival: float, numbers: list[float]) -> float:
+        """When a sample was measured [s], on the monotonic clock."""
+        if not isfinite(sent):
+            return sent
+        changed, self._numbers = numbers != self._numbers, numbers
+        self._clock.stamp(sent, arrival, changed=changed)
+        if self._clock.remark:
+            return arrival
+        if abs(arrival - sent) <= _OLDEST:
+            self._foreign = ""
+            return min(sent, arrival)
+        self._foreign = (
+            f"its times differ from this computer's clock by {abs(arrival - sent):.3g} s: they are compared with the "
+            "fastest arrivals"
+        )
+        return self._other_clock.stamp(sent, arrival)
 
     def close(self) -> None:
         """Leave the stream."""

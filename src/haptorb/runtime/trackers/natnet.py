@@ -15,6 +15,8 @@ from contextlib import suppress
 from time import monotonic
 from typing import Any, final
 
+import numpy as np
+
 from haptorb.errors import DriverError
 from haptorb.runtime.sockets import DatagramTimes, UdpOwners, is_own_account
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose, SenderClock
@@ -27,6 +29,7 @@ _CONNECT, _INFO, _FRAME, _KEEPALIVE = 0, 1, 7, 10
 _ANSWER = 2.0  #: longest wait for a server [s]
 _ALIVE = 0.5  #: between two signs of life that the server wants [s]
 _BURST = 64
+_DOUBLE_TIME = (2, 7)  #: the protocol whose frames first had their time as a double
 
 
 def _encode_request(kind: int, text: bytes = b"") -> bytes:
@@ -96,6 +99,7 @@ class NatNetFeed(Feed):
         self._frame: Any = DataFrame
         self._buffer: Any = PacketBuffer
         self._version: Any = Version(*version)
+        self._single = tuple(version) < _DOUBLE_TIME
         self._socket, self._body = connected, body
         self._socket.setblocking(False)
         self._times = DatagramTimes()
@@ -131,7 +135,9 @@ class NatNetFeed(Feed):
         try:
             frame = self._frame.read_from_buffer(self._buffer(data[4:]), self._version)
             bodies = [one for one in frame.rigid_bodies if self._body in (0, one.id_num)]
-            stamp = self._clock.stamp(float(frame.suffix.timestamp), arrival)
+            sent = float(frame.suffix.timestamp)
+            resolution = float(np.spacing(np.float32(sent))) if self._single else 0.0
+            stamp = self._clock.stamp(sent, arrival, resolution)
             if len(bodies) != 1 or bodies[0].tracking_valid is False:
                 return RawPose((), (), stamp, arrival, False)
             return RawPose(
@@ -139,6 +145,11 @@ class NatNetFeed(Feed):
             )
         except Exception:  # a parser's failure on bytes that any program may send
             return RejectedPose("garbage")
+
+    @property
+    def remark(self) -> str:
+        """Why the server's times are not used; empty while they are."""
+        return self._clock.remark
 
     def close(self) -> None:
         """Close the socket."""

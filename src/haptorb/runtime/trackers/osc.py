@@ -3,7 +3,8 @@
     /haptorb/pose  [token]  x y z  qx qy qz qw  [t]
     /haptorb/lost  [token]  [t]
 
-Metres and a unit quaternion in the stator frame, as floats, doubles or integers; t [s] on the sender's own clock.
+Metres and a unit quaternion in the stator frame, as floats, doubles or integers; t [s] on the sender's own clock, as a
+double: a 4-byte float that is coarser than 0.1 ms is no clock, and the pose then counts from its arrival.
 Poses of two programs make no path of one tool, so only the first sender counts: another one counts only when the
 first was silent for two seconds, and then the pose counts as lost first.
 
@@ -22,11 +23,13 @@ from hmac import compare_digest
 from math import isfinite
 from typing import Any, final
 
+import numpy as np
+
 from haptorb.errors import DriverError, InputError
 from haptorb.runtime.sockets import DatagramTimes, UdpOwners, is_own_account
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose, SenderClock
 
-__all__ = ["LOST", "POSE", "OscFeed", "loopback", "osc_socket", "read_packet"]
+__all__ = ["LOST", "POSE", "OscFeed", "Single", "loopback", "osc_socket", "read_packet"]
 
 
 # --------------------------------------------------------------------------------------------------
@@ -40,6 +43,15 @@ _BUNDLE = b"#bundle\x00"
 _HEAD = 16  #: "#bundle" and the time tag [bytes]
 _DEPTH = 4  #: bundles within bundles
 _TYPES = frozenset(b",ihfdsTFN")  #: that messages may have; python-osc logs each one that it does not know
+
+
+class Single(float):
+    """A number that was sent with 4 bytes: seven digits, so that a large one tells no milliseconds."""
+
+    @property
+    def resolution(self) -> float:
+        """Distance to the next number that could have been sent."""
+        return float(np.spacing(np.float32(abs(self))))
 
 
 def read_packet(data: bytes, depth: int = _DEPTH) -> list[tuple[str, list[Any]]]:
@@ -67,7 +79,10 @@ def _read_message(parse: Callable[[bytes], Any], data: bytes) -> tuple[str, list
         raise InputError("an OSC message has values of the types i, h, f, d, s, T, F, N")
     try:
         message = parse(data)
-        return message.address, list(message.params)
+        tags = data[start + 1 :].split(b"\x00", 1)[0]
+        return message.address, [
+            Single(value) if tag == ord("f") else value for tag, value in zip(tags, message.params, strict=True)
+        ]
     except Exception as cause:  # a parser's failure on bytes that any program may send
         raise InputError(f"an OSC message cannot be read: {cause}") from cause
 
@@ -141,9 +156,15 @@ class OscFeed(Feed):
         self._times = DatagramTimes()
         self._times.watch(listening)
         self._clock = SenderClock()
+        self._numbers: list[float] = []  # of the pose before
         self._sender: object = None
         self._spoke = float("-inf")  # when it last said something of the layout
         self._heard_from = float("-inf")  # its poses count from then on
+
+    @property
+    def remark(self) -> str:
+        """Why the sender's times are not used; empty while they are."""
+        return self._clock.remark
 
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """What came in up to 256 datagrams; at most `patience` [s] for the first."""
@@ -189,6 +210,8 @@ class OscFeed(Feed):
         if first is None or len(numbers) != len(values) or len(numbers) not in (first, first + 1):
             return RejectedPose("garbage")
         sent = numbers[first] if len(numbers) > first else None
+        time = values[first] if len(values) > first else None
+        resolution = time.resolution if isinstance(time, Single) else 0.0
         if sent is not None and not isfinite(sent):
             return RejectedPose("not_finite")
         if sender != self._sender:  # safety: one-sender
@@ -201,7 +224,8 @@ class OscFeed(Feed):
         self._spoke = arrival
         if arrival < self._heard_from:  # safety: sender-replaced
             return RejectedPose("another_sender")
-        stamp = arrival if sent is None else self._clock.stamp(sent, arrival)
+        changed, self._numbers = numbers[:first] != self._numbers, numbers[:first]
+        stamp = arrival if sent is None else self._clock.stamp(sent, arrival, resolution, changed=changed)
         if address == LOST:
             return RawPose((), (), stamp, arrival, False)
         return RawPose(tuple(numbers[:3]), tuple(numbers[3:7]), stamp, arrival)

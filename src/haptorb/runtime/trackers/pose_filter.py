@@ -150,6 +150,7 @@ class PoseFilter:
             "lost": self.lost,
             "gaps": self.gaps,
             "refused": dict(self.refused),
+            "remark": self._feed.remark,
         }
 
 
