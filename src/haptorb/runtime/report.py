@@ -85,10 +85,10 @@ def count_recorded(shared: SharedMemory, *, over: bool) -> dict[str, int]:
 def trips(shared: SharedMemory, tracker: str) -> list[dict[str, Any]]:
     """The first trips in order: time on the loop's clock [s], code, and the sentence for people whose poses come from
     `tracker`."""
-    found = []
+    found, facts = [], tracker_facts(shared)
     for t, code in shared.trips[: min(shared.words[Word.TRIPS], TRIPS)].tolist():
         trip = Trip(int(code))
-        found.append({"t": t, "code": trip.name, "reason": describe_trip(trip, tracker)})
+        found.append({"t": t, "code": trip.name, "reason": describe_trip(trip, tracker, facts)})
     return found
 
 

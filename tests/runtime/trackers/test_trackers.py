@@ -22,13 +22,14 @@ from hypothesis import strategies as st
 from pythonosc.osc_message_builder import OscMessageBuilder
 
 from haptorb.cli import main
+from haptorb.control.trips import Trip
 from haptorb.errors import DriverError, InputError, RecordingError, UnknownName
 from haptorb.runtime.servo import Servo
 from haptorb.runtime.shared_memory import WORDS, PoseBlock, PoseRecord
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.feed_tracker import FeedTracker, check_prediction
 from haptorb.runtime.trackers.osc import OscFeed
-from haptorb.runtime.trackers.pose_filter import REASONS, PoseFilter
+from haptorb.runtime.trackers.pose_filter import REASONS, PoseFilter, describe_missing_pose, describe_trip
 from haptorb.runtime.trackers.registry import TOKEN, check_tracker, prepare_tracker
 from haptorb.runtime.trackers.replay import load_poses
 
@@ -360,6 +361,25 @@ def test_frames_of_natnet_that_are_cut_or_flipped_are_garbage() -> None:
         other = one.read(natnet_frame((0, 0, 0.05), (0, 0, 0, 1), 2.0, body=3), 2.0)
         assert isinstance(other, RawPose)
         assert not other.valid  # another body is not the tool
+        assert one.remark == "the server has no rigid body 7; it streams 3"
+        one.read(natnet_frame((0, 0, 0.05), (0, 0, 0, 1), 3.0, tracked=False), 3.0)
+        assert one.remark == "rigid body 7 is not tracked now"
+        one.read(good, 4.0)
+        assert one.remark == ""
+
+
+def test_what_came_instead_of_poses_is_said() -> None:
+    one = feed()
+    pose_filter, _ = open_reception(one)
+    for n in range(3):
+        for told in one.read(message("/tracking/trackers/1/position", 0.1 * n, 0.0, 0.05), 100.0 + n):
+            assert isinstance(told, RejectedPose)
+            pose_filter.refused[told.why] += 1
+    said = describe_trip(Trip.POSE_EXPIRED, "osc:9109", pose_filter.facts())
+    assert "3 refused" in said
+    assert "/tracking/trackers/1/position" in said
+    assert "/haptorb/pose" in said
+    assert "/haptorb/pose" in describe_missing_pose("osc:9109", pose_filter.facts())
 
 
 def test_velocity_is_that_of_the_poses_and_a_jump_has_none() -> None:

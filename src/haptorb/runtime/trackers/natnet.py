@@ -105,6 +105,7 @@ class NatNetFeed(Feed):
         self._times = DatagramTimes()
         self._times.watch(connected)
         self._clock = SenderClock()
+        self._missing = ""  # why the last frame has no pose
         self._alive = float("-inf")
 
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
@@ -138,7 +139,8 @@ class NatNetFeed(Feed):
             sent = float(frame.suffix.timestamp)
             resolution = float(np.spacing(np.float32(sent))) if self._single else 0.0
             stamp = self._clock.stamp(sent, arrival, resolution)
-            if len(bodies) != 1 or bodies[0].tracking_valid is False:
+            self._missing = self._explain([int(one.id_num) for one in frame.rigid_bodies], bodies)
+            if self._missing:
                 return RawPose((), (), stamp, arrival, False)
             return RawPose(
                 tuple(float(x) for x in bodies[0].pos), tuple(float(x) for x in bodies[0].rot), stamp, arrival
@@ -146,10 +148,21 @@ class NatNetFeed(Feed):
         except Exception:  # a parser's failure on bytes that any program may send
             return RejectedPose("garbage")
 
+    def _explain(self, known: list[int], bodies: list[Any]) -> str:
+        """Why a frame with the rigid bodies `known` has no pose; empty if `bodies` is one that is tracked."""
+        if not known:
+            return "the server streams no rigid body"
+        listed = ", ".join(map(str, known))
+        if not bodies:
+            return f"the server has no rigid body {self._body}; it streams {listed}"
+        if len(bodies) > 1:
+            return f"the server streams several rigid bodies, {listed}: name one, natnet:HOST/ID"
+        return f"rigid body {bodies[0].id_num} is not tracked now" if bodies[0].tracking_valid is False else ""
+
     @property
     def remark(self) -> str:
-        """Why the server's times are not used; empty while they are."""
-        return self._clock.remark
+        """Why there is no pose of the body, or why the server's times are not used; empty if nothing is unusual."""
+        return self._missing or self._clock.remark
 
     def close(self) -> None:
         """Close the socket."""

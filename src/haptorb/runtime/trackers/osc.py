@@ -25,7 +25,7 @@ from typing import Any, final
 
 import numpy as np
 
-from haptorb.errors import DriverError, InputError
+from haptorb.errors import DriverError, InputError, quote
 from haptorb.runtime.sockets import DatagramTimes, UdpOwners, is_own_account
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose, SenderClock
 
@@ -107,6 +107,7 @@ def _read_bundle(data: bytes, depth: int) -> list[tuple[str, list[Any]]]:
 
 POSE, LOST = "/haptorb/pose", "/haptorb/lost"
 
+_LAYOUT = f"expected {POSE} with x y z qx qy qz qw and perhaps t"
 _LONGEST = 1024  #: no message of the layout is longer; what is, is not even parsed [bytes]
 _BURST = 256  #: datagrams taken at once before the pose is written again
 _SILENT = 2.0  #: a sender that says nothing for so long may be replaced [s]
@@ -157,14 +158,15 @@ class OscFeed(Feed):
         self._times.watch(listening)
         self._clock = SenderClock()
         self._numbers: list[float] = []  # of the pose before
+        self._other = ""  # the first message that is none of the layout
         self._sender: object = None
         self._spoke = float("-inf")  # when it last said something of the layout
         self._heard_from = float("-inf")  # its poses count from then on
 
     @property
     def remark(self) -> str:
-        """Why the sender's times are not used; empty while they are."""
-        return self._clock.remark
+        """Which other message came, or why the sender's times are not used; empty if nothing is unusual."""
+        return self._other or self._clock.remark
 
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """What came in up to 256 datagrams; at most `patience` [s] for the first."""
@@ -208,6 +210,10 @@ class OscFeed(Feed):
         numbers = [float(x) for x in values if isinstance(x, int | float) and not isinstance(x, bool)]
         first = {POSE: 7, LOST: 0}.get(address)
         if first is None or len(numbers) != len(values) or len(numbers) not in (first, first + 1):
+            kinds = ", ".join("a number" if isinstance(one, int | float) else type(one).__name__ for one in values[:9])
+            self._other = (
+                self._other or f"a message {quote(address)[:80]} with {len(values)} values ({kinds}) came; {_LAYOUT}"
+            )
             return RejectedPose("garbage")
         sent = numbers[first] if len(numbers) > first else None
         time = values[first] if len(values) > first else None

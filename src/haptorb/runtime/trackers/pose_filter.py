@@ -245,16 +245,24 @@ def describe_source(tracker: str) -> str:
             return "the pointer"
 
 
-def describe_trip(trip: Trip, tracker: str) -> str:
+def describe_trip(trip: Trip, tracker: str, facts: Mapping[str, Any] | None = None) -> str:
     """What happened and what to do, for those whose poses come from `tracker`.
+
+    facts   `PoseFilter.facts`: what arrived and was refused is said where poses are missing
 
     >>> describe_trip(Trip.POSE_EXPIRED, "osc:9109")[:58]
     'No new pose arrived in time from OSC port 9109. Check the '
     >>> describe_trip(Trip.STOPPED, "osc:9109") == Trip.STOPPED.text
     True
+    >>> describe_trip(Trip.POSE_EXPIRED, "osc:9109", {"accepted": 3, "refused": {"too_far": 7}})[:71]
+    'No valid pose arrived in time from OSC port 9109: 3 accepted, 7 refused'
     """
     if trip not in _POSE:
         return trip.text
+    if has_feed(tracker) and facts and (sum(facts.get("refused", {}).values()) or facts.get("remark")):
+        what = "No valid pose arrived in time" if trip is Trip.POSE_EXPIRED else "The mover was lost"
+        todo = "Check the program that sends the poses, then re-engage."
+        return f"{what} from {describe_source(tracker)}: {_count(facts)}. {todo}"
     special = (_EXPIRED if trip is Trip.POSE_EXPIRED else _LOST).get(tracker.partition(":")[0])
     if special is not None:
         return special
@@ -281,6 +289,12 @@ def describe_missing_pose(tracker: str, facts: Mapping[str, Any]) -> str:
     """
     if not has_feed(tracker):
         return ""
+    place = "on" if tracker.startswith("osc:") else "from"
+    return f"waiting for a pose {place} {describe_source(tracker)}: {_count(facts) or 'none yet'}"
+
+
+def _count(facts: Mapping[str, Any]) -> str:
+    """What arrived and what was refused, with the reasons; empty if nothing arrived."""
     counts = []
     if accepted := facts.get("accepted", 0):
         counts.append(f"{accepted} accepted")
@@ -290,5 +304,6 @@ def describe_missing_pose(tracker: str, facts: Mapping[str, Any]) -> str:
     if refused:
         reasons = ", ".join(f"{number} {REASONS.get(why, why)}" for why, number in refused.items())
         counts.append(f"{sum(refused.values())} refused ({reasons})")
-    place = "on" if tracker.startswith("osc:") else "from"
-    return f"waiting for a pose {place} {describe_source(tracker)}: {', '.join(counts) or 'none yet'}"
+    if remark := facts.get("remark"):
+        counts.append(str(remark))
+    return ", ".join(counts)
