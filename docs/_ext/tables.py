@@ -101,14 +101,23 @@ def study_templates() -> str:
 def design_keys() -> str:
     """Every key of a file of snap-fit designs, of one design and of the known materials."""
     rows = [
-        (name, f"{m.youngs_modulus / 1e9:g}", f"{m.poisson_ratio:g}", "yes" if m.metal else "no")
+        (
+            name, m.condition, f"{m.youngs_modulus / 1e9:g}", f"{m.poisson_ratio:g}", f"{m.yield_strength / 1e6:g}",
+            f"{100 * m.permissible_strain:.2g}", f"{100 * m.repeated_strain:.2g}", f"{100 * m.breaking_strain:g}",
+        )
         for name, m in MATERIALS.items()
-    ]
+    ]  # fmt: skip
+    heads = ("material", "condition", "E [GPa]", "ν", "yield [MPa]", "strain once [%]", "strain often [%]", "break [%]")
+    sources = "\n".join(
+        f"- {', '.join(name for name, m in MATERIALS.items() if m.source == source)}: {source}."
+        for source in dict.fromkeys(m.source for m in MATERIALS.values())
+    )
     return "\n".join(
         [
             f"## The file\n\n{_key_table(DesignFile)}",
             f"## [common] and each [design.NAME]\n\n{_key_table(DesignTable, 'design.NAME.')}",
-            f"## Known materials\n\n{table(('material', 'E [GPa]', 'ν', 'metal'), rows)}",
+            f"## Known materials\n\nRounded values, for a first comparison of designs. Sources:\n\n{sources}\n",
+            table(heads, rows),
         ]
     )
 

@@ -44,6 +44,7 @@ __all__ = [
     "balance_face",
     "compliance",
     "compute_bent_shape",
+    "compute_handbook_force",
     "force_ratio",
     "root_strain",
 ]
@@ -62,6 +63,7 @@ __all__ = [
 
 
 _LARGEST = 1e15  #: in SI units
+_THINNEST = 1e-3  #: of the base length: a thinner hook is a foil and no beam
 METALS_FROM = 10e9  #: [Pa] no engineering metal is softer (lead: 16 GPa); what is, was probably misprinted
 
 
@@ -107,6 +109,11 @@ class Hook:
                     f"hook.{name} must be less than 90°: a vertical face cannot slide; "
                     f"got {math.degrees(getattr(self, name)):.4g}°"
                 )
+        if self.thickness < _THINNEST * self.base_length:
+            raise GeometryError(
+                f"hook.thickness ({self.thickness * 1e3:.3g} mm) is next to nothing: less than a thousandth of "
+                f"hook.base_length ({self.base_length * 1e3:.4g} mm); a beam needs a cross-section"
+            )
         if self.peak <= self.base_length:
             raise GeometryError(
                 f"hook.peak ({self.peak * 1e3:.4g} mm) must lie beyond hook.base_length "
@@ -407,6 +414,25 @@ def force_ratio(slope: ArrayLike, friction: float, loading: bool) -> Array:
     return out
 
 
+def compute_handbook_force(push: float, slope: float, friction: float) -> float:
+    """P (μ + tan α)/(1 − μ tan α) [N], by design guides for snap-fits: the force along a face of angle `slope`.
+
+    `push` is P, the sideways force that bends the hook, without any pull. The face does not turn. Raises GeometryError
+    if the face locks by itself, where the formula has no finite positive value.
+
+    >>> compute_handbook_force(1.0, math.radians(30.0), 0.3).__round__(3)
+    1.061
+    """
+    steep = friction * math.tan(slope)
+    if steep >= 1.0:
+        raise GeometryError(
+            f"self-locking: friction times the slope of the face, {friction:g} · tan {math.degrees(slope):.4g}° = "
+            f"{steep:.3g}, is 1 or more: by the handbook's formula no force slides the part over it. Reduce the angle "
+            f"below {math.degrees(math.atan(1.0 / friction)):.3g}°, or the friction"
+        )
+    return push * (friction + math.tan(slope)) / (1.0 - steep)
+
+
 def compute_bent_shape(hook: Hook, x: float, deflection: float, points: int = 33) -> Array:
     """(points, 2): places along the hook's base [m] and how far each is bent [m], for `deflection` under a load at `x`.
 
@@ -433,10 +459,20 @@ def compute_bent_shape(hook: Hook, x: float, deflection: float, points: int = 33
 
 
 # --------------------------------------------------------------------------------------------------
-# Materials of hooks: round handbook values at room temperature, for a first comparison of designs.
+# Materials of hooks: round handbook values at 23 °C, for a first comparison of designs.
 #
 # The yield strength is that of tension: for metals the 0.2 % proof stress of the spring or hard temper that hooks are
-# made of, for polymers the stress at yield in a short pull, dry. A polymer bent often, warm or for long bears less.
+# made of, for polymers the stress at yield in a short pull (ISO 527). Polyamide takes up water: "PA6" is dry as
+# moulded, "PA6 conditioned" in equilibrium with air of 50 % humidity (ISO 1110). A polymer bent warm or for long bears
+# less.
+
+
+_REPEATED = 0.6  #: of the permissible strain, for hooks that are opened often: DSM's and Covestro's design guides
+_GUIDES = (
+    "data sheets (ISO 527, 23 °C); permissible strain 70 % of the strain at yield (DSM's guide to the greatest "
+    "short-term strain), at most 6 %"
+)
+_METALS = "EN 1652, EN 12166 and EN 10132 strip of that temper; permissible strain: yield strength over modulus"
 
 
 class Material(NamedTuple):
@@ -446,15 +482,29 @@ class Material(NamedTuple):
     poisson_ratio: float  #: ν
     metal: bool
     yield_strength: float  #: [Pa]
+    permissible_strain: float  #: bent once and for a short time
+    breaking_strain: float  #: in tension
+    condition: str  #: temper of a metal, water in a polymer
+    source: str
+
+    @property
+    def repeated_strain(self) -> float:
+        """Permissible where the hook is opened often: 60 % of a polymer's, all of a metal's.
+
+        >>> MATERIALS["PC"].repeated_strain
+        0.024
+        """
+        return self.permissible_strain * (1.0 if self.metal else _REPEATED)
 
 
 MATERIALS = {
-    "ABS": Material(2.3e9, 0.35, False, 40e6),
-    "PA6": Material(2.8e9, 0.39, False, 75e6),
-    "PC": Material(2.3e9, 0.37, False, 62e6),
-    "POM": Material(2.8e9, 0.35, False, 65e6),
-    "PP": Material(1.4e9, 0.42, False, 33e6),
-    "brass": Material(93e9, 0.35, True, 300e6),  # CuZn37, hard
-    "phosphor bronze": Material(113e9, 0.41, True, 550e6),  # CuSn6, spring temper
-    "spring steel": Material(206e9, 0.29, True, 1.2e9),  # hardened and tempered
+    "ABS": Material(2.3e9, 0.35, False, 40e6, 0.02, 0.10, "takes up little water", _GUIDES),
+    "PA6": Material(2.8e9, 0.39, False, 75e6, 0.03, 0.10, "dry as moulded", _GUIDES),
+    "PC": Material(2.3e9, 0.37, False, 62e6, 0.04, 0.50, "takes up little water", _GUIDES),
+    "POM": Material(2.8e9, 0.35, False, 65e6, 0.06, 0.25, "takes up little water", _GUIDES),
+    "PP": Material(1.4e9, 0.42, False, 33e6, 0.06, 0.50, "takes up no water", _GUIDES),
+    "brass": Material(93e9, 0.35, True, 300e6, 0.0032, 0.08, "CuZn37, hard", _METALS),
+    "phosphor bronze": Material(113e9, 0.41, True, 550e6, 0.0049, 0.08, "CuSn6, spring temper", _METALS),
+    "spring steel": Material(206e9, 0.29, True, 1.2e9, 0.0058, 0.06, "hardened and tempered", _METALS),
+    "PA6 conditioned": Material(1.1e9, 0.42, False, 45e6, 0.06, 0.50, "23 °C, 50 % humidity", _GUIDES),
 }

@@ -102,3 +102,21 @@ def test_without_friction_a_slow_cycle_returns_its_energy(
     stored = soft.plus * hook.force[1] ** 2 + 2 * soft.minus * hook.force[1] * hook.force[0]
     held = float(stored + soft.along * hook.force[0] ** 2) / (world.youngs_modulus * world.width)  # ½ fᵀ Ω f, twice
     assert np.interp(middle, x, done) == pytest.approx(held, rel=2e-3)
+
+
+def test_a_hook_that_springs_over_its_corners_gives_no_energy() -> None:
+    # pressed 1 mm aside, the edge jumps from face to face of this hook; work along X' is the change of stored energy
+    world = SnapFit(
+        base_length=5e-3, peak=8e-3, thickness=0.6e-3, height=2e-3, edge=5e-5, hooks=1, friction=0.0, seat=0.0
+    )
+    y, x = 1e-3, np.linspace(-1e-3, 9e-3, 20001)
+    moved = [np.array([place, y, 0.0]) for place in x]
+    hand = [-world.wrench(State(0.0, np.eye(3), p, np.zeros(3), np.zeros(3)))[0] for p in moved]
+    assert np.abs(np.diff(hand)).max() > 2.0  # it springs
+    first = world.contacts(State(0.0, np.eye(3), moved[0], np.zeros(3), np.zeros(3)))[0]
+    soft = compliance(world.hook, first.place)
+    pull, push = -first.force[0], -first.force[1]
+    stored = soft.plus * push**2 + 2 * soft.minus * push * pull + soft.along * pull**2
+    stored = float(stored) / (2 * world.youngs_modulus * world.width)
+    assert stored > 1e-4
+    assert np.trapezoid(hand, x) == pytest.approx(-stored, abs=1e-3 * np.abs(np.cumsum(hand)).max() * (x[1] - x[0]))

@@ -11,7 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import cumulative_simpson, quad
 
-from haptorb.beams import MODELS, TABLE_3, Hook, appendix_b, compliance, compute_bent_shape, force_ratio
+from haptorb.beams import (
+    MODELS,
+    TABLE_3,
+    Hook,
+    appendix_b,
+    balance_face,
+    compliance,
+    compute_bent_shape,
+    compute_handbook_force,
+    force_ratio,
+)
 from haptorb.errors import GeometryError, InputError, UnknownName
 
 STRAIGHT = TABLE_3.ramp_to_peak()
@@ -165,6 +175,24 @@ def test_e8_says_by_how_much_the_sizes_contradict_each_other() -> None:
 def test_hooks_that_cannot_exist(changed: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         replace(TABLE_3, **changed)
+
+
+@pytest.mark.parametrize("thickness", [5e-6, 1e-9, 1e-300])
+def test_a_cross_section_that_tapers_to_nothing_is_refused(thickness: float) -> None:
+    with pytest.raises(GeometryError, match="is next to nothing"):
+        replace(TABLE_3, thickness=thickness)
+
+
+def test_a_face_that_locks_by_itself_is_said_and_not_infinite() -> None:
+    # a block on an incline, by statics: P holds the hook, W pushes along it, N and μN on the face
+    for degrees, friction in ((30.0, 0.3), (60.0, 0.5), (5.0, 1.0)):
+        slope = math.radians(degrees)
+        along, across = math.sin(slope) + friction * math.cos(slope), math.cos(slope) - friction * math.sin(slope)
+        assert compute_handbook_force(2.0, slope, friction) == pytest.approx(2.0 * along / across)
+    with pytest.raises(GeometryError, match=r"self-locking: .* 0.6 · tan 60° = 1.04, is 1 or more.* below 59°"):
+        compute_handbook_force(1.0, math.radians(60.0), 0.6)
+    with pytest.raises(GeometryError, match="locks by itself"):
+        balance_face(TABLE_3, TABLE_3.peak, 1e-3, -math.radians(80.0), -0.6)
 
 
 def test_e7_a_metal_as_soft_as_a_plastic_is_remarked_upon() -> None:

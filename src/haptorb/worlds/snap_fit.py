@@ -96,7 +96,7 @@ def add_contact(contact: Record, wrench: Array, p: Array, rx: float, ry: float, 
 class RootLoad:
     """Largest bending strain and stress at the root during straight insertion and removal; linear, without friction.
 
-    >>> RootLoad("ABS", 0.02, 46e6).sentence
+    >>> RootLoad("ABS", 0.02, 46e6).sentence.partition("; ")[0]
     'root strain 2 %, stress 46 MPa: BEYOND YIELD of ABS (40 MPa), 1.15 times its yield strength'
     """
 
@@ -124,8 +124,32 @@ class RootLoad:
         return self.margin is not None and self.margin < 1.0
 
     @property
+    def breaks(self) -> bool:
+        """Whether the strain is beyond the strain at break of the named material: the hook breaks before it snaps."""
+        known = MATERIALS.get(self.material)
+        return known is not None and self.strain > known.breaking_strain
+
+    @property
     def sentence(self) -> str:
         """A summary in one line."""
+        return self._describe_yield() + self._describe_strain()
+
+    def _describe_strain(self) -> str:
+        known = MATERIALS.get(self.material)
+        if known is None:
+            return ""
+        if self.breaks:
+            end = 100 * known.breaking_strain
+            return f"; BREAKS BEFORE IT SNAPS: {self.material} bears a strain of {end:.3g} %"
+        once, often = known.permissible_strain, known.repeated_strain
+        limits = f"; permissible strain {100 * once:.3g} %"
+        if often < once:
+            limits += f" once, {100 * often:.3g} % if opened often"
+        if self.strain > once:
+            return f"{limits}: EXCEEDED {self.strain / once:.3g} times"
+        return f"{limits}: EXCEEDED if opened often" if self.strain > often else limits
+
+    def _describe_yield(self) -> str:
         begin = f"root strain {100 * self.strain:.3g} %, stress {_megapascal(self.stress)}"
         if self.margin is None or self.yield_strength is None:
             return f"{begin}; the yield strength of '{self.material}' is not known (yield_strength in a design file)"
@@ -136,9 +160,13 @@ class RootLoad:
 
     def numbers(self) -> dict[str, float | str | bool | None]:
         """As plain JSON types, SI, units in the names."""
+        known = MATERIALS.get(self.material)
         return {
             "material": self.material, "root_strain": self.strain, "root_stress_pa": self.stress,
             "yield_strength_pa": self.yield_strength, "yield_margin": self.margin, "beyond_yield": self.beyond_yield,
+            "permissible_strain": None if known is None else known.permissible_strain,
+            "permissible_strain_often": None if known is None else known.repeated_strain,
+            "breaks": self.breaks,
         }  # fmt: skip
 
 
@@ -209,6 +237,7 @@ _SNAP = fields(
     ("seat", "f8"),  # [N/m]
     ("start", "f8"), ("step", "f8"),  # of the table of compliances [m]
     ("hooks", "i8"),
+    ("springs", "i8"),  # 1 if the edge springs over a corner instead of sliding
 )  # fmt: skip
 
 #: A contact without friction, as the kernel finds it.
@@ -222,6 +251,7 @@ _TOUCH = fields(
 )  # fmt: skip
 
 _FEWEST, _MOST = 257, 8193  #: places in the table of compliances
+_MOST_STEPS = 400  #: in the search of a hook that springs: 20 µs
 _LEAST = 0.05  #: divisors that only a hook bent far beyond this theory would make smaller
 
 
@@ -280,28 +310,13 @@ def _touch(x: float, Y: float, snap: Record, table: Array, touch: Record) -> Non
 
 
 @kernel
-def _find_contact(X: float, Y: float, snap: Record, table: Array, touch: Record) -> None:
-    """Fill `touch` for an edge at (X, Y): the place x on the hook with x + shift(x) = X."""
-    _touch(X, Y, snap, table, touch)
-    gap = touch.shift
-    if gap == 0.0:
-        return
-    # a bracket, then false position (Illinois)
-    high, at_high, low, at_low = X, gap, X, gap
-    reach = 1.5 * abs(gap)
-    for _ in range(40):
-        x = X - reach if gap > 0.0 else X + reach
-        _touch(x, Y, snap, table, touch)
-        new = x + touch.shift - X
-        if gap > 0.0:
-            low, at_low = x, new
-        else:
-            high, at_high = x, new
-        if new * gap <= 0.0:
-            break
-        reach *= 2.0
+def _narrow(
+    low: float, at_low: float, high: float, at_high: float, X: float, Y: float, snap: Record, table: Array,
+    touch: Record,
+) -> None:  # fmt: skip
+    """Fill `touch` for the place between low and high where x + shift(x) = X; at_low < 0 ≤ at_high are what is over."""
     kept = 0
-    for _ in range(80):
+    for _ in range(80):  # false position (Illinois)
         span = at_high - at_low
         x = low - at_low * (high - low) / span if span > 0.0 else 0.5 * (low + high)
         if not low < x < high:
@@ -318,6 +333,59 @@ def _find_contact(X: float, Y: float, snap: Record, table: Array, touch: Record)
             low, at_low = x, new
             at_high *= 0.5 if kept < 0 else 1.0
             kept = -1
+
+
+@kernel
+def _find_least_energy(X: float, Y: float, reach: float, snap: Record, table: Array, touch: Record) -> bool:
+    """Fill `touch` for that of the places within ±reach of X with x + shift(x) = X where the hook stores least."""
+    least, place = math.inf, X
+    steps = min(int(8.0 * reach / snap.edge) + 1, _MOST_STEPS)
+    step = 2.0 * reach / steps  # a quarter of the rounding's half length: no two places fall into one step
+    low = X - reach
+    _touch(low, Y, snap, table, touch)
+    at_low = low + touch.shift - X
+    for i in range(steps):
+        high = X - reach + (i + 1) * step
+        _touch(high, Y, snap, table, touch)
+        at_high = high + touch.shift - X
+        if at_low < 0.0 <= at_high:
+            _narrow(low, at_low, high, at_high, X, Y, snap, table, touch)
+            energy = touch.fy * touch.bent + touch.fx * touch.shift
+            if energy < least:
+                least, place = energy, touch.place
+        low, at_low = high, at_high
+    _touch(place, Y, snap, table, touch)
+    return least < math.inf
+
+
+@kernel
+def _find_contact(X: float, Y: float, snap: Record, table: Array, touch: Record) -> None:
+    """Fill `touch` for an edge at (X, Y): the place x on the hook with x + shift(x) = X.
+
+    A hook that springs over a sharp corner has several: the one where it stores least makes the energy continuous.
+    """
+    _touch(X, Y, snap, table, touch)
+    gap = touch.shift
+    if gap == 0.0:
+        return
+    if snap.springs and _find_least_energy(
+        X, Y, 2.0 * abs(gap) + 4.0 * snap.edge + 0.5 * touch.bent, snap, table, touch
+    ):
+        return
+    high, at_high, low, at_low = X, gap, X, gap
+    reach = 1.5 * abs(gap)
+    for _ in range(40):
+        x = X - reach if gap > 0.0 else X + reach
+        _touch(x, Y, snap, table, touch)
+        new = x + touch.shift - X
+        if gap > 0.0:
+            low, at_low = x, new
+        else:
+            high, at_high = x, new
+        if new * gap <= 0.0:
+            break
+        reach *= 2.0
+    _narrow(low, at_low, high, at_high, X, Y, snap, table, touch)
 
 
 @kernel
@@ -452,6 +520,9 @@ class SnapFit(ContactWorld, TargetWorld):
         soft = compliance(hook, x, self.beam, surface=rounded)
         stiff, step = hook.youngs_modulus * hook.width, float(x[1] - x[0])
         table = np.concatenate([cubic_spline(each / stiff, step) for each in soft], axis=1)
+        places = np.linspace(hook.base_length, hook.tip, 4 * len(table))
+        depths = [share * hook.height - self.clearance for share in (0.0, 0.25, 0.5, 1.0, 2.0)]
+        snap["springs"] = any(_springs(places, depth, snap, table) for depth in depths)
         values = {"hook": hook, "_snap": snap, "_table": table}
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -473,17 +544,6 @@ class SnapFit(ContactWorld, TargetWorld):
             raise GeometryError(
                 f"the hook cannot be pulled out, it locks{locks}: retention_deg {self.retention_deg:.4g}° and friction "
                 f"({math.degrees(lean):.1f}°) must stay below 89° together"
-            )
-        self._check_springs()
-
-    def _check_springs(self) -> None:
-        """That the edge slides over every corner: a hook that springs from face to face has no continuous force."""
-        places = np.linspace(self.hook.base_length, self.hook.tip, 4 * len(self._table))
-        depths = (-self.clearance, 0.5 * self.height - self.clearance)
-        if any(_springs(places, depth, self._snap, self._table) for depth in depths):
-            raise GeometryError(
-                f"the edges of the wedge are too sharp for this beam ({self.beam}): the hook springs over a corner "
-                f"rounded by edge = {self.edge * 1e3:.4g} mm instead of sliding; use a greater edge"
             )
 
     @classmethod

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.arrays import Array
+from haptorb.beams import balance_face, compliance, compute_handbook_force
 from haptorb.devices.base import State
 from haptorb.errors import InputError
 from haptorb.worlds import DynamicWorld, Outlet, SnapFit, World
@@ -19,7 +20,7 @@ from haptorb.worlds.snap_fit import RootLoad
 from haptorb.worlds.user_world import check_wrench, describe_failure
 from haptorb_study.feel.designs import Candidate
 
-__all__ = ["InsertionForces", "course", "force_along", "world_wrench"]
+__all__ = ["InsertionForces", "PeakShares", "course", "explain_peaks", "force_along", "world_wrench"]
 
 OWN_REACH = 0.02  #: along X', over which a world of the user's own is computed [m]: 40° of handle move the part 17 mm
 _TICK = 1e-3  #: of a world with memory [s]
@@ -65,6 +66,72 @@ def course(design: Candidate, points: int = 400, speed: float = 0.1) -> Insertio
         return InsertionForces(place, inward, -np.interp(place, out[:, 0], out[:, 1]), design.root)
     forces = [np.array([force_along(design, x, motion) for x in place.tolist()]) for motion in (-speed, speed)]
     return InsertionForces(place, forces[0], -forces[1], design.root)
+
+
+_OFF_MIDDLE = 1e-4  #: [m] to show what two hooks on one rigid part do to each other
+
+
+@dataclass(frozen=True)
+class PeakShares:
+    """The greatest force of a snap-fit one way, from the handbook's formula to the rendered one [N], all hooks."""
+
+    way: str  #: "insertion" or "pull_out"
+    handbook: float  #: P (μ + tan α)/(1 − μ tan α), hooks that bend under the sideways force alone
+    pull_bends: float  #: what it adds that the pull bends the hook, too
+    face_turns: float  #: what it adds that the bent face is turned
+    edges_rounded: float  #: what the rounded edges of the wedge add
+    off_middle: float  #: beside the sum: what the hooks' coupling adds where the part is 0.1 mm off its middle
+
+    @property
+    def sharp(self) -> float:
+        """With sharp edges [N]."""
+        return self.handbook + self.pull_bends + self.face_turns
+
+    @property
+    def total(self) -> float:
+        """As rendered, straight, in the middle and with all friction [N]."""
+        return self.sharp + self.edges_rounded
+
+    def numbers(self) -> dict[str, float]:
+        """As plain JSON types, units in the names."""
+        return {
+            "handbook_n": self.handbook, "pull_bends_n": self.pull_bends, "face_turns_n": self.face_turns,
+            "edges_rounded_n": self.edges_rounded, "total_n": self.total, "off_middle_n": self.off_middle,
+        }  # fmt: skip
+
+
+def explain_peaks(world: SnapFit) -> tuple[PeakShares, PeakShares]:
+    """Insertion and pull-out of `world`: how the peak follows from the handbook's formula.
+
+    >>> insertion, pull_out = explain_peaks(SnapFit())
+    >>> round(insertion.sharp, 2), round(pull_out.sharp, 2)
+    (9.61, 8.22)
+    """
+    return _explain_peak(world, "insertion"), _explain_peak(world, "pull_out")
+
+
+def _explain_peak(world: SnapFit, way: str) -> PeakShares:
+    hook, sign = world.hook, 1.0 if way == "pull_out" else -1.0
+    slope, place = (hook.rear, hook.ramp_end) if sign > 0 else (hook.front, hook.peak)
+    bent = max(hook.height - world.clearance, 0.0)
+    soft = compliance(hook, place, world.beam)
+    push = world.hooks * hook.youngs_modulus * hook.width * bent / float(soft.plus)
+    handbook = compute_handbook_force(push, slope, world.friction)
+    ratio = sign * math.tan(slope + math.atan(world.friction))
+    pulled = sign * push * ratio / (1.0 + ratio * float(soft.minus / soft.plus))
+    held = balance_face(hook, place, bent, sign * slope, sign * world.friction, world.beam)
+    sharp = sign * world.hooks * float(held.pull)
+    straight, aside = (_find_peak(world, sign, y) for y in (0.0, _OFF_MIDDLE))
+    coupling = aside - straight if world.hooks > 1 else 0.0
+    return PeakShares(way, handbook, pulled - handbook, sharp - pulled, straight - sharp, coupling)
+
+
+def _find_peak(world: SnapFit, sign: float, y: float) -> float:
+    """The greatest force of the hand [N] on a part `y` [m] off its middle, moved outwards (`sign` 1) or inwards."""
+    places = np.linspace(0.0, (world.hook.tip - world.hook.base_length) * 1.05, 600).tolist()
+    fast = np.array([sign * 1e3 * world.creep, 0.0, 0.0])
+    states = (State(0.0, np.eye(3), np.array([x, y, 0.0]), np.zeros(3), fast) for x in places)
+    return max(-sign * float(world.wrench(state)[0]) for state in states)
 
 
 def force_along(design: Candidate, x: float, speed: float) -> float:

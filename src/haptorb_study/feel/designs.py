@@ -381,7 +381,7 @@ def _candidate(name: str, file: DesignFile, values: dict[str, Any]) -> Candidate
     made = kind.of(hook, design.friction, file.beam, material=design.material, **others)
     remarks = list(hook.remarks(metal))
     root = replace(made.root_load, stated_strength=design.yield_strength)
-    if root.beyond_yield:
+    if root.beyond_yield or root.breaks:
         remarks.append(root.sentence)
     if design.material in MATERIALS and MATERIALS[design.material].metal is not metal:
         remarks.append(f"material '{design.material}' is {'a metal' if not metal else 'no metal'}, but metal = {metal}")

@@ -22,7 +22,7 @@ from haptorb.files import replace_file
 from haptorb.worlds import Outlet, SnapFit
 from haptorb.worlds.base import parameters
 from haptorb.worlds.base import values as parameter_values
-from haptorb_study.feel.course import InsertionForces, course, force_along
+from haptorb_study.feel.course import InsertionForces, course, explain_peaks, force_along
 from haptorb_study.feel.designs import Candidate, Candidates
 from haptorb_study.feel.session import COLUMNS, HAND, SCORES, FeelSession
 
@@ -193,12 +193,19 @@ def comparison(candidates: Candidates, session: FeelSession | None = None) -> di
             **{f"felt_{one.way}_force_n": one.felt for one in peaks},
             "felt": len(felt.get(design.name, [])),
             "peaks": [reason for one in peaks for reason in one.sentences],
+            **_list_shares(design),
             "ratings": count,
             "score": score,
             "chosen": chosen,
             "remarks": list(design.remarks),
         }
     return table
+
+
+def _list_shares(design: Candidate) -> dict[str, dict[str, float]]:
+    if not isinstance(design.world, SnapFit):
+        return {}
+    return {f"{one.way}_shares": one.numbers() for one in explain_peaks(design.world)}
 
 
 def collect_traces(session: FeelSession) -> dict[str, list[Array]]:
@@ -406,10 +413,31 @@ def _describe(design: Candidate, run: InsertionForces, traces: Sequence[Array]) 
         body.append(scroll_table_html(["parameter", "value"], rows))
     if run.root is not None:
         body.append(f"<p>{escape(run.root.sentence[:1].upper() + run.root.sentence[1:])}.</p>")
+    if isinstance(design.world, SnapFit):
+        body += _show_shares(design.world)
     body.append(_image(draw_forces(design, run, traces), f"force over displacement of {design.title}"))
     reasons = [reason for one in compare_peaks(design, run, traces) for reason in one.sentences]
     body += [f"<p>{escape(sentence)}.</p>" for sentence in reasons or ["Not felt in this session"]]
     return body
+
+
+def _show_shares(world: SnapFit) -> list[str]:
+    """The greatest forces from the handbook's formula to the rendered ones, step by step."""
+    ways = explain_peaks(world)
+    rows = [
+        ["handbook: P (μ + tan α)/(1 − μ tan α)", *(f"{one.handbook:.2f}" for one in ways)],
+        ["the pull bends the hook, too", *(f"{one.pull_bends:+.2f}" for one in ways)],
+        ["the bent face is turned", *(f"{one.face_turns:+.2f}" for one in ways)],
+        [f"edges rounded by {world.edge * 1e3:.3g} mm", *(f"{one.edges_rounded:+.2f}" for one in ways)],
+        ["greatest force", *(f"{one.total:.2f}" for one in ways)],
+    ]
+    if world.hooks > 1:
+        rows.append(["coupling of the hooks, part 0.1 mm off its middle", *(f"{one.off_middle:+.2f}" for one in ways)])
+    return [
+        "<p>How the greatest forces follow from the formula of design guides for snap-fits, all hooks together, "
+        "with all friction:</p>",
+        scroll_table_html(["share", "insert [N]", "pull out [N]"], rows),
+    ]
 
 
 def _list_sizes(design: Candidate, hook: Hook) -> list[list[str]]:

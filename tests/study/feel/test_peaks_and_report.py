@@ -11,7 +11,9 @@ import pytest
 import haptorb_study.feel
 from haptorb.devices.base import State
 from haptorb.errors import RecordingError
+from haptorb.worlds import SnapFit
 from haptorb_study.feel import Candidate, FeelSession, Trace, course, load_designs
+from haptorb_study.feel.course import explain_peaks
 from haptorb_study.feel.report import PeakComparison, compare_peaks, comparison, make_report, write_report
 
 EXAMPLE = Path(haptorb_study.feel.__file__).with_name("example.toml")
@@ -61,6 +63,26 @@ def test_a_difference_has_its_cause_and_the_causes_add_up(reach: float, speed: f
     assert sum(amount for _, amount in pull_out.causes) == pytest.approx(
         pull_out.felt - pull_out.computed, abs=0.03 * pull_out.computed
     )
+
+
+def test_the_peaks_follow_from_the_handbooks_formula_share_by_share() -> None:
+    world = load_designs(EXAMPLE)["plain"].world
+    numbers = course(load_designs(EXAMPLE)["plain"]).numbers
+    assert isinstance(world, SnapFit)
+    for one, angle, place, sharp, felt in zip(
+        explain_peaks(world), (30.0, 45.0), (18.5, 16.5), (9.61, 8.22),
+        (numbers["insertion_force_n"], numbers["pull_out_force_n"]), strict=True,
+    ):  # fmt: skip
+        # P of a stepped cantilever by sums: bending and shear up to the contact, 1.5 mm of deflection, two hooks
+        s = (np.arange(20000) + 0.5) * place / 20000  # mm
+        h = 1.5 + np.clip(s - 15.0, 0.0, 1.5)
+        soft = (12 * (place - s) ** 2 / h**3 + 1.2 * 2.7 / h).sum() * place / 20000
+        push, tan = 2 * 2300.0 * 6.0 * 1.5 / soft, np.tan(np.radians(angle))
+        assert one.handbook == pytest.approx(push * (0.3 + tan) / (1 - 0.3 * tan), rel=1e-4)
+        assert one.sharp == pytest.approx(sharp, abs=0.006)
+        assert one.total == pytest.approx(felt, rel=0.01)  # the course is slower: almost all friction
+        assert one.total == pytest.approx(one.handbook + one.pull_bends + one.face_turns + one.edges_rounded)
+        assert -0.2 < one.off_middle < 0.0
 
 
 def test_what_the_device_could_not_give_is_said() -> None:

@@ -51,6 +51,33 @@ def test_every_material_yields_between_a_thousandth_and_a_twentieth_of_its_modul
     assert 1e-3 < material.yield_strength / material.youngs_modulus < 0.05
 
 
+@pytest.mark.parametrize("name", sorted(MATERIALS))
+def test_every_material_has_its_strains_in_order_a_condition_and_a_source(name: str) -> None:
+    material = MATERIALS[name]
+    assert 0 < material.repeated_strain <= material.permissible_strain < material.breaking_strain
+    if material.metal:  # elastic to the end
+        assert material.permissible_strain == pytest.approx(material.yield_strength / material.youngs_modulus, rel=0.02)
+    assert material.condition
+    assert material.source
+
+
+def test_polyamide_is_softer_and_tougher_with_its_water() -> None:
+    dry, wet = MATERIALS["PA6"], MATERIALS["PA6 conditioned"]
+    assert wet.youngs_modulus < 0.5 * dry.youngs_modulus
+    assert wet.permissible_strain > dry.permissible_strain
+
+
+def test_a_hook_that_breaks_before_it_snaps_is_told() -> None:
+    stub = SnapFit(base_length=5e-3, peak=8.5e-3, thickness=2.5e-3, height=2e-3, insertion_deg=20.0)
+    assert stub.root_load.strain > MATERIALS["ABS"].breaking_strain
+    assert stub.root_load.breaks
+    assert "BREAKS BEFORE IT SNAPS: ABS bears a strain of 10 %" in stub.remarks[0]
+    assert stub.root_load.numbers()["breaks"] is True
+    good = SnapFit().root_load
+    assert not good.breaks
+    assert good.sentence.endswith("permissible strain 2 % once, 1.2 % if opened often: EXCEEDED if opened often")
+
+
 def test_worlds_that_are_no_hooks_say_nothing_and_hooks_say_what_is_set() -> None:
     assert world_remarks("dome", {}) == []
     assert world_remarks("a world that nobody made", {}) == []
