@@ -36,8 +36,8 @@ def find_in_arguments(word):
     return found
 
 
-@pytest.mark.usefixtures("quick_starts")
 def test_no_token_stands_in_the_process_list(monkeypatch):
+    """With processes that are started, not forked: a forked one has the command line of its parent."""
     monkeypatch.setenv("HAPTORB_TRACKER_TOKEN", TOKEN)
     with open_port() as free:
         port = free.getsockname()[1]
