@@ -24,7 +24,10 @@ _BULLET = re.compile(r"- |\d+\. ")
 #: sections of numpydoc: of entries, `name : type` with a text indented below, and of text
 _ENTRIES = ("Parameters", "Other Parameters", "Attributes", "Returns", "Yields", "Raises", "Warns")
 _TEXTS = ("Notes", "Examples", "References", "Warnings")
-_NUMPYDOC = Config(napoleon_use_ivar=True, napoleon_use_rtype=False)
+# Types are text, such as "array_like, shape (n, 3)": Sphinx would look up every word of a `:type:` field.
+_NUMPYDOC = Config(
+    napoleon_use_param=False, napoleon_use_rtype=False, napoleon_custom_sections=[("Attributes", "params_style")]
+)
 
 
 def _paragraph(lines: list[str]) -> list[str]:

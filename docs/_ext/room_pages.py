@@ -108,7 +108,7 @@ def public_page(package: str) -> list[str]:
         if inspect.isclass(thing) or inspect.isroutine(thing):
             lines += _describe(f"{package}.{name}", thing, public=True)
         else:
-            lines += [f".. py:data:: {package}.{name}", "", f"   {_first_line(thing, place)}", ""]
+            lines += [f".. py:data:: {name}", f"   :module: {package}", "", f"   {_first_line(thing, place)}", ""]
     return lines
 
 
@@ -140,9 +140,8 @@ def section(module: ModuleType) -> list[str]:
     name = module.__name__
     lines = [name, "-" * len(name), ""]
     if name in PUBLIC:
-        lines += [f"Its public names: :doc:`{_page(name)}`.", ""]
-    else:
-        lines += [f".. automodule:: {name}", "   :no-members:", ""]
+        return [*lines, f"Its public names: :doc:`{_page(name)}`.", ""]
+    lines += [f".. automodule:: {name}", "   :no-members:", ""]
     for own in getattr(module, "__all__", ()):
         thing = getattr(module, own)
         if inspect.ismodule(thing) or getattr(thing, "__module__", name) != name:
@@ -150,7 +149,7 @@ def section(module: ModuleType) -> list[str]:
         public = _PUBLIC_NAMES.get((name, own))
         if public is None:
             lines += _describe(f"{name}.{own}", thing)
-        elif public != f"{name}.{own}":
+        else:
             lines += [f"``{own}``", f"   public as :any:`{public}`", ""]
     return lines
 

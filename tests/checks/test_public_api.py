@@ -12,6 +12,7 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 from numpydoc.docscrape import get_doc_object
@@ -181,6 +182,51 @@ def list_docstring_faults(name: str, thing: object) -> list[str]:
     return faults + [f"PR01 parameter {one} is not documented" for one in sorted(missing)]
 
 
+#: classes that people implement or use from programs: all of their methods have sections
+DESCRIBED = {
+    "haptorb": "Device Driver ErrorSource Feed HandGrip Sample SampledLoop Servo Simulation State WrenchMap",
+    "haptorb.worlds": "ContactWorld World",
+    "haptorb.magnetics": "Source",
+}
+
+
+def methods(package: str) -> dict[str, Any]:
+    """Methods of public classes with sections, and those with parameters that must have them.
+
+    A method that overrides one of a public base is described there; `check_…` and internal methods need none.
+    """
+    found: dict[str, Any] = {}
+    classes = {name: one for name, one in public_objects().items() if inspect.isclass(one)}
+    for full, thing in classes.items():
+        if full.rpartition(".")[0] != package:
+            continue
+        for base in thing.__mro__:
+            if not base.__module__.startswith("haptorb") or (base is not thing and base in classes.values()):
+                continue
+            for key, member in vars(base).items():
+                function = getattr(member, "__func__", member)
+                if key.startswith("_") or not inspect.isfunction(function) or f"{full}.{key}" in found:
+                    continue
+                inherited = any(hasattr(one, key) for one in thing.__mro__[1:] if one in classes.values())
+                must = full.rpartition(".")[2] in DESCRIBED.get(package, "").split() and not inherited
+                takes = set(inspect.signature(function).parameters) - {"self", "cls"}
+                has = "\n----" in (inspect.getdoc(function) or "")
+                if has or (must and takes and key not in INTERNAL):
+                    found[f"{full}.{key}"] = function
+    return found
+
+
+#: methods with parameters that only haptorb itself calls
+INTERNAL = {"check_model", "check_tick_model", "replace_own_world"}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_public_methods_follow_numpydoc(package: str) -> None:
+    found = {name: list_docstring_faults(name, one) for name, one in methods(package).items()}
+    assert {name: faults for name, faults in found.items() if faults} == {}
+    assert package != "haptorb" or {"haptorb.Driver.read", "haptorb.Servo.hold"} <= set(found)
+
+
 def bad(first: int, second: float = 0.0) -> float:
     """computes a number
 
@@ -211,7 +257,8 @@ def test_numbers_of_public_names_have_shape_and_unit() -> None:
     """An array has its shape in its type and its unit, or what stands for one, in its text; so has a number."""
     plain = re.compile(r"\[|\bunit\b|rotation|unit vectors|structured array", flags=re.IGNORECASE)
     faults = []
-    for name, thing in public_objects().items():
+    described = public_objects() | {name: one for package in PACKAGES for name, one in methods(package).items()}
+    for name, thing in described.items():
         doc = Validator(get_doc_object(thing)).doc
         for one in (*doc["Parameters"], *doc["Returns"]):
             kind = one.type or one.name

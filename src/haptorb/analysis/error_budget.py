@@ -58,7 +58,15 @@ class ErrorSource(ABC, Generic[T]):
 
     @abstractmethod
     def perturb(self, deviates: Array, trial: T) -> None:
-        """Change `trial` by standard normal `deviates` (dimension,) [1] times the standard uncertainty."""
+        """Change a trial by the standard uncertainty times standard normal deviates.
+
+        Parameters
+        ----------
+        deviates : ndarray, shape (dimension,)
+            Standard normal deviates [1].
+        trial : object
+            Device as it could be, changed in place.
+        """
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,18 @@ class HandGrip:
             )
 
     def with_mass(self, mass: float) -> HandGrip:
-        """The same hand with an object of `mass` [kg] in it."""
+        """Return the same hand with an object in it.
+
+        Parameters
+        ----------
+        mass : float
+            Mass of the object [kg].
+
+        Returns
+        -------
+        HandGrip
+            The hand with the object.
+        """
         return HandGrip(self.mass + mass, self.damping, self.stiffness)
 
 
@@ -170,12 +181,36 @@ class SampledLoop:
         cls, rate: float, tracker_rate: float | None = None, latency: float = 0.0, time_constant: float = 0.0,
         memory: float = 0.0,
     ) -> SampledLoop:  # fmt: skip
-        """The loop of a servo at `rate` [Hz] with a tracker at `tracker_rate` [Hz], its poses `latency` [s] old.
+        """Make the loop of a servo and a tracker from rates and latency.
 
-        None: the pose is read in every tick. A tracker with a clock of its own makes its pose wait for the next tick,
-        at worst the shorter of the two periods.
+        Parameters
+        ----------
+        rate : float
+            Rate of the servo [Hz].
+        tracker_rate : float, optional
+            Rate of the tracker [Hz]; None: a pose is read in every tick.
+        latency : float
+            Age of a pose when it arrives [s].
+        time_constant : float
+            L/R of the coils [s]; 0: currents follow at once.
+        memory : float
+            Parameter θ of the pose filter [1]; 0: no filter.
 
-        Raises InputError for a rate that is not above zero.
+        Returns
+        -------
+        SampledLoop
+            The loop. A tracker with its own clock makes its pose wait for the next tick, at worst the shorter of the
+            two periods.
+
+        Raises
+        ------
+        InputError
+            For a rate that is not above zero.
+
+        Examples
+        --------
+        >>> round(SampledLoop.of(1000.0, tracker_rate=240.0, latency=5e-3).largest(GRIPS["light"]))      # [N/m]
+        257
         """
         rates = [rate] if tracker_rate is None else [rate, tracker_rate]
         if not all(math.isfinite(one) and one > 0 for one in rates):
@@ -196,24 +231,79 @@ class SampledLoop:
         return self.ramp * (1 + 1 / x + 1 / math.expm1(-x))
 
     def passive_bound(self, damping: float, world_damping: float = 0.0) -> float:
-        """Greatest K [N/m] with which the sampled world is passive, if nothing is late: 2 (b − |B|)/T."""
+        """Compute the largest stiffness with which the sampled world is passive, without delay: 2 (b − |B|)/T.
+
+        Colgate and Schenkel 1997; a bound for any passive hand, not a boundary of stability.
+
+        Parameters
+        ----------
+        damping : float
+            Damping b of the hand [N·s/m].
+        world_damping : float
+            Damping B of the world [N·s/m].
+
+        Returns
+        -------
+        float
+            Stiffness K [N/m].
+        """
         return max(2 * (damping - abs(world_damping)) / self.period, 0.0)
 
     def delay_bound(self, damping: float, world_damping: float = 0.0) -> float:
-        """Greatest K [N/m] by the rough condition with delay: (b + B)/(T/2 + t_d)."""
+        """Compute the largest stiffness by the approximate condition with delay: (b + B)/(T/2 + t_d).
+
+        Gil et al. 2009; valid while the oscillation is slow against the delay.
+
+        Parameters
+        ----------
+        damping : float
+            Damping b of the hand [N·s/m].
+        world_damping : float
+            Damping B of the world [N·s/m].
+
+        Returns
+        -------
+        float
+            Stiffness K [N/m].
+        """
         return max((damping + world_damping) / (self.period / 2 + self.lateness), 0.0)
 
     def growth(self, grip: HandGrip, stiffness: complex, world_damping: float = 0.0) -> float:
-        """The magnitude of the largest eigenvalue of one period: below 1 the loop is stable.
+        """Compute the magnitude of the largest eigenvalue of one period: below 1 the loop is stable.
 
-        A complex stiffness stands for a pair of eigenvalues of a force field that is no gradient.
+        Parameters
+        ----------
+        grip : HandGrip
+            Hand that holds the tool.
+        stiffness : complex
+            Stiffness of the world [N/m]; complex for a pair of eigenvalues of a force field that is no gradient.
+        world_damping : float
+            Damping of the world [N·s/m].
+
+        Returns
+        -------
+        float
+            Growth per period [1].
         """
         return float(np.abs(np.linalg.eigvals(self._map(grip, stiffness, world_damping))).max())
 
     def largest(self, grip: HandGrip, stiffness: complex = 1.0, world_damping: float = 0.0) -> float:
-        """The factor by which a world of `stiffness` and `world_damping` may be multiplied: 1 is the boundary.
+        """Compute the factor by which a world's stiffness and damping may grow until the loop is unstable.
 
-        With stiffness 1 and no damping it is the largest stiffness itself [N/m]; inf where none is too large.
+        Parameters
+        ----------
+        grip : HandGrip
+            Hand that holds the tool.
+        stiffness : complex
+            Stiffness of the world [N/m].
+        world_damping : float
+            Damping of the world [N·s/m].
+
+        Returns
+        -------
+        float
+            Factor [1]; with stiffness 1 and no damping it is the largest stiffness itself [N/m]. Infinite if none is
+            too large.
         """
         scale = max(abs(stiffness), abs(world_damping) * 10.0)  # a damper at 10 rad/s is as strong as a spring of 10 B
         if scale == 0.0:

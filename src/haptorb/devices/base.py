@@ -167,11 +167,36 @@ class State:
         w: ArrayLike = (0.0, 0.0, 0.0),
         t: float = 0.0,
     ) -> State:
-        """A tool at `position` (3,) [m], its axis radial unless `axis` (3,) or `R_SR` (3, 3) is given.
+        """Make the state of a tool at a position, its axis radial unless an orientation is given.
 
-        Raises InputError for other shapes, for a place more than 1 m from the device's centre, for both orientations at
-        once, and for the centre without one.
+        Parameters
+        ----------
+        position : array_like, shape (3,)
+            Position of the tool's magnet in the stator frame [m], at most 1 m from the device's centre.
+        axis : array_like, shape (3,), optional
+            Direction of the tool's axis [1], of any length.
+        R_SR : array_like, shape (3, 3), optional
+            Rotation from the tool's frame to the stator frame, instead of `axis`.
+        v : array_like, shape (3,)
+            Velocity in the stator frame [m/s].
+        w : array_like, shape (3,)
+            Angular velocity in the stator frame [rad/s].
+        t : float
+            Time [s].
 
+        Returns
+        -------
+        State
+            The state.
+
+        Raises
+        ------
+        InputError
+            For other shapes, for a place more than 1 m from the device's centre, for both orientations at once, and for
+            the centre without one.
+
+        Examples
+        --------
         >>> State.at((0.0, 0.05, 0.0)).axis.tolist()
         [0.0, 1.0, 0.0]
         """
@@ -191,8 +216,29 @@ class State:
 
     @classmethod
     def from_rotation(cls, R_SR: ArrayLike, *, w: ArrayLike = (0.0, 0.0, 0.0), t: float = 0.0) -> State:
-        """A rotor turned by `R_SR` (3, 3) about the motor's centre, turning with `w` (3,) [rad/s].
+        """Make the state of a rotor, turned about the motor's centre.
 
+        Parameters
+        ----------
+        R_SR : array_like, shape (3, 3)
+            Rotation from the rotor's frame to the stator frame.
+        w : array_like, shape (3,)
+            Angular velocity in the stator frame [rad/s].
+        t : float
+            Time [s].
+
+        Returns
+        -------
+        State
+            The state; p and v are zero.
+
+        Raises
+        ------
+        InputError
+            If R_SR is not a rotation, or a number is not finite.
+
+        Examples
+        --------
         >>> State.from_rotation(np.eye(3)).p.tolist()
         [0.0, 0.0, 0.0]
         """
@@ -299,7 +345,18 @@ class WrenchMap:
         return self.matrix[3:]
 
     def wrench(self, currents: Array) -> Array:
-        """(6,) the wrench of `currents` (m,) [A], including the passive part."""
+        """Compute the wrench of given currents, including the passive part.
+
+        Parameters
+        ----------
+        currents : ndarray, shape (m,)
+            Current of each channel [A].
+
+        Returns
+        -------
+        ndarray, shape (6,)
+            Force [N], then torque about the mover's origin [N·m], in the stator frame.
+        """
         wrench: Array = self.matrix @ currents + self.passive
         return wrench
 
@@ -645,13 +702,47 @@ class Device(Presentable, ABC):
 
     @abstractmethod
     def wrench_map(self, state: State, model: str) -> WrenchMap:
-        """The wrench map at `state`, by one of `models`."""
+        """Compute the wrench map at a pose; a kind of device implements this.
+
+        Parameters
+        ----------
+        state : State
+            Pose of the mover.
+        model : str
+            One of `models`.
+
+        Returns
+        -------
+        WrenchMap
+            `matrix` (6, m) [N/A, N·m/A] and `passive` (6,) [N, N·m].
+
+        Raises
+        ------
+        GeometryError
+            If a magnet would be inside a coil or the core.
+        UnknownName
+            If there is no such model.
+        """
 
     def draw(self, view: str = "both", azimuth: float = 0.0) -> Any:
-        """A matplotlib figure: the drawing to scale that `haptorb show` writes; `view` is "section", "3d" or "both".
+        """Draw the device to scale, as `haptorb show` does.
 
-        The section's plane contains z and is turned by `azimuth` [°] from +x towards +y. `figure.savefig(path)` stores
-        the figure; a notebook shows it. Raises InputError for a kind of device without geometry.
+        Parameters
+        ----------
+        view : str
+            "section", "3d" or "both".
+        azimuth : float
+            Angle of the section's plane, which contains z, from +x towards +y [°].
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The drawing; `figure.savefig(path)` stores it, and a notebook shows it.
+
+        Raises
+        ------
+        InputError
+            If the kind of device has no geometry.
         """
         return load_part("haptorb.cli.drawing:draw_device")(self, view, azimuth)
 

@@ -196,7 +196,18 @@ class Estimator(Stateful, ABC):
 
     @abstractmethod
     def update(self, sample: Sample) -> Estimate:
-        """The estimate after `sample`."""
+        """Estimate the state after a sample; called in every tick.
+
+        Parameters
+        ----------
+        sample : Sample
+            Measurements of the tick.
+
+        Returns
+        -------
+        Estimate
+            State and wrench map; `valid=False` where the pose is not known.
+        """
 
     @property
     def model(self) -> str:
@@ -209,7 +220,18 @@ class Estimator(Stateful, ABC):
         return ""
 
     def change_model(self, name: str) -> None:
-        """Change the wrench maps to the device's model `name`, without a step; InputError if there is only one."""
+        """Change the model of the wrench maps, without a step of the force.
+
+        Parameters
+        ----------
+        name : str
+            One of the device's `tick_models`.
+
+        Raises
+        ------
+        InputError
+            If the estimator has one model only.
+        """
         raise InputError(f"this estimator has one model only; it cannot switch to '{name}'")
 
 

@@ -29,11 +29,43 @@ class Source(ABC):
 
     @abstractmethod
     def field(self, points: ArrayLike) -> Array:
-        """Flux density (..., 3) [T] (coils: [T/A]) at `points` (..., 3) [m]."""
+        """Compute the flux density.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            Points in the source's frame [m].
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            Flux density [T]; of a coil per ampere [T/A].
+
+        Raises
+        ------
+        GeometryError
+            At a point where the field is not defined.
+        """
 
     @abstractmethod
     def field_gradient(self, points: ArrayLike) -> Array:
-        """(..., 3, 3) [T/m] (coils: [T/m/A]), [i, j] = ∂B_i/∂x_j, at `points` (..., 3) [m]."""
+        """Compute the gradient of the flux density.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            Points in the source's frame [m].
+
+        Returns
+        -------
+        ndarray, shape (..., 3, 3)
+            Element [i, j] is ∂B_i/∂x_j [T/m]; of a coil per ampere [T/m/A].
+
+        Raises
+        ------
+        GeometryError
+            At a point where the gradient is not defined.
+        """
 
     @property
     @abstractmethod
@@ -41,7 +73,18 @@ class Source(ABC):
         """(3,) magnetic moment [A·m²] (coils: per ampere)."""
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """(...,) whether `points` (..., 3) [m] lie in the body's matter; a source without a volume has no inside."""
+        """Find points that lie in the material of the body.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            Points in the source's frame [m].
+
+        Returns
+        -------
+        ndarray of bool, shape (...)
+            True inside the material; a source without a volume contains no point.
+        """
         return np.zeros(np.asarray(points).shape[:-1], dtype=bool)
 
 

@@ -441,11 +441,24 @@ class Recording:
     def check(
         self, first: int = 0, last: int | None = None, report: Callable[[float], None] = lambda share: None
     ) -> bool:
-        """Compare rows `first` up to `last` (all) with their checksums; True if some are damaged.
+        """Compare rows with their checksums.
 
-        Damaged rows are then left out: later rows have lower numbers, `missing` and `damage` state where rows are
-        missing, and a RecordingWarning does, too. A file of up to 32 MiB was checked when it was opened. `report`
-        receives the share that is done.
+        Damaged rows are then left out: later rows have lower numbers, and `missing`, `damage` and a RecordingWarning
+        state where rows are missing. A file of up to 32 MiB was checked when it was opened.
+
+        Parameters
+        ----------
+        first : int
+            First row.
+        last : int, optional
+            Row after the last one; None: to the end.
+        report : callable
+            Receives the share that is done, 0 to 1.
+
+        Returns
+        -------
+        bool
+            True if rows are damaged.
         """
         if self.checked:
             return False
@@ -517,9 +530,26 @@ class Recording:
         )
 
     def read(self, first: int, last: int, fields: Sequence[str]) -> Array:
-        """(last − first, k) those fields side by side, in their own units [SI]; UnknownName for a missing one.
+        """Read fields of a range of rows, side by side; a long file is read once, for any number of fields.
 
-        A long file is read once, for any number of fields.
+        Parameters
+        ----------
+        first : int
+            First row.
+        last : int
+            Row after the last one.
+        fields : sequence of str
+            Names of fields.
+
+        Returns
+        -------
+        ndarray, shape (last − first, k)
+            Their numbers, each field in its unit [SI].
+
+        Raises
+        ------
+        UnknownName
+            If there is no such field.
         """
         known = {field.name for field in self.columns} | set(self._at)
         for name in fields:
@@ -613,9 +643,19 @@ class Recording:
         return layout
 
     def require(self, *names: str) -> None:
-        """Raise RecordingError unless there are fields `names` as wide as this version of haptorb writes them.
+        """Check that the recording has given fields, as wide as this version of haptorb writes them.
 
         Fields of coils, sensors, contacts and memory may have any width.
+
+        Parameters
+        ----------
+        *names : str
+            Names of the fields.
+
+        Raises
+        ------
+        RecordingError
+            If a field is missing, or has another width.
         """
         wide = {field.name: field.width for field in RowLayout(0, 0).fields if field.width}
         found = {field.name: field.width for field in self.fields}
@@ -637,7 +677,17 @@ class Recording:
 
         UTF-8. The file is written completely or not at all.
 
-        Raises RecordingError if the file exists and `overwrite` is not set, or if it cannot be written.
+        Parameters
+        ----------
+        path : str or Path
+            File to write.
+        overwrite : bool
+            Whether it may replace a file.
+
+        Raises
+        ------
+        RecordingError
+            If the file exists and `overwrite` is not set, or if it cannot be written.
         """
         path = Path(path)
         try:
@@ -648,17 +698,33 @@ class Recording:
         Export.of(self, "csv").write(path)
 
     def to_pandas(self) -> DataFrame:
-        """All rows as a DataFrame: one column per number, named `p[0]`, the index `t` [s].
+        """Return all rows as a DataFrame: one column per number, named `p[0]`, with the time `t` as its index.
 
-        `attrs["units"]` and `attrs["about"]` describe each column. Raises InputError if pandas is not installed.
+        Returns
+        -------
+        pandas.DataFrame
+            The rows in SI units; `attrs["units"]` and `attrs["about"]` describe each column, the index is in [s].
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
         """
         self.check()
         return make_data_frame(self)
 
     def to_xarray(self) -> Dataset:
-        """All rows as a Dataset over `t` [s]: one variable per field, with `units` and `long_name` in its `attrs`.
+        """Return all rows as a Dataset over the time `t`: one variable per field.
 
-        Raises InputError if xarray is not installed.
+        Returns
+        -------
+        xarray.Dataset
+            The rows in SI units, with `units` and `long_name` in the `attrs` of each variable; t is in [s].
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
         """
         self.check()
         return make_dataset(self)
@@ -670,8 +736,23 @@ class Recording:
         return facts_html(f"Recording {self.path.name}", list_facts(self), draw_force(self))
 
     def plot(self, path: str | Path | None = None) -> Figure:
-        """A figure of the run: force asked and given, currents, temperatures, lateness; written to `path` (PNG, SVG,
-        PDF) if one is given. Raises RecordingError if there are no rows, or if `path` cannot be written."""
+        """Plot the run: force asked and given, currents, temperatures, lateness.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            File to write (PNG, SVG, PDF).
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+
+        Raises
+        ------
+        RecordingError
+            If there are no rows, or `path` cannot be written.
+        """
         self.check()
         return plot(self, path)
 

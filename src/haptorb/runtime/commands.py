@@ -147,16 +147,29 @@ class HandCommands(ABC):
         return self._memory_or_none
 
     def point(self, p: ArrayLike, q: ArrayLike | None = None, *, patience: float = 0.0) -> None:
-        """Move the hand so that the tool's magnet goes to `p` (3,) [m] with orientation `q` (4,) (x, y, z, w);
-        None: its axis radial, upright over a plate (`Device.is_upright`).
+        """Move the simulated hand to a pose, once.
 
-        For a motor only the orientation is used: `q`, or a position `p` towards which the handle points.
-        Repeat the call within the device's `limits.expiry`, else the pose counts as lost; `hold` and `follow` do
-        that automatically. A simulated hand stays there `patience` [s] longer, at most 1 s, for a program that
-        may not get a processor. The pose of a real tool expires regardless of the patience.
+        Repeat the call within the device's `limits.expiry`, else the pose counts as lost; `hold` and `follow` do that
+        automatically. For a motor only the orientation is used: `q`, or a position `p` towards which the handle points.
 
-        Raises InputError for another shape, a number that is not finite, a position more than 1 m from the device's
-        centre, a zero quaternion, or a patience outside 0 to 1 s; ServoError before the start.
+        Parameters
+        ----------
+        p : array_like, shape (3,)
+            Position of the tool's magnet in the stator frame [m].
+        q : array_like, shape (4,), optional
+            Orientation as a unit quaternion (x, y, z, w) [1]; None: its axis radial, or upright over a plate
+            (`Device.is_upright`).
+        patience : float
+            Time for which a simulated hand stays there longer [s], at most 1 s, for a program that may not get a
+            processor. The pose of a real tool expires regardless of it.
+
+        Raises
+        ------
+        InputError
+            For another shape, a number that is not finite, a position more than 1 m from the device's centre, a zero
+            quaternion, or a patience outside 0 to 1 s.
+        ServoError
+            Before the start.
         """
         place, turn = self._check_pose(p, q)
         if not 0.0 <= patience <= _MOST_PATIENT:
@@ -167,25 +180,49 @@ class HandCommands(ABC):
             memory.pointer.write(True, place, turn, monotonic(), patience)
 
     def hold(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
-        """The simulated hand stays at `p` (3,) [m] with orientation `q` (4,), until `release` or another command.
+        """Hold the simulated hand at a pose, until `release` or another command.
 
-        A thread of this program repeats it every 5 ms: if the program ends, stops or hangs, the coils go off. On a
-        busy computer it may be late by a second. Raises as `point` does; InputError also if this program moves no
-        simulated hand.
+        A thread of this program repeats the pose every 5 ms: if the program ends, stops or hangs, the coils go off. On
+        a busy computer it may be late by a second.
+
+        Parameters
+        ----------
+        p : array_like, shape (3,)
+            Position of the tool's magnet in the stator frame [m].
+        q : array_like, shape (4,), optional
+            Orientation as a unit quaternion (x, y, z, w) [1]; None: as for `point`.
+
+        Raises
+        ------
+        InputError
+            As `point`; also on a real device, and with a tracker that determines where the hand is.
+        ServoError
+            Before the start.
         """
         pose = self._check_pose(p, q)
         self._keep(lambda t: pose, users_code=False, patience=_MOST_PATIENT)
 
     def follow(self, path: PathFunction | ArrayLike, times: ArrayLike | None = None) -> None:
-        """The simulated hand follows `path` from now on, until `release` or another command.
+        """Move the simulated hand along a path, until `release` or another command.
 
-        path    a function of the time from now [s] that returns a position (3,) [m], (position, quaternion), or both
-                in one row (7,); or poses (n, 3) or (n, 7) at `times`, with straight lines between them
-        times   (n,) [s], increasing; the hand stays at the last pose
+        A thread of this program evaluates the path every 5 ms, as for `hold`. A function that raises an exception, or
+        returns no valid pose, ends it: the pose expires, the coils go off, and `run` and `check_hand` raise InputError
+        with file and line.
 
-        A thread of this program calls it every 5 ms, as for `hold`. A function that raises, or returns no valid
-        pose, ends it: the pose expires, the coils go off, and `run` and `check_hand` raise InputError with file and
-        line.
+        Parameters
+        ----------
+        path : callable or array_like, shape (n, 3) or (n, 7)
+            Function of the time from now [s] that returns a position (3,) [m], (position, quaternion), or both in one
+            row (7,); or poses at `times`, with straight lines between them.
+        times : array_like, shape (n,), optional
+            Increasing times of the poses from now [s]; the hand stays at the last pose.
+
+        Raises
+        ------
+        InputError
+            If times are missing, or not increasing; also as `hold`.
+        ServoError
+            Before the start.
         """
         if not callable(path):
             if times is None:
@@ -197,7 +234,7 @@ class HandCommands(ABC):
         self._keep(lambda t: self._check_pose(*split_pose(path(t))), users_code=True)
 
     def release(self) -> None:
-        """Release the hand: it returns to the guided motion."""
+        """Return the simulated hand to the guided motion."""
         memory = self._memory
         with self._speaking:
             self._forget_keeper()
@@ -309,8 +346,10 @@ class Commands(HandCommands):
         return self._stopped if shared is None else int(shared.words[Word.STOP])
 
     def stop(self) -> None:
-        """Coils off within a tick, and off until `engage`. Before or during the start, it takes effect from the
-        first tick. May be called from any thread."""
+        """Switch the coils off within a tick, until `engage`. May be called from any thread.
+
+        Before or during the start, it takes effect from the first tick.
+        """
         # Every stop has a number of its own: two threads that stop at once cannot hide one's behind the other's.
         self._stopped = number = next(self._stop_numbers)
         shared = self._memory_or_none
@@ -325,23 +364,39 @@ class Commands(HandCommands):
     def engage(self, stops: int | None = None) -> None:
         """Engage after a stop or a trip, from zero force. The guard refuses while the reason persists.
 
-        `stops` is the value of `stops` when the person requested to engage; None: now. The servo refuses if `stop`
-        was called since then.
+        Parameters
+        ----------
+        stops : int, optional
+            Value of `stops` when the person requested to engage; None: now. The servo refuses if `stop` was called
+            since then.
         """
         words = self._memory.words
         words[Word.ENGAGE] = engage_request(words[Word.ENGAGE], self.stops if stops is None else stops)
 
     def cool(self) -> None:
-        """Set simulated coils to the ambient temperature, from the next tick on. Raises InputError for a real
-        device."""
+        """Set simulated coils to the ambient temperature, from the next tick on.
+
+        Raises
+        ------
+        InputError
+            On a real device.
+        """
         if self.driver != "sim":
             raise InputError(f"only simulated coils can be cooled at once; driver '{self.driver}' drives a real device")
         self._memory.words[Word.COOL] += 1
 
     def press(self, buttons: Collection[str]) -> None:
-        """Press these `buttons`, of "a", "b", "c", and release the others, for connected programs.
+        """Press buttons of the tool for connected programs, and release the others.
 
-        Raises UnknownName for another button.
+        Parameters
+        ----------
+        buttons : collection of str
+            Pressed buttons, of "a", "b" and "c".
+
+        Raises
+        ------
+        UnknownName
+            If there is no such button.
         """
         for name in buttons:
             if name not in BUTTONS:
@@ -349,28 +404,53 @@ class Commands(HandCommands):
         self._memory.words[Word.BUTTONS] = sum(1 << i for i, name in enumerate(BUTTONS) if name in buttons)
 
     def set_mode(self, mode: str) -> None:
-        """Change to `mode`, "translate" or "rotate", without a step of the target's pose or of torque.
+        """Change the mode of a motor, without a step of the target's pose or of torque.
 
-        Raises UnknownName for a mode that the device does not have.
+        Parameters
+        ----------
+        mode : str
+            "translate" or "rotate".
+
+        Raises
+        ------
+        UnknownName
+            If the device does not have this mode.
         """
         if mode not in self.modes:
             raise UnknownName(f"mode of device '{self.device.name}'", str(mode), self.modes)
         self._memory.words[Word.MODE] = 1 + MODES.index(mode)
 
     def clutch(self, engaged: bool) -> None:
-        """Release the clutch (False), to turn the handle back and reach further, or engage it (True).
+        """Engage or release the clutch of a motor, to turn the handle back and reach further.
 
-        Raises InputError for a device without modes: it has no clutch.
+        Parameters
+        ----------
+        engaged : bool
+            False: release it.
+
+        Raises
+        ------
+        InputError
+            If the device has no modes.
         """
         if not self.modes:
             raise InputError(f"device '{self.device.name}' has no clutch; its mover acts directly")
         self._memory.words[Word.CLUTCH] = 1 if engaged else 2
 
     def set_torque_scale(self, scale: float) -> None:
-        """Multiply all torques of a motor's handle by `scale`, above 0 and up to 100, without a step.
+        """Scale all torques of a motor's handle, without a step.
 
-        The motion does not change, so the wrench on the target feels weaker or stronger. 1: the gains only. Raises
-        InputError for another number, or a device without modes.
+        The motion does not change, so the wrench on the target feels weaker or stronger.
+
+        Parameters
+        ----------
+        scale : float
+            Factor above 0 and up to 100 [1].
+
+        Raises
+        ------
+        InputError
+            For another number, or a device without modes.
         """
         if not self.modes:
             raise InputError(f"device '{self.device.name}' has no torque scale; its mover acts directly")
@@ -379,7 +459,13 @@ class Commands(HandCommands):
         self._memory.words[Word.SCALE] = round(scale * 1e6)
 
     def pause_recording(self, paused: bool) -> None:
-        """Leave rows out of the recording from now on, or no longer; the gap's rows are counted in the file."""
+        """Pause or continue the recording; the file states how many rows are missing.
+
+        Parameters
+        ----------
+        paused : bool
+            True: leave rows out from now on.
+        """
         self._memory.words[Word.RECORDING_PAUSED] = int(paused)
 
     @property
@@ -390,9 +476,19 @@ class Commands(HandCommands):
         return self.device.models[number - 1] if number else self._model
 
     def set_model(self, name: str) -> None:
-        """Change the controller model to `name`, without a step of the force: the currents change within 50 ms.
+        """Change the controller model, without a step of the force: the currents change within 50 ms.
 
-        Raises UnknownName for an unknown model, InputError for one that takes too long for a tick.
+        Parameters
+        ----------
+        name : str
+            One of `models`.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such model.
+        InputError
+            If the model takes too long for a tick.
         """
         self._memory.words[Word.MODEL] = 1 + self.device.models.index(self.device.check_tick_model(name))
 
@@ -406,15 +502,43 @@ class Commands(HandCommands):
         return world["name"], world["values"]
 
     def add_world(self, world: World, name: str = "") -> None:
-        """Make `world` available to `set_world` by `name`, or by its own name. Raises ServoError after the start."""
+        """Make a world available to `set_world`, before the start.
+
+        Parameters
+        ----------
+        world : World
+            The world.
+        name : str
+            Name for `set_world`; empty: the world's own.
+
+        Raises
+        ------
+        ServoError
+            After the start.
+        """
         if self._memory_or_none is not None:
             raise ServoError("call add_world before the start: the servo's process receives all worlds at once")
         self.own_worlds[name or world.name] = world
 
     def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
-        """Render the world `name` with `values` from the next tick on; values not given stay the same, or are the
-        defaults of a new world. After a first start its code may have to be compiled first; `world_ahead` then
-        has its name. Raises UnknownName or InputError if the servo refuses; then nothing changes."""
+        """Render another world, or the same with other parameters, from the next tick on.
+
+        After a first start its code may have to be compiled first; `world_ahead` then has its name.
+
+        Parameters
+        ----------
+        name : str
+            Name in the catalogue, or of a world of this servo.
+        values : Mapping, optional
+            Parameter → value; those not given stay the same, or are the defaults of a new world.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such world or parameter; nothing changes.
+        InputError
+            If a value is invalid; nothing changes.
+        """
         self._request(name, values or {})
 
     def replace_own_world(self, world: World, values: Mapping[str, Any], folder: Path) -> None:

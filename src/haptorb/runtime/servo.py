@@ -332,18 +332,36 @@ class ServoObserver(Commands):
             self.check()
 
     def rows(self, cursor: int = 0) -> tuple[int, Array]:
-        """(new cursor, rows (n, width)): the rows that the loop published after the first `cursor` rows, oldest first.
-
-        In the units [..] of `layout`.
+        """Read the rows of the loop since the last call, for plots of a running servo.
 
         The last 8191 rows are kept; (new cursor − cursor − n) rows were lost to a slower reader.
+
+        Parameters
+        ----------
+        cursor : int
+            Cursor of the last call; 0: from the oldest row.
+
+        Returns
+        -------
+        cursor : int
+            New cursor.
+        rows : ndarray, shape (n, width)
+            New rows, oldest first, each field in its unit [SI]; `layout["given"]` are the columns of a field.
         """
         return self._memory.ring.read_since(cursor)
 
     def latest(self) -> LatestRow:
-        """The newest tick, by field name: `latest().given`, `latest()["given"]`, see `LatestRow`.
+        """Read the newest tick, by field name: `latest().given` or `latest()["given"]`.
 
-        Raises ServoError before the first.
+        Returns
+        -------
+        LatestRow
+            The fields in SI units; `units` names them.
+
+        Raises
+        ------
+        ServoError
+            Before the first tick.
         """
         numbers = self._memory.ring.latest()
         if numbers is None:
@@ -471,11 +489,25 @@ class ServoContext(ServoObserver):
         await _complete(self.close)
 
     def run(self, seconds: float) -> None:
-        """Let the loop run for `seconds`. Raises ServoError as soon as it ends by itself, RecordingError if the
-        recorder does, WorldError if the world's code fails or takes too long; InputError if the path of the hand fails,
-        or `seconds` is negative or not finite.
+        """Wait while the loop runs, and raise as soon as something fails.
 
-        Ctrl-C closes the servo first, then raises KeyboardInterrupt; so does what else ends a program.
+        Ctrl-C closes the servo first, then raises KeyboardInterrupt; so does whatever else ends the program.
+
+        Parameters
+        ----------
+        seconds : float
+            Time to wait [s].
+
+        Raises
+        ------
+        ServoError
+            If the loop ends by itself.
+        RecordingError
+            If the recorder ends.
+        WorldError
+            If the world's code fails, or takes too long.
+        InputError
+            If the path of the hand fails, or `seconds` is negative or not finite.
         """
         end = monotonic() + _check_seconds(seconds)
         try:
@@ -487,15 +519,39 @@ class ServoContext(ServoObserver):
             raise
 
     async def wait(self, seconds: float) -> None:
-        """Like `run`, for an event loop: other tasks keep running. Raises what `run` raises."""
+        """Wait while the loop runs, as `run` does, in an event loop: other tasks continue.
+
+        Parameters
+        ----------
+        seconds : float
+            Time to wait [s].
+
+        Raises
+        ------
+        ServoError
+            As `run`, with the other errors of `run`.
+        """
         end = monotonic() + _check_seconds(seconds)
         while (left := self._check_all(end)) > 0:
             await asyncio.sleep(min(left, _LOOK))
 
     async def watch(self, every: float = _LOOK) -> AsyncIterator[LatestRow]:
-        """The newest tick, once `every` [s]: `async for row in servo.watch()`.
+        """Read the newest tick at an interval: `async for row in servo.watch()`.
 
-        Raises what `run` raises.
+        Parameters
+        ----------
+        every : float
+            Interval [s].
+
+        Yields
+        ------
+        LatestRow
+            The newest tick.
+
+        Raises
+        ------
+        ServoError
+            As `run`, with the other errors of `run`.
         """
         pause = _check_seconds(every)
         while True:
@@ -760,9 +816,19 @@ class Servo(ServoContext):
         self._claim: FileLock | None = None  # on the folder
 
     def open(self, standby: PrestartedProcess | None = None) -> None:
-        """Start: returns when the loop runs. Raises RecordingError or ServoError, with nothing left running.
+        """Start; returns when the loop runs.
 
-        standby: a process that was started early, for this servo; None: start one now.
+        Parameters
+        ----------
+        standby : PrestartedProcess, optional
+            Process that was started early, for this servo; None: start one now.
+
+        Raises
+        ------
+        ServoError
+            If the loop does not start, or this servo was already started; nothing is left running.
+        RecordingError
+            If the recording cannot be written; nothing is left running.
         """
         if self._children is not None:
             raise ServoError("this servo was already started; create a new one")

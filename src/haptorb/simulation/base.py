@@ -33,31 +33,87 @@ class Simulation(ABC):
 
     @abstractmethod
     def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
-        """Advance by `dt` [s] with `duties` (m,) in −1…1 of the supply, already quantised.
+        """Advance the simulated time.
 
-        goal_p (3,) [m] and goal_q (4,), quaternion (x, y, z, w) of R_SR, are the target of the simulated hand.
+        Parameters
+        ----------
+        dt : float
+            Time step [s].
+        duties : ndarray, shape (m,)
+            Duty cycle of each channel, −1 to 1 of the supply voltage [1], already quantised.
+        goal_p : ndarray, shape (3,)
+            Position to which the simulated hand moves the mover [m].
+        goal_q : ndarray, shape (4,)
+            Orientation to which it turns the mover: unit quaternion (x, y, z, w) of R_SR [1].
         """
 
     @abstractmethod
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
-        """The readings of the sensors now, with time `t` [s], and the mover's pose with the time stamp `pose_stamp`."""
+        """Read the simulated sensors.
+
+        Parameters
+        ----------
+        t : float
+            Time of the sample [s].
+        pose_stamp : float
+            Time of measurement of the mover's pose [s].
+        pose_valid : bool
+            Whether the pose is valid.
+
+        Returns
+        -------
+        Sample
+            The readings, with noise and quantisation.
+        """
 
     @abstractmethod
     def truth(self) -> Array:
-        """(6,) mean wrench of coils and core on the mover over the last `advance`: [N] and [N·m] about its origin,
-        stator frame; without contact, hand and gravity."""
+        """Return the mean wrench of coils and core on the mover over the last `advance`.
+
+        Contact, hand and gravity are not part of it.
+
+        Returns
+        -------
+        ndarray, shape (6,)
+            Force [N] and torque about the mover's origin [N·m], in the stator frame.
+        """
 
     @abstractmethod
     def state(self) -> State:
-        """The true state of the mover; t is the simulated time."""
+        """Return the true state of the mover.
+
+        Returns
+        -------
+        State
+            The state; t is the simulated time.
+        """
 
     @abstractmethod
     def quantise(self, duties: Array) -> Array:
-        """(m,) `duties` (m,) clipped to −1…1 and quantised by the chopper; NaN becomes zero."""
+        """Clip and quantise duty cycles as the chopper does.
+
+        Parameters
+        ----------
+        duties : ndarray, shape (m,)
+            Duty cycles [1].
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            Duty cycles within −1 to 1 [1]; zero for NaN.
+        """
 
     @abstractmethod
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
-        """Put the mover at `p` (3,) [m] with `q` (4,), at rest; currents and temperatures do not change."""
+        """Put the mover somewhere, at rest; currents and temperatures do not change.
+
+        Parameters
+        ----------
+        p : array_like, shape (3,)
+            Position [m].
+        q : array_like, shape (4,)
+            Orientation: unit quaternion (x, y, z, w) of R_SR [1].
+        """
 
     def cool(self) -> None:
         """Set the coils to the ambient temperature; currents do not change. By default it does nothing."""
@@ -65,7 +121,13 @@ class Simulation(ABC):
 
     @abstractmethod
     def reset(self, seed: int = 0) -> None:
-        """Back to the start: cold coils, no currents, mover at rest above the dome or at zero, noise from `seed`."""
+        """Go back to the start: cold coils, no currents, the mover at rest above the dome, or at zero.
+
+        Parameters
+        ----------
+        seed : int
+            Seed of the noise.
+        """
 
 
 # --------------------------------------------------------------------------------------------------

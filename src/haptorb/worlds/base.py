@@ -266,7 +266,18 @@ class World(Presentable, ABC):
 
     @abstractmethod
     def wrench(self, state: State) -> Array:
-        """(6,) the wrench on the mover at `state`."""
+        """Render the wrench at a state.
+
+        Parameters
+        ----------
+        state : State
+            Pose and motion of the mover.
+
+        Returns
+        -------
+        ndarray, shape (6,)
+            Force [N], then torque about the mover's origin [N·m], in the stator frame.
+        """
 
     @property
     def bound(self) -> float:
@@ -309,9 +320,22 @@ class World(Presentable, ABC):
         return table_html(["parameter", "value", "range"], rows) if rows else ""
 
     def for_device(self, device: Device) -> World:
-        """This world adapted to `device`; by default the world itself.
+        """Adapt the world to a device; by default it returns the world itself.
 
-        Raises InputError for a device without a target, if this world needs one.
+        Parameters
+        ----------
+        device : Device
+            Device that will render it.
+
+        Returns
+        -------
+        World
+            The adapted world.
+
+        Raises
+        ------
+        InputError
+            If the world needs a target, and the device has none.
         """
         if self.needs_target and not device.kind.modes:
             raise InputError(
@@ -322,7 +346,25 @@ class World(Presentable, ABC):
         return self
 
     def replace(self, **values: Any) -> Self:
-        """A copy with some parameters changed; UnknownName and InputError as in the constructor."""
+        """Copy the world with some parameters changed.
+
+        Parameters
+        ----------
+        **values : float
+            New values by name of the parameter, each in the parameter's unit.
+
+        Returns
+        -------
+        World
+            The copy.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such parameter.
+        InputError
+            If a value is outside its range.
+        """
         check_names(type(self), values)
         tuples = {key: _to_tuple(value) for key, value in values.items()}
         return replace(self, **tuples)
@@ -407,8 +449,21 @@ class ContactWorld(World):
 
     @abstractmethod
     def render_contacts(self, state: State) -> tuple[Array, Array]:
-        """(6,) the wrench at `state` [N, N·m], and (n, 8) its contacts: deflection [m], distance of the contact
-        from the root [m], point (3) [m], force (3) on the object [N]; zero for an open contact."""
+        """Render the wrench at a state, with the contacts that make it.
+
+        Parameters
+        ----------
+        state : State
+            Pose and motion of the mover.
+
+        Returns
+        -------
+        wrench : ndarray, shape (6,)
+            Force [N], then torque about the mover's origin [N·m].
+        contacts : ndarray, shape (n, 8)
+            Per contact: deflection [m], distance of the contact from the root [m], point [m] (3), force on the object
+            [N] (3); zero for an open contact.
+        """
 
     def wrench(self, state: State) -> Array:
         """(6,) the wrench on the mover at `state` [N, N·m]."""

@@ -245,18 +245,49 @@ class DynamicWorld(World):
         """The fields of its memory, in order. They may depend on parameters, but not on the device."""
 
     def begin(self) -> Records:
-        """(1,) the initial memory: all zero unless overridden. It must be fast, because it runs between two ticks.
-        `for_device` has already put device-dependent values into the world's own fields."""
+        """Make the initial memory: all zero unless overridden.
+
+        It must be fast, because it runs between two ticks. `for_device` has already put device-dependent values into
+        the world's own fields.
+
+        Returns
+        -------
+        ndarray, shape (1,)
+            Structured array of one record, with the fields of `memory_fields`.
+        """
         return make_memory(self.memory_fields)
 
     @abstractmethod
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) the wrench on the mover at `state`, `dt` [s] after the previous tick; changes `memory` (1,) in
-        place. Force [N] and torque about the mover's origin [N·m]."""
+        """Advance the memory by one tick, in place, and render the wrench.
+
+        Parameters
+        ----------
+        memory : ndarray, shape (1,)
+            Structured array of one record; each field in its unit.
+        state : State
+            Pose and motion of the mover.
+        dt : float
+            Period of the loop [s].
+
+        Returns
+        -------
+        ndarray, shape (6,)
+            Force [N], then torque about the mover's origin [N·m], in the stator frame.
+        """
 
     def take_command(self, memory: Records, client: Records) -> None:
-        """Before each `advance` of a world that `takes_commands`: copy the command of a program outside the loop,
-        `client` (1,) CLIENT_FORCE [N, s], into `memory` (1,). By default it does nothing."""
+        """Copy the command of a program outside the loop into the memory.
+
+        Called before each `advance` of a world that `takes_commands`; by default it does nothing.
+
+        Parameters
+        ----------
+        memory : ndarray, shape (1,)
+            Structured array of one record, changed in place.
+        client : ndarray, shape (1,)
+            Structured array CLIENT_FORCE: force [N] and time [s].
+        """
 
     def advance_with_client(self, memory: Records, state: State, dt: float, commanded: Array) -> Array:
         """As `advance`; the part of the wrench that programs outside the loop command is added to `commanded` (6,)
@@ -267,10 +298,19 @@ class DynamicWorld(World):
         return wrench
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
-        """This world replaces `previous`, whose memory is `old` (1,): parameters were changed, or its file was
-        saved. `memory` (1,) is the new initial memory; copy into it what shall be kept, each field in its unit.
+        """Decide what of the memory remains when this world replaces another.
 
-        Default rule: the memory is kept if name and fields are the same, else the world restarts.
+        So it is after parameters were changed, or its file was saved. By default the memory is kept if name and fields
+        are the same, else the world restarts.
+
+        Parameters
+        ----------
+        memory : ndarray, shape (1,)
+            Structured array with the new initial memory, changed in place, each field in its unit.
+        previous : DynamicWorld
+            World that is replaced.
+        old : ndarray, shape (1,)
+            Structured array with its memory.
         """
         if previous.name == self.name and old.dtype == memory.dtype:
             memory[:] = old

@@ -61,25 +61,69 @@ class Driver(ABC):
 
     @abstractmethod
     def open(self) -> None:
-        """Connect; coils off. Raises DriverError that states what did not respond and what to do."""
+        """Connect to the device, with the coils off.
+
+        Raises
+        ------
+        DriverError
+            If the device does not respond; the message states what did not, and what to do.
+        """
 
     @abstractmethod
     def close(self) -> None:
-        """Coils off, then disconnect. May be called twice."""
+        """Switch the coils off, then disconnect. May be called twice."""
 
     def prepare(self, now: float) -> None:
-        """The tick at `now` [s] is near: do work that need not wait for it. `read` must also work without it.
-        Raises only what `read` will raise again."""
+        """Do work for the coming tick that need not wait for it; `read` must also work without it.
+
+        Raises only what `read` will raise again.
+
+        Parameters
+        ----------
+        now : float
+            Time of the tick [s].
+        """
         return
 
     @abstractmethod
     def read(self, now: float) -> Sample:
-        """The sample at `now` [s]. Raises DriverError if the device does not respond in time."""
+        """Read the sensors, within the tick.
+
+        Parameters
+        ----------
+        now : float
+            Time of the tick [s].
+
+        Returns
+        -------
+        Sample
+            The measurements, with their ages; never an invented reading.
+
+        Raises
+        ------
+        DriverError
+            If the device does not respond in time.
+        """
 
     @abstractmethod
     def write(self, duties: Array) -> Array:
-        """Apply `duties` (m,) in −1…1 of the supply voltage; returns (m,) the duties actually applied, after
-        clipping and quantisation."""
+        """Apply duty cycles to the coils, within the tick.
+
+        Parameters
+        ----------
+        duties : ndarray, shape (m,)
+            Duty cycle of each channel, −1 to 1 of the supply voltage [1].
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            Duty cycles that are actually applied, after clipping and quantisation [1].
+
+        Raises
+        ------
+        DriverError
+            If the device does not respond in time.
+        """
 
     @property
     def coil_state(self) -> CoilState:
@@ -99,13 +143,35 @@ class Driver(ABC):
         return None
 
     def remember(self, calibration: bytes) -> bool:
-        """Store the 16-byte id of the calibration in the open device; False if it has no memory. Raises DriverError
-        if storing fails."""
+        """Store the id of a calibration in the open device.
+
+        Parameters
+        ----------
+        calibration : bytes
+            Id of the calibration, 16 bytes.
+
+        Returns
+        -------
+        bool
+            False if the device has no memory.
+
+        Raises
+        ------
+        DriverError
+            If storing fails.
+        """
         return False
 
     def engage(self) -> None:
-        """A person engages after a trip. A driver whose hardware latches trips clears them here; no current flows
-        before the next `write`. Raises DriverError if that is not possible."""
+        """Clear a trip that the hardware latched, because a person engages; no current flows before the next `write`.
+
+        By default it does nothing.
+
+        Raises
+        ------
+        DriverError
+            If the trip cannot be cleared.
+        """
         return
 
     def cool(self) -> None:
@@ -113,13 +179,23 @@ class Driver(ABC):
         return
 
     def truth(self) -> Array:
-        """(6,) the true wrench [N, N·m] of coils and core on the mover in the last tick, if the driver knows it (a
-        simulated one does); else NaN."""
+        """Return the true wrench of coils and core on the mover in the last tick, if the driver knows it.
+
+        Returns
+        -------
+        ndarray, shape (6,)
+            Force [N] and torque [N·m] in the stator frame; NaN on a real device.
+        """
         return _NO_WRENCH
 
     def target(self) -> Array:
-        """(7,) the pointer target of the hand, position [m] then quaternion (x, y, z, w), if the driver knows it
-        (with a simulated hand); else NaN."""
+        """Return the pointer target of the simulated hand, if there is one.
+
+        Returns
+        -------
+        ndarray, shape (7,)
+            Position [m], then quaternion (x, y, z, w); NaN on a real device.
+        """
         return _UNKNOWN
 
     def __enter__(self) -> Self:

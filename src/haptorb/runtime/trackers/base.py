@@ -67,9 +67,22 @@ class Feed(ABC):
 
     @abstractmethod
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        """The received poses, in order of arrival; waits at most `patience` [s] for the first.
+        """Receive poses, in order of arrival.
 
-        Raises HaptorbError if no more poses are possible.
+        Parameters
+        ----------
+        patience : float
+            Longest time to wait for the first pose [s].
+
+        Yields
+        ------
+        RawPose or RejectedPose
+            Each pose, or each message that is none.
+
+        Raises
+        ------
+        HaptorbError
+            If no more poses are possible.
         """
 
     @abstractmethod
