@@ -19,7 +19,7 @@ from haptorb import Recording
 from haptorb.arrays import Array, StateArray
 from haptorb.errors import HaptorbError, RecordingError
 from haptorb.recording.mcap import Recorder
-from haptorb.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays
+from haptorb.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays, unpack_arrays
 from haptorb.replay.parallel import replay_in_parts
 from haptorb.replay.recorded_run import list_memory_fields
 from haptorb.replay.replay import Replay, check_replay_file
@@ -285,6 +285,12 @@ def test_a_state_that_is_none_is_refused(kind: str, tmp_path: Path) -> None:
     notes = {LAYOUT_NOTE: {"arrays": LAYOUTS[kind]}, STATE_NOTE: {"tick": "120", "arrays": text}}
     with pytest.raises(RecordingError, match="state"):
         Replay(late(whole, tmp_path / "late.mcap", 120, notes))
+
+
+@pytest.mark.parametrize("length", [7, 9])
+def test_a_state_has_all_of_its_numbers_and_no_more(length: int) -> None:
+    with pytest.raises(RecordingError, match="state"):
+        unpack_arrays(f'[["a", "<f8", [{length}]]]', pack_arrays({"a": np.zeros(8)}))
 
 
 @pytest.mark.parametrize("text", ["", "%%%", "AAAA", b64encode(zlib.compress(bytes(1 << 24))).decode()])

@@ -662,17 +662,17 @@ class Access:
             return f"programs of this computer reach this server as localhost or 127.0.0.1, not as '{host[:100]}'"
         if self._is_authorized(headers, target):
             return ""
-        if not near:  # safety: serve-token
-            return (
-                "from another computer this server needs the token that `haptorb run` printed: as header "
-                "'Authorization: Bearer TOKEN', or in the address as ?token=TOKEN"
-            )
-        if not own:  # safety: serve-account
+        if near and own:  # safety: serve-account
+            return ""
+        if near:
             return (
                 "this server is for programs of the account that runs the servo; another account needs the token "
                 f"that was set with {TOKEN}, as ?token=TOKEN or as header 'Authorization: Bearer TOKEN'"
             )
-        return ""
+        return (
+            "from another computer this server needs the token that `haptorb run` printed: as header "
+            "'Authorization: Bearer TOKEN', or in the address as ?token=TOKEN"
+        )
 
     def _is_authorized(self, headers: Mapping[str, str], target: str) -> bool:
         if not self._token:
