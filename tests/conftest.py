@@ -20,6 +20,7 @@ from hypothesis import HealthCheck, settings
 from failures import FAILED
 from oracles.fork_server import ForkServer
 from oracles.program_runner import ProgramRunner
+from oracles.repetitions import repetitions
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -43,7 +44,12 @@ gc.set_threshold(50_000, 20, 20)
 # The same examples in every run: a red test stays red until somebody mends it. No deadline: the first call compiles.
 # Nor a limit on how long drawing an example may take: that would be a test of the machine's other tenants.
 settings.register_profile(
-    "fixed", derandomize=True, deadline=None, print_blob=True, suppress_health_check=[HealthCheck.too_slow]
+    "fixed",
+    derandomize=True,
+    deadline=None,
+    print_blob=True,
+    suppress_health_check=[HealthCheck.too_slow],
+    max_examples=repetitions(40, 100),
 )
 settings.load_profile("fixed")
 

@@ -80,6 +80,7 @@ def find_faults(converted: list[str], settings: Any) -> str:
     return said.getvalue()
 
 
+@pytest.mark.slow
 def test_every_docstring_is_parsed_without_a_warning(root: Path) -> None:
     """As the whole documentation's build does in the nightly run, which needs a minute for it."""
     docutils = pytest.importorskip("docutils.frontend")

@@ -38,6 +38,7 @@ def run_checked(words: list[str]) -> str:
     return ended.stdout + ended.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(280)
 def test_the_tutorial(built, tmp_path):
     port = tmp_path / "omni"

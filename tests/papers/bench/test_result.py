@@ -12,11 +12,12 @@ from haptorb.cli import main
 from haptorb.errors import InputError, UnknownName
 from haptorb_bench import BENCHMARKS, BenchResult, Metric, load_result, run_benchmarks, starting
 from haptorb_bench import outside as programs
+from oracles.repetitions import LONG
 
 pytestmark = pytest.mark.timeout(900)  # the first run on a machine compiles all kernels
 
 SHORT = 0.02
-QUICK = ("allocation", "estimation", "tick", "start", "recording", "study")
+QUICK = ("allocation", "estimation", "tick", "start", "recording", "study") if LONG else ("allocation", "recording")
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from haptorb.errors import InputError
 from haptorb_study.analysis import analyse
 from haptorb_study.simulated import power, power_of, simulate_value
 from haptorb_study.study_file import study_of
+from oracles.repetitions import repetitions
 
 pytestmark = pytest.mark.background
 
@@ -188,7 +189,7 @@ def test_power_is_what_the_analysis_finds() -> None:
     draw = np.random.default_rng(8)
     a, b = draw.integers(3, 8, (24, 2)), draw.integers(2, 7, (24, 2))  # two ratings each
     told = power_of((a.mean(axis=1) - b.mean(axis=1)).tolist(), (8,))
-    studies, found = 500, 0
+    studies, found = repetitions(150, 500), 0
     count = 8 * 4
     for _ in range(studies):
         who = draw.integers(0, 24, 8)
