@@ -195,6 +195,9 @@ BREAKS = (
             "calibration->state = CALIBRATION_WRITING;\n    return ACCEPTED;",
         ),
     ),
+    Break(
+        "A world declared passive", "pytest tests/control/protection/test_wall.py", "lasting-oscillation-is-softened"
+    ),
     *(
         Break("What changes who commands", "python benchmarks/safety/client_forces.py", change, "--events 2000")
         for change in ("client-force-rate", "clients-pass-zero")

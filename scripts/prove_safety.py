@@ -44,6 +44,7 @@ HOSTILE, TRACKER_TESTS = "tests/contracts/test_hostile_files.py", "tests/contrac
 DRIVE_TESTS, GUARD_TESTS = "tests/control/protection/test_drive.py", "tests/control/protection/test_guard.py"
 HEAT_TESTS = "tests/control/protection/test_heat.py"
 PASSIVITY_TESTS = "tests/control/protection/test_passivity.py"
+WALL_TESTS = "tests/control/protection/test_wall.py"
 I2C_TESTS, LOCK_TESTS = "tests/runtime/drivers/i2c/test_i2c_faults.py", "tests/runtime/drivers/i2c/test_i2c_lock.py"
 SERIAL_TESTS = "tests/runtime/drivers/serial/test_serial_driver.py"
 HOSTILE_TESTS = "tests/runtime/test_hostile_worlds.py"
@@ -509,6 +510,14 @@ RULES = [
         "tests/control/allocation/test_whole_wrench.py",
     ),
     ("damping-is-bounded", "damping is bounded", "replace value by 1e3 * {value.args[0]}", PASSIVITY_TESTS),
+    (
+        "no-credit-in-free-flight",
+        "damping of the hand in free flight is no credit",
+        "replace value by {value.body}",
+        PASSIVITY_TESTS,
+    ),
+    ("lasting-oscillation-is-softened", "an oscillation that lasts softens the world", "never", WALL_TESTS),
+    ("stiffness-returns-in-free-space", "the stiffness returns in free space", "never", WALL_TESTS),
     ("active-worlds-are-left-alone", "active worlds are left alone", "without 1", PASSIVITY_TESTS),
     (
         "late-poses-meet-their-forces",

@@ -199,8 +199,8 @@ class SampledLoop:
         Returns
         -------
         SampledLoop
-            The loop. A tracker with its own clock makes its pose wait for the next tick, at worst the shorter of the
-            two periods.
+            The loop. With a tracker that has a clock of its own a pose waits for the next tick: on average half of the
+            shorter period. If one rate is a multiple of the other, every pose waits for the same part of it.
 
         Raises
         ------
@@ -210,12 +210,12 @@ class SampledLoop:
         Examples
         --------
         >>> round(SampledLoop.of(1000.0, tracker_rate=240.0, latency=5e-3).largest(GRIPS["light"]))      # [N/m]
-        257
+        273
         """
         rates = [rate] if tracker_rate is None else [rate, tracker_rate]
         if not all(math.isfinite(one) and one > 0 for one in rates):
             raise InputError(f"rates must be above 0 Hz; got {', '.join(f'{one:g}' for one in rates)}")
-        wait = 0.0 if tracker_rate is None else 1 / max(rates)
+        wait = 0.0 if tracker_rate is None else 0.5 / max(rates)
         return cls(1 / min(rates), latency + wait, 1 / rate, time_constant, memory)
 
     @property

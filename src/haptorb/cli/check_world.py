@@ -150,6 +150,8 @@ class WorldVerdict(NotebookReport):
             return ()
         if self.turning is not None and self.turning.margin <= self.margin:
             return self.turning.advice
+        if self.margin == 0.0:  # no world is weak enough for a hand that takes no energy
+            return ()
         found = [f"Make the world {ENOUGH / self.margin:.3g} times weaker or wider (`--set`)."]
         setting = self.setting
         if setting.tracker_rate is not None:
@@ -351,6 +353,10 @@ def _print_turning(verdict: WorldVerdict, console: Console) -> None:
 
 
 def _margin(margin: float) -> str:
+    if margin == 0.0:
+        return (
+            "in this hand no stiffness at all is stable, as it takes no energy: hold the tool, or check another --grip"
+        )
     if margin > 1.0:
         return f"the world could be {margin:.3g} times as strong before it oscillates"
     return f"it is {1 / margin:.3g} times too strong and will oscillate"
@@ -477,9 +483,12 @@ _STEP = 1e-4  #: of the simulation [s]
 
 @dataclass(frozen=True)
 class _Spring(World):
-    """Draws the tool back to a plane across x: the simplest world that can oscillate."""
+    """Draws the tool back to a plane across x: the simplest world that can oscillate.
 
-    passive: ClassVar[bool] = True
+    Declared active: the passivity control, which would bring it to rest, only watches.
+    """
+
+    passive: ClassVar[bool] = False
 
     stiffness: float = 0.0  #: [N/m]
 

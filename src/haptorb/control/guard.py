@@ -371,7 +371,7 @@ def _hold(g: Record, coils: Records, wanted: Array, share: float) -> None:
 
 
 CREDIT = 2e-4  #: energy that may be made before passivity control acts [J]: 0.1 kg at 6 cm/s
-TICKS = 512  #: wrenches that passivity control remembers: more than the expiry of a pose at the fastest rate
+TICKS = 128  #: wrenches that passivity control remembers, from the last pose but one on
 _STATE_OVERCURRENT = 1.25  #: measured over allowed current at which wiring or driver must be broken
 _COLDEST, _HOTTEST = 233.15, 453.15  #: windings outside this are not resistances but faults [K]
 _LEARN = 0.025  #: current, as a share of the greatest that may flow, above which its resistance is learned
@@ -442,10 +442,21 @@ PASSIVITY = fields(
     ("energy", "f8"),  # given to the hand since the world began [J]
     ("balance", "f8"),  # what the hand's least damping took less what sampling and delay made [J]
     ("damping", "f8"),  # injected now [N·s/m]
+    ("softened", "f8"),  # share of the world's wrench that is taken away now, 0 to 1
+    ("softer", "f8"),  # the same, as it is to become
+    ("since", "f8"),  # beginning of the stretch that is summed up now [s]
+    ("moved", "f8", (3,)),  # |v|² over this stretch and the two before [m²/s]
+    ("made", "f8"),  # energy that sampling and delay made in this stretch [J]
+    ("spread", "f8"),  # sum of the squares of what they made from pose to pose [J²]
+    ("poses", "f8"),  # at which the world acted in this stretch
+    ("taken", "f8"),  # and what the least damping took of it meanwhile, where the world acted [J]
+    ("touched", "f8"),  # when the world last acted on the hand [s]
+    ("smooth", "f8", (6,)),  # velocity without the noise of single poses [m/s, rad/s]
     ("stamp", "f8"),  # when the last counted pose was measured [s]; -inf before the first
     ("newest", "f8"),  # latest stamp so far [s]
     ("predicted", "i8"),  # ticks for which poses are still taken for predictions of the present
     ("count", "i8"),  # wrenches remembered since the start
+    ("spacing", "f8"),  # between them, where poses are so late that there is no room for every tick [s]
     ("passive", "?"),  # whether the world is; another one is watched and left alone
     ("arm", "f8"),  # at which a hand holds a mover that turns [m]; 0 where no torque is rendered
     ("pushes", "?"),  # whether force is rendered, not torque alone

@@ -1,9 +1,10 @@
-"""Energy that a loop makes out of nothing, watched as it runs, and bounded damping against it.
+"""Energy that a loop makes out of nothing, watched as it runs; bounded damping against it, and a softer world.
 
 A passive world gives back at most what it was given. Rendered by a loop it gives more: the force of a place is held
 while the hand moves on, and is late. That excess is seen as it arises. Between two poses the device gave
 a·Δp, with a the mean of what was asked in that very time; the world would have given ½(f₁ + f₂)·Δp, with f at the two
-poses. The difference was made by sampling and delay. What even a loose hand takes out, b|Δp|²/Δt, is set against it.
+poses. The difference was made by sampling and delay. What even a loose hand takes out while the world acts,
+b|Δp|²/Δt, is set against it.
 
     balance += b |Δp|²/Δt − (a − ½(f₁ + f₂))·Δp,  at most CREDIT;  below zero: damp
 
@@ -12,6 +13,9 @@ inside its loop's bound is never touched, however much energy it stores, and one
 A world with memory may store energy. Where its memory says how much, E, what its own time step has made is counted too:
 ½(f₁ + f₂)·Δp + E₂ − E₁, summed up and never below zero: what it has dissipated it may not give back. A surplus that
 comes and goes, as of a symplectic integrator, comes and goes in the balance.
+
+Damping that is late can take only so much. A motion that goes on although it makes energy softens the world: its wrench
+is multiplied by 0.65 for every quarter of a second, until the motion dies. The hand need not be known for that.
 
 After Hannaford and Ryu 2002, who count all the energy from the start; see decision 07 for why not here.
 """
@@ -33,6 +37,17 @@ _LIGHTEST = 0.1  #: mass of the lightest hand [kg]: late damping beyond a quarte
 _PAUSE = 0.1  #: after a longer pause without a pose the count continues from there [s]
 _SOON = 1e-9  #: poses nearer to each other are one [s]
 _MOVED = 1e-9  #: [m]; less is no movement
+_STRETCH = 0.25  #: over which motion and energy are summed up: an oscillation or more [s]
+_LASTS = 0.55  #: of the motion of the stretch before: more, twice in a row, does not die
+_STILL = (20e-6) ** 2  #: slower is no motion [m²/s²]
+_SHARE = 0.75  #: of what the loosest hand takes; a world that is softened already is softened on if it makes more
+_CUT = 0.65  #: what is left of the wrench after each stretch that does not die
+_CERTAIN = 6.25  #: (2.5)²: so many standard deviations the energy of a stretch must lie above none
+_REAL = 0.3  #: part of |v|² that must be left over several poses: less is noise of poses
+_BACK = 0.1  #: share of the wrench that returns while the hand moves without energy being made [1/s]
+_AWAY = 1.0  #: without a wrench, after which all of it is back [s]
+_SMOOTH = 0.005  #: over which a velocity is averaged [s]
+_EASE = 0.05  #: in which the wrench becomes softer [s]
 
 
 @kernel
@@ -75,12 +90,63 @@ def _count_energy(q: Record, e: Record, wrench: Array, stamp: float, passed: flo
     for i in range(6):
         step[i] /= passed
     q.energy += given
-    balance = q.balance + OWN_DAMPING * square / passed - (given - due) - _count_surplus(q, wrench, passed)
+    acted = False  # in free flight the hand's damping takes nothing of what the world gives
+    for i in range(0 if q.pushes else 3, 6 if q.arm > 0.0 else 3):
+        acted = acted or q.wrench[i] != 0.0 or wrench[i] != 0.0
+    surplus = _count_surplus(q, wrench, passed)
+    own = OWN_DAMPING * square / passed if acted else 0.0  # safety: no-credit-in-free-flight
+    balance = q.balance + own - (given - due) - surplus
+    _soften(q, stamp, passed, given - due + surplus, own, acted)
     q.balance = min(max(balance, -_DEBT), CREDIT)
     q.damping = 0.0
     if q.passive and balance < 0.0 and square > _MOVED * _MOVED:  # safety: active-worlds-are-left-alone
         most = min(_MOST, 0.25 * _LIGHTEST / (q.dt + passed + late + q.lag))
         q.damping = min(most, -balance * passed / square)  # safety: damping-is-bounded
+
+
+@kernel
+def _forget_motion(q: Record, stamp: float) -> None:
+    """Sum up anew from `stamp` [s]."""
+    q.moved[:] = 0.0
+    q.smooth[:] = 0.0
+    q.made = q.spread = q.poses = q.taken = 0.0
+    q.since = q.touched = stamp
+
+
+@kernel
+def _soften(q: Record, stamp: float, passed: float, made: float, own: float, acted: bool) -> None:
+    """Sum up what moved, what was `made` and what a loose hand took, `own` [J]; soften the world where motion lasts.
+
+    Damping that is late can take only so much. What goes on swinging although it makes energy is too stiff for this
+    hand: of its wrench a share is taken away, until the motion dies by itself.
+    """
+    blend = passed / (passed + _SMOOTH)
+    square = 0.0
+    for i in range(6 if q.arm > 0.0 else 3):
+        q.smooth[i] += blend * (q.motion[i] - q.smooth[i])
+        square += q.smooth[i] * q.smooth[i] * (1.0 if i < 3 else q.arm * q.arm)
+    q.moved[0] += square * passed
+    if acted:
+        q.touched = stamp
+        q.made += made
+        q.spread += made * made
+        q.poses += 1.0
+        q.taken += own
+    elif stamp - q.touched > _AWAY:  # safety: stiffness-returns-in-free-space
+        q.softer = q.softened = 0.0
+    if stamp - q.since < _STRETCH:
+        return
+    lasts = q.moved[0] > _STILL * _STRETCH and q.moved[0] > _LASTS * q.moved[1] and q.moved[1] > _LASTS * q.moved[2]
+    most = q.taken if q.softer == 0.0 else _SHARE * q.taken  # within the loosest hand's bound no world is touched
+    likely = q.made * q.made > min(_CERTAIN, q.poses / 3.0) * q.spread  # noise of poses makes and takes by turns
+    likely = likely and OWN_DAMPING * q.moved[0] > _REAL * q.taken  # and moves from pose to pose, not over several
+    if q.passive and lasts and likely and q.made > most:  # safety: lasting-oscillation-is-softened
+        q.softer = 1.0 - (1.0 - q.softer) * _CUT
+    elif lasts and q.made < 0.5 * _SHARE * q.taken:
+        q.softer = max(q.softer - _BACK * _STRETCH, 0.0)
+    q.moved[2], q.moved[1], q.moved[0] = q.moved[1], q.moved[0], 0.0
+    q.made = q.spread = q.poses = q.taken = 0.0
+    q.since = stamp
 
 
 @kernel
@@ -97,6 +163,22 @@ def _count_surplus(q: Record, wrench: Array, passed: float) -> float:
 
 
 @kernel
+def _remember_wrench(q: Record, now: float, gain: float, wrench: Array) -> None:
+    """From `now` [s] on `gain` times `wrench` (6,) [N, N·m] acts; what acts too shortly is averaged with its past."""
+    last = (q.count - 1) % TICKS
+    since = now - q.times[last]
+    if q.count > 0 and 0.0 < since < q.spacing:
+        for i in range(6):
+            q.wrenches[last, i] += (gain * wrench[i] - q.wrenches[last, i]) * q.dt / (since + q.dt)
+        return
+    at = q.count % TICKS
+    q.times[at] = now
+    for i in range(6):
+        q.wrenches[at, i] = gain * wrench[i]
+    q.count += 1
+
+
+@kernel
 def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, out: Array) -> None:
     """Bring the balance up to this tick's pose; out (6,) becomes `wrench` (6,) and the damping that it needs.
 
@@ -104,9 +186,11 @@ def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, ou
     """
     total = now + e.age
     moved = 0.0
+    q.softened += (q.softer - q.softened) * min(q.dt / _EASE, 1.0)
+    left = 1.0 - q.softened
     for i in range(6):
         total += wrench[i]
-        out[i] = wrench[i]
+        out[i] = left * wrench[i]
     for i in range(3):
         total += e.position[i]
         moved += abs(e.position[i] - q.position[i])
@@ -128,8 +212,11 @@ def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, ou
     if passed > _PAUSE or passed < 0.0:
         q.motion[:] = 0.0
         q.damping = 0.0
+        _forget_motion(q, stamp)
     elif passed > _SOON:
-        _count_energy(q, e, wrench, stamp, passed, now - stamp, gain)
+        _count_energy(q, e, wrench, stamp, passed, now - stamp, gain * left)
+        needed = now - stamp + 2.0 * passed + q.lag  # until the next pose, back to this one
+        q.spacing = needed / (TICKS - 8) if needed > (TICKS - 8) * q.dt else 0.0
     if passed > _SOON or passed < 0.0:
         q.stamp = stamp
         for i in range(3):
@@ -138,22 +225,18 @@ def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, ou
                 q.rotation[i, j] = e.rotation[i, j]
         q.counted = q.stored
         for i in range(6):
-            q.wrench[i], q.world_wrench[i] = gain * wrench[i], wrench[i]
+            q.wrench[i], q.world_wrench[i] = gain * left * wrench[i], wrench[i]
     if q.damping > 0.0:
         for i in range(3):
             if q.pushes:
                 out[i] -= q.damping * q.motion[i]  # safety: damping-brakes
             out[3 + i] -= q.damping * q.arm * q.arm * q.motion[3 + i]  # safety: damping-brakes-turns
-    at = q.count % TICKS
-    q.times[at] = now
-    for i in range(6):
-        q.wrenches[at, i] = gain * out[i]
-    q.count += 1
+    _remember_wrench(q, now, gain, out)
 
 
 def restart_passivity(passivity: Records, passive: bool) -> None:
     """Another world, `passive` or not: what is asked from now on has nothing to do with what was; (1,) PASSIVITY."""
-    for name in ("energy", "damping", "predicted", "count", "motion", "surplus"):
+    for name in ("energy", "damping", "predicted", "count", "motion", "surplus", "softer", "spacing"):
         passivity[name] = 0
     passivity["stored"] = passivity["counted"] = np.nan
     passivity["balance"] = CREDIT

@@ -120,6 +120,9 @@ def _energy(axes: Axes, recording: Fields, t: Array) -> None:
     if damped.any():
         lowest = axes.get_ylim()[0]
         axes.plot(t[damped], np.full(int(damped.sum()), lowest), "|", color=_COLOURS[1], label="damping injected")
+    if "softened" in {field.name for field in recording.fields} and (softened := recording["softened"] > 0).any():
+        lowest = axes.get_ylim()[0]
+        axes.plot(t[softened], np.full(int(softened.sum()), lowest), "_", color=_COLOURS[3], label="world softened")
     axes.set_ylabel("energy [mJ]")
 
 

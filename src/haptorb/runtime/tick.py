@@ -218,6 +218,7 @@ def fill_row(
     _copy(row, at.stages, stages)
     row[at.guard], row[at.trip], row[at.gain], row[at.remaining] = g.state, g.reason, g.gain, heat.remaining
     row[at.energy], row[at.balance], row[at.injected] = passivity.energy, passivity.balance, passivity.damping
+    row[at.softened] = passivity.softened
 
 
 @tick_kernel

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.arrays import Array, StateArray, Stateful
+from haptorb.control.guard import TICKS
 from haptorb.errors import RecordingError
 from haptorb.runtime.shared_memory import split_snapshot
 from haptorb.runtime.tick import Tick
@@ -22,6 +23,7 @@ __all__ = ["STATE_TYPES", "TickState", "load_state", "save_state"]
 
 STATE_TYPES: Final = ("<f8", "<i8", "|b1")  #: of the arrays of a state
 _ALIGNED: Final = 8  #: bytes
+_REMEMBERED: Final = 512  #: wrenches in the passivity control's ring of recordings of before it softened worlds
 
 
 @final
@@ -63,13 +65,15 @@ class TickState:
         self._arrays.append(bytes_)
         self._starts.append(self.size)
 
-    def find_places(self, memory: NDArray[np.uint8]) -> list[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
+    def find_places(self, memory: NDArray[np.uint8]) -> list[tuple[memoryview, memoryview]]:
         """For `copy_to`: where in `memory` (size,) [1] each array goes."""
         return [
-            (memory[start : start + len(array)], array) for start, array in zip(self._starts, self._arrays, strict=True)
+            (memory[start : start + len(array)].data, array.data)
+            for start, array in zip(self._starts, self._arrays, strict=True)
+            if len(array)
         ]
 
-    def copy_to(self, places: list[tuple[NDArray[np.uint8], NDArray[np.uint8]]]) -> None:
+    def copy_to(self, places: list[tuple[memoryview, memoryview]]) -> None:
         """A snapshot of what the tick remembers now, to the `places` in some memory."""
         for gather in self._gather:
             gather()
@@ -91,6 +95,7 @@ def load_state(tick: Tick, arrays: Mapping[str, StateArray], memory: Array) -> N
     An estimator or linkage of another kind than the one in `arrays` begins anew. Raises RecordingError for arrays that
     are not those of such a chain: names, types and shapes must be the same.
     """
+    arrays = _complete_passivity(arrays)
     try:
         for prefix, owner in _walk("tick", tick):
             if not _is_replaced("/".join(prefix.split("/")[:2]), arrays):
@@ -100,6 +105,32 @@ def load_state(tick: Tick, arrays: Mapping[str, StateArray], memory: Array) -> N
         raise RecordingError(
             f"the state of the loop in the recording does not fit this device and these parts: {cause}"
         ) from cause
+
+
+#: numbers that the passivity control did not remember before it softened worlds: zero, as at the start
+_SOFTENING: Final[Mapping[str, int]] = {
+    "softened": 0, "softer": 0, "since": 0, "made": 0, "spread": 0, "poses": 0, "taken": 0, "touched": 0, "spacing": 0,
+    "moved": 3, "smooth": 6,
+}  # fmt: skip
+
+
+def _complete_passivity(arrays: Mapping[str, StateArray]) -> Mapping[str, StateArray]:
+    """The same; of an older version, with all that the passivity control remembers today, and its newest wrenches."""
+    prefix = "tick/protection/state/passivity"
+    times, wrenches, count = (arrays.get(f"{prefix}/{name}") for name in ("times", "wrenches", "count"))
+    if times is None or wrenches is None or count is None or f"{prefix}/softened" in arrays:
+        return arrays
+    if times.shape[1:] != (_REMEMBERED,) or wrenches.shape[1:] != (_REMEMBERED, 6) or count.shape != (1,):
+        return arrays
+    known = dict(arrays)
+    numbers = int(count[0]) - 1 - np.arange(TICKS)  # of the newest wrenches
+    for name, ring in (("times", times), ("wrenches", wrenches)):
+        newest = np.zeros((1, TICKS, *ring.shape[2:]))
+        newest[:, numbers % TICKS] = ring[:, numbers % _REMEMBERED]
+        known[f"{prefix}/{name}"] = newest
+    for name, size in _SOFTENING.items():
+        known[f"{prefix}/{name}"] = np.zeros((1, size) if size else 1)
+    return known
 
 
 def _is_replaced(part: str, arrays: Mapping[str, StateArray]) -> bool:

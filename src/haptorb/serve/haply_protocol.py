@@ -232,7 +232,8 @@ class Cursor:
     tick                     rows published when it looked: the same number is the same cursor
     known                    whether a pose was ever valid
     ready, tripped           whether forces are rendered now; whether the guard has switched off
-    derated, damped          whether less is rendered for warm coils; whether the passivity control adds damping
+    derated                  whether less is rendered for warm coils
+    damped                   whether the passivity control adds damping, or makes the world softer
     trip                     code of the last trip's reason
     """
 
@@ -244,7 +245,7 @@ class Cursor:
         self._force = layout["asked" if self._direct else "object_wrench"].start
         self._t = layout["t"].start
         self._guard, self._trip, self._valid = layout["guard"].start, layout["trip"].start, layout["valid"].start
-        self._injected = layout["injected"].start
+        self._injected, self._softened = layout["injected"].start, layout["softened"].start
         self.place: Vector = self._rest(served)
         self.velocity: Vector = (0.0, 0.0, 0.0)
         self.force: Vector = (0.0, 0.0, 0.0)
@@ -267,7 +268,8 @@ class Cursor:
         guard, trip = n[self._guard], n[self._trip]
         self.tripped = guard == GuardState.TRIPPED
         self.ready = guard in (GuardState.RAMPING, GuardState.RUNNING, GuardState.DERATED)
-        self.derated, self.damped = guard == GuardState.DERATED, n[self._injected] > 0.0
+        self.derated = guard == GuardState.DERATED
+        self.damped = n[self._injected] > 0.0 or n[self._softened] > 0.0
         self.trip = int(trip) if isfinite(trip) else 0
         if n[self._valid] != 1.0:
             self.velocity = self.force = (0.0, 0.0, 0.0)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from haptorb.analysis.stability import GRIPS, HandGrip, SampledLoop, check_grip
 from haptorb.errors import InputError, UnknownName
+from oracles.wall_trial import find_limit
 
 HEAVY = HandGrip(1.0, 1.0, 0.0)  # slow against every period here: where the rough condition applies
 
@@ -95,9 +96,18 @@ def test_a_tracker_with_its_own_clock_waits_for_the_tick():
     assert SampledLoop.of(1000.0).delay == 0.0
     slow = SampledLoop.of(1000.0, 240.0, 5e-3, 0.6e-3)
     assert slow.period == pytest.approx(1 / 240)
-    assert slow.delay == pytest.approx(6e-3)
+    assert slow.delay == pytest.approx(5.5e-3)
     fast = SampledLoop.of(500.0, 1000.0)
-    assert (fast.period, fast.delay) == (pytest.approx(2e-3), pytest.approx(1e-3))
+    assert (fast.period, fast.delay) == (pytest.approx(2e-3), pytest.approx(0.5e-3))
+
+
+@pytest.mark.parametrize(("tracker_rate", "latency"), [(240.0, 0.0), (240.0, 5e-3), (120.0, 10e-3), (300.0, 2e-3)])
+@pytest.mark.parametrize("grip", GRIPS)
+def test_the_limit_is_that_of_two_clocks_stepped_through_time(grip, tracker_rate, latency):
+    """Every tick and every pose at its own time, until both clocks meet again: within 5 % of the mean over phases."""
+    hand = GRIPS[grip]
+    stepped = find_limit((hand.mass, hand.damping, hand.stiffness), tracker_rate, latency)
+    assert SampledLoop.of(1000.0, tracker_rate, latency).largest(hand) == pytest.approx(stepped, rel=0.05)
 
 
 def test_damping_that_comes_late_has_a_limit_as_well():

@@ -42,17 +42,18 @@ class PassivityTrial:
 def spring(K, *, seconds=2.0, late=0, every=1, lag=0.0, passive=True, still=False, stamped=True):
     """A hand that swings ±1 mm at 5 Hz across a spring K, its pose told every `every` ticks and `late` ticks old.
 
-    Returns the control, what was injected in each tick, and the energy that the held, late force really gave.
+    Returns the control, what was injected in each tick or, as a share, softened, and the energy that the held, late
+    force really gave.
     """
-    control, injected, true = PassivityTrial(lag=lag), [], 0.0
+    control, acts, true = PassivityTrial(lag=lag), [], 0.0
     x = 1e-3 * np.sin(2 * np.pi * 5 * np.arange(int(seconds / DT) + 1) * DT) * (not still)
     for n in range(int(seconds / DT)):
         m = max((n - late) // every * every, 0)
         wrench = np.array([-K * x[m], 0, 0, 0, 0, 0])
         out = control.damp(wrench, (x[m], 0, 0.06), UPRIGHT, n * DT, (n - m) * DT if stamped else 0.0, passive=passive)
         true += out[0] * (x[n + 1] - x[n])
-        injected.append(control.damping)
-    return control, np.array(injected), true
+        acts.append(max(control.damping, control.softened))
+    return control, np.array(acts), true
 
 
 @pytest.mark.parametrize(("late", "every"), [(0, 1), (3, 1), (5, 4), (10, 8)])
@@ -104,7 +105,7 @@ def test_what_is_injected_brakes_and_is_bounded():
     for n in range(late + 1, 2000):
         wrench = np.array([-5000.0 * x[n - late], 0, 0, 0, 0, 0])
         out = control.damp(wrench, np.array([x[n - late], 0, 0.06]), UPRIGHT, n * DT, late * DT)
-        added, speed = out - wrench, (x[n - late] - x[n - late - 1]) / DT
+        added, speed = out - (1 - control.softened) * wrench, (x[n - late] - x[n - late - 1]) / DT
         assert added[0] * speed <= 1e-12  # against the motion
         assert abs(added[0]) <= 10.0 * abs(speed) + 1e-9
         assert not added[1:].any()
@@ -124,7 +125,7 @@ def test_a_rotor_is_watched_in_its_turning():
             R = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
             torque = -factor * 2 * OWN_DAMPING / DT * arm**2 * angle
             out = control.damp(np.array([0, 0, 0, torque, 0, 0]), np.zeros(3), R, n * DT, 0.0)
-            injected = max(injected, control.damping)
+            injected = max(injected, control.damping, control.softened)
             assert not out[:3].any()
         assert (injected > 0) == acts
     assert K
@@ -148,6 +149,18 @@ def test_another_world_begins_anew():
     assert control.numbers == [0.0, CREDIT, 0.0]
     control.damp(np.full(6, 1e3), np.array([0.0, 0.0, 0.05]), UPRIGHT, 100.0, 0.0)
     assert control.numbers == [0.0, CREDIT, 0.0]  # a first pose has moved nowhere
+
+
+def test_what_the_hand_loses_in_free_flight_is_no_credit():
+    """After a spring that made energy the tool flies freely: the balance stays where it was."""
+    control, _, _ = spring(2000.0, late=5, seconds=0.5, passive=False)
+    before, x = control.balance, 1e-3 * np.sin(2 * np.pi * 5 * np.arange(500) * DT)
+    assert -9e-3 < before < 0.5 * CREDIT
+    for n in range(500):
+        control.damp(np.zeros(6), np.array([x[n], 0, 0.06]), UPRIGHT, 0.5 + n * DT, 0.0, passive=False)
+        if n == 10:  # forces that were asked in the wall no longer act
+            before = control.balance
+    assert control.balance == before
 
 
 def test_a_pause_is_no_movement():

@@ -160,3 +160,33 @@ def test_a_state_has_all_that_a_chain_remembers(name: str, estimator: str, turns
                 assert list_differences(save_state(tick), save_state(other)) == []
                 assert list_differences(tick, other, NO_MEMORY) == []
     assert (invalid > 10) == (estimator != "tracker")
+
+
+def make_older(state: Mapping[str, StateArray]) -> dict[str, StateArray]:
+    """The same as recordings have it from before the passivity control softened worlds: 512 wrenches, and no more."""
+    control = "tick/protection/state/passivity"
+    added = ("softened", "softer", "since", "moved", "made", "spread", "poses", "taken", "touched", "smooth", "spacing")
+    older = {name: array for name, array in state.items() if name not in {f"{control}/{one}" for one in added}}
+    count = int(older[f"{control}/count"][0])
+    for name, shape in (("times", (1, 512)), ("wrenches", (1, 512, 6))):
+        ring, new = np.full(shape, 99.0), older[f"{control}/{name}"]  # what was there before is not zero
+        for number in range(max(count - new.shape[1], 0), count):
+            ring[0, number % 512] = new[0, number % new.shape[1]]
+        older[f"{control}/{name}"] = ring
+    return older
+
+
+def test_a_state_of_an_older_version_goes_on_to_the_bit() -> None:
+    """Where the passivity control does nothing: with its newest wrenches, of which poses that are late need many."""
+    device, world = load("omni"), find_world("dome")()
+    simulated = SimDriver.of(device, 1e-3, None, 3)
+    tick = make_tick(device, world, simulated, 1000.0, None, estimator="tracker")
+    rows, states = np.full((700, tick.layout.width), np.nan), {}
+    with simulated:
+        for number, row in enumerate(rows):
+            tick.step(row, 1e-3 * (number + 1))
+            if number in (60, 650):
+                states[number] = make_older(save_state(tick))
+    go_on(device, world, "tracker", False, rows[:99], states[60], 60)
+    go_on(device, world, "tracker", False, rows, states[650], 650)
+    assert np.abs(rows[650:, tick.layout["energy"]]).max() > 0.0
