@@ -243,13 +243,11 @@ class World(Presentable, ABC):
     -0.4
     """
 
-    passive: ClassVar[bool] = True  #: no closed path can take energy out of it
-    continuous: ClassVar[bool] = True  #: no jumps: a small step of the state is a small step of the wrench
-    #: acts on a target that a device moves through modes, whose frame is not the stator's
+    passive: ClassVar[bool] = True
+    continuous: ClassVar[bool] = True
     needs_target: ClassVar[bool] = False
-    #: part of the wrench that it asks of a tool; None: every part that is not zero
     asks: ClassVar[WrenchPart | None] = None
-    remembers: ClassVar[bool] = False  #: a `DynamicWorld`: it has a memory, and renders more than a state
+    remembers: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         check(self)

@@ -237,7 +237,7 @@ class DynamicWorld(World):
     """
 
     remembers: ClassVar[bool] = True
-    takes_commands: ClassVar[bool] = False  #: renders what programs outside the loop command: see `take_command`
+    takes_commands: ClassVar[bool] = False
 
     @property
     @abstractmethod

@@ -55,9 +55,9 @@ class Driver(ABC):
         Time before a tick at which `prepare` is called [s].
     """
 
-    name: str  #: as in `--driver`
-    simulated: bool  #: whether a person can be touched by it
-    lead: float = 0.0  #: how long before a tick it must be warned that the tick is near [s]
+    name: str
+    simulated: bool
+    lead: float = 0.0
 
     @abstractmethod
     def open(self) -> None:
