@@ -8,7 +8,7 @@ Neither source, as far as it could be read, states dimensions or a force per amp
 assumed.
 
 Range: how far along x (y = 0) and y (x = 0) the coils carry the magnet's own weight without a torque, with at most 4 A
-per coil. Force: in the worst of 2000 directions over the middle, with the supply of the device file and with an
+per coil. Force: in the worst direction over the middle (the normals of all facets, and 2000 more), with the supply of the device file and with an
 unlimited one. Force per ampere: of one coil on the magnet above it and half a coil aside, from the product's wrench
 map, and from the magnet's field (closed form) on the coil's filaments.
 """
@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.arrays import cap_directions
+from haptorb.arrays import Array, cap_directions
 from haptorb.control.array_allocation import ArrayAllocator
 from haptorb.devices.base import State, require
 from haptorb.devices.coil_array import CoilArray, place_coils
@@ -62,14 +62,29 @@ def find_range(device: CoilArray) -> list[dict[str, float]]:
     return rows
 
 
+def find_normals(force: Array) -> Array:
+    """(n, 3) normals of all facets of the polytope of forces: a pair of coils (3, m) spans each; the least force in any
+    direction without a limit of the supply is at one of them, exactly."""
+    first, second = np.triu_indices(force.shape[1], 1)
+    normals = np.cross(force[:, first], force[:, second], axis=0).T
+    size = np.linalg.norm(normals, axis=1)
+    facets: Array = normals[size > 1e-9 * size.max()] / size[size > 1e-9 * size.max(), None]
+    return facets
+
+
 def find_forces(device: CoilArray) -> list[dict[str, float]]:
     """For distances of the magnet from the tops of the coils: force in the worst direction over the middle [N]."""
     directions, coils, magnet = cap_directions(np.pi, 2000), device.coils, device.tool.magnets[0]
     rows = []
     for gap in (5e-3, 10e-3, 15e-3, 20e-3, 25e-3):
         here = device.wrench_map(State.at((0.0, 0.0, gap + magnet.length / 2), axis=AXIS), "exact").force
+        normals = find_normals(here)
         force = [
-            float(greatest_force(directions @ here, coils.current_limit, coils.resistance, power).min())
+            float(
+                greatest_force(
+                    np.vstack([normals, directions]) @ here, coils.current_limit, coils.resistance, power
+                ).min()
+            )
             for power in (device.supply.power, np.inf)
         ]
         rows.append({"magnet_above_coils_m": gap, "force_n": force[0], "force_any_supply_n": force[1]})
