@@ -9,7 +9,7 @@ assumed.
 
 Range: how far along x (y = 0) and y (x = 0) the coils carry the magnet's own weight without a torque, with at most 4 A
 per coil. Force: in the worst direction over the middle, among the normals of all facets and 2000 more, with the supply
-of the device file and with an unlimited one. Force per ampere: of one coil on the magnet above it and half a coil aside:
+of the device file and with an unlimited one. Force per ampere: of one coil on the magnet above it, half a coil aside,
 from the product's wrench map, and from the magnet's field (closed form) on the coil's filaments.
 """
 
