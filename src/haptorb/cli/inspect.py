@@ -263,8 +263,12 @@ class CoilArrayCard(Card):
 
     def __init__(self, device: CoilArray) -> None:
         self._device = device
-        self._layers = array_capability(device)
         self._contact = map_contact(device)
+        contact, *above = array_capability(device)
+        weakest = min(
+            contact.weakest, float(np.nanmin(self._contact.weakest))
+        )  # each has places that the other has not
+        self._layers = (replace(contact, weakest=weakest), *above)
         self._endurance = endurance(device)
 
     def numbers(self) -> dict[str, Any]:
@@ -339,11 +343,12 @@ class CoilArrayCard(Card):
             table.add_row(f"{1e3 * layer.height:g}", *(f"{1e3 * force:.0f}" for force in forces), f"{layer.watts:.3g}")
         print_table(console, table)
         contact = self._contact
-        x, y = (1e3 * at for at in contact.worst_place)
+        weakest, (x, y) = self._layers[0].weakest, (1e3 * at for at in contact.worst_place)
+        place = f"at x {x:.0f}, y {y:.0f} mm" if weakest == np.nanmin(contact.weakest) else "on the rim"
         print_text(
             console,
-            f"\nin contact, worst of six directions: {1e3 * float(np.nanmin(contact.weakest)):.0f} mN at x {x:.0f}, "
-            f"y {y:.0f} mm; half of the workspace has {1e3 * contact.median:.0f} mN or more (--plot draws it)",
+            f"\nin contact, worst of six directions: {1e3 * weakest:.0f} mN {place}; half of the workspace has "
+            f"{1e3 * contact.median:.0f} mN or more (--plot draws it)",
         )
         lasting = ", ".join(
             f"{100 * share:.0f} % " + ("unlimited" if math.isinf(seconds) else f"{seconds:.0f} s")

@@ -110,6 +110,9 @@ def _greatest(K: Array, limit: Array, out: Array) -> None:
 
 
 _DIRECTIONS = np.vstack([np.eye(3), -np.eye(3)])
+_GIVEN = 1e-3  #: a force is given if it is so near to the one asked, in parts of that
+_FRACTIONS = np.array([0.02, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85])  #: of the bound on a force, where the search begins
+_HALVINGS = 14
 _PLACES = 5  #: along each side of a plate; or around the rim of a dome's workspace
 
 
@@ -204,15 +207,34 @@ def _weaker(forces: Array) -> Array:
 
 
 def _reach(device: CoilArray, state: State, allocator: ArrayAllocator) -> Array:
-    """(6,) greatest force along ±x, ±y, ±z at `state`, the passive one included [N]."""
+    """(6,) greatest force along ±x, ±y, ±z at `state`, the passive one included [N]: the net force has that direction.
+
+    What can be given along a line is an interval, as currents within their limits and within the supply's power are a
+    convex set. It is found by bisection; 0 where the passive force across the line cannot be compensated.
+    """
     wrench_map = device.wrench_map(state, "exact")
-    much = 1e3
-    forces = []
-    for direction in _DIRECTIONS:
-        allocation = allocator.allocate(wrench_map, np.concatenate([much * direction, np.zeros(3)]))
-        given = wrench_map.wrench(allocation.currents)[:3]
-        forces.append(max(float(given @ direction), 0.0))
-    return np.array(forces)
+    forces, passive = wrench_map.matrix[:3], wrench_map.passive[:3]
+    found = np.zeros(6)
+    wanted = np.zeros(6)
+
+    def gives(size: float, direction: Array) -> bool:
+        wanted[:3] = size * direction
+        given = wrench_map.wrench(allocator.allocate(wrench_map, wanted).currents)[:3]
+        return bool(np.abs(given - wanted[:3]).max() <= _GIVEN * max(size, most * _GIVEN))
+
+    for n, direction in enumerate(_DIRECTIONS):
+        most = float(np.abs(direction @ forces) @ allocator.current_limit + direction @ passive)
+        if most <= 0.0:
+            continue
+        known = next((size for size in most * _FRACTIONS if gives(size, direction)), None)
+        if known is None:
+            continue
+        least, beyond = known, most
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (least + beyond)
+            least, beyond = (middle, beyond) if gives(middle, direction) else (least, middle)
+        found[n] = least
+    return found
 
 
 def _list_places(device: CoilArray, height: float) -> list[State]:
