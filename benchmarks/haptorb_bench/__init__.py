@@ -1,7 +1,21 @@
 """This library against its peers and its own promises: same run, same problem, one table."""
 
-from haptorb_bench.magnetics import magnetics
-from haptorb_bench.result import BENCHMARKS, BenchResult, load_result, run_benchmarks
-from haptorb_bench.row import Metric
+from __future__ import annotations
 
-__all__ = ["BENCHMARKS", "BenchResult", "Metric", "load_result", "magnetics", "run_benchmarks"]
+from typing import TYPE_CHECKING
+
+from haptorb.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from haptorb_bench.result import BENCHMARKS, BenchResult, load_result, run_benchmarks
+    from haptorb_bench.row import Metric
+
+__all__ = ["BENCHMARKS", "BenchResult", "Metric", "load_result", "run_benchmarks"]
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "haptorb_bench.result": "BENCHMARKS BenchResult load_result run_benchmarks",
+        "haptorb_bench.row": "Metric",
+    },
+)

@@ -43,7 +43,8 @@ def bench(
     if store is not None and not store.parent.is_dir():
         raise InputError(f"--store: the folder '{store.parent}' does not exist")
     from haptorb.terminal import make_console, print_json, show_status
-    from haptorb_bench import BENCHMARKS, magnetics, run_benchmarks
+    from haptorb_bench import BENCHMARKS, run_benchmarks
+    from haptorb_bench.magnetics import magnetics
 
     if plot is not None:
         motors = [name for name in names or [] if name != "magnetics"]

@@ -218,7 +218,7 @@ def _array_force_ball(candidate: DesignCandidate, limit: Array, part: Part) -> f
     least, normal = float(found[place, row]), normals[place, row]
     cap = cap_directions(0.2, _AROUND) - np.array([0.0, 0.0, 1.0])
     for _ in range(_ARRAY_FORCE_ROUNDS):
-        near = normal + cap @ State.at(normal).R_SR.T
+        near = normal + cap @ State.at(0.5 * normal).R_SR.T  # only its direction counts
         near /= np.linalg.norm(near, axis=1, keepdims=True)
         values = reach(near, K[place])
         best = int(np.argmin(values))

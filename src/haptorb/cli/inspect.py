@@ -956,7 +956,7 @@ class ElectromagnetCard(Card):
             Quantity("passive pull in contact", "mN", 1e3 * near.passive_pull),
             Quantity("force in every direction at the summit", "mN", 1e3 * summit.guaranteed_force),
             Quantity("torque about two axes at the summit", "mN·m", 1e3 * summit.guaranteed_torque),
-            Quantity("error of a point dipole for the tool's magnet in contact", "%", 100 * near.dipole_error),
+            Quantity("point-dipole error, tool's magnet in contact", "%", 100 * near.dipole_error),
         ]
 
     def curves(self) -> list[Curve]:

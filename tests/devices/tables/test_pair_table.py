@@ -241,7 +241,7 @@ def test_the_code_of_all_that_makes_a_tables_numbers_is_in_its_name():
     imported = {file.relative_to(package).with_suffix("").as_posix() for file in seen if file.stem != "__init__"}
     makers = {Path(module.__file__).relative_to(package).with_suffix("").as_posix() for module in table_cache._MAKERS}
     assert makers == imported - {
-        *("errors", "arrays", "compiled", "_numba_patches", "cache_folder"),
+        *("errors", "arrays", "compiled", "_numba_patches", "cache_folder", "lazy_names"),
         "magnetics/soft_sphere",  # of a coil that is centred on a sphere; no table is of one
     }
 

@@ -10,8 +10,9 @@ from rich.console import Console
 
 from haptorb.cli import main
 from haptorb.devices.motor import torque_characteristic
-from haptorb_bench import magnetics, peers
+from haptorb_bench import peers
 from haptorb_bench.contest import Contest, Result, measure_fastest
+from haptorb_bench.magnetics import magnetics
 
 pytestmark = pytest.mark.background
 

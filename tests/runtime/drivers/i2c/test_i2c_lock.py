@@ -128,7 +128,7 @@ def test_a_file_that_is_removed_before_it_is_locked_is_not_the_lock(
             next(tmp_path.iterdir()).unlink()
         real(descriptor, how)
 
-    monkeypatch.setattr("haptorb.runtime.drivers.i2c.fcntl.flock", late)
+    monkeypatch.setattr("fcntl.flock", late)
     first = lock(tmp_path)
     with pytest.raises(DriverError, match="in use"):
         lock(tmp_path)
