@@ -22,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -267,6 +268,9 @@ def find_gaps(promises: dict[str, list[str]], breaks: tuple[Break, ...]) -> list
     return gaps
 
 
+_find_marked = cache(find_marked)  # the sources are as before after each break
+
+
 def break_code_of(tree: Path, change: str | Text) -> tuple[Path, str]:
     """The file of the copy `tree` that `change` is made in, and its text after that. MarkerError if it fits nothing."""
     if isinstance(change, Text):
@@ -276,7 +280,7 @@ def break_code_of(tree: Path, change: str | Text) -> tuple[Path, str]:
             raise MarkerError(f"'{change.old}' must stand once in {change.file}, not {text.count(change.old)} times")
         return path, text.replace(change.old, change.new)
     mutations = {marker: mutation for marker, _, mutation, _ in RULES}
-    marked = find_marked(tree / "src")
+    marked = _find_marked(tree / "src")
     if change not in marked or change not in mutations:
         raise MarkerError(f"'{change}' is no marker in the sources, or has no rule in scripts/prove_safety.py")
     return marked[change].path, break_code(marked[change], mutations[change])

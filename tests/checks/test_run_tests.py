@@ -47,6 +47,7 @@ def program(load_script: Callable[[str], ModuleType]) -> Any:
     return load_script("run_tests")
 
 
+@pytest.mark.slow
 def test_all_calls_run_and_one_line_adds_them_up(root: Path, tmp_path: Path) -> None:
     """The next call follows though the first fails, and a process that ends early is an error though it says 0."""
     (tmp_path / "pytest.ini").write_text(CONFIGURATION)

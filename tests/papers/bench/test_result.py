@@ -12,12 +12,11 @@ from haptorb.cli import main
 from haptorb.errors import InputError, UnknownName
 from haptorb_bench import BENCHMARKS, BenchResult, Metric, load_result, run_benchmarks, starting
 from haptorb_bench import outside as programs
-from oracles.repetitions import LONG
 
 pytestmark = pytest.mark.timeout(900)  # the first run on a machine compiles all kernels
 
 SHORT = 0.02
-QUICK = ("allocation", "estimation", "tick", "start", "recording", "study") if LONG else ("allocation", "recording")
+QUICK = ("allocation", "estimation", "tick", "start", "recording", "study")
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +30,7 @@ def quick():
     return found
 
 
+@pytest.mark.slow
 def test_each_benchmark_has_rows_with_figures(quick):
     for name in QUICK:
         rows = [row for row in quick.rows if row.benchmark == name]
@@ -39,6 +39,7 @@ def test_each_benchmark_has_rows_with_figures(quick):
     assert {"processor", "cores", "load before", "numba"} <= quick.machine.keys()
 
 
+@pytest.mark.slow
 def test_daqp_answers_the_same_problems_alike(quick):
     pytest.importorskip("daqp")
     for row in quick.rows:
@@ -55,6 +56,7 @@ def test_scipy_trains_the_same_network():
         assert (one.peer_value is None) is (" after " in one.note)
 
 
+@pytest.mark.slow
 def test_a_recording_keeps_up_and_is_smaller_than_plain_numbers(quick):
     rows = {(row.what, row.peer): row for row in quick.rows if row.benchmark == "recording"}
     assert rows["bytes per row", "plain float64"].ratio > 1.2
