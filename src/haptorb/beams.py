@@ -469,10 +469,10 @@ def compute_bent_shape(hook: Hook, x: float, deflection: float, points: int = 33
 
 _REPEATED = 0.6  #: of the permissible strain, for hooks that are opened often: DSM's and Covestro's design guides
 _GUIDES = (
-    "data sheets (ISO 527, 23 °C); permissible strain 70 % of the strain at yield (DSM's guide to the greatest "
-    "short-term strain), at most 6 %"
+    "assumed: typical values at 23 °C, rounded, of unfilled grades; use the data sheet of yours. Permissible strain: "
+    "70 % of the strain at yield (DSM's guide to the greatest short-term strain), at most 6 %"
 )
-_METALS = "EN 1652, EN 12166 and EN 10132 strip of that temper; permissible strain: yield strength over modulus"
+_METALS = "assumed: typical values of strip of that temper, rounded; permissible strain: yield strength over modulus"
 
 
 class Material(NamedTuple):
