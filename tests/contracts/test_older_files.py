@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sqlite3
 from contextlib import closing
@@ -15,6 +16,7 @@ from haptorb.errors import RecordingError
 from haptorb.estimation.calibration import read_calibration
 from haptorb.recording.recording import Recording
 from haptorb.recording.row import RowLayout
+from haptorb.worlds.user_world import load_noted_world, note_world
 from haptorb_design.store import read_results
 from haptorb_study.columns import read_study as find_study
 from haptorb_study.columns import tidy
@@ -86,3 +88,13 @@ def test_design_results_keep_every_evaluation(tmp_path: Path) -> None:
     (run,) = results.runs
     assert len(run.evaluations) == 4
     assert results.design.name == "omni-core"
+
+
+def test_every_world_that_an_older_recording_names_is_found() -> None:
+    """As commit 5e5cc684 noted them, with the modules and parameters of that time."""
+    notes = json.loads((OLDER / "worlds.json").read_text(encoding="utf-8"))
+    assert len(notes) == 28
+    for name, note in notes.items():
+        world = load_noted_world(json.dumps(note))
+        assert type(world).__name__ == note["made"]["kind"].partition(":")[2], name
+        assert json.loads(note_world(world))["made"]["fields"].keys() >= note["made"]["fields"].keys(), name

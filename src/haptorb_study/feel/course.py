@@ -128,10 +128,17 @@ def _explain_peak(world: SnapFit, way: str) -> PeakShares:
 
 def _find_peak(world: SnapFit, sign: float, y: float) -> float:
     """The greatest force of the hand [N] on a part `y` [m] off its middle, moved outwards (`sign` 1) or inwards."""
-    places = np.linspace(0.0, (world.hook.tip - world.hook.base_length) * 1.05, 600).tolist()
     fast = np.array([sign * 1e3 * world.creep, 0.0, 0.0])
-    states = (State(0.0, np.eye(3), np.array([x, y, 0.0]), np.zeros(3), fast) for x in places)
-    return max(-sign * float(world.wrench(state)[0]) for state in states)
+
+    def find_pull(x: float) -> float:
+        return -sign * float(world.wrench(State(0.0, np.eye(3), np.array([x, y, 0.0]), np.zeros(3), fast))[0])
+
+    places = np.linspace(0.0, (world.hook.tip - world.hook.base_length) * 1.05, 600)
+    for _ in range(2):  # a peak may be narrower than the distance of the places
+        pulls = [find_pull(x) for x in places.tolist()]
+        at = int(np.argmax(pulls))
+        places = np.linspace(places[max(at - 1, 0)], places[min(at + 1, len(places) - 1)], 41)
+    return max(pulls)
 
 
 def force_along(design: Candidate, x: float, speed: float) -> float:

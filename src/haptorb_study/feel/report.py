@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.beams import Hook
+from haptorb.beams import MATERIALS, Hook
 from haptorb.control.allocation import Saturation
 from haptorb.display import scroll_table_html
 from haptorb.errors import RecordingError
@@ -451,6 +451,9 @@ def _list_sizes(design: Candidate, hook: Hook) -> list[list[str]]:
         ["retention angle", f"{math.degrees(hook.rear):.4g}°"],
     ]
     rows.append(["material", f"{design.material}: E = {hook.youngs_modulus / 1e9:.4g} GPa, ν = {hook.poisson_ratio:g}"])
+    if design.material in MATERIALS:
+        material = MATERIALS[design.material]
+        rows += [["condition", material.condition], ["values of the material", material.source]]
     if isinstance(design.world, SnapFit | Outlet):
         rows.append(["friction", f"{design.world.friction:g}"])
     return rows
