@@ -407,6 +407,10 @@ def _describe(design: Candidate, run: InsertionForces, traces: Sequence[Array]) 
     if design.hook is not None:
         body += [_image(draw_hook(design.hook), f"hook of {design.title}, from the side")]
         body.append(scroll_table_html(["size", "value"], _list_sizes(design, design.hook)))
+        if design.material in MATERIALS:
+            body.append(
+                f"<p class='quiet'>Material values are assumed: {escape(MATERIALS[design.material].source.removeprefix('assumed: '))}.</p>"
+            )
     else:
         known = parameters(type(design.world))
         rows = [[name, f"{value} {known[name].unit}"] for name, value in parameter_values(design.world).items()]
@@ -452,8 +456,7 @@ def _list_sizes(design: Candidate, hook: Hook) -> list[list[str]]:
     ]
     rows.append(["material", f"{design.material}: E = {hook.youngs_modulus / 1e9:.4g} GPa, ν = {hook.poisson_ratio:g}"])
     if design.material in MATERIALS:
-        material = MATERIALS[design.material]
-        rows += [["condition", material.condition], ["values of the material", material.source]]
+        rows.append(["condition", MATERIALS[design.material].condition])
     if isinstance(design.world, SnapFit | Outlet):
         rows.append(["friction", f"{design.world.friction:g}"])
     return rows
