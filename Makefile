@@ -40,6 +40,7 @@ test: $(VENV)/.test packages
 nightly: $(VENV)/.test packages
 	@HAPTORB_LONG_TESTS=1 $(BIN)/python scripts/run_tests.py $(ARGS)
 	@$(BIN)/python scripts/prove_promises.py --intact
+	@$(BIN)/python benchmarks/safety/stiff_walls.py --long
 	@$(BIN)/python benchmarks/safety/soak.py
 
 bench: $(VENV)/.test

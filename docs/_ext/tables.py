@@ -116,7 +116,7 @@ def design_keys() -> str:
         [
             f"## The file\n\n{_key_table(DesignFile)}",
             f"## [common] and each [design.NAME]\n\n{_key_table(DesignTable, 'design.NAME.')}",
-            f"## Known materials\n\nRounded values, for a first comparison of designs. Sources:\n\n{sources}\n",
+            f"## Known materials\n\nOne grade each, for a first comparison of designs. Sources:\n\n{sources}\n",
             table(heads, rows),
         ]
     )

@@ -459,20 +459,38 @@ def compute_bent_shape(hook: Hook, x: float, deflection: float, points: int = 33
 
 
 # --------------------------------------------------------------------------------------------------
-# Materials of hooks: round handbook values at 23 °C, for a first comparison of designs.
+# Materials of hooks at 23 °C, each after the data sheet of one grade, for a first comparison of designs.
 #
 # The yield strength is that of tension: for metals the 0.2 % proof stress of the spring or hard temper that hooks are
-# made of, for polymers the stress at yield in a short pull (ISO 527). Polyamide takes up water: "PA6" is dry as
-# moulded, "PA6 conditioned" in equilibrium with air of 50 % humidity (ISO 1110). A polymer bent warm or for long bears
-# less.
+# made of, for polymers the stress at yield in a short pull (ISO 527). Polyamide takes up water: "PA66" is dry as
+# moulded, "PA66 conditioned" in equilibrium with air of 50 % humidity (ISO 1110). A polymer bent warm or for long bears
+# less. Poisson's ratio enters the share of shear only.
 
 
-_REPEATED = 0.6  #: of the permissible strain, for hooks that are opened often: DSM's and Covestro's design guides
-_GUIDES = (
-    "assumed: typical values at 23 °C, rounded, of unfilled grades; use the data sheet of yours. Permissible strain: "
-    "70 % of the strain at yield (DSM's guide to the greatest short-term strain), at most 6 %"
-)
-_METALS = "assumed: typical values of strip of that temper, rounded; permissible strain: yield strength over modulus"
+_ONCE = 0.7  #: of the strain at yield, bent once and for a short time: DSM, "Maximum allowable short-term strain"
+_REPEATED = 0.6  #: of the permissible strain, for hooks that are opened often: the same guide
+_LINEAR = 0.06  #: permissible strain for which the linear beam is still used
+
+
+def _permit(strain_at_yield: float) -> float:
+    """A polymer's permissible strain from the strain at yield of its data sheet."""
+    return round(min(_ONCE * strain_at_yield, _LINEAR), 4)
+
+
+def _sheet(name: str) -> str:
+    """Where a polymer's values are from."""
+    return (
+        f"{name}; ν assumed; permissible strain: 70 % of the strain at yield (DSM, Maximum allowable short-term "
+        "strain), at most 6 %"
+    )
+
+
+def _strip(name: str) -> str:
+    """Where a metal's values are from."""
+    return f"{name}; permissible strain: yield strength over modulus"
+
+
+_PAPER = "E and ν: Bai 2012, table 3 with erratum E7"
 
 
 class Material(NamedTuple):
@@ -491,20 +509,52 @@ class Material(NamedTuple):
     def repeated_strain(self) -> float:
         """Permissible where the hook is opened often: 60 % of a polymer's, all of a metal's.
 
-        >>> MATERIALS["PC"].repeated_strain
-        0.024
+        >>> round(MATERIALS["PC"].repeated_strain, 4)
+        0.0252
         """
         return self.permissible_strain * (1.0 if self.metal else _REPEATED)
 
 
 MATERIALS = {
-    "ABS": Material(2.3e9, 0.35, False, 40e6, 0.02, 0.10, "takes up little water", _GUIDES),
-    "PA6": Material(2.8e9, 0.39, False, 75e6, 0.03, 0.10, "dry as moulded", _GUIDES),
-    "PC": Material(2.3e9, 0.37, False, 62e6, 0.04, 0.50, "takes up little water", _GUIDES),
-    "POM": Material(2.8e9, 0.35, False, 65e6, 0.06, 0.25, "takes up little water", _GUIDES),
-    "PP": Material(1.4e9, 0.42, False, 33e6, 0.06, 0.50, "takes up no water", _GUIDES),
-    "brass": Material(93e9, 0.35, True, 300e6, 0.0032, 0.08, "CuZn37, hard", _METALS),
-    "phosphor bronze": Material(113e9, 0.41, True, 550e6, 0.0049, 0.08, "CuSn6, spring temper", _METALS),
-    "spring steel": Material(206e9, 0.29, True, 1.2e9, 0.0058, 0.06, "hardened and tempered", _METALS),
-    "PA6 conditioned": Material(1.1e9, 0.42, False, 45e6, 0.06, 0.50, "23 °C, 50 % humidity", _GUIDES),
-}
+    "ABS": Material(
+        2.3e9, 0.35, False, 44e6, _permit(0.024), 0.12, "takes up little water", _sheet("data sheet of Terluran GP-35")
+    ),
+    "PA66": Material(
+        3.0e9, 0.39, False, 85e6, _permit(0.045), 0.30, "dry as moulded", _sheet("data sheet of Ultramid A3K")
+    ),
+    "PA66 conditioned": Material(
+        1.1e9, 0.42, False, 50e6, _permit(0.20), 0.50, "23 °C, 50 % humidity", _sheet("data sheet of Ultramid A3K")
+    ),
+    "PC": Material(
+        2.4e9, 0.37, False, 65e6, _permit(0.06), 0.50, "23 °C, 50 % humidity", _sheet("data sheet of Makrolon 2405")
+    ),
+    "POM": Material(
+        2.85e9, 0.35, False, 64e6, _permit(0.09), 0.30, "takes up little water",
+        _sheet("data sheet of Hostaform C 9021"),
+    ),
+    "PP": Material(
+        1.34e9, 0.42, False, 33e6, _permit(0.12), 0.80, "takes up no water",
+        _sheet("homopolymer: 195 and 4.8 ksi, 12 % at yield (technical data sheet, scribd.com/document/631126760); "
+               "80 % at break (makeitfrom.com)"),
+    ),
+    "brass": Material(
+        93e9, 0.35, True, 300e6, 0.0032, 0.08, "CuZn37, R410",
+        _strip(f"{_PAPER} (the sheet: 99 to 115 GPa); strength and strain: KME's data sheet of CuZn37"),
+    ),
+    "phosphor bronze": Material(
+        113e9, 0.41, True, 530e6, 0.0047, 0.05, "CuSn6, R560",
+        _strip(f"{_PAPER} (the sheet: 118 GPa); strength and strain: Aurubis's data sheet of CuSn6"),
+    ),
+    "spring steel": Material(
+        206e9, 0.29, True, 1.2e9, 0.0058, 0.06, "C67S, quenched and tempered",
+        _strip("least strength: Saarstahl's data sheet of C67S; E, ν and the strain at break assumed"),
+    ),
+    "PA6": Material(
+        2.8e9, 0.39, False, 75e6, 0.03, 0.10, "dry as moulded",
+        "assumed, for files made before PA66 was in this table: no data sheet was read",
+    ),
+    "PA6 conditioned": Material(
+        1.1e9, 0.42, False, 45e6, 0.06, 0.50, "23 °C, 50 % humidity",
+        "assumed, for files made before PA66 was in this table: no data sheet was read",
+    ),
+}  # fmt: skip

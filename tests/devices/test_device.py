@@ -91,3 +91,5 @@ def test_a_wrench_map_shows_force_and_torque_per_ampere() -> None:
     assert len(table.findall(".//tbody/tr")) == 6
     assert "T_z [mN·m/A]" in html
     assert f"{1e3 * per_ampere.matrix[2, 2]:.3g}" in html
+    names = haptorb.load("omni").coils.names
+    assert [head.text for head in table.findall(".//thead//th")] == [None, *names, "passive"]

@@ -295,6 +295,8 @@ class WrenchMap:
         Force [N/A] above torque [N·m/A], one column per channel.
     passive : ndarray, shape (6,)
         Wrench at zero current [N, N·m], of a soft core or a regulator.
+    names : tuple of str
+        The channels' names; none: "channel 1" and so on.
 
     Notes
     -----
@@ -309,6 +311,7 @@ class WrenchMap:
 
     matrix: Array
     passive: Array
+    names: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Greatest force and torque per ampere over the channels, and what is there at zero current."""
@@ -327,7 +330,7 @@ class WrenchMap:
             [f"{name} [{unit}/A]", *map(format_number, [1e3 * x for x in row]), f"{format_number(1e3 * still)} {unit}"]
             for name, unit, row, still in zip(_NAMES, units, matrix.tolist(), passive.tolist(), strict=True)
         ]
-        channels = [f"channel {n}" for n in range(1, self.matrix.shape[1] + 1)]
+        channels = self.names or [f"channel {n}" for n in range(1, self.matrix.shape[1] + 1)]
         return facts_html(repr(self)[1:-1], [], table_html(["", *channels, "passive"], rows))
 
     def _sizes(self) -> tuple[tuple[Array, str], tuple[Array, str]]:

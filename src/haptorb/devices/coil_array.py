@@ -539,7 +539,7 @@ class CoilArray(Device):
                 f"device '{self.name}': with the mover at ({x:.1f}, {y:.1f}, {z:.1f}) mm a magnet would be inside "
                 f"{where}; an upright tool touches at z = {self.contact_height * 1e3:.1f} mm"
             )
-        return WrenchMap(matrix, passive)
+        return WrenchMap(matrix, passive, self.coils.names)
 
     @cached_property
     def magnetics(self) -> ArrayMap:

@@ -324,7 +324,7 @@ class SphericalElectromagnet(Device):
         else:
             self.check_model(model)
             dipole_per_ampere(*self._dipole, p, R, matrix)
-        return WrenchMap(matrix, passive)
+        return WrenchMap(matrix, passive, self.coils.names)
 
     def _list_facts(self) -> list[tuple[str, str]]:
         contact, shell = format_quantity(self.contact_distance, "m"), format_quantity(self.shell_thickness, "m")
@@ -458,8 +458,9 @@ def list_geometry_mistakes(
 # axis
 # can be given. Force and torque are not independent of each other: one choice of currents makes both.
 #
-# A supply that cannot give all coils their limits at once rounds the box's corners off; what remains is taken as the
-# polytope of some hundreds of points on its surface, less than 1 % within it.
+# A supply that cannot give all coils their limits at once rounds the box's corners off: the corners are then those of
+# the polytope of some hundreds of points on the surface, and what can be given in every direction is the least of the
+# support function of box and ellipsoid, refined from the polytope's weakest faces.
 
 
 _GRID = 13  #: points along an edge of the currents' box
@@ -537,10 +538,39 @@ def _with_supply(device: SphericalElectromagnet, known: WrenchMap, lost: Array, 
     torque, flat = np.empty((0, 3)), 0.0
     if plane is not None:
         outline = ConvexHull(wrench[:, 3:] @ plane)
-        torque, flat = wrench[outline.vertices, 3:], float(-outline.equations[:, 2].max())
+        torque = wrench[outline.vertices, 3:]
+        flat = _least_support(device, known.torque.T @ plane, known.passive[3:] @ plane, outline.equations)
     corners = hull.vertices
-    inside = float(-hull.equations[:, 3].max())
+    inside = _least_support(device, known.force.T, known.passive[:3], hull.equations)
     return FeasibleWrench(currents[corners], wrench[corners, :3], torque, lost, inside, flat)
+
+
+def _support(device: SphericalElectromagnet, gains: Array) -> float:
+    """The most of `gains` (m,) @ currents within the coils' limits and the supply's power: each current is its gain
+    over its resistance by one factor, cut at its limit."""
+    limit, resistance, power = device.coils.current_limit, device.greatest_resistance, device.supply.power
+    per_factor = np.abs(gains) / resistance
+    low, high = 0.0, float((limit / np.maximum(per_factor, 1e-30)).max())
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if resistance @ np.minimum(middle * per_factor, limit) ** 2 > power:
+            high = middle
+        else:
+            low = middle
+    return float(np.abs(gains) @ np.minimum(low * per_factor, limit))
+
+
+def _least_support(device: SphericalElectromagnet, gains: Array, passive: Array, faces: Array) -> float:
+    """The least that can be given in any direction: gains (m, d) per direction and ampere, from the weakest `faces`."""
+    from scipy.optimize import minimize  # as slow to import as the hull
+
+    def reach(way: Array) -> float:
+        normal = way / np.linalg.norm(way)
+        return _support(device, gains @ normal) + float(passive @ normal)
+
+    weakest = faces[np.argsort(-faces[:, -1])[:6], :-1]
+    found = [minimize(reach, way, method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-12}).fun for way in weakest]
+    return float(min(found))
 
 
 def _polygon(spins: Array, plane: Array, passive: Array) -> tuple[Array, float]:
@@ -652,12 +682,14 @@ def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -
         dipole = device.wrench_map(state, "published")
         per_newton = np.linalg.inv(exact.force)
         ways = state.R_SR.T  # rows: two tangents and the radial direction
-        amperes = np.abs(ways @ per_newton.T)  # (3, m) for one newton each way
-        radial.append(_greatest(device, amperes[2:], most))
-        # The weakest direction in the tangent plane, on a circle of them
-        circle = np.linspace(0, np.pi, 16, endpoint=False)
-        around = np.cos(circle)[:, None] * ways[0] + np.sin(circle)[:, None] * ways[1]
-        tangential.append(_greatest(device, np.abs(around @ per_newton.T), most))
+        amperes = ways @ per_newton.T  # (3, m) for one newton each way
+        outward = float(device.greatest_resistance @ amperes[2] ** 2)
+        radial.append(_greatest(device, np.abs(amperes[2]), outward, most))
+        # The weakest direction in the tangent plane: for a coil's limit, along its own gradient; for the supply, along
+        # the axis of the greatest power.
+        power = (device.greatest_resistance * amperes[:2]) @ amperes[:2].T
+        across = np.linalg.norm(amperes[:2], axis=0)
+        tangential.append(_greatest(device, across, float(np.linalg.eigvalsh(power)[-1]), most))
         pulls.append(-exact.passive[:3] @ direction)
         errors.append(np.linalg.norm(exact.force @ np.linalg.inv(dipole.force) - np.eye(3), 2))
     peak, lasting, warm = np.min(radial, axis=0)
@@ -675,15 +707,12 @@ def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -
     )
 
 
-def _greatest(device: SphericalElectromagnet, amperes: Array, most: Array) -> Array:
-    """(k,) the greatest force [N] in every one of some directions, within each row of `most` (k, m) [A] and the supply.
-
-    amperes (n, m) is what one newton takes in each direction.
-    """
-    within = (most[:, None, :] / amperes).min(axis=2)
-    supplied = np.sqrt(device.supply.power / (device.greatest_resistance * amperes**2).sum(axis=1))
-    greatest: Array = np.minimum(within, supplied).min(axis=1)
-    return greatest
+def _greatest(device: SphericalElectromagnet, amperes: Array, watts: float, most: Array) -> Array:
+    """(k,) the greatest force [N] within each row of `most` (k, m) [A] and the supply, where one newton takes at most
+    `amperes` (m,) in each coil and `watts` in all."""
+    within: Array = (most / np.maximum(amperes, 1e-30)).min(axis=1)
+    supplied = np.sqrt(device.supply.power / watts)
+    return np.minimum(within, supplied)
 
 
 # --------------------------------------------------------------------------------------------------

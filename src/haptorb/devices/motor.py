@@ -273,7 +273,7 @@ class SphericalMotor(Device):
         """(6, m) per channel: torque only, as the bearing carries every force; passive: regulator and gravity."""
         matrix = np.zeros((6, self.channels))
         matrix[3:] = self.torque_characteristic(state.R_SR[None], model)[0] @ self.groups
-        return WrenchMap(matrix, self.passive(state.R_SR))
+        return WrenchMap(matrix, self.passive(state.R_SR), self.coils.names)
 
     @cached_property
     def greatest_torque(self) -> float:

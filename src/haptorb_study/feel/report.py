@@ -408,8 +408,8 @@ def _describe(design: Candidate, run: InsertionForces, traces: Sequence[Array]) 
         body += [_image(draw_hook(design.hook), f"hook of {design.title}, from the side")]
         body.append(scroll_table_html(["size", "value"], _list_sizes(design, design.hook)))
         if design.material in MATERIALS:
-            source = MATERIALS[design.material].source.removeprefix("assumed: ")
-            body.append(f"<p class='quiet'>Material values are assumed: {escape(source)}.</p>")
+            source = MATERIALS[design.material].source
+            body.append(f"<p class='quiet'>Values of the material: {escape(source)}.</p>")
     else:
         known = parameters(type(design.world))
         rows = [[name, f"{value} {known[name].unit}"] for name, value in parameter_values(design.world).items()]

@@ -106,6 +106,6 @@ def test_e29_the_outlets_hooks_are_bent_beyond_yield() -> None:
     right, paper = Outlet().root_load, Outlet(beam="paper").root_load
     assert (right.stress, paper.stress) == pytest.approx((0.89e9, 4.18e9), rel=0.005)
     assert (right.strain, paper.strain) == pytest.approx((0.0079, 0.037), rel=0.005)
-    assert right.yield_strength == pytest.approx(0.55e9)
+    assert right.yield_strength == pytest.approx(0.53e9)
     assert right.beyond_yield
     assert paper.beyond_yield

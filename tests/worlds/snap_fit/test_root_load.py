@@ -25,15 +25,15 @@ def test_the_published_outlet_would_stay_bent_with_either_beam() -> None:
     assert (right.stress, paper.stress) == pytest.approx((0.89e9, 4.18e9), rel=0.005)
     assert right.material == "phosphor bronze"
     assert right.beyond_yield
-    assert right.margin == pytest.approx(550 / 892, abs=1e-3)
-    assert paper.sentence.startswith("root strain 3.7 %, stress 4.18 GPa: BEYOND YIELD of phosphor bronze (550 MPa)")
+    assert right.margin == pytest.approx(530 / 892, abs=1e-3)
+    assert paper.sentence.startswith("root strain 3.7 %, stress 4.18 GPa: BEYOND YIELD of phosphor bronze (530 MPa)")
 
 
 def test_a_hook_is_bent_most_at_the_end_of_its_top_that_is_nearer_to_the_root() -> None:
     world = SnapFit()
     at_peak = root_strain(world.hook, world.hook.peak, world.height, compliance(world.hook, world.hook.peak).plus)
     assert world.root_load.strain > 1.1 * float(at_peak)
-    assert world.root_load.margin == pytest.approx(40e6 / world.root_load.stress)
+    assert world.root_load.margin == pytest.approx(44e6 / world.root_load.stress)
     assert not world.root_load.beyond_yield
     assert SnapFit(clearance=0.75e-3).root_load.strain == pytest.approx(0.5 * world.root_load.strain, rel=1e-2)
     assert SnapFit(clearance=2e-3).root_load.strain == 0.0  # nothing touches
@@ -62,7 +62,7 @@ def test_every_material_has_its_strains_in_order_a_condition_and_a_source(name: 
 
 
 def test_polyamide_is_softer_and_tougher_with_its_water() -> None:
-    dry, wet = MATERIALS["PA6"], MATERIALS["PA6 conditioned"]
+    dry, wet = MATERIALS["PA66"], MATERIALS["PA66 conditioned"]
     assert wet.youngs_modulus < 0.5 * dry.youngs_modulus
     assert wet.permissible_strain > dry.permissible_strain
 
@@ -71,11 +71,11 @@ def test_a_hook_that_breaks_before_it_snaps_is_told() -> None:
     stub = SnapFit(base_length=5e-3, peak=8.5e-3, thickness=2.5e-3, height=2e-3, insertion_deg=20.0)
     assert stub.root_load.strain > MATERIALS["ABS"].breaking_strain
     assert stub.root_load.breaks
-    assert "BREAKS BEFORE IT SNAPS: ABS bears a strain of 10 %" in stub.remarks[0]
+    assert "BREAKS BEFORE IT SNAPS: ABS bears a strain of 12 %" in stub.remarks[0]
     assert stub.root_load.numbers()["breaks"] is True
     good = SnapFit().root_load
     assert not good.breaks
-    assert good.sentence.endswith("permissible strain 2 % once, 1.2 % if opened often: EXCEEDED if opened often")
+    assert good.sentence.endswith("permissible strain 1.68 % once, 1.01 % if opened often: EXCEEDED if opened often")
 
 
 def test_worlds_that_are_no_hooks_say_nothing_and_hooks_say_what_is_set() -> None:
