@@ -30,7 +30,6 @@ extensions = [
     "plain_docstrings",
     "quick_references",
     "room_pages",
-    "tables",
 ]
 exclude_patterns = [
     "_build",
@@ -38,7 +37,6 @@ exclude_patterns = [
     "gallery/*.ipynb",
     "gallery/*.py.md5",
     "sg_execution_times.rst",
-    "reference/generated/*.md",
 ]
 nitpicky = False
 default_role = "code"

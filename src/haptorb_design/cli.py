@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from haptorb.cli.keys import FILES, FileKeys, KeySection
 from haptorb.errors import InputError
 from haptorb.terminal import CommandLine, announce_wait, make_console, make_progress, print_facts, print_json, say, tell
 
@@ -26,6 +29,7 @@ __all__ = [
     "SeedOption",
     "end_run",
     "keep_run",
+    "list_design_sections",
     "open_run",
     "optimise",
     "register",
@@ -256,8 +260,26 @@ def sweep(
     end_run(tally, into, json)
 
 
+def list_design_sections() -> list[KeySection]:
+    """The keys of a design file, and the quantities that its objectives and constraints name."""
+    from haptorb.devices.schema import KeyText, list_keys
+    from haptorb_design.design_file import DeviceDesignFile
+    from haptorb_design.objectives import quantity, quantity_names
+
+    named = [
+        replace(key, path=re.sub(r"^(parameters|objectives|constraints)\.", r"\1.NAME.", key.path))
+        for key in list_keys(DeviceDesignFile)
+    ]
+    quantities = [
+        KeyText(one.name, one.text, f"{one.sense}; {', '.join(one.kinds)}", one.unit or "1", "any", "")
+        for one in map(quantity, quantity_names())
+    ]
+    return [KeySection("", tuple(named)), KeySection("Quantities of objectives and constraints", tuple(quantities))]
+
+
 def register(app: typer.Typer) -> None:
     """Add the commands to `app`."""
+    FILES["design"] = FileKeys("a search for devices: haptorb design sweep FILE", list_design_sections)
     design = CommandLine(help="Search for devices by a sweep or an optimiser; report and show the results.")
     for command in (sweep, optimise, report, show):
         design.command()(command)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptorb.cli.keys import FILES, FileKeys, KeySection
 from haptorb.errors import InputError
 from haptorb.terminal import (
     Column,
@@ -47,6 +48,7 @@ __all__ = [
     "export",
     "figures",
     "keep_begun_study",
+    "list_study_sections",
     "merge",
     "new",
     "participants",
@@ -633,8 +635,17 @@ def backup(
     tell(f"backup: {back_up(db, into)}")
 
 
+def list_study_sections() -> list[KeySection]:
+    """The keys of a study file."""
+    from haptorb.devices.schema import list_keys
+    from haptorb_study.study_file import Study
+
+    return [KeySection("", tuple(list_keys(Study)))]
+
+
 def register(app: typer.Typer) -> None:
     """Add the commands to `app`."""
+    FILES["study"] = FileKeys("a study: haptorb study run FILE", list_study_sections)
     study = CommandLine(help="Perceptual studies: write, check, rehearse, run, analyse, plot and export.")
     for command in (new, check, run, simulate, power, participants, analyse, figures, export, merge, withdraw, backup):
         study.command()(command)

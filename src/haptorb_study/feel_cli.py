@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from haptorb.cli.keys import FILES, FileKeys, KeySection
 from haptorb.errors import InputError
 from haptorb.figure_file import check_figure_file
 from haptorb.terminal import Column, TextTable, make_console, print_json, print_table, say
@@ -23,11 +24,23 @@ if TYPE_CHECKING:
     from haptorb_study.feel import Candidate, Candidates, FeelSession
     from haptorb_study.feel.live_session import LiveSession, TrueScale
 
-__all__ = ["feel_with_console", "feel_without_console", "find_scale", "register"]
+__all__ = ["feel_with_console", "feel_without_console", "find_scale", "list_feel_sections", "register"]
+
+
+def list_feel_sections() -> list[KeySection]:
+    """The keys of a file of snap-fit designs, and of one design in it."""
+    from haptorb.devices.schema import list_keys
+    from haptorb_study.feel.designs import DesignFile, DesignTable
+
+    return [
+        KeySection("The file", tuple(list_keys(DesignFile))),
+        KeySection("[common] and each [design.NAME]", tuple(list_keys(DesignTable, "design.NAME."))),
+    ]
 
 
 def register(app: typer.Typer) -> None:
     """Add the command to `app`."""
+    FILES["feel"] = FileKeys("snap-fit designs that are felt: haptorb feel FILE", list_feel_sections)
     app.command()(feel)
 
 

@@ -18,6 +18,7 @@ STUDY = re.compile(r"```toml\n(.*?)```", re.DOTALL)
 SAMPLES = {
     "devices": ("", "omni"),
     "worlds": ("", "dome"),
+    "keys": ("", "study levels"),
     "inspect": ("omni", "pmsm", "tetrahedron", "omni --errors --samples 100", "pmsm --errors --samples 100"),
     "show": ("omni", "pmsm"),
     "check": ("--world dome", "--world nothing"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -61,12 +62,42 @@ def test_what_a_newcomer_must_find(root: Path, readme: str) -> None:
         assert command in known
 
 
-def test_readme_quotes_the_stored_benchmarks(readme: str, load_script: Callable[[str], ModuleType]) -> None:
-    script = load_script("benchmark_table")
-    assert script.with_table(readme) == readme, "run: python scripts/benchmark_table.py"
-    altered = readme.replace(" µs |", " ns |", 1)
-    assert altered != readme
-    assert script.with_table(altered) == readme
+def test_every_page_has_what_the_program_knows(root: Path, load_script: Callable[[str], ModuleType]) -> None:
+    script = load_script("reference_tables")
+    command = "run: python scripts/reference_tables.py"
+    pages = {path: path.read_text(encoding="utf-8") for path in script.find_pages()}
+    assert [str(path.relative_to(root)) for path, text in pages.items() if script.fill_page(text) != text] == [], (
+        command
+    )
+    reference = pages[root / "docs" / "reference" / "device-file.md"]
+    altered = reference.replace("coils.heat.ambient", "coils.heat.outside")
+    assert altered != reference
+    assert script.fill_page(altered) == reference
+    parts = "".join(pages.values())
+    assert [name for name in script.TABLES if f"<!-- {name}: begin -->" not in parts] == []
+
+
+def test_pages_can_be_read_without_a_build(root: Path) -> None:
+    for path in sorted(root.glob("docs/**/*.md")):
+        if {"_build", "gallery", "generated"} & {*path.parts}:
+            continue
+        text = path.read_text(encoding="utf-8")
+        assert re.findall(r"^`{3,}\{(?:literal)?include\}.*", text, re.MULTILINE) == [], path
+        for target in re.findall(r"(?<!!)\[[^\]]+\]\(([^)#:]+\.md)\)", re.sub(r"```.*?```", "", text, flags=re.DOTALL)):
+            assert (path.parent / target).exists(), f"{path}: {target}"
+    folder = root / "docs" / "reference"
+    for name, known in (("device-file", "coils.heat.ambient"), ("study-file", "levels.reference"),
+                        ("device-design", "objectives.NAME.quantity"), ("design-file", "design.NAME."),
+                        ("command-line", "Usage: haptorb run")):  # fmt: skip
+        assert known in (folder / f"{name}.md").read_text(encoding="utf-8")
+    assert "| `/haptorb/subscribe`" in (root / "docs" / "how-to" / "application.md").read_text(encoding="utf-8")
+
+
+def test_the_wheel_has_the_references(root: Path) -> None:
+    shared = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    shipped = shared["tool"]["hatch"]["build"]["targets"]["wheel"]["shared-data"]
+    assert "docs/reference" in shipped
+    assert [name for name in shipped if not (root / name).exists()] == []
 
 
 def test_the_stored_benchmarks_are_whole(root: Path) -> None:

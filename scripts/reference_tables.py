@@ -1,33 +1,42 @@
-"""Tables that the program itself knows: rows, trips, worlds, device keys and commands, written from the code."""
+"""Write what the program knows into README.md and docs: keys, commands, addresses, rows, trips, worlds, benchmarks.
+
+usage: python scripts/reference_tables.py [--check]
+
+The text between `<!-- NAME: begin -->` and `<!-- NAME: end -->` is replaced, so that every page can be read where it
+is: in a clone, on a forge, in the wheel. With --check nothing is written; a page that differs is named, and the exit
+code is 1.
+"""
 
 from __future__ import annotations
 
 import io
 import os
+import re
+import sys
+from collections.abc import Iterator
 from contextlib import redirect_stdout
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from pydantic import BaseModel
-from sphinx.application import Sphinx
+from typer.main import get_command
 
 import haptorb
 from haptorb import worlds
 from haptorb.beams import MATERIALS
+from haptorb.cli.keys import FILES
+from haptorb.cli.program import app
 from haptorb.control.trips import GuardState, Trip
-from haptorb.devices.base import kind_names, kind_of_name
-from haptorb.devices.schema import list_keys
+from haptorb.devices.schema import KeyText
 from haptorb.recording.row import RowLayout
 from haptorb.serve.foxglove import RowMessages
 from haptorb.serve.osc import INCOMING, OUTGOING, REPLIES
 from haptorb.worlds.base import parameters
-from haptorb_design.design_file import DeviceDesignFile
+from haptorb_bench import load_result
 from haptorb_design.objectives import quantity, quantity_names
-from haptorb_study.feel.designs import DesignFile, DesignTable
-from haptorb_study.study_file import Study
 from haptorb_study.template import TEMPLATES, make_study_text
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def table(head: tuple[str, ...], rows: list[tuple[Any, ...]]) -> str:
@@ -73,24 +82,23 @@ def world_table() -> str:
     return "\n".join(parts)
 
 
-def _key_table(model: type[BaseModel], prefix: str = "") -> str:
+def _key_table(keys: tuple[KeyText, ...]) -> str:
     """Every key of a file as a row."""
     head = ("key", "meaning", "value", "unit", "range", "default")
     rows = [
-        (f"`{key.path}`", key.meaning, key.value, key.unit, key.range.replace("<", "\\<"), key.default)
-        for key in list_keys(model, prefix)
+        (f"`{key.path}`", key.meaning, key.value, key.unit, key.range.replace("<", "\\<"), key.default) for key in keys
     ]
     return table(head, rows)
 
 
 def device_keys() -> str:
     """Every key of every kind of device file."""
-    return "\n".join(f'### kind = "{name}"\n\n{_key_table(kind_of_name(name).part("file"))}' for name in kind_names())
+    return "\n".join(f"### {title}\n\n{_key_table(keys)}" for title, keys in FILES["device"].list_sections())
 
 
 def study_keys() -> str:
     """Every key of a study file."""
-    return _key_table(Study)
+    return _key_table(FILES["study"].list_sections()[0].keys)
 
 
 def study_templates() -> str:
@@ -114,8 +122,7 @@ def design_keys() -> str:
     )
     return "\n".join(
         [
-            f"## The file\n\n{_key_table(DesignFile)}",
-            f"## [common] and each [design.NAME]\n\n{_key_table(DesignTable, 'design.NAME.')}",
+            *(f"## {title}\n\n{_key_table(keys)}" for title, keys in FILES["feel"].list_sections()),
             f"## Known materials\n\nOne grade each, for a first comparison of designs. Sources:\n\n{sources}\n",
             table(heads, rows),
         ]
@@ -124,10 +131,7 @@ def design_keys() -> str:
 
 def device_design_keys() -> str:
     """Every key of a design file."""
-    tables = _key_table(DeviceDesignFile)
-    for name in ("parameters", "objectives", "constraints"):
-        tables = tables.replace(f"`{name}.", f"`{name}.NAME.")
-    return tables
+    return _key_table(FILES["design"].list_sections()[0].keys)
 
 
 def design_quantities() -> str:
@@ -141,9 +145,7 @@ def design_quantities() -> str:
 
 def command_line() -> str:
     """What the commands say of themselves, in a terminal of 86 columns; a process for each would take a second."""
-    from typer.main import get_command
-
-    command: Any = get_command(import_module("haptorb.cli.program").app)
+    command: Any = get_command(app)
     environment = {"COLUMNS": "86", "NO_COLOR": "1", "TERM": "dumb", "HOME": str(Path.home())}
 
     def told(*words: str) -> str:
@@ -157,11 +159,26 @@ def command_line() -> str:
     return "\n".join(parts)
 
 
+#: what README shows, against the fastest peer only; docs/reference/benchmarks.md has all
+_IN_README = ("magnetics", "allocation", "tick", "start", "loop", "console")
+
+
 def benchmarks() -> str:
     """The stored figures of `haptorb bench`."""
-    from haptorb_bench import load_result
+    return load_result(ROOT / "docs" / "benchmarks.json").markdown()
 
-    return load_result(Path(__file__).resolve().parents[1] / "benchmarks.json").markdown()
+
+def benchmarks_in_short() -> str:
+    """The stored figures for README: one row for each task, that against the peer with the smallest ratio."""
+    shown = load_result(ROOT / "docs" / "benchmarks.json").markdown(_IN_README, short=True).splitlines()
+    least: dict[str, tuple[float, str]] = {}
+    for row in shown[4:]:
+        *_, ratio, _ = row.split("|")
+        number = float(ratio.replace(",", "").replace("×", "") or "inf") if ratio.strip() else float("inf")
+        task = row.split(" (", 1)[0].split(" |", 1)[0]
+        if task not in least or number < least[task][0]:
+            least[task] = (number, row)
+    return "\n".join([*shown[:4], *(row for _, row in least.values())]) + "\n"
 
 
 def osc_messages() -> str:
@@ -191,10 +208,11 @@ def foxglove_topics() -> str:
     return table(("topic", "schema", "a second", "content"), rows)
 
 
-PAGES = {
+TABLES = {
     "osc-messages": osc_messages,
     "foxglove-topics": foxglove_topics,
     "benchmarks": benchmarks,
+    "benchmarks-in-short": benchmarks_in_short,
     "row-table": row_table,
     "trip-table": trip_table,
     "world-table": world_table,
@@ -206,18 +224,53 @@ PAGES = {
     "design-quantities": design_quantities,
     "command-line": command_line,
 }
+_MARKED = re.compile(r"(<!-- ([\w./-]+): begin -->\n).*?(<!-- \2: end -->)", re.DOTALL)
 
 
-def _write(app: Sphinx) -> None:
-    folder = Path(app.srcdir) / "reference" / "generated"
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, made in PAGES.items():
-        page, text = folder / f"{name}.md", made()
-        if not page.exists() or page.read_text() != text:
-            page.write_text(text)
+def list_contents(folder: str) -> str:
+    """A link to every page of a folder of the documentation."""
+    titles = {path.name: path.read_text(encoding="utf-8").partition("# ")[2].partition("\n")[0]
+              for path in sorted((ROOT / "docs" / folder).glob("*.md")) if path.name != "index.md"}  # fmt: skip
+    return "".join(f"- [{title}]({name})\n" for name, title in titles.items())
 
 
-def setup(app: Sphinx) -> dict[str, Any]:
-    """Write the tables before Sphinx looks for them."""
-    app.connect("builder-inited", _write)
-    return {"parallel_read_safe": True}
+def quote_file(name: str) -> str:
+    """A file of the repository as a block of code."""
+    language = {".py": "py", ".html": "html"}[Path(name).suffix]
+    return f"```{language}\n{(ROOT / name).read_text(encoding='utf-8')}```\n"
+
+
+def write_part(name: str) -> str:
+    """What stands between the marks with this name: a table, the contents of a folder, or a file."""
+    if name in TABLES:
+        return TABLES[name]()
+    return quote_file(name) if "." in name else list_contents(name.removeprefix("contents-"))
+
+
+def find_pages() -> Iterator[Path]:
+    """README and every page of the documentation."""
+    yield ROOT / "README.md"
+    yield from sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
+
+
+def fill_page(text: str) -> str:
+    """`text` with what the program knows now between its marks."""
+    return _MARKED.sub(lambda found: f"{found[1]}\n{write_part(found[2])}\n{found[3]}", text)
+
+
+def main() -> int:
+    """Write, or compare."""
+    differ = []
+    for path in find_pages():
+        text = path.read_text(encoding="utf-8")
+        if (filled := fill_page(text)) != text:
+            differ.append(str(path.relative_to(ROOT)))
+            if "--check" not in sys.argv[1:]:
+                path.write_text(filled, encoding="utf-8")
+    if differ:
+        print(("differs: " if "--check" in sys.argv[1:] else "written: ") + ", ".join(differ))
+    return int("--check" in sys.argv[1:] and bool(differ))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
