@@ -358,26 +358,38 @@ class Overlap:
 
 @dataclass(frozen=True)
 class Unfelt:
-    """A condition in which nothing can be felt, or no difference between levels, at the place of its trials."""
+    """A condition in which nothing can be felt, or no difference between levels, at the place of its trials.
+
+    Also one that is declared to be without force, and is not.
+    """
 
     condition: str
     theta_deg: float  #: of the set-point
     parameter: str  #: that is varied without effect; "": there is no force at all
     most: float  #: [N] greatest force there, or [N·m] torque where only a torque is rendered
+    control: bool = False  #: whether it is declared to be without force (`no_force = true`)
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types."""
         return {
             "condition": self.condition, "theta_deg": self.theta_deg, "parameter": self.parameter or None,
-            "greatest": self.most,
+            "greatest": self.most, "no_force": self.control,
         }  # fmt: skip
 
     @property
     def sentence(self) -> str:
         """For people."""
         where = f"condition '{self.condition}', set-point at θ = {self.theta_deg:g} deg"
+        if self.control:
+            return (
+                f"{where}: no_force = true, but the world renders up to {self.most:.3g} N (or N·m of torque) there; "
+                "set its parameters so that it renders nothing, or leave out no_force"
+            )
         if not self.parameter:
-            return f"{where}: the world renders nothing within reach of it, so there is nothing to answer to"
+            return (
+                f"{where}: the world renders nothing within reach of it, so there is nothing to answer to; a control "
+                "condition without force says no_force = true"
+            )
         return (
             f"{where}: levels of '{self.parameter}' change nothing that is rendered there, so that every answer is a "
             "guess; choose a set-point within the world, or another parameter"
@@ -385,7 +397,10 @@ class Unfelt:
 
 
 def find_unfelt(study: Study) -> tuple[Unfelt, ...]:
-    """Conditions whose world gives nothing at the place of a trial or, if a level is varied, the same at each level."""
+    """Conditions whose world gives nothing at the place of a trial or, if a level is varied, the same at each level.
+
+    A condition with `no_force` has to give nothing, and is found where it gives something.
+    """
     device, found = study.load_device(), []
     levels = study.levels
     varied: list[float] = []
@@ -402,7 +417,10 @@ def find_unfelt(study: Study) -> tuple[Unfelt, ...]:
             fields = [_sample_wrench(device, study, world, states) for world in made]
             most = max(float(np.abs(field).max(initial=0.0)) for field in fields)
             change = max((float(np.abs(field - fields[0]).max(initial=0.0)) for field in fields[1:]), default=most)
-            if most < _NOTHING or change < _NOTHING:
+            if condition.no_force:
+                if most >= _NOTHING:
+                    found.append(Unfelt(condition.name, point.theta_deg, "", most, control=True))
+            elif most < _NOTHING or change < _NOTHING:
                 parameter = levels.parameter if levels is not None and varied else ""
                 found.append(Unfelt(condition.name, point.theta_deg, parameter, most))
     return tuple(found)

@@ -213,6 +213,11 @@ class Condition(Part):
         m.Form("NAME = number or [x, y, z]; `haptorb worlds NAME` lists them"),
         m.Without("none"),
     ] = {}
+    no_force: Annotated[
+        bool,
+        Field(strict=True),
+        m.Meaning("control condition: the world renders no force and no torque, on purpose; checked before a study"),
+    ] = False
 
 
 class Levels(Part):
@@ -650,7 +655,7 @@ def check_plan(study: _WithConditions, plan: AnalysisPlan | None) -> None:
             raise ValueError(f"{where} a condition cannot be compared with itself ('{test.between[0]}')")
 
 
-#: left out of the digest where they are not used: studies that began before these existed continue
+#: left out of the digest where they are not used, as is no_force of a condition: studies begun before them continue
 _LATER = ("mask", "questions", "model", "render", "world_digest", "published_layout", "order_version", "hand_deg")
 _LEVELLED = ("constant", "staircase", "bayesian", "magnitude")
 
@@ -796,8 +801,10 @@ class Study(Part):
     @property
     def digest(self) -> str:
         """Of all that decides how it runs: sessions of one study share it. The plan of the analysis has its own."""
-        unused = {name for name in _LATER if getattr(self, name) in (None, "", ())}
-        return sha256(self.model_dump_json(exclude={"plan", *unused}).encode()).hexdigest()[:16]
+        unused = {"plan"} | {name for name in _LATER if getattr(self, name) in (None, "", ())}
+        felt = {n: {"no_force"} for n, condition in enumerate(self.conditions) if not condition.no_force}
+        text = self.model_dump_json(exclude={**dict.fromkeys(unused, True), "conditions": felt})
+        return sha256(text.encode()).hexdigest()[:16]
 
     @property
     def points(self) -> tuple[SetPoint, ...]:

@@ -21,7 +21,8 @@ from haptorb_design.store import read_results
 from haptorb_study.columns import read_study as find_study
 from haptorb_study.columns import tidy
 from haptorb_study.database import database
-from haptorb_study.study_file import read_study
+from haptorb_study.study_file import read_study, study_of
+from haptorb_study.template import make_study_text
 
 OLDER = Path(__file__).with_name("older")
 
@@ -67,6 +68,22 @@ def test_a_device_file_describes_the_same_device() -> None:
 def test_a_study_file_asks_the_same() -> None:
     study = read_study(OLDER / "study.toml")
     assert study.trials.repetitions == 2
+    assert study.digest == "672fe57ef4ed5c83"  # as commit 5e5cc684 computes it: its sessions are continued
+
+
+@pytest.mark.parametrize(
+    ("template", "digest"),
+    [
+        ("zarate2020", "833b36e84db2d0c8"),
+        ("identification", "b3e903f1d46b688e"),
+        ("staircase", "b1ec908a2bfdc794"),
+        ("magnitude", "395f7113312357e9"),
+        ("comparison", "2a3ba953d52c582e"),
+    ],
+)
+def test_a_study_of_a_template_keeps_its_digest(template: str, digest: str) -> None:
+    """As commit 5e5cc684 computes it for the same text."""
+    assert study_of(make_study_text("older", template)).digest == digest
 
 
 def test_a_study_database_keeps_every_answer(tmp_path: Path) -> None:
@@ -75,6 +92,9 @@ def test_a_study_database_keeps_every_answer(tmp_path: Path) -> None:
         before = raw.execute("SELECT session, number, answer, seconds, answered FROM trials ORDER BY id").fetchall()
     engine = database(place, make=False)
     columns = tidy(engine, find_study(engine))
+    found = find_study(engine)
+    with closing(sqlite3.connect(place)) as raw:
+        assert raw.execute("SELECT digest FROM studies").fetchall() == [(found.digest,)]
     engine.dispose()
     with closing(sqlite3.connect(place)) as raw:
         after = raw.execute("SELECT session, number, answer, seconds, answered FROM trials ORDER BY id").fetchall()

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from haptorb.cli import main
+from haptorb.errors import InputError
 from haptorb_study.simulated import find_unfelt
 from haptorb_study.study_file import study_of
 
@@ -77,3 +78,50 @@ def test_every_force_is_felt_with_the_built_in_dome() -> None:
     assert find_unfelt(study_of('name = "x"\n' + places + "[parameters]\nmoment = 0\n")) != ()
     cut_off = '[levels]\nparameter = "cut_off_deg"\nreference = 40\nleast = 1\nmost = 10\nstart = 5\n'
     assert find_unfelt(study_of('name = "x"\nprocedure = "staircase"\n' + cut_off)) == ()
+
+
+CONTROL = """
+name = "sham"
+procedure = "rating"
+[trials]
+repetitions = 1
+[[conditions]]
+name = "dome"
+{0}
+[[conditions]]
+name = "sham"
+parameters = {{ moment = 0 }}
+{1}
+"""
+
+
+@pytest.mark.parametrize(
+    ("dome", "sham", "found"),
+    [
+        ("", "", [("sham", False)]),
+        ("", "no_force = true", []),
+        ("no_force = true", "no_force = true", [("dome", True)]),  # it says so, and has a force
+    ],
+)
+def test_a_control_condition_without_force_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], dome: str, sham: str, found: list[tuple[str, bool]]
+) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text(CONTROL.format(dome, sham))
+    code: object = 0
+    try:
+        main(["study", "check", str(file), "--json"])
+    except SystemExit as ended:
+        code = ended.code
+    unfelt = json.loads(capsys.readouterr().out)["unfelt"]
+    assert [(one["condition"], one["no_force"]) for one in unfelt] == found
+    assert (code in (0, None)) == (not found)
+
+
+def test_only_a_control_condition_changes_the_digest_of_a_study() -> None:
+    plain, said_no, said_yes = (
+        study_of(CONTROL.format("", text)).digest for text in ("", "no_force = false", "no_force = true")
+    )
+    assert plain == said_no != said_yes
+    with pytest.raises(InputError, match="no_force"):
+        study_of(CONTROL.format("", "no_force = 1"))
