@@ -36,7 +36,7 @@ from haptorb.estimation.types import Estimator
 from haptorb.runtime.assembly import estimator_of
 from haptorb.runtime.drivers.board_emulator import EmulatedDevice, Emulator
 from haptorb.runtime.drivers.serial import SerialDriver
-from haptorb_papers.reproduce.zarate2020.hall_trial import clamp_tool, shell_places
+from haptorb_papers.reproduce.zarate2020.hall_position import clamp_tool, shell_places
 
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
 CALIBRATED = 1e-3  #: of each entry of the moment map, as a share of its column

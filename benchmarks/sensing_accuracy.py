@@ -36,7 +36,7 @@ from haptorb.magnetics import dipole
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.simulation.base import Simulation
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
-from haptorb_papers.reproduce.zarate2020.hall_trial import clamp_tool, shell_places
+from haptorb_papers.reproduce.zarate2020.hall_position import clamp_tool, shell_places
 
 STRONGER = 1.01  #: of the tool's magnet, relative to the file
 EARTH = 0.05e-3 * np.array([0.5, 0.0, -np.sqrt(0.75)])  #: [T]

@@ -24,7 +24,7 @@ from haptorb.devices.loader import load
 from haptorb.estimation.sensor_calibration import without_errors
 from haptorb_design.objectives import electromagnet_of, motor_of, quantity, shell_places
 from haptorb_design.problem import DesignCandidate
-from haptorb_papers.reproduce.zarate2020.hall_trial import try_hall_tracker
+from haptorb_papers.reproduce.zarate2020.hall_position import try_hall_tracker
 
 MOTOR = (
     *("heat_per_torque_squared", "continuous_torque", "peak_torque", "torque_isotropy", "envelope_radius", "clearance"),

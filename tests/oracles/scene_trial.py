@@ -30,7 +30,7 @@ from haptorb.runtime.trackers.base import Goal
 from haptorb.simulation.base import simulate
 from haptorb.worlds.dynamic import BoundWorld
 from haptorb.worlds.scene import Scene
-from haptorb_papers.guidance.pose_noise import PoseNoise
+from haptorb_papers.guidance.trial import PoseNoise
 
 __all__ = ["SceneTrial", "find_passivity", "try_scene"]
 

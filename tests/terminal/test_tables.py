@@ -94,7 +94,7 @@ def estimators():
 
 
 def fit():
-    from haptorb.cli.multipole_comparison import FitComparison
+    from haptorb.cli.fit import FitComparison
     from haptorb.magnetics.multipole_fit import MultipoleFit
 
     model = SimpleNamespace(loop_strengths=np.array([0.25, 1.5]), per_loop=12, dipoles=41, pole_distance=0.0064)
@@ -268,7 +268,7 @@ def guidance():
 
 
 def replay():
-    from haptorb.cli.replay_report import difference_table
+    from haptorb.cli.replay import difference_table
     from haptorb.replay.replay import FieldBound
     from haptorb.terminal import print_table
 

@@ -15,9 +15,8 @@ from haptorb.worlds.basic import Nothing
 from haptorb.worlds.guidance import Guidance
 from haptorb.worlds.path import SHAPES, GuidancePath, make_shape
 from haptorb.worlds.path_guidance import PathGuidance
-from haptorb_papers.guidance.moving_point import MovingPoint
 from haptorb_papers.guidance.person import Habits
-from haptorb_papers.guidance.trial import Trial, run_trial
+from haptorb_papers.guidance.trial import MovingPoint, Trial, run_trial
 
 __all__ = ["WAYS", "GuidanceComparison", "GuidanceRow", "compare_guidance"]
 

@@ -3,25 +3,50 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar, final
 
 import numpy as np
 
 from haptorb.analysis.stability import HandGrip
-from haptorb.arrays import Array
+from haptorb.arrays import Array, Records
 from haptorb.cli.check_world import PoseDelay
+from haptorb.devices.base import State
 from haptorb.devices.electromagnet import Hand, SphericalElectromagnet
 from haptorb.estimation.sensor_calibration import without_errors
+from haptorb.estimation.types import Pose
 from haptorb.runtime.assembly import allocator_of, estimator_of
 from haptorb.runtime.drivers.base import Driver
-from haptorb.runtime.drivers.sim import ImperfectTracker, SimDriver
+from haptorb.runtime.drivers.sim import ImperfectTracker, PoseDistortion, SimDriver
 from haptorb.runtime.tick import Tick
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
 from haptorb.worlds.base import World
+from haptorb.worlds.dynamic import DynamicWorld, MemoryField
 from haptorb.worlds.path import GuidancePath
 from haptorb_papers.guidance.person import Habits, Person, place_across
-from haptorb_papers.guidance.pose_noise import PoseNoise
 
-__all__ = ["Trial", "run_trial"]
+__all__ = ["MovingPoint", "PoseNoise", "Trial", "run_trial"]
+
+
+# --------------------------------------------------------------------------------------------------
+# Noise of the positions that a tracker reports.
+
+
+@final
+class PoseNoise(PoseDistortion):
+    """An error of the position, new in every sample: `deviation` [m] rms in each direction, drawn with `seed`."""
+
+    def __init__(self, deviation: float, seed: int) -> None:
+        self._deviation, self._seed = deviation, seed
+        self.reset()
+
+    def reset(self) -> None:
+        """The same errors from the beginning."""
+        self._generator = np.random.default_rng(self._seed)
+
+    def distort(self, now: float, pose: Pose) -> Pose:
+        """`pose` with a noisy position."""
+        return replace(pose, p=pose.p + self._deviation * self._generator.standard_normal(3))
+
 
 TRACKER_RATE = 240.0  #: [Hz]
 LATENCY = 4e-3  #: of the tracker [s]
@@ -86,3 +111,38 @@ def run_trial(
                 places[n - first], forces[n - first] = place, row[asked][:3]
                 heats[n - first] = float((device.coils.resistance * simulation.currents**2).sum())
     return Trial(places, place_across(path, places), forces, heats, tripped)
+
+
+# --------------------------------------------------------------------------------------------------
+# Guidance by the clock, for comparison: a spring to a point that goes along the path at a pace of its own.
+
+
+@dataclass(frozen=True)
+class MovingPoint(DynamicWorld):
+    """A spring of strength/width [N/m] to a point that goes to and fro on an open path, round and round on a closed
+    one. Its force is at most `strength`."""
+
+    passive: ClassVar[bool] = False
+    continuous: ClassVar[bool] = False
+
+    path: GuidancePath | None = None
+    pace: float = 0.03  #: [m/s]
+    strength: float = 0.35  #: [N]
+    width: float = 0.003  #: [m]
+
+    @property
+    def memory_fields(self) -> tuple[MemoryField, ...]:
+        """How far it has gone."""
+        return (MemoryField("gone", "m", "length gone by the clock"),)
+
+    def advance(self, memory: Records, state: State, dt: float) -> Array:
+        """(6,) pull towards the point [N], `dt` [s] later."""
+        assert self.path is not None
+        memory["gone"] += self.pace * dt
+        gone, length = float(memory["gone"][0]), self.path.length
+        arc = gone % length if self.path.closed else length - abs(gone % (2 * length) - length)
+        pull = -self.strength / self.width * (state.p - self.path.find_place(arc))
+        size = float(np.linalg.norm(pull))
+        wrench = np.zeros(6)
+        wrench[:3] = pull * min(1.0, self.strength / size) if size > 0.0 else pull
+        return wrench

@@ -2,14 +2,89 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from decimal import Decimal
 from html import escape
 
 from haptorb_papers.reproduce.citation import ROUNDING
 from haptorb_papers.reproduce.item import Item
-from haptorb_papers.reproduce.tolerance_text import describe_tolerance, format_number
 
-__all__ = ["css_class", "item_anchor", "statement_table"]
+__all__ = ["css_class", "describe_tolerance", "format_number", "item_anchor", "statement_table"]
+
+
+# --------------------------------------------------------------------------------------------------
+# Numbers and tolerances as a reader says them: "±0.05 mm, the print's last digit", "9 digits", "exactly".
+
+
+_NOTHING = 1e-13  #: what rounding leaves of nothing
+_DIGITS = 6  #: from so many digits on, how many agree says more than the difference
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def format_number(value: float | None, digits: int = 5) -> str:
+    """`digits` significant digits, powers of ten written out, a true minus; what rounding leaves of nothing is 0.
+
+    >>> format_number(-0.188419), format_number(None), format_number(1e-16), format_number(1e-9), format_number(2.5e-7)
+    ('−0.18842', '', '0', '10⁻⁹', '2.5 × 10⁻⁷')
+    >>> format_number(16200), format_number(float("nan"))
+    ('16200', 'not a number')
+    """
+    if value is None:
+        return ""
+    if not math.isfinite(value):
+        return "not a number" if math.isnan(value) else "infinite"
+    value = 0.0 if abs(value) < _NOTHING else value
+    mantissa, _, power = f"{value:.{digits}g}".partition("e")
+    if power:
+        ten = "10" + str(int(power)).translate(_SUPERSCRIPTS)
+        mantissa = ten if mantissa == "1" else f"{mantissa} × {ten}"
+    return mantissa.replace("-", "−")
+
+
+def describe_tolerance(item: Item) -> str:
+    """How far a computed number may be off and still agree; empty where nothing is compared.
+
+    >>> from dataclasses import replace
+    >>> item = Item("x", "bai2012", "Fig. 8", "a force", 7.8, 7.82, "N", 0.05)
+    >>> describe_tolerance(item)
+    '±0.05 N, the print’s last digit'
+    >>> describe_tolerance(replace(item, tolerance=0.2))
+    '±0.2 N (2.6 %)'
+    >>> describe_tolerance(replace(item, tolerance=7.8e-9)), describe_tolerance(replace(item, tolerance=0.0))
+    ('9 digits', 'exactly')
+    >>> describe_tolerance(replace(item, published=0.0, tolerance=1e-9))
+    'at most 10⁻⁹ N'
+    """
+    goal, tolerance = item.published if item.corrected is None else item.corrected, item.tolerance
+    if goal is None or tolerance is None or item.computed is None:
+        return ""
+    if tolerance < _NOTHING:
+        return "exactly"
+    unit = "" if item.unit == "1" else f" {item.unit}"
+    if goal == 0.0:
+        return f"at most {format_number(tolerance, 3)}{unit}"
+    share = tolerance / abs(goal)
+    if share <= 10.0**-_DIGITS:
+        if item.basis == "held":
+            return "the same number"
+        return f"{math.floor(-math.log10(share) + 1e-6)} digits"
+    text = f"±{format_number(tolerance, 3)}{unit}"
+    step = 10.0 ** _last_place(goal)
+    if item.corrected is None and not item.implied and math.isclose(tolerance, 0.5 * step, rel_tol=0.03):
+        return f"{text}, the print’s last digit"
+    return text if item.unit == "%" else f"{text} ({format_number(100 * share, 2)} %)"
+
+
+def _last_place(value: float) -> int:
+    """The power of ten of the last digit with which `value` is written.
+
+    >>> _last_place(7.8), _last_place(25.0), _last_place(2.407)
+    (-1, 0, -3)
+    """
+    exponent = Decimal(f"{value:.12g}").normalize().as_tuple().exponent
+    return min(exponent, 0) if isinstance(exponent, int) else 0
+
 
 _HEADS = ("where", "what", "printed", "here", "agrees within", "class")
 

@@ -8,7 +8,7 @@ import pytest
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.simulation.truth import true_wrench
-from haptorb_papers.reproduce.zarate2020.image_charges import compute_second_wrench
+from haptorb_papers.reproduce.zarate2020.inverse_error import compute_second_wrench
 
 pytestmark = pytest.mark.background
 

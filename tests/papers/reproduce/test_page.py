@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from haptorb_papers.reproduce import Item, Reproduction, ReproductionResult, report_page
-from haptorb_papers.reproduce.tolerance_text import describe_tolerance, format_number
+from haptorb_papers.reproduce.statement_table import describe_tolerance, format_number
 
 pytestmark = pytest.mark.background
 

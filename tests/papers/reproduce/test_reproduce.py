@@ -20,7 +20,7 @@ from haptorb_papers.reproduce import (
     reproductions,
     summary,
 )
-from haptorb_papers.reproduce.bai2012.two_phases import FORCE_SCALE, euler_axes, two_phases
+from haptorb_papers.reproduce.bai2012.figure_8 import FORCE_SCALE, euler_axes, two_phases
 from haptorb_papers.reproduce.citation import Citation
 from haptorb_papers.reproduce.entry import read_entry
 from haptorb_papers.reproduce.item import exempt

@@ -9,7 +9,7 @@ from haptorb.cli.check_world import PoseDelay
 from haptorb.devices.loader import load
 from haptorb.estimation.types import Pose
 from haptorb.runtime.drivers.sim import ImperfectTracker, PoseDistortion, SimDriver
-from haptorb_papers.guidance.pose_noise import PoseNoise
+from haptorb_papers.guidance.trial import PoseNoise
 
 DT = 1e-3
 SPEED = np.array([0.2, 0.0, 0.0])  #: of the tool [m/s]
