@@ -16,11 +16,9 @@ __all__ = ["call_own_copies", "remember_call_types"]
 # A compiled kernel calls its own copies of the kernels that it calls, independent of what has been loaded before.
 #
 # numba puts into a kernel's machine code a copy of every kernel that it calls, optimised once more at that place, and
-# leaves each visible to the loader as one of many. The loader takes the first that comes, also for code that brings
-# its
-# own. With sums that may be reordered two copies round differently; so the last bits of a result depended on the
-# order in
-# which a process had called its kernels, and were others in the process that had compiled them. A replay must not.
+# leaves each visible to the loader as one of many. The loader takes the first that comes, also for code that brings its
+# own. With sums that may be reordered two copies round differently; so the last bits of a result depended on the order
+# in which a process had called its kernels, and were others in the process that had compiled them. A replay must not.
 
 
 _SHARED, _EXPORTED, _OWN = "linkonce_odr", "external", "internal"  #: in LLVM's words
@@ -56,8 +54,7 @@ def _set_linkage(module: Any, before: str, after: str) -> Any:
 # --------------------------------------------------------------------------------------------------
 # What numba finds of an operation's types, found once.
 #
-# For each `a * b` of a kernel numba tries one template of `*` after the other, for arrays, strings, lists and sets
-# too,
+# For each `a * b` of a kernel numba tries one template of `*` after the other, for arrays, strings, lists and sets too,
 # until one fits. The same few operations on numbers and arrays stand in all kernels, and this search was a seventh of
 # the time that they took to compile.
 

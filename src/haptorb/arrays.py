@@ -103,10 +103,8 @@ def rotation(value: ArrayLike, what: str, tolerance: float = 1e-6) -> Array:
 # Values that every tick creates: read-only to the type checker, and fast to create.
 #
 # Python freezes a dataclass by setting each field through a slow door: 0.3 µs a field, and a tick makes fifty. A
-# `record`
-# has the same words (`slots`, comparison, `dataclasses.replace`), is made four times faster, and a write to one of
-# its
-# fields is an error of the type checker instead of the interpreter.
+# `record` has the same words (`slots`, comparison, `dataclasses.replace`), is made four times faster, and a write to
+# one of its fields is an error of the type checker instead of the interpreter.
 
 
 T = TypeVar("T")
@@ -188,9 +186,8 @@ def _solve(right: list[float]) -> Array:
 # --------------------------------------------------------------------------------------------------
 # What a part of the chain remembers from tick to tick, as arrays of fixed size: the interface of all such parts.
 #
-# A snapshot copies these arrays into memory that exists already (`haptorb.runtime.tick_state`), so that a loop may
-# take one between two ticks. Most parts change their arrays in place, and there is nothing else to do. What a part
-# holds
+# A snapshot copies these arrays into memory that exists already (`haptorb.runtime.tick_state`), so that a loop may take
+# one between two ticks. Most parts change their arrays in place, and there is nothing else to do. What a part holds
 # elsewhere, such as the last estimate, it brings into its arrays in `gather_state`, and takes back in `apply_state`.
 
 

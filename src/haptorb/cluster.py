@@ -45,8 +45,7 @@ __all__ = [
 # Versions on the computers of a cluster: with different ones results could differ, or jobs could not be read.
 #
 # A scheduler passes jobs without unpacking them, so only its Dask and Python must be the same as here. A worker
-# computes,
-# so haptorb and its numerical libraries must be the same, too.
+# computes, so haptorb and its numerical libraries must be the same, too.
 
 
 _DASK = ("distributed", "dask", "cloudpickle")

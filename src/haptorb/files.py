@@ -275,8 +275,7 @@ def _remove(path: Path) -> None:
 # Text that a file brings with it: shown as it is written, and never as what a terminal, table or system makes of it.
 #
 # A recording, database or scene may come from anybody. `visible` is for all that is printed, `foreign_text` for one
-# line
-# of it, `foreign_name` for names of columns, files and members, and `escape_formula` for cells of a table.
+# line of it, `foreign_name` for names of columns, files and members, and `escape_formula` for cells of a table.
 # `tests/contracts/test_poisoned_files.py` lists the commands that print or write such text, and tries each.
 
 
@@ -370,9 +369,8 @@ def state_folder() -> Path:
 # --------------------------------------------------------------------------------------------------
 # Files that a program keeps only while it runs, and how the next one finds those whose owner has ended.
 #
-# An owner holds a lock on its file (`flock`), which the kernel takes away when the owner ends, however it ends. A
-# file of
-# ours that can be locked has no owner, and goes.
+# An owner holds a lock on its file (`flock`), which the kernel takes away when the owner ends, however it ends. A file
+# of ours that can be locked has no owner, and goes.
 
 
 FOLDER = "haptorb-servo-"  #: beginning of a folder's name

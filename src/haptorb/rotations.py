@@ -116,11 +116,9 @@ def quaternion(R: Array) -> Array:
 # --------------------------------------------------------------------------------------------------
 # Angular velocity from a row of orientations: an α–β filter on the rotations, critically damped.
 #
-# Orientation and angular velocity are predicted, R⁻ = exp(w dt) R, and corrected by what was measured,
-# e = log(R_measured R⁻ᵀ): R = exp(α e) R⁻, w = w⁻ + β e/dt, with α = 1 − θ², β = (1 − θ)², θ = exp(−dt/τ). The
-# velocity
-# lags by 2 τ (its transfer function is 1/(1 + τ s)² apart from the zero of the orientation), and white noise of σ
-# [rad]
+# Orientation and angular velocity are predicted, R⁻ = exp(w dt) R, and corrected by what was measured, e =
+# log(R_measured R⁻ᵀ): R = exp(α e) R⁻, w = w⁻ + β e/dt, with α = 1 − θ², β = (1 − θ)², θ = exp(−dt/τ). The velocity
+# lags by 2 τ (its transfer function is 1/(1 + τ s)² apart from the zero of the orientation), and white noise of σ [rad]
 # at intervals dt becomes about σ √(dt)/(2 τ^1.5) in w.
 
 

@@ -21,11 +21,9 @@ __all__ = ["ThermalNetwork", "TwoNode", "heat_step", "network_step", "single_tim
 #     C_w dx_w/dt = P − G_wb (x_w − x_b)            x: rise above the ambient temperature [K]
 #     C_b dx_b/dt = G_wb (x_w − x_b) − G_ba x_b
 #
-# Zárate 2020 prints three endurances of its coils: 17 W continuously (§III), full power for 5 s and half duty for 60
-# s
+# Zárate 2020 prints three endurances of its coils: 17 W continuously (§III), full power for 5 s and half duty for 60 s
 # (§V). One body cannot hold them together: it would need a time constant of 65 s for one and of 171 s for the other.
-# Two
-# can. Left out: radiation, and the coils' heating of each other.
+# Two can. Left out: radiation, and the coils' heating of each other.
 
 
 _THERMAL_DRIVES = ("power", "current", "voltage")
@@ -226,8 +224,7 @@ def single_time_constant(power: float, time: float, sustained: float) -> float:
 #     C_c dc/dt   = Σ_j G_wc,j (w_j − c)
 #
 # Fourier's law between nodes, for nested coils as those of Zárate 2020. Any network of capacities and conductances is
-# solved, exactly: with symmetric conductances its modes are real, and every course is a sum of exponentials. Without
-# a
+# solved, exactly: with symmetric conductances its modes are real, and every course is a sum of exponentials. Without a
 # core it is one `TwoNode` for each coil. Left out: radiation, and convection that grows with the rise.
 
 

@@ -131,15 +131,12 @@ def _order_front(costs: Array, names: Sequence[str], count: int) -> list[tuple[i
 # direction  Spearman's rank correlation: +1, the objective grows with the parameter; −1, it falls. No number for
 # choices.
 #
-# Ranks, because an objective such as heat per force squared grows without bound at the edge of what works: there a
-# few
+# Ranks, because an objective such as heat per force squared grows without bound at the edge of what works: there a few
 # designs would decide everything.
 #
-# Intervals are 95 %, from 200 random halves of the designs. The spread of an estimate from n/2 designs about that
-# from n
-# is the standard error with n designs (the jackknife that leaves out half: Shao and Wu 1989); a bootstrap, which
-# draws
-# designs twice, takes those repetitions for an effect of the parameter, and finds a share where there is none.
+# Intervals are 95 %, from 200 random halves of the designs. The spread of an estimate from n/2 designs about that from
+# n is the standard error with n designs (the jackknife that leaves out half: Shao and Wu 1989); a bootstrap, which
+# draws designs twice, takes those repetitions for an effect of the parameter, and finds a share where there is none.
 
 
 FEWEST = 40  #: designs; nothing is estimated from fewer

@@ -100,13 +100,10 @@ def option(candidate: DesignCandidate, name: str, default: float) -> float:
 # Force or torque of a coil array on its tool, in the worst direction and position, from the exact wrench map.
 #
 # The tool is upright over a plate and radial over a dome, at `height` of the design file's table [evaluation] above
-# contact. A force is produced by the currents with the least heat, whatever the accompanying torque, and vice versa,
-# as
-# with `haptorb run --render`. The forces {K i} of currents within their limits and the supply's power are a convex
-# set
+# contact. A force is produced by the currents with the least heat, whatever the accompanying torque, and vice versa, as
+# with `haptorb run --render`. The forces {K i} of currents within their limits and the supply's power are a convex set
 # about zero; its greatest ball has the radius min over unit vectors n of max n·K i. The minimum is at the normal of a
-# facet (a product of two columns of K), at a main axis of K R⁻¹ Kᵀ, or between them: directions all around and a
-# local
+# facet (a product of two columns of K), at a main axis of K R⁻¹ Kᵀ, or between them: directions all around and a local
 # search find it.
 
 
@@ -259,8 +256,7 @@ def greatest_force(per_ampere: Array, limit: Array, resistance: Array, power: fl
 # --------------------------------------------------------------------------------------------------
 # The worst orientation of a motor's workspace: an even sample, and a search downhill from its worst points.
 #
-# A spherical motor is weak in narrow valleys between its poles; a grid of a few thousand orientations still misses 20
-# %
+# A spherical motor is weak in narrow valleys between its poles; a grid of a few thousand orientations still misses 20 %
 # of the worst heat. Here a few hundred find the valleys, and steps along the three angles go to their bottoms.
 
 
@@ -317,8 +313,7 @@ def _rotations(angles: Array) -> Array:
 # --------------------------------------------------------------------------------------------------
 # Torque of a spherical motor, and the heat that it takes, in the worst direction and orientation in the workspace.
 #
-# Those of a coil array, with the same names, are in `array_force`. All are of the exact level: the torque of one
-# magnet
+# Those of a coil array, with the same names, are in `array_force`. All are of the exact level: the torque of one magnet
 # and one coil comes from zonal harmonics (`series_table`) or, where those do not hold, from the exact table. Of a
 # zonotope {K i, |i| ≤ I} the greatest ball has the radius min over the facets' normals n of Σ |n·K_k| I_k, and every
 # normal is a product of two columns of K.
@@ -545,14 +540,12 @@ def array_spacing(candidate: DesignCandidate) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# Force of a spherical electromagnet on a radial tool in contact, in the worst direction and position in the
-# workspace.
+# Force of a spherical electromagnet on a radial tool in contact, in the worst direction and position in the workspace.
 #
 # Those of a coil array, with the same names, are in `array_force`. All use the tool's magnet at its true size and, if
-# the windings determine the moments (`windings.fill`), windings and core at theirs: in contact, their force differs
-# by up
-# to a third from that of a point dipole with the moments of the device file. The forces {K i, |i| ≤ I} of three coils
-# fill a parallelepiped, whose greatest ball has the radius min over k of I_k/|row k of K⁻¹|.
+# the windings determine the moments (`windings.fill`), windings and core at theirs: in contact, their force differs by
+# up to a third from that of a point dipole with the moments of the device file. The forces {K i, |i| ≤ I} of three
+# coils fill a parallelepiped, whose greatest ball has the radius min over k of I_k/|row k of K⁻¹|.
 
 
 _TOOL_FORCE_PLACES = 40
@@ -947,8 +940,7 @@ PARTS_QUANTITIES = (
 # How well the field sensors tell where tool or rotor is, by Cramér and Rao's bound, and whether they are in the way.
 #
 # The bounds are of one sample with its noise, currents off; lasting errors of the sensors are left out, as a
-# calibration
-# takes most of them away.
+# calibration takes most of them away.
 
 
 _SENSING_MOTOR, _SENSING_ELECTROMAGNET = "spherical-motor", "spherical-electromagnet"
@@ -1063,8 +1055,7 @@ SENSING_QUANTITIES = (
 # --------------------------------------------------------------------------------------------------
 # Heat, supply and stress of the windings while a device holds a load, or carries its full current.
 #
-# The load is `load` of the design file's table [evaluation], in N or N·m. It is applied continuously in the
-# direction,
+# The load is `load` of the design file's table [evaluation], in N or N·m. It is applied continuously in the direction,
 # and at the place or orientation, where it takes the most heat; resistances are those at the derating temperature.
 
 

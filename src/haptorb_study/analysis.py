@@ -1097,8 +1097,7 @@ def make_condition_table(means: tuple[ConditionMean, ...]) -> TextTable:
 # Magnitude estimation: geometric means over people of the numbers they gave, and the exponent of the power law.
 #
 # Everybody has a scale of their own, which says nothing: each person's estimates are divided by what their own power
-# law
-# gives at the reference in the first condition. So the reference is 1 there, and other conditions are compared with
+# law gives at the reference in the first condition. So the reference is 1 there, and other conditions are compared with
 # it.
 
 

@@ -52,8 +52,7 @@ __all__ = [
 # --------------------------------------------------------------------------------------------------
 # How figures for a paper look: widths in millimetres, colours for any colour vision, never colour alone.
 #
-# The colours are those of Okabe and Ito 2008, and for shades matplotlib's cividis (Nuñez et al. 2018), whose
-# lightness
+# The colours are those of Okabe and Ito 2008, and for shades matplotlib's cividis (Nuñez et al. 2018), whose lightness
 # grows evenly, so that it survives a photocopy. Conditions differ in marker and line style besides.
 
 

@@ -259,20 +259,15 @@ def _zoom(axis: Array, mass: Array, least: float, most: float) -> tuple[Array, b
 # --------------------------------------------------------------------------------------------------
 # What one person's answers tell of a psychometric function: its greatest likelihood, and limits, some of them open.
 #
-# p(x) = λ + (1 − 2λ) Φ(c + b u), with u = (x − middle of the levels)/range of the levels. In slope b and intercept c
-# a
-# function that does not depend on the level is an ordinary point, b = 0, and keys that were taken for each other are
-# b < 0. In spread (1/b) and threshold (−c/b) neither has a place: there, every end of an interval is finite, whatever
-# the
+# p(x) = λ + (1 − 2λ) Φ(c + b u), with u = (x − middle of the levels)/range of the levels. In slope b and intercept c a
+# function that does not depend on the level is an ordinary point, b = 0, and keys that were taken for each other are b
+# < 0. In spread (1/b) and threshold (−c/b) neither has a place: there, every end of an interval is finite, whatever the
 # answers (Gleser & Hwang 1987).
 #
-# λ has equal probability from 0 to 0.13 and is integrated over; b and c have no prior. A slope belongs to its
-# interval
+# λ has equal probability from 0 to 0.13 and is integrated over; b and c have no prior. A slope belongs to its interval
 # where the likelihood, at the best c, is at most `_CUT` (1 + 12/trials) in its logarithm below the greatest; 12 was
-# found
-# by simulation. The interval of the threshold has every −c/b of the pairs (b, c) that are no farther below
-# (Fieller's, by
-# likelihood). `benchmarks/study/study_spreads.py` measures how often they hold the truth.
+# found by simulation. The interval of the threshold has every −c/b of the pairs (b, c) that are no farther below
+# (Fieller's, by likelihood). `benchmarks/study/study_spreads.py` measures how often they hold the truth.
 
 
 Direction = Literal["rising", "falling", "unknown"]
@@ -788,18 +783,13 @@ def _to_json(value: float) -> float | None:
 # --------------------------------------------------------------------------------------------------
 # The group behind some people: mean and standard deviation of threshold and log spread, from everybody's answers.
 #
-# Every person has a threshold μ_i ~ N(M, T²), a log spread log σ_i ~ N(S, U²) and a lapse rate λ_i ~ Beta(1, 1/m −
-# 1).
-# The likelihood of one person's answers is known on a grid and integrated over these distributions. M, S and m
-# maximise
+# Every person has a threshold μ_i ~ N(M, T²), a log spread log σ_i ~ N(S, U²) and a lapse rate λ_i ~ Beta(1, 1/m − 1).
+# The likelihood of one person's answers is known on a grid and integrated over these distributions. M, S and m maximise
 # the product over people; T and U the same after M or S is integrated out (restricted likelihood). Intervals of M and
-# S:
-# Student's quantile with n − 1 degrees of freedom times a standard error from how much people's scores differ
-# (sandwich),
-# which is right however much or little people differ; of T and U: likelihood ratio. Where everybody
-# answers alike, as where nobody errs, scores have no spread to go by: then the standard error is that of the
-# likelihood,
-# with the normal quantile.
+# S: Student's quantile with n − 1 degrees of freedom times a standard error from how much people's scores differ
+# (sandwich), which is right however much or little people differ; of T and U: likelihood ratio. Where everybody answers
+# alike, as where nobody errs, scores have no spread to go by: then the standard error is that of the likelihood, with
+# the normal quantile.
 
 
 _TYPICAL_LAPSE, _LAPSE_SPREAD = 0.02, 1.0  #: of the group's mean lapse rate: median, standard deviation of its log

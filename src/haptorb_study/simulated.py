@@ -278,8 +278,7 @@ def _limit_tilt(way: Array, limit: float) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# Before anyone sits down: how long it takes, whether the coils stay cool enough, and which maps reach into each
-# other.
+# Before anyone sits down: how long it takes, whether the coils stay cool enough, and which maps reach into each other.
 #
 # The heat is that of the device's own thermal model under an assumed hand: for half of every trial the tool is
 # somewhere
@@ -771,13 +770,10 @@ def _unpack(packed: bytes) -> Study:
 # --------------------------------------------------------------------------------------------------
 # How many participants a study needs to detect a difference between two conditions, estimated with simulated ones.
 #
-# A pool of simulated participants sits the study once; each gives one paired difference. Groups of n are drawn from
-# the
+# A pool of simulated participants sits the study once; each gives one paired difference. Groups of n are drawn from the
 # pool, and the test that the analysis uses (`decide_p`, the same function) is applied to each: its share of p < α is
-# the
-# power at n. The fewest people who reach the wanted power are searched below and above the numbers that were asked
-# for.
-# What is uncertain in that because the pool is finite is stated, by drawing whole pools from the pool.
+# the power at n. The fewest people who reach the wanted power are searched below and above the numbers that were asked
+# for. What is uncertain in that because the pool is finite is stated, by drawing whole pools from the pool.
 
 
 PEOPLE = (6, 8, 10, 12, 16, 20, 24, 32, 48)  #: shown unless asked otherwise

@@ -105,8 +105,7 @@ def _shift_interval(t: float, freedom: int, confidence: float) -> tuple[float, f
 
 
 # --------------------------------------------------------------------------------------------------
-# How much answers tell of what was asked: information transferred, in bits, from a confusion matrix (Miller &
-# Nicely).
+# How much answers tell of what was asked: information transferred, in bits, from a confusion matrix (Miller & Nicely).
 #
 # T = H(answers) − H(answers | prompts). Counted from few answers as if shares were probabilities (plug-in), T is too
 # large: by chance alone, answers seem to follow prompts. Four formulations are reported:
@@ -118,8 +117,7 @@ def _shift_interval(t: float, freedom: int, confidence: float) -> tuple[float, f
 #     chance        the plug-in of shuffled answers, on average: what no relation at all would give
 #
 # Plug-in less chance is right only where answers hardly depend on prompts; where they do, fewer cells are met than
-# after
-# shuffling, and it takes away far too much (a third, at 80 % right of 25 set-points and 300 trials).
+# after shuffling, and it takes away far too much (a third, at 80 % right of 25 set-points and 300 trials).
 # `benchmarks/study/study_localisation.py` measures all four.
 
 
@@ -313,20 +311,16 @@ def fit_power_law(levels: ArrayLike, estimates: ArrayLike, reference: float) -> 
 # Interval of the share of right answers, or of any choice, over all people of whom the participants are a sample.
 #
 # People differ. Their own shares have a mean m, and their answers an intraclass correlation ρ: 0 where all people are
-# alike, 1 where everybody answers always right or always wrong. Counted answers are then beta-binomial. For each m
-# that
+# alike, 1 where everybody answers always right or always wrong. Counted answers are then beta-binomial. For each m that
 # may be the truth, ρ is the one that makes the answers most probable, and m belongs to the interval while
 #
 #     N (p̂ − m)²/V(m) ≤ c,    V(m) = m (1 − m) Σ (1 + (nᵢ − 1) ρ(m))/nᵢ / N,    c = N t²/(N − 1 + t²)
 #
 # and the answers are not much less probable than with the best m: by at most N/2 log(1 + t₉₉²/(N − 1)) in log
-# likelihood.
-# p̂ is the mean of N people's shares, of nᵢ answers each; t and t₉₉ are Student's quantiles for 95 and 99 % with N −
-# 1
-# degrees of freedom. V is the spread about m and not about p̂, and c makes up for that: in the middle of the range
-# this
-# is nearly Student's interval. Near 100 % it stays inside, and allows for people who are often wrong and are missing
-# from a sample that is nearly always right: V(m) is large wherever only a large ρ explains the answers.
+# likelihood. p̂ is the mean of N people's shares, of nᵢ answers each; t and t₉₉ are Student's quantiles for 95 and 99 %
+# with N − 1 degrees of freedom. V is the spread about m and not about p̂, and c makes up for that: in the middle of the
+# range this is nearly Student's interval. Near 100 % it stays inside, and allows for people who are often wrong and are
+# missing from a sample that is nearly always right: V(m) is large wherever only a large ρ explains the answers.
 
 
 _MEANS = np.sin(np.linspace(0, np.pi / 2, 98)[1:-1]) ** 2  #: considered, denser near 0 and 1

@@ -512,12 +512,10 @@ def check_study(study: _Study) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# What is decided before anybody takes part: how many people, which tests of what, and the smallest effect of
-# interest.
+# What is decided before anybody takes part: how many people, which tests of what, and the smallest effect of interest.
 #
 # The plan stands in the study file. It says nothing about how trials run, so it is no part of the study's digest: it
-# has
-# one of its own, which every session keeps. A plan that changes after the first session is so detected.
+# has one of its own, which every session keeps. A plan that changes after the first session is so detected.
 
 
 #: procedure → what may be compared, one value per person and condition; the first by default

@@ -132,8 +132,7 @@ class ErrorModel(ABC, Generic[T, P]):
 # --------------------------------------------------------------------------------------------------
 # Propagation of distributions by Monte Carlo (JCGM 101), and which source contributes most (Sobol's indices).
 #
-# Band: the 2.5 % and 97.5 % quantiles of each component's error and the 95 % quantile of its size, over devices,
-# places
+# Band: the 2.5 % and 97.5 % quantiles of each component's error and the 95 % quantile of its size, over devices, places
 # and directions. Shares: for every place and direction the variance over devices is split, and the variances are
 # averaged. The first-order index of a source is the part of the variance that it makes by itself, the total index the
 # part that would vanish if it were known exactly; for a chain that is nearly linear both agree, and the first-order

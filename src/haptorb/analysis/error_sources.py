@@ -778,8 +778,7 @@ def _check_force(device: SphericalElectromagnet, asked: float | None) -> float:
 # --------------------------------------------------------------------------------------------------
 # The chain of a spherical motor, from the torque asked for to the torque on the rotor, with errors in it.
 #
-# The true motor has other magnets, coils and currents than the device file says; the controller knows the
-# orientation,
+# The true motor has other magnets, coils and currents than the device file says; the controller knows the orientation,
 # and how strong the magnets are, from field sensors with errors of their own. Their fit is taken as linear about the
 # truth: one Gauss–Newton step from there. The torque is at rest, and both sides use the table of the exact model.
 
@@ -1043,8 +1042,7 @@ def _motor_sources_pose_sources(device: SphericalMotor, estimator: str) -> tuple
 #
 # The controller uses the device file and a pose; the true device has other magnets, other currents, another pose, and
 # coils that are off their places, askew and stronger or weaker. Both use the exact model. A soft core's answer to a
-# coil
-# that is elsewhere is taken from its slope, in every component of the coil's place and axis. The force is at rest.
+# coil that is elsewhere is taken from its slope, in every component of the coil's place and axis. The force is at rest.
 
 
 _STEP = (1e-4, 2e-3)  #: of a coil's place [m] and axis [rad], for the slopes of a core's answer

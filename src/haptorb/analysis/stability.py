@@ -29,8 +29,7 @@ __all__ = ["GRIPS", "Field", "HandGrip", "SampledLoop", "Steepest", "Steepness",
 # --------------------------------------------------------------------------------------------------
 # Hands as the stability of a loop meets them: a mass on a spring and a damper, per axis.
 #
-# What a hand is, is measured by pushing it: Hogan 1989 and Hajian and Howe 1997 report 0.1 to 0.8 kg, 2 to 10 N·s/m
-# and
+# What a hand is, is measured by pushing it: Hogan 1989 and Hajian and Howe 1997 report 0.1 to 0.8 kg, 2 to 10 N·s/m and
 # 100 to 500 N/m, from a pen held lightly to one held firmly. A tool that is not held has hardly any damping.
 
 

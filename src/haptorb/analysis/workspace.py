@@ -205,8 +205,7 @@ def tilt_workspace(device: SphericalMotor) -> Workspace:
 # --------------------------------------------------------------------------------------------------
 # How steep a world with memory is to a small quick motion: bristles bend, a ball stays where it is.
 #
-# Looked at from its beginning such a world may have no slope at all. So it is held at a place until it has settled,
-# and
+# Looked at from its beginning such a world may have no slope at all. So it is held at a place until it has settled, and
 # then moved a little from there, again and again with the same memory.
 
 

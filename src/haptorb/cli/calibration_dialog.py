@@ -898,8 +898,7 @@ def follow_led_tool(device: SphericalElectromagnet, samples: Sequence[Sample], c
 # --------------------------------------------------------------------------------------------------
 # The steps of a guided calibration: what each asks of the person, measures, and leaves for those after it.
 #
-# A result is plain JSON, so that it can be kept between two sittings. A step that fails raises CalibrationError
-# naming
+# A result is plain JSON, so that it can be kept between two sittings. A step that fails raises CalibrationError naming
 # the part, and leaves nothing.
 
 

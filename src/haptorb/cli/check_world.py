@@ -470,8 +470,7 @@ class PoseDelay(PoseDistortion):
 # The stability boundary by trying: a spring of growing stiffness in the whole simulated chain, pushed once.
 #
 # Not a model of the loop but the loop itself: estimator, allocator, guard, drive, coils with their inductance, the
-# magnets' true wrench, a tool in a hand; only the tracker is made slow and late. Linear as long as no limit is
-# reached.
+# magnets' true wrench, a tool in a hand; only the tracker is made slow and late. Linear as long as no limit is reached.
 
 
 _ABOVE = 0.010  #: the spring's middle is so far above contact, where no dome is touched [m]

@@ -229,12 +229,9 @@ def hold_power(currents: Array, resistance: Array, power: float) -> float:
 # Least-squares allocation: force, torque or a weighted blend, for any number of channels and any tool orientation.
 #
 # The wrench is linear in the currents, w = A i. A tool over three coils can be given any force, or any torque but the
-# one
-# about its own axis (rank 2), or a compromise; a motor with many channels can give its torque in many ways. One
-# solver
-# serves all: minimise ‖W (A i − w)‖², and where many currents do so, take the smallest. Zárate 2020's radial case is
-# the
-# special case of force weights at a radial tool.
+# one about its own axis (rank 2), or a compromise; a motor with many channels can give its torque in many ways. One
+# solver serves all: minimise ‖W (A i − w)‖², and where many currents do so, take the smallest. Zárate 2020's radial
+# case is the special case of force weights at a radial tool.
 #
 # Above a channel's limit, or the supply's power, all currents are scaled by one factor: the direction of the wrench
 # is kept, its magnitude is cut and the cut is reported.
@@ -685,16 +682,12 @@ def is_missing(residual: Array, wrench: Array, part: int) -> bool:
 # Torque on a tool, or force and torque at once: what the coils can give of a whole wrench, and what holds it back.
 #
 # A magnet over three coils can be turned about any axis but its own, and a torque brings a force along: at contact
-# about
-# 54 N for every newton metre. Force and torque at once are six numbers from three currents, hence a compromise:
-# weighted
-# least squares within the limits.
+# about 54 N for every newton metre. Force and torque at once are six numbers from three currents, hence a compromise:
+# weighted least squares within the limits.
 #
-# 1 N weighs as much as `TORQUE_ARM` × 1 N of torque. It is the ratio of just noticeable differences in fingers: 12.7
-# % of
-# 60 mN·m (Jandura and Srinivasan 1994) is as hard to notice as 7 % of 2.5 N (Pang, Tan and Durlach 1991, their
-# smallest
-# force).
+# 1 N weighs as much as `TORQUE_ARM` × 1 N of torque. It is the ratio of just noticeable differences in fingers: 12.7 %
+# of 60 mN·m (Jandura and Srinivasan 1994) is as hard to notice as 7 % of 2.5 N (Pang, Tan and Durlach 1991, their
+# smallest force).
 
 
 TORQUE_ARM = 0.127 * 60e-3 / (0.07 * 2.5)  #: 43.5 mm [m]
@@ -840,10 +833,8 @@ class WrenchChoice:
 # The allocators that the kinds of devices name: made from a device's own limits.
 #
 # The supply's power is reckoned with windings at the stop temperature, the warmest that may carry a current: cooler
-# ones
-# take less. It is the power that the coils turn into heat; what builds up their field, watts for milliseconds, comes
-# from
-# the supply's capacitors.
+# ones take less. It is the power that the coils turn into heat; what builds up their field, watts for milliseconds,
+# comes from the supply's capacitors.
 
 
 def force_allocator(device: Device) -> Allocator:

@@ -242,11 +242,9 @@ def dual_newton(Q: Array, t: Array, limit: Array, y: Array) -> int:
 # --------------------------------------------------------------------------------------------------
 # How far a zonotope goes along a direction, for many generators: a portal that closes in on the ray.
 #
-# `zonotope.reach` otherwise tries all pairs of generators, which takes m³ operations: 0.5 ms for 100 channels.
-# Here a triangle of points of the zonotope that the ray passes is replaced step by step by one further out, each
-# found by
-# the support function in m operations (Minkowski portal refinement: Snethen, Game Programming Gems 7, 2008, section
-# 2.5).
+# `zonotope.reach` otherwise tries all pairs of generators, which takes m³ operations: 0.5 ms for 100 channels. Here a
+# triangle of points of the zonotope that the ray passes is replaced step by step by one further out, each found by the
+# support function in m operations (Minkowski portal refinement: Snethen, Game Programming Gems 7, 2008, section 2.5).
 
 
 _PORTAL_STEPS = 200
@@ -340,14 +338,11 @@ def find_reach(Q: Array, d: Array, box: Array) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# The torques that currents within their limits can give: a zonotope, its surface along a direction, its nearest
-# point.
+# The torques that currents within their limits can give: a zonotope, its surface along a direction, its nearest point.
 #
 # A torque's direction meets the surface on a facet that two channels span: all pairs are looked at, no iteration; of
-# many channels a search finds it, see `portal`. The
-# nearest torque on the surface is found by Wolfe's method: the nearest point of a polytope, from the vertices that
-# lie
-# furthest its way.
+# many channels a search finds it, see `portal`. The nearest torque on the surface is found by Wolfe's method: the
+# nearest point of a polytope, from the vertices that lie furthest its way.
 
 
 _MANY = 24  #: channels beyond which all pairs take longer than the search
@@ -502,13 +497,10 @@ def zonotope_nearest(Q: Array, t: Array, limit: Array) -> None:
 #
 #     minimise ½ Σ w_j i_j²   such that   K i = T,   |i_j| ≤ L_j
 #
-# has one multiplier μ per torque axis and currents i_j = clip(K_jᵀμ / w_j, ±L_j): `dual_newton` finds them. Beyond
-# the
-# zonotope of torques within the limits there is no solution, and the dual function falls without end along some μ:
-# that
+# has one multiplier μ per torque axis and currents i_j = clip(K_jᵀμ / w_j, ±L_j): `dual_newton` finds them. Beyond the
+# zonotope of torques within the limits there is no solution, and the dual function falls without end along some μ: that
 # is the proof. Then either the torque is cut to the zonotope's surface along its own direction, or the nearest torque
-# on
-# the surface is taken.
+# on the surface is taken.
 #
 # Without limits this is Bai 2012 eq. (4): u = Kᵀ (K Kᵀ)⁻¹ T.
 
@@ -631,12 +623,9 @@ def solve_bounded_power(
 #
 #     minimise ½ ‖W (A i − w)‖²   such that   |i_j| ≤ L_j,   Σ R_j i_j² ≤ P
 #
-# With H = AᵀW²A and g = AᵀW²w this is a convex problem of m unknowns. Coordinate descent, each current in turn moved
-# to
-# its best value within its limit, ends at its only minimum (H is regular; a trace of heat makes it so elsewhere).
-# Where
-# the supply's power holds, its multiplier λ ≥ 0 is added as λR to H and found by a bracketed secant: the power falls
-# as
+# With H = AᵀW²A and g = AᵀW²w this is a convex problem of m unknowns. Coordinate descent, each current in turn moved to
+# its best value within its limit, ends at its only minimum (H is regular; a trace of heat makes it so elsewhere). Where
+# the supply's power holds, its multiplier λ ≥ 0 is added as λR to H and found by a bracketed secant: the power falls as
 # λ rises.
 
 
@@ -722,15 +711,11 @@ def solve_compromise(H: Array, g: Array, limit: Array, resistance: Array, power:
 #
 #     minimise ½ Σ R_j i_j² + (ρ/2) ‖W (A i − w)‖²   such that   |i_j| ≤ L_j
 #
-# With y = √R i, Q = W A/√R and slack ν/ρ this has one multiplier per component of the wrench and y_j = clip(Q_jᵀν):
-# the
-# dual function is convex, piecewise quadratic and strictly so by ν²/2ρ, for any rank of A. Newton steps with the
-# exact
-# line search of `dual_newton` find its minimum. ρ is so large that a wrench that can be had is given to about 1e-6;
-# in a
-# direction that takes more than a thousand times the current of the best one, such as the torque about a single
-# magnet's
-# own axis, nothing is spent.
+# With y = √R i, Q = W A/√R and slack ν/ρ this has one multiplier per component of the wrench and y_j = clip(Q_jᵀν): the
+# dual function is convex, piecewise quadratic and strictly so by ν²/2ρ, for any rank of A. Newton steps with the exact
+# line search of `dual_newton` find its minimum. ρ is so large that a wrench that can be had is given to about 1e-6; in
+# a direction that takes more than a thousand times the current of the best one, such as the torque about a single
+# magnet's own axis, nothing is spent.
 
 
 _RIGID = 1e6  #: ρ times the square of the greatest singular value of Q, about

@@ -94,9 +94,8 @@ def lag_of(resistance: Array, inductance: Array, dt: float) -> float:
 #
 # A current sensor that reads nothing, a tenth or ten times as much makes everything behind it wrong: the heat that is
 # observed, the resistance that is learned, the limit that is kept. So the readings are compared with a model of the
-# coil
-# that does not come from them: resistance at the observed winding temperature, inductance, applied voltage, induced
-# voltage. What remains of a difference after 10 ms of smoothing must stay small.
+# coil that does not come from them: resistance at the observed winding temperature, inductance, applied voltage,
+# induced voltage. What remains of a difference after 10 ms of smoothing must stay small.
 #
 # A supply that sags and a wire that was forgotten look like a little more resistance. That is learned, slowly, and
 # trusted up to a quarter: beyond it the sensor, or the coil, is not what the device file says.

@@ -40,11 +40,9 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# How much time really passed between two ticks, and whether too many deadlines were missed: a tick is no unit of
-# time.
+# How much time really passed between two ticks, and whether too many deadlines were missed: a tick is no unit of time.
 #
-# A loop that is held up must not think that less time passed: a winding heats, a pose ages and a hand moves
-# meanwhile.
+# A loop that is held up must not think that less time passed: a winding heats, a pose ages and a hand moves meanwhile.
 
 
 SILENCE = 0.020  #: of the loop, after which a device switches its coils off by itself [s]

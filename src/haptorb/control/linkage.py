@@ -408,16 +408,13 @@ def fill_rotor_wrench(clutch: Records, wrench: Array, scale: float, out: Array) 
 #
 # (6b), not the text of phase 1, which swaps T_ψ and T_λ (erratum E6). Mind the printed order: ζ₁ is for λ, η₁ for ψ.
 #
-# T_ψ, T_λ, T_φ are what the torque vector does along the three Euler axes, and T_ψ', T_λ', T_φ' likewise at the
-# target;
+# T_ψ, T_λ, T_φ are what the torque vector does along the three Euler axes, and T_ψ', T_λ', T_φ' likewise at the target;
 # with that T·ω = F·v' + T'·w' holds at any tilt, not only for small ones.
 #
-# The clutch moves the target by *increments*: dX' = share · ζ̂ dq, and the torque is share · η̂ F with the same
-# share. Both
-# shares (one per mode) slide between 0 and 1, never jump; so switching, releasing and engaging step neither pose nor
-# torque, and at every share the power that leaves the hand is the power that reaches the target. To release, turn
-# back
-# and engage again reaches as far as one likes.
+# The clutch moves the target by *increments*: dX' = share · ζ̂ dq, and the torque is share · η̂ F with the same share.
+# Both shares (one per mode) slide between 0 and 1, never jump; so switching, releasing and engaging step neither pose
+# nor torque, and at every share the power that leaves the hand is the power that reaches the target. To release, turn
+# back and engage again reaches as far as one likes.
 
 
 _FLOAT = NO_CONTACTS.dtype

@@ -80,16 +80,12 @@ COIL_ARRAY = DeviceKind(
 
 
 # --------------------------------------------------------------------------------------------------
-# What every coil of an array does to a mover with magnets, per ampere: the real winding on magnets of their true
-# size.
+# What every coil of an array does to a mover with magnets, per ampere: the real winding on magnets of their true size.
 #
-# A magnet is the magnetic charge on its two faces (see `charged_ring`), a coil is its winding's field from a table
-# (see
-# `winding_table`): F = Σ q B and T = Σ (x − p) × q B. A magnet close to a winding needs many charges, one far away
-# few:
+# A magnet is the magnetic charge on its two faces (see `charged_ring`), a coil is its winding's field from a table (see
+# `winding_table`): F = Σ q B and T = Σ (x − p) × q B. A magnet close to a winding needs many charges, one far away few:
 # each magnet has `RULES` of them, and each pair of coil and magnet uses the first that is precise enough by the ratio
-# of
-# the magnet's face to its distance from the winding. A soft core's part is that of `sphere_answer`.
+# of the magnet's face to its distance from the winding. A soft core's part is that of `sphere_answer`.
 
 
 FREE, IN_WINDING, IN_CORE = 0, 1, 2  #: where the magnets are
@@ -638,8 +634,7 @@ def array_geometry(device: CoilArray) -> Geometry:
 #
 # Two bodies are nearest where each point is the nearest one of its body to the other: projections to and fro (von
 # Neumann; Cheney and Goldstein 1959) lead there from a near start, which the best of many rim points is. Each winding
-# is
-# taken as a cylinder without its hole: nothing is meant to go through it.
+# is taken as a cylinder without its hole: nothing is meant to go through it.
 
 
 _STEPS = 64  #: points around each rim

@@ -453,10 +453,8 @@ def list_geometry_mistakes(
 # Which wrenches a spherical electromagnet can give at a pose: the image of the box of its currents.
 #
 # Three coils and two limits each make a box; the wrench map turns it into a zonotope: for the force a parallelepiped
-# with
-# eight corners, moved by the core's pull, for the torque a flat hexagon, because no torque about the magnet's own
-# axis
-# can be given. Force and torque are not independent of each other: one choice of currents makes both.
+# with eight corners, moved by the core's pull, for the torque a flat hexagon, because no torque about the magnet's own
+# axis can be given. Force and torque are not independent of each other: one choice of currents makes both.
 #
 # A supply that cannot give all coils their limits at once rounds the box's corners off: the corners are then those of
 # the polytope of some hundreds of points on the surface, and what can be given in every direction is the least of the

@@ -42,8 +42,7 @@ __all__ = [
 # depends on the distance d and the tilt τ between the magnet's axis and the radius only, and not on the magnet's
 # polarity: W = u⁶ g(u, s), u = 1/d, s = cos²τ, where g is smooth from contact to infinity. g is tabulated once as a
 # Chebyshev series; force and torque are its analytic derivatives. So the pull is conservative whatever the table's
-# error,
-# and force and torque agree: about the sphere's centre they cancel, as a sphere cannot be turned.
+# error, and force and torque agree: about the sphere's centre they cancel, as a sphere cannot be turned.
 
 
 _BY_DISTANCE, _BY_TILT = 24, 12  #: terms of the series

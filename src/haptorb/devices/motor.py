@@ -477,8 +477,7 @@ def grouping(groups: Sequence[Sequence[int]], count: int, winding: str) -> tuple
 # --------------------------------------------------------------------------------------------------
 # What can be wrong with a ball-joint motor although every value in its file is well-formed: its geometry and wiring.
 #
-# Findings are sentences. They cover parts that overlap, a gap that is none, sensors in the way, groups that name
-# coils
+# Findings are sentences. They cover parts that overlap, a gap that is none, sensors in the way, groups that name coils
 # wrongly, pairs that do not face each other, and groups wired so that the motor cannot turn about every axis.
 
 

@@ -342,10 +342,8 @@ class MotorParts(Protocol):
 # The weight-compensating regulator: two opposed magnet rings whose repulsion holds the rotor up.
 #
 # Bai 2012 §3 describes it and gives no numbers. Here: one ring on the stator, one on the rotor, both about the z axes
-# of
-# their parts. By symmetry the torque about the centre is τ(cos tilt) along ẑ_R × Ẑ: one function of one cosine,
-# tabulated
-# once from the exact forces between the rings.
+# of their parts. By symmetry the torque about the centre is τ(cos tilt) along ẑ_R × Ẑ: one function of one cosine,
+# tabulated once from the exact forces between the rings.
 
 
 _NODES = 14  #: tilts at which the exact torque is taken; the polynomial through them is good to 1e-6

@@ -599,12 +599,10 @@ def _list_keys(model: type[BaseModel], path: list[Any]) -> list[str]:
 # --------------------------------------------------------------------------------------------------
 # Limits of a device file against what supply, coils and windings can do: far above it they protect from nothing.
 #
-# Refused: a force or torque more than a hundred times what is possible, which is a wrong unit (N for mN), a current
-# ten
+# Refused: a force or torque more than a hundred times what is possible, which is a wrong unit (N for mN), a current ten
 # times what the supply drives, and one at which a winding passes its stop temperature before the coils of a stopped
-# computer are off. Remarked: a force or torque ten times what is possible, and a current that the supply cannot
-# drive; a
-# design may be there while it is made.
+# computer are off. Remarked: a force or torque ten times what is possible, and a current that the supply cannot drive;
+# a design may be there while it is made.
 
 
 _WRONG_UNIT = 100.0

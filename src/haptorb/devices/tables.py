@@ -251,16 +251,12 @@ def chord_pieces(series: Array, count: int) -> tuple[Array, float]:
 # --------------------------------------------------------------------------------------------------
 # The torque table of a magnet around a coil from zonal harmonics: milliseconds where the exact wrench takes seconds.
 #
-# A coil with its axis through the device's centre makes, outside the sphere that holds it, the scalar potential
-# Φ = Σ cₙ Pₙ(cosθ)/rⁿ⁺¹ about that centre. A magnet outside that sphere, its axis through the centre too, is a pair
-# of
+# A coil with its axis through the device's centre makes, outside the sphere that holds it, the scalar potential Φ = Σ
+# cₙ Pₙ(cosθ)/rⁿ⁺¹ about that centre. A magnet outside that sphere, its axis through the centre too, is a pair of
 # charged discs, and by the addition theorem its energy in that field is W(s) = μ0 Σ cₙ dₙ Pₙ(s), s = u·c. The torque
-# per
-# ampere is then k u × c with k = −W′(s). Of one loop at r and cosα, cₙ = rⁿ⁺¹ sin²α Pₙ′(cosα)/(2 (n + 1)); of one
-# disc of
-# radius a and charge density M, whose rim is at r and cosθ, dₙ = 2πM a² Pₙ₋₁′(cosθ)/(n (n − 1) rⁿ⁺¹) from n = 2 on,
-# and
-# d₁ = 2πM (1 − cosθ). Source: Jackson, Classical Electrodynamics, sections 3.3, 3.6 and 4.1.
+# per ampere is then k u × c with k = −W′(s). Of one loop at r and cosα, cₙ = rⁿ⁺¹ sin²α Pₙ′(cosα)/(2 (n + 1)); of one
+# disc of radius a and charge density M, whose rim is at r and cosθ, dₙ = 2πM a² Pₙ₋₁′(cosθ)/(n (n − 1) rⁿ⁺¹) from n = 2
+# on, and d₁ = 2πM (1 − cosθ). Source: Jackson, Classical Electrodynamics, sections 3.3, 3.6 and 4.1.
 
 
 _CELLS = 512  #: quintic pieces of the table
@@ -361,12 +357,10 @@ def _slopes(x: Array, terms: int) -> Iterator[tuple[int, Array]]:
 # --------------------------------------------------------------------------------------------------
 # Torque characteristic and sensor field of a whole device from pair tables, at servo speed, with their derivatives.
 #
-# All kernels take many orientations R (n, 3, 3) at once and write into `out`. Axes are unit vectors: magnets (p, 3)
-# in
+# All kernels take many orientations R (n, 3, 3) at once and write into `out`. Axes are unit vectors: magnets (p, 3) in
 # the rotor's frame, coils and sensors in the stator's; `strength` (p,) multiplies the table's magnet (−1 for one
-# polarized inward). Derivatives are by a small rotation vector δ [rad] in the stator frame that turns the rotor on:
-# R → exp(δ×) R.
-# An orientation that is not finite gives NaN, never a look-up outside the table.
+# polarized inward). Derivatives are by a small rotation vector δ [rad] in the stator frame that turns the rotor on: R →
+# exp(δ×) R. An orientation that is not finite gives NaN, never a look-up outside the table.
 
 
 _NEAR = 1e-9  #: on the axis itself slope/x is 0/0: the slope vanishes there, and so does what it multiplies

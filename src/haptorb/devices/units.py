@@ -36,11 +36,9 @@ __all__ = [
 # --------------------------------------------------------------------------------------------------
 # Units of magnetics and workshops that pint takes for something else, or does not convert to SI.
 #
-# In air B = μ0 H, and of a magnet J = μ0 M: so where a flux density or polarization is wanted, a field strength H or
-# a
+# In air B = μ0 H, and of a magnet J = μ0 M: so where a flux density or polarization is wanted, a field strength H or a
 # magnetization M is one too. Sources: Jackson, Classical Electrodynamics, appendix (Gaussian units); a mil is a
-# thousandth of an inch. pint takes "mil" for an angle, "Gs" for a gigasecond, "Nm" for the fineness of a yarn and
-# "gr"
+# thousandth of an inch. pint takes "mil" for an angle, "Gs" for a gigasecond, "Nm" for the fineness of a yarn and "gr"
 # for a grain; gauss and oersted it does not convert to tesla.
 
 

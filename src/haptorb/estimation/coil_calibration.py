@@ -358,8 +358,7 @@ def thermal_identification(
 # How coils warm each other, from one record in which each was driven alone and all were watched.
 #
 # The windings are their own thermometers: a resistance gives a temperature while a small current flows. Each boundary
-# has
-# a sensor. Coils are taken to be alike but for their conductance to the core.
+# has a sensor. Coils are taken to be alike but for their conductance to the core.
 
 
 _NETWORK_IDENTIFICATION_TRUST = (

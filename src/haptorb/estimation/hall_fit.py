@@ -49,15 +49,12 @@ __all__ = [
 # The field of the tool's magnet and of the core's answer at the field sensors, with its derivatives, in one kernel.
 #
 # The magnet is a few charges on its faces; the core answers each with a series (see `physics.soft_sphere`). Written
-# with
-# t = a²/(|x||s|) and c = x̂·ŝ, the answer at x to a charge q at s is
+# with t = a²/(|x||s|) and c = x̂·ŝ, the answer at x to a charge q at s is
 #
 #     B = μ0 q/(4πa|x|) (S1 ŝ − S2 x̂),   S1 = Σ β_l t^(l+1) P_l'(c),   S2 = Σ β_l t^(l+1) P_(l+1)'(c),
 #
-# because P_(l+1)' = c P_l' + (l+1) P_l. Its derivative by s needs P'' and nothing else; a charge that is carried
-# along
-# by a turn δ of the magnet moves by δ × (s − p). So the Jacobian is analytic: three columns for the magnet's place,
-# two
+# because P_(l+1)' = c P_l' + (l+1) P_l. Its derivative by s needs P'' and nothing else; a charge that is carried along
+# by a turn δ of the magnet moves by δ × (s − p). So the Jacobian is analytic: three columns for the magnet's place, two
 # for its axis. The turn about the axis changes nothing and is left out.
 
 
@@ -404,8 +401,7 @@ def fit_tool(
 # How well field sensors can tell where the tool is: the best that any unbiased estimate can do (Cramér and Rao).
 #
 # What limits it, in this order: the field of the tool falls with the cube of the distance, its change with the fourth
-# power, so that the sensors' distance from the tool counts most; then the sensors' noise; then, under current, what
-# is
+# power, so that the sensors' distance from the tool counts most; then the sensors' noise; then, under current, what is
 # not known about the coils' own field, through the noise of the current readings and the errors of the calibration.
 
 

@@ -95,17 +95,14 @@ __all__ = [
 # --------------------------------------------------------------------------------------------------
 # The α–β filter of a place and an axis: a stated bandwidth at any rate, and never late behind a steady motion.
 #
-# Place and axis are predicted with their rates and corrected by α = 1 − θ², the rates by β/dt, β = (1 − θ)²:
-# critically
+# Place and axis are predicted with their rates and corrected by α = 1 − θ², the rates by β/dt, β = (1 − θ)²: critically
 # damped, one memory θ for both. The measured pose becomes the reported one through
 #
 #     H(z) = (1 − θ) z ((1 + θ) z − 2θ)/(z − θ)²,     |H|² = (1 − θ)² ((1 + θ)² + 4θ² − 4θ(1 + θ) c)/(1 + θ² − 2θ c)²
 #
 # with c = cos(2π f dt), and θ is chosen in every tick so that |H|² = 1/2 at the bandwidth, whatever dt is. H is 1 at
-# rest
-# and its group delay there is none: a position in steady motion has no lag. The price: below the bandwidth |H|
-# rises to 1.11, so that a step is overshot by 14 %, and white noise keeps 0.55 of its standard deviation at 100 Hz
-# and
+# rest and its group delay there is none: a position in steady motion has no lag. The price: below the bandwidth |H|
+# rises to 1.11, so that a step is overshot by 14 %, and white noise keeps 0.55 of its standard deviation at 100 Hz and
 # 1 kHz, where an ideal filter of 100 Hz, infinitely late, would leave 0.45. The rates are late by twice the filter's
 # memory, 2 dt θ/(1 − θ) and half a tick. A loop slower than twice the bandwidth is not filtered: θ is 0.
 
@@ -235,8 +232,7 @@ def correct_pose(f: Record, dt: float, bandwidth: float, p: Array, R: Array, v: 
 # One tick of the Hall tracker in one compiled pass: subtract the coils, fit, doubt, filter.
 #
 # The parts stand in files of their own; they are strung together here because a call into compiled code costs as much
-# as
-# the parts do. Everywhere, tracker is (1,) TRACKER, t its record, sensors (k,) SENSOR, and model what `pack_model`
+# as the parts do. Everywhere, tracker is (1,) TRACKER, t its record, sensors (k,) SENSOR, and model what `pack_model`
 # made.
 
 
@@ -520,14 +516,10 @@ def _find_used(device: SphericalElectromagnet) -> NDArray[np.bool_]:
 # --------------------------------------------------------------------------------------------------
 # The currents when the field was read, where a board measures the two at different times: between two measurements.
 #
-# The coils' own field is ten times the tool's, and a tenth of an ampere is taken for a millimetre. Currents that
-# change
-# by an ampere in ten milliseconds have to be known to the tenth of a millisecond, and a current sensor reports the
-# mean
-# of half a millisecond that ended at some time in the last half. Carried on from the last two of them, such errors
-# are
-# doubled; between the measurement before the field and the one after it, they are less than those of either. So a
-# field
+# The coils' own field is ten times the tool's, and a tenth of an ampere is taken for a millimetre. Currents that change
+# by an ampere in ten milliseconds have to be known to the tenth of a millisecond, and a current sensor reports the mean
+# of half a millisecond that ended at some time in the last half. Carried on from the last two of them, such errors are
+# doubled; between the measurement before the field and the one after it, they are less than those of either. So a field
 # waits for the next currents, a tick long.
 
 

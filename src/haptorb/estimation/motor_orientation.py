@@ -114,8 +114,7 @@ def torque_per_ampere(model: FieldModel, R: Array, strength: float, matrix: Arra
 #
 # with the tables' own derivatives. Those serve as long as the rotor is near where they were taken; only the field is
 # looked up again. A sensor whose residual after the step is many times that of the others is left out and the step
-# taken
-# again; one that fits again comes back.
+# taken again; one that fits again comes back.
 
 
 _OUTLYING = 6.0  #: a residual so many times the middle one is no accident

@@ -145,14 +145,12 @@ class Perceptron:
 # Levenberg–Marquardt for a network with one hidden layer, with the normal matrix built from its blocks.
 #
 # The Jacobian of all samples would take gigabytes. It is never formed: with h = tanh(W x̃), x̃ = (x, 1), h̃ = (h, 1)
-# and
-# g = 1 − h²,
+# and g = 1 − h²,
 #
 #     ∂y_o/∂V_p = δ_op h̃,    ∂y_o/∂W_j = V_oj g_j x̃,
 #
-# so JᵀJ has the blocks δ_op Σ h̃ h̃ᵀ, Σ V_oj g_j x̃ h̃ᵀ and (VᵀV)_jk Σ g_j g_k x̃ x̃ᵀ: three products of matrices
-# that are
-# as long as the training set and as wide as the parameters, whatever the number of outputs.
+# so JᵀJ has the blocks δ_op Σ h̃ h̃ᵀ, Σ V_oj g_j x̃ h̃ᵀ and (VᵀV)_jk Σ g_j g_k x̃ x̃ᵀ: three products of matrices that
+# are as long as the training set and as wide as the parameters, whatever the number of outputs.
 
 
 _LEVENBERG_MARQUARDT_MOST = 1e12  #: damping beyond which no step helps any more
@@ -317,9 +315,8 @@ def _normal_equations(x1: Array, h1: Array, output: Array, residual: Array) -> t
 # Which sensors each coil is judged by, and which coils may share one network because they see the same arrangement.
 #
 # A network maps the field around a coil to that coil's torque per ampere, both in the coil's own frame (ϑ̂ southward,
-# φ̂ eastward, r̂ outward). Coils whose sensors lie alike in their own frames, up to half a turn about r̂, share it:
-# on one
-# parallel of latitude by turning about the motor's axis, north and south by half a turn (Bai 2012 §2.3).
+# φ̂ eastward, r̂ outward). Coils whose sensors lie alike in their own frames, up to half a turn about r̂, share it: on
+# one parallel of latitude by turning about the motor's axis, north and south by half a turn (Bai 2012 §2.3).
 
 
 Numbers: TypeAlias = NDArray[np.intp]
@@ -399,8 +396,7 @@ def _are_equal(one: Array, other: Array) -> bool:
 # tanh of many numbers at once: the library's own does one after the other, and takes longer than the network's sums.
 #
 # tanh x = 1 − 2/(e²ˣ + 1), with e²ˣ = 2ᵏ eʳ, k an integer and |r| ≤ ½ ln 2, and a polynomial for eʳ. Good to a few
-# 10⁻¹⁶ of one; not relative to small values, which a sum over nodes does not ask for. The simulation's noise has
-# series
+# 10⁻¹⁶ of one; not relative to small values, which a sum over nodes does not ask for. The simulation's noise has series
 # of its own (`simulation.noise`): of logarithm, sine and cosine, so that there is nothing to share.
 
 
@@ -769,10 +765,8 @@ def _forward(
 # Torque per ampere as a linear map of all readings: the `linear` estimator, quick and plain.
 #
 # K ≈ M (B, 1), with M the least squares map over the workspace for readings with noise σ: a ridge of σ². The sensors
-# sit
-# a few millimetres from the magnets, where the field has more detail than 48 places can carry; so the best linear map
-# is
-# about a tenth of K off, whatever the noise (spatial aliasing).
+# sit a few millimetres from the magnets, where the field has more detail than 48 places can carry; so the best linear
+# map is about a tenth of K off, whatever the noise (spatial aliasing).
 
 
 _MOST_MISSING = 0.25  #: share of the sensors that the others may stand in for

@@ -137,8 +137,7 @@ class SensorCalibration:
 # --------------------------------------------------------------------------------------------------
 # What a reading owes to the lasting errors of its sensor: 15 parameters each, and how far they are known beforehand.
 #
-# A sensor with errors θ = (b, E, d) reads r = (1 + E) B(x + d) + b where an ideal one at x reads B(x): an offset b
-# (3)
+# A sensor with errors θ = (b, E, d) reads r = (1 + E) B(x + d) + b where an ideal one at x reads B(x): an offset b (3)
 # [T], a matrix E (3, 3) of gain, cross-axis and rotation together, and a displacement d (3) [m].
 
 
@@ -205,12 +204,9 @@ def prior_covariance(errors: SensorErrors) -> Array:
 # --------------------------------------------------------------------------------------------------
 # How well real field sensors tell where the tool is: what the tracker reaches, and the best that any estimate can do.
 #
-# Two kinds of errors. Noise is new in every reading, and the tracker's filter averages it. Lasting errors stay, and
-# no
-# filter helps: those of the sensors (`sensor_parameters`), of the coils' field that is subtracted, and what remains
-# in
-# the core. With J the field's derivative by the pose, Σ the covariance of all errors and W the weight that the
-# tracker
+# Two kinds of errors. Noise is new in every reading, and the tracker's filter averages it. Lasting errors stay, and no
+# filter helps: those of the sensors (`sensor_parameters`), of the coils' field that is subtracted, and what remains in
+# the core. With J the field's derivative by the pose, Σ the covariance of all errors and W the weight that the tracker
 # gives to the readings, the tracker's covariance is A Σ Aᵀ, A = (Jᵀ W J)⁻¹ Jᵀ W, and the bound of Cramér and Rao, for
 # errors of which Σ is all that is known, is (Jᵀ Σ⁻¹ J)⁻¹. Both are first order in the errors.
 
@@ -410,16 +406,12 @@ def choose_readings(tour: ToolTour, most: int) -> ToolTour:
 # --------------------------------------------------------------------------------------------------
 # Offset, gain and place of every field sensor from the coils and from a tool that a person led: bundle adjustment.
 #
-# The tool's pose is not measured. Each reading of k sensors has 3 k numbers and 5 unknowns of its own, the tool's
-# place and axis; what is left over, some hundred times, determines the 15 errors of each sensor (`sensor_parameters`)
-# and
-# the strength of the tool's magnet. The coils, driven in turn, tell in addition what each sensor reads of fields of
-# known
+# The tool's pose is not measured. Each reading of k sensors has 3 k numbers and 5 unknowns of its own, the tool's place
+# and axis; what is left over, some hundred times, determines the 15 errors of each sensor (`sensor_parameters`) and the
+# strength of the tool's magnet. The coils, driven in turn, tell in addition what each sensor reads of fields of known
 # directions. Gauss–Newton on all unknowns together, where the poses are eliminated reading by reading (Schur
-# complement);
-# Huber's weights, so that a reading that something disturbed does not pull; the device file's distributions as prior,
-# so
-# that what cannot be observed stays where the data sheet has it, and is named.
+# complement); Huber's weights, so that a reading that something disturbed does not pull; the device file's
+# distributions as prior, so that what cannot be observed stays where the data sheet has it, and is named.
 
 
 _MOST = 30  #: steps
@@ -678,8 +670,7 @@ def _unit_field(place: Array) -> tuple[Array, Array]:
 # --------------------------------------------------------------------------------------------------
 # What coils and a led tool cannot tell of the sensors: common changes that change no reading, or hardly any.
 #
-# Each is a linear function of the sensors' errors. Its standard deviation after the calibration is held against that
-# of
+# Each is a linear function of the sensors' errors. Its standard deviation after the calibration is held against that of
 # the device file: where most of it is left, the readings said nothing, and only the device file does.
 
 

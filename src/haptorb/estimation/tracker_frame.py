@@ -399,13 +399,11 @@ def check_roll(found: Roll) -> None:
 # --------------------------------------------------------------------------------------------------
 # Least squares over the touches of a session: frame and tip by Gauss–Newton, and what no touch determines.
 #
-# Frame and tip are stepped as x ↦ exp(δ) x + τ and a ↦ a + α, with x = R (P + Q a) + t the tip in the stator frame,
-# so
+# Frame and tip are stepped as x ↦ exp(δ) x + τ and a ↦ a + α, with x = R (P + Q a) + t the tip in the stator frame, so
 #
 #     ∂x/∂δ = −[x]ₓ,    ∂x/∂τ = 1,    ∂x/∂α = R Q.
 #
-# The dome alone leaves δ free, exactly: its normal is along x, and x · (δ × x) = 0. It holds the centre; the marks
-# hold
+# The dome alone leaves δ free, exactly: its normal is along x, and x · (δ × x) = 0. It holds the centre; the marks hold
 # the turn.
 
 
@@ -501,9 +499,8 @@ def _rotation(w: Array) -> Array:
 # --------------------------------------------------------------------------------------------------
 # Where the device is in a tracker's frame, and the tool in its rigid body: from touches, by Gauss–Newton.
 #
-# Unknown are the frame (R, t: 6) and the tip in the body (a: 3), x = R (P + Q a) + t. On the dome |x| = r, in mark k
-# x = x_k (`frame_fit`). Closed forms begin it, one for each step (`frame_start`), and what does not fit together is
-# named
+# Unknown are the frame (R, t: 6) and the tip in the body (a: 3), x = R (P + Q a) + t. On the dome |x| = r, in mark k x
+# = x_k (`frame_fit`). Closed forms begin it, one for each step (`frame_start`), and what does not fit together is named
 # (`frame_doubts`). The tool's axis comes from the rolled tool by itself.
 
 

@@ -340,10 +340,9 @@ def _inductance_of_one_turn(ri: float, ro: float, l: float) -> float:
 # --------------------------------------------------------------------------------------------------
 # Field of a coil centred on a soft sphere, with the sphere's, outside both: zonal harmonics about the coil's axis.
 #
-# A loop at (ρ, z), s = √(ρ² + z²) from the centre, c = z/s, has on its axis the field Σ b_l x^(l−1) inside s, and
-# Σ b_l s^(2l+1)/x^(l+2) outside, with b_l = μ0 N (1 − c²) P_l'(c)/(2 s^l) per ampere. The sphere of radius a responds
-# to
-# the first with Σ b_l β_l (l+1)/l a^(2l+1)/x^(l+2) (`soft_sphere`). Off the axis e, at x r̂ from the centre,
+# A loop at (ρ, z), s = √(ρ² + z²) from the centre, c = z/s, has on its axis the field Σ b_l x^(l−1) inside s, and Σ b_l
+# s^(2l+1)/x^(l+2) outside, with b_l = μ0 N (1 − c²) P_l'(c)/(2 s^l) per ampere. The sphere of radius a responds to the
+# first with Σ b_l β_l (l+1)/l a^(2l+1)/x^(l+2) (`soft_sphere`). Off the axis e, at x r̂ from the centre,
 #
 #     B = Σ k_l (P_(l+1)'(r̂·e) r̂ − P_l'(r̂·e) e)/x^(l+2),    (l+1) k_l = coefficient of 1/x^(l+2) on the axis
 #
@@ -419,15 +418,11 @@ def _list_slopes(c: Array, order: int) -> Array:
 # --------------------------------------------------------------------------------------------------
 # The field of a round winding as a table for a servo: cubic splines near it, a short series of harmonics far from it.
 #
-# The table holds what `Coil` computes in closed form: B_ρ/ρ and B_z per ampere and turn at even steps in ρ and z,
-# both
-# with their parity in ρ and z built in, within `FAR_RADII` bounding radii. A uniform cubic B-spline through the
-# values is
-# smooth to the second derivative and misses a field that varies over the distance d by about 0.06 (step/d)⁴. Beyond,
-# the
-# zonal series of `zonal` is cut at a term that leaves less. Both are checked against `Coil` in the tests; in the
-# winding
-# itself and nearer to it than four steps the table is coarse.
+# The table holds what `Coil` computes in closed form: B_ρ/ρ and B_z per ampere and turn at even steps in ρ and z, both
+# with their parity in ρ and z built in, within `FAR_RADII` bounding radii. A uniform cubic B-spline through the values
+# is smooth to the second derivative and misses a field that varies over the distance d by about 0.06 (step/d)⁴. Beyond,
+# the zonal series of `zonal` is cut at a term that leaves less. Both are checked against `Coil` in the tests; in the
+# winding itself and nearer to it than four steps the table is coarse.
 
 
 FAR_RADII = 2.5  #: bounding radii within which the table holds

@@ -172,12 +172,9 @@ class RingMagnet(RoundBody):
 # --------------------------------------------------------------------------------------------------
 # A magnetised ring as the magnetic charge on its two end faces, and what a point dipole does to it.
 #
-# Uniform axial magnetisation M = Br/μ0 has no charge inside and ±M per area on the faces. The force on it in a field
-# B
-# is therefore the sum of q B over the faces, exactly, wherever B is free of curl and divergence. The faces are
-# annuli:
-# Gauss nodes in ρ² and even steps in azimuth integrate every harmonic function on them to a known degree, and 32
-# points
+# Uniform axial magnetisation M = Br/μ0 has no charge inside and ±M per area on the faces. The force on it in a field B
+# is therefore the sum of q B over the faces, exactly, wherever B is free of curl and divergence. The faces are annuli:
+# Gauss nodes in ρ² and even steps in azimuth integrate every harmonic function on them to a known degree, and 32 points
 # give the ring of Zárate 2020 (12/5 × 24 mm) at 50 mm to 7e-7 in any pose. This is the finite size that the published
 # dipole model leaves out: 15.6 % at 50 mm (erratum E16).
 

@@ -149,13 +149,11 @@ def _check_poles(out: Array) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# The multipole models that Bai 2012 prints in Table 1, in the readings that its missing units leave open (erratum
-# E1).
+# The multipole models that Bai 2012 prints in Table 1, in the readings that its missing units leave open (erratum E1).
 #
 # Strengths are printed in "μA/m", lengths without a unit. A pole strength is in A·m, and only one reading of the
-# lengths
-# lets moments agree: l = 0.2 and 0.3 inch (a = 15.875 mm is 0.625 inch) and l̄/l = 0.2 for the magnet instead of the
-# printed 0.3. The other readings stay here by name, to be compared, not used.
+# lengths lets moments agree: l = 0.2 and 0.3 inch (a = 15.875 mm is 0.625 inch) and l̄/l = 0.2 for the magnet instead
+# of the printed 0.3. The other readings stay here by name, to be compared, not used.
 
 
 MAGNET_RADIUS = 15.875e-3  #: [m]

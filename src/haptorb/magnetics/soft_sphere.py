@@ -231,19 +231,16 @@ class SoftSphere:
 # --------------------------------------------------------------------------------------------------
 # A soft sphere's answer to coils and magnets, in solid harmonics about its centre: for a servo, in one pass.
 #
-# `soft_sphere` sums over pairs of charges. Here the answer to each source is a fixed set of coefficients C of
-# irregular
-# solid harmonics, φ = Re Σ C*_lm I_lm(x/a), and everything that a set of charges feels follows from its own sums
-# S_lm = Σ q I_lm(x/a): a derivative of I_lm is an I of the next degree, and a turn keeps the degree. So the work
-# grows
-# with charges plus coils and not with their product, and includes the pull of the sphere on the charges themselves.
+# `soft_sphere` sums over pairs of charges. Here the answer to each source is a fixed set of coefficients C of irregular
+# solid harmonics, φ = Re Σ C*_lm I_lm(x/a), and everything that a set of charges feels follows from its own sums S_lm =
+# Σ q I_lm(x/a): a derivative of I_lm is an I of the next degree, and a turn keeps the degree. So the work grows with
+# charges plus coils and not with their product, and includes the pull of the sphere on the charges themselves.
 #
 #     I_lm = (l−m)! P_lm(cosθ) e^{imφ}/r^{l+1}        R_lm = r^l P_lm(cosθ) e^{imφ}/(l+m)!
 #     1/|x − s| = Σ R*_lm(x) I_lm(s), |x| < |s|;      R_lm → −β_l I_lm/((l−m)!(l+m)!) outside a sphere of radius 1
 #
 # with β_l as in `soft_sphere`. Source: Jackson, Classical Electrodynamics, sections 3.5 and 4.4, in the normalisation
-# of
-# White and Head-Gordon (J. Chem. Phys. 101, 6593, 1994). Terms fall as (a²/(r_source r_charge))^l.
+# of White and Head-Gordon (J. Chem. Phys. 101, 6593, 1994). Terms fall as (a²/(r_source r_charge))^l.
 
 
 _SPHERE_ANSWER_K = MU0 / (4 * np.pi)

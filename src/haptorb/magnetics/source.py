@@ -154,8 +154,7 @@ class PlacedSource(Source):
 # What cylinder, ring and winding share: round about their z axis, equal above and below their middle plane.
 #
 # Everything circulates about the axis, so a body is also a bundle of coaxial current filaments; that is how forces on
-# it are found. The kernels turn (ρ, z) components into Cartesian ones without dividing by ρ, so the axis is an
-# ordinary
+# it are found. The kernels turn (ρ, z) components into Cartesian ones without dividing by ρ, so the axis is an ordinary
 # place.
 
 

@@ -34,11 +34,9 @@ __all__ = [
 #
 #     K = ∫ dφ/Δ      D = ∫ sin²φ dφ/Δ = (K − E)/m      C = ∫ sin²φ cos²φ dφ/Δ³ = ((2 − m)K − 2E)/m²
 #
-# The right-hand forms lose all digits for m → 0, which is the axis of the body. The arithmetic-geometric mean gives
-# the
-# same numbers as sums of positive terms: with d₁ = 1/(2(1 + k')), dₙ₊₁ = m dₙ²/(4aₙ₊₁) and S = Σ 2ⁿ dₙ² (n ≥ 1),
-# D = K(1 + mS)/2 and C = K S. Source: Abramowitz & Stegun 17.6 (K − E through Σ 2ⁿcₙ², here with cₙ = m dₙ); the
-# integral
+# The right-hand forms lose all digits for m → 0, which is the axis of the body. The arithmetic-geometric mean gives the
+# same numbers as sums of positive terms: with d₁ = 1/(2(1 + k')), dₙ₊₁ = m dₙ²/(4aₙ₊₁) and S = Σ 2ⁿ dₙ² (n ≥ 1), D =
+# K(1 + mS)/2 and C = K S. Source: Abramowitz & Stegun 17.6 (K − E through Σ 2ⁿcₙ², here with cₙ = m dₙ); the integral
 # of the third kind is Bulirsch's cel (Numer. Math. 7, 78, 1965) run along the same mean. Valid for 0 < k' ≤ 1.
 
 
@@ -226,11 +224,9 @@ def zonal_gradient(c: Array, rho2: float, z: float) -> tuple[float, float, float
 #
 #     B_z = [(ζ/2πs)(K + γΠ)] from ζ = z − h to z + h      B_ρ = −[(4a²ρ/πs³) C]
 #
-# and its derivative by z is the field of the edges as current loops. These are Callaghan & Maslen (NASA TN D-465,
-# 1960)
-# and Derby & Olbert (Am. J. Phys. 78, 229, 2010), with B_ρ rewritten through C (see `elliptic`) so that B_ρ/ρ and
-# with it
-# the gradient keep all their digits on the axis. Singular (logarithmically) at the edges only; on the wall between
+# and its derivative by z is the field of the edges as current loops. These are Callaghan & Maslen (NASA TN D-465, 1960)
+# and Derby & Olbert (Am. J. Phys. 78, 229, 2010), with B_ρ rewritten through C (see `elliptic`) so that B_ρ/ρ and with
+# it the gradient keep all their digits on the axis. Singular (logarithmically) at the edges only; on the wall between
 # them B_z jumps by 1 and the mean is returned. Valid near and far, but it cancels far away: see `zonal`.
 
 

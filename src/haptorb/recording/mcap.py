@@ -53,8 +53,7 @@ __all__ = [
 # --------------------------------------------------------------------------------------------------
 # A row's layout as a ROS 2 message, the schema that MCAP tools know how to read; and back.
 #
-# All fields are float64, so a message is four bytes that say "little-endian CDR" and the row's own bytes: what is
-# read
+# All fields are float64, so a message is four bytes that say "little-endian CDR" and the row's own bytes: what is read
 # back is bit for bit what the loop published.
 
 

@@ -101,8 +101,7 @@ def claim(cores: Iterable[int]) -> int:
 # --------------------------------------------------------------------------------------------------
 # What a process may ask of the kernel to be punctual; what is not permitted is skipped and reported.
 #
-# What only Linux has is loaded when it is asked for: programs without a loop import this module on other systems,
-# too.
+# What only Linux has is loaded when it is asked for: programs without a loop import this module on other systems, too.
 
 
 Facts = dict[str, str | bool | int]
@@ -195,8 +194,7 @@ def _bind() -> int:
 #
 # No code of the process takes part in its end: not its signal handlers, which Python runs only between two of its own
 # instructions, and not a thread, which would wait for the interpreter's lock. SIGKILL can neither be caught, nor
-# blocked,
-# nor ignored, and the timer also runs while the process is stopped. A forked child does not inherit it.
+# blocked, nor ignored, and the timer also runs while the process is stopped. A forked child does not inherit it.
 
 
 _CLOCK_MONOTONIC = 1
@@ -293,8 +291,7 @@ def prepare_thread() -> bool:
 # --------------------------------------------------------------------------------------------------
 # A thread that lives as long as the program, and starts its processes.
 #
-# The kernel's parent-death signal comes when the thread ends that started a process. Started by this thread, a
-# process
+# The kernel's parent-death signal comes when the thread ends that started a process. Started by this thread, a process
 # can ask to be killed then, and is killed when the program ends, not when one of its threads does.
 
 

@@ -36,8 +36,7 @@ __all__ = ["CompilerProcess", "ProcessGroup", "SignalStop"]
 #
 # Python runs the handler of a signal in the main thread, between two of its own instructions. A host that is inside C
 # code (a matrix, a database, an import) reacts when that returns. But the first thing that Python's own handler in C
-# does
-# is to write the signal's number to a file descriptor, `signal.set_wakeup_fd`. Here this is the file of the shared
+# does is to write the signal's number to a file descriptor, `signal.set_wakeup_fd`. Here this is the file of the shared
 # memory: the loop finds the number there in its next tick, without a thread, a lock or the interpreter's lock in
 # between.
 

@@ -20,8 +20,7 @@ __all__ = ["STALL", "DatagramTimes", "StreamTimes", "UdpOwners", "is_own_account
 # When what a socket holds came in, on the computer's monotonic clock: a command that waited is as old as it is.
 #
 # A program that is stopped, or that has no processor, finds in its sockets what came meanwhile. Dated by when it is
-# read, all that would be new. Of datagrams the kernel says when they came. Of a stream it does not: its time stamps
-# are
+# read, all that would be new. Of datagrams the kernel says when they came. Of a stream it does not: its time stamps are
 # those of the newest bytes that lie together. There, all that waited counts as having come when it was last read.
 
 
@@ -108,8 +107,7 @@ class StreamTimes:
 # --------------------------------------------------------------------------------------------------
 # Which account of this computer is at the other end of a socket on loopback, as the kernel says.
 #
-# A client that is not modified cannot show a token; whose process has the other end is known without its help. A
-# socket
+# A client that is not modified cannot show a token; whose process has the other end is known without its help. A socket
 # whose end has no process any more belongs to nobody: the kernel would name it root's.
 
 

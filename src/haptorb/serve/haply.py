@@ -180,10 +180,9 @@ class HttpExchange:
 # One connection on one of the two ports: a WebSocket that is answered at once, or a request over HTTP.
 #
 # Messages are answered where they arrive, without a task or a queue between. Two are answered in a row, then another
-# connection has its turn; a client that does not read its replies is no longer read, and is closed after ten seconds.
-# A client that sends unreadable messages is read again a little later, a refused one is told so a little later, and
-# what follows a message
-# that is too long is thrown away: none of them takes the processor from the others.
+# connection has its turn; a client that does not read its replies is no longer read, and is closed after ten seconds. A
+# client that sends unreadable messages is read again a little later, a refused one is told so a little later, and what
+# follows a message that is too long is thrown away: none of them takes the processor from the others.
 
 
 _ROOM = 4096  #: bytes that are read at once: a flood of small messages does not keep the others waiting
@@ -632,8 +631,7 @@ def _refuse(status: int, error: str) -> HttpReply:
 # --------------------------------------------------------------------------------------------------
 # Events of that service: what happened to the device and its clients, for listeners on the second port.
 #
-# A trip is its emergency brake; damping that the passivity control adds is its ceiling of stability. Coils so warm
-# that
+# A trip is its emergency brake; damping that the passivity control adds is its ceiling of stability. Coils so warm that
 # less than the asked force is rendered have no word there: `thermal_derating` is this server's own.
 
 

@@ -46,10 +46,8 @@ __all__ = [
 # Axes, mount and scale as that service's clients set them: where they see the cursor, and whither their forces point.
 #
 # The order is that of the service's documentation: from the device's own frame (X to the right, Y forward, Z up)
-# through
-# the basis, which names the axes, then the mount, then the transform of the workspace, both in the axes that the
-# basis
-# names.
+# through the basis, which names the axes, then the mount, then the transform of the workspace, both in the axes that
+# the basis names.
 
 
 Vector = tuple[float, float, float]
@@ -298,10 +296,8 @@ class Cursor:
 # Where a client of that service sees the tool: the device's space in the place of the other device's, adjustable.
 #
 # By default the tool's place of rest, on top of the Omni's dome, is the middle of the other device's workspace, and
-# ways
-# are seen twice as long, because a shell of 10 cm takes the place of a space of 20 cm. A motor's target moves by
-# millimetres, and is seen ten times as far. Forces keep their size: so a client's stiffness is felt that much
-# greater.
+# ways are seen twice as long, because a shell of 10 cm takes the place of a space of 20 cm. A motor's target moves by
+# millimetres, and is seen ten times as far. Forces keep their size: so a client's stiffness is felt that much greater.
 
 
 MAPPING = ("workspace", "basis", "preset", "mount", "transform")  #: what a client can set of its space

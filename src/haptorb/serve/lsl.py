@@ -65,8 +65,7 @@ def measure_offset(clock: Callable[[], float], repetitions: int = 16) -> ClockOf
 # --------------------------------------------------------------------------------------------------
 # What the stream of rows says of itself: name, rate, label and unit of each channel, and the offsets of the clocks.
 #
-# The stream's XML follows the conventions of the layer's file format: `desc/channels/channel` with `label`, `unit`
-# and
+# The stream's XML follows the conventions of the layer's file format: `desc/channels/channel` with `label`, `unit` and
 # `type` (https://github.com/sccn/xdf/wiki/Meta-Data) and `desc/synchronization`
 # (https://github.com/sccn/xdf/wiki/Synchronization), where `offset_mean` is 0 for what this computer itself stamps.
 

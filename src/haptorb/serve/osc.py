@@ -106,9 +106,8 @@ def make_parameter_answer(parameter: Parameter, value: Any) -> bytes:
 # --------------------------------------------------------------------------------------------------
 # The datagrams that came since the last look: the newest of each sender, each with the time at which it came.
 #
-# A program that was understood once gets a socket of its own on the same port: the system puts its datagrams there,
-# and a
-# flood of others, which fills the socket that all share, no longer pushes them out.
+# A program that was understood once gets a socket of its own on the same port: the system puts its datagrams there, and
+# a flood of others, which fills the socket that all share, no longer pushes them out.
 
 
 Sender: TypeAlias = tuple[str, int]  #: address and port of a program
@@ -232,8 +231,7 @@ def _prepare(opened: socket.socket) -> None:
 # --------------------------------------------------------------------------------------------------
 # The OSC addresses that are sent and understood: one table for server and documentation.
 #
-# Numbers go out as float32, counts and codes as int32, for most OSC programs know no other numbers. Vectors are in
-# the
+# Numbers go out as float32, counts and codes as int32, for most OSC programs know no other numbers. Vectors are in the
 # stator's frame; quaternions are scalar last.
 
 

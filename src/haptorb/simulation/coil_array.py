@@ -41,12 +41,10 @@ __all__ = ["COIL_ARRAY", "SimulatedCoilArray", "advance_array", "draw_coils"]
 # --------------------------------------------------------------------------------------------------
 # A coil array's physics in compiled code: some steps of coils, core, tool, surface and hand.
 #
-# The map of a hundred coils takes as long as all the rest of a tick. So it is computed at most once a millisecond,
-# and
-# between two times it follows the mover's change from the last to the newest: its error is then of the
-# second order in that way. A loop that catches up some missed ticks in one call gets one map for them, or it would
-# miss
-# the next ones, too.
+# The map of a hundred coils takes as long as all the rest of a tick. So it is computed at most once a millisecond, and
+# between two times it follows the mover's change from the last to the newest: its error is then of the second order in
+# that way. A loop that catches up some missed ticks in one call gets one map for them, or it would miss the next ones,
+# too.
 
 
 _MOVED = 2e-5  #: the map is computed again when the mover has moved so far [m] …

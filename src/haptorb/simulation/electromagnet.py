@@ -108,12 +108,9 @@ def core_step(core: Record, moment_per_current: Array, coils: Records, dt: float
 # What the sensors of a spherical electromagnet read: currents, coil boundaries, and the field at nine places.
 #
 # The field at a Hall sensor is that of the electromagnet's dipole (coils and core, as calibrated, with what eddy
-# currents
-# delay and what stays in the core), of the tool's ring as charges on its faces, and of what the core answers to the
-# ring,
-# where the sensor really is. What the sensor makes of it is `simulation.parts.hall`'s; every reading has normal noise
-# and
-# its converter's step.
+# currents delay and what stays in the core), of the tool's ring as charges on its faces, and of what the core answers
+# to the ring, where the sensor really is. What the sensor makes of it is `simulation.parts.hall`'s; every reading has
+# normal noise and its converter's step.
 
 
 #: How good the sensors of currents and temperatures are: standard deviation and step; the generator of all noise.
@@ -227,8 +224,7 @@ def sense(
 # How the simulated coils heat each other: not quite as in the device file, and the controller does not know.
 #
 # Every capacity and conductance is off by itself, within the file's tolerance, and a little heat leaves the core
-# through
-# the stand, which the file's network does not have.
+# through the stand, which the file's network does not have.
 
 
 COILS = 3

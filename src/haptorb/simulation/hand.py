@@ -43,10 +43,8 @@ __all__ = [
 # The guided motion: the hand's motion while the pointer is not held, so that a first look shows something.
 #
 # Twelve seconds over the dome and four of leaning on it near the summit; then the hand goes to the dome's edge and
-# rests
-# there, touching, where next to no force is asked of it: left alone, the coils never grow too warm. A pure function
-# of
-# time: two runs see the same hand.
+# rests there, touching, where next to no force is asked of it: left alone, the coils never grow too warm. A pure
+# function of time: two runs see the same hand.
 
 
 DURATION = 20.0  #: after this the hand rests [s]
@@ -214,9 +212,7 @@ class AtRest(GuidedMotion):
 # The guided motion of a motor's handle: the plug is pulled out of its outlet, put back, and wriggled.
 #
 # Eighteen seconds in the translating mode, where a tilt λ moves the plug out, ψ moves it sideways. Forty degrees of
-# tilt
-# are the plug's whole way with the gains of `assembly`. At rest the plug is out, which asks nothing of the
-# coils.
+# tilt are the plug's whole way with the gains of `assembly`. At rest the plug is out, which asks nothing of the coils.
 
 
 _HOME = math.radians(-20.0)  #: λ where the plug is home
@@ -398,10 +394,8 @@ def _check_numbers(value: ArrayLike, count: int | None, wanted: str) -> Array:
 # --------------------------------------------------------------------------------------------------
 # A simulated hand at rest yields: left alone, it does not load the device permanently.
 #
-# A resting hand creeps to where the device pushes the tool, as a relaxed arm does, so that the force asked of the
-# coils
-# fades and the coils stay cool. It gives way around the device, not away from it, where the same force would cost
-# more
+# A resting hand creeps to where the device pushes the tool, as a relaxed arm does, so that the force asked of the coils
+# fades and the coils stay cool. It gives way around the device, not away from it, where the same force would cost more
 # current, and no further than a hand can without moving its arm. Where giving way does not help, as in a stream, it
 # goes back, and tries again after a while.
 

@@ -63,12 +63,9 @@ __all__ = [
 # A rotor on a ball joint as a rigid body: it falls, springs back, rubs, is held by a hand and stops at the edge.
 #
 # A step is a free turn for half of it, one kick by all torques, and the other half of the turn. The free turn is
-# composed
-# of turns about the three principal axes, each exact: it keeps the angular momentum to rounding and its energy error
-# does
-# not grow. Springs and weight have potentials; dampers and friction only ever take: a damper acts as the exponential
-# that
-# it is, dry friction stops a motion within a step but cannot turn it round.
+# composed of turns about the three principal axes, each exact: it keeps the angular momentum to rounding and its energy
+# error does not grow. Springs and weight have potentials; dampers and friction only ever take: a damper acts as the
+# exponential that it is, dry friction stops a motion within a step but cannot turn it round.
 
 
 #: The rotor, its bearing and the hand on its handle.

@@ -267,11 +267,9 @@ def quantise(value: float, step: float) -> float:
 # --------------------------------------------------------------------------------------------------
 # Three-axis Hall sensors as they come: gain, offset, cross-axis, drift, noise, quantum, range, and some that fail.
 #
-# Every sensor reads along its own axes, the columns of its frame, and what it reads is turned into the stator frame,
-# as a
-# driver does. The errors that stay are those of a SensorSpecimen; the noise is drawn with every reading. Where a
-# sensor
-# really is, is up to who computes the field that it reads.
+# Every sensor reads along its own axes, the columns of its frame, and what it reads is turned into the stator frame, as
+# a driver does. The errors that stay are those of a SensorSpecimen; the noise is drawn with every reading. Where a
+# sensor really is, is up to who computes the field that it reads.
 
 
 #: how a sensor can fail, and the number that stands for it
@@ -375,10 +373,8 @@ def read_halls(halls: Records, noise: Noise, warmth: float, field: Array) -> Non
 # --------------------------------------------------------------------------------------------------
 # A hand on the tool: springs and dampers towards where it wants the tool, in place and in turn.
 #
-# The hand moves with the tool (its mass is added) and carries the tool's weight, as people do without thinking: what
-# is
-# seen of its yielding is the device's doing. The dampers act against the stator. Grips from the literature run from
-# 0.1
+# The hand moves with the tool (its mass is added) and carries the tool's weight, as people do without thinking: what is
+# seen of its yielding is the device's doing. The dampers act against the stator. Grips from the literature run from 0.1
 # kg, 2 N·s/m, 100 N/m (a pen, lightly) to 0.8 kg, 10 N·s/m, 500 N/m.
 
 
@@ -408,8 +404,7 @@ def fill_remaining_rotation(q: Array, goal: Array, out: Array) -> None:
 # --------------------------------------------------------------------------------------------------
 # The tool as a rigid body over the dome: pose, motion, and contact along its shaft.
 #
-# Pose and motion are in the stator frame. Steps are linearly implicit in the hand's springs and dampers (stable at
-# any
+# Pose and motion are in the stator frame. Steps are linearly implicit in the hand's springs and dampers (stable at any
 # step), explicit in the rest.
 
 

@@ -24,8 +24,7 @@ __all__ = ["LOOPBACK", "PROTOCOL", "TOKEN", "AccessGate", "choose_token", "is_au
 # The token in a program's address: who does not know it is another account of this computer, and may do nothing.
 #
 # The address ends in `#TOKEN`. What stands behind the # stays in the browser: it is in no request line, no log and no
-# referrer. The page shows the token in a header of every request, `Authorization: Bearer TOKEN`, or, because a
-# browser
+# referrer. The page shows the token in a header of every request, `Authorization: Bearer TOKEN`, or, because a browser
 # lets a page add no header to a WebSocket, as a subprotocol, `haptorb, token.TOKEN`.
 
 

@@ -459,22 +459,18 @@ class RunningServo(DescribedServo, Protocol):
 # --------------------------------------------------------------------------------------------------
 # The hand behind the page's pointer: held by a person, or at rest where it was released.
 #
-# While a person drags, their own messages keep the pose fresh: if the page freezes or goes away in the middle of a
-# drag
+# While a person drags, their own messages keep the pose fresh: if the page freezes or goes away in the middle of a drag
 # it is not renewed, it expires, and the guard releases. A browser on a busy computer stutters, though: as long as its
 # socket is open, a pause is bridged. A hand at rest has no such person behind it, so the server keeps it fresh for as
 # long as the page stays connected.
 #
 # Two limits, `Patience`, bound how long a force may last that no person holds: what the page's main thread may be
-# silent
-# before the page's own worker drops the pose, and what the worker may be silent before this end does. A real device
-# allows a quarter of a second at most; then the pose expires (`limits.expiry`), the guard fades the force out within
-# 50 ms and trips. A simulated one cannot hurt anyone, and no tracker has failed: it allows a second, and then the
-# simulated hand releases the pointer and is back at rest within 1.5 s, without a trip. A page that goes away in the
-# middle of a drag lets
-# the pose expire with either. This process too may wait for a processor: the simulated hand stays where it is for 0.3
-# s
-# without a word from here.
+# silent before the page's own worker drops the pose, and what the worker may be silent before this end does. A real
+# device allows a quarter of a second at most; then the pose expires (`limits.expiry`), the guard fades the force out
+# within 50 ms and trips. A simulated one cannot hurt anyone, and no tracker has failed: it allows a second, and then
+# the simulated hand releases the pointer and is back at rest within 1.5 s, without a trip. A page that goes away in the
+# middle of a drag lets the pose expire with either. This process too may wait for a processor: the simulated hand stays
+# where it is for 0.3 s without a word from here.
 
 
 class Patience(NamedTuple):

@@ -87,9 +87,8 @@ def find_part(wrench: Array) -> WrenchPart | None:
 # --------------------------------------------------------------------------------------------------
 # The parameters of a world: range, unit and description, checked at every input.
 #
-# Parameters are the fields of the world's dataclass; those declared with `parameter(...)` get a slider in the
-# console, a
-# line in `haptorb worlds NAME` and a check in every constructor.
+# Parameters are the fields of the world's dataclass; those declared with `parameter(...)` get a slider in the console,
+# a line in `haptorb worlds NAME` and a check in every constructor.
 
 
 @dataclass(frozen=True)

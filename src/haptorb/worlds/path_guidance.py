@@ -245,8 +245,7 @@ def _cost(hessian: Array, linear: Array, x: Array) -> float:
 # --------------------------------------------------------------------------------------------------
 # One tick of predictive contouring control: progress, estimate of the hand's force, and the plan of the force.
 #
-# After Langerak, Zárate, Vechev, Lindlbauer, Panozzo and Hilliges, "Optimal Control for Electromagnetic Haptic
-# Guidance
+# After Langerak, Zárate, Vechev, Lindlbauer, Panozzo and Hilliges, "Optimal Control for Electromagnetic Haptic Guidance
 # Systems", UIST 2020: the hand's own progress, not a clock, determines the reference; a plan over a short horizon
 # weighs the deviation across the path against the heat of the coils, and only its first step is used.
 

@@ -55,12 +55,10 @@ __all__ = [
 # --------------------------------------------------------------------------------------------------
 # The pace of a scene: its own time passes as fast as the loop's, or slower while its steps take too long.
 #
-# The pace changes smoothly. With a sudden change, moving bodies would change their velocity relative to the hand
-# within
+# The pace changes smoothly. With a sudden change, moving bodies would change their velocity relative to the hand within
 # a tick, and the hand would feel an impact. The coupling is softer at a slower pace. If its spring is stretched, a
-# rising
-# pace would add energy to it; so the pace rises only if the coupling's damper has dissipated that energy before (an
-# energy tank, as in Ferraguti, Secchi and Fantuzzi 2013).
+# rising pace would add energy to it; so the pace rises only if the coupling's damper has dissipated that energy before
+# (an energy tank, as in Ferraguti, Secchi and Fantuzzi 2013).
 
 
 #: detail → (share of the solver's iterations, pace that the scene approaches). The solver ends when it has
@@ -374,8 +372,7 @@ class BackgroundStep:
 #
 # In a scene whose time passes s times as fast, bodies feel 1/s² times as heavy. With the same coupling the damping
 # ratio of the body in it would fall to s times its value, and the body would oscillate. So the damper grows to 1/s of
-# itself, up to `slow_damping`; beyond that the spring becomes softer, by (s d/b)², where d is the damper instead of
-# b.
+# itself, up to `slow_damping`; beyond that the spring becomes softer, by (s d/b)², where d is the damper instead of b.
 # The damping ratio is always that of full speed, and the coupling is never stiffer.
 
 

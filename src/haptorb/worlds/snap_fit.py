@@ -593,17 +593,13 @@ class SnapFit(ContactWorld, TargetWorld):
 # --------------------------------------------------------------------------------------------------
 # A plug in an outlet: a flat plug between two hooks of the socket, pulled, tilted and moved back and forth.
 #
-# Frame: X' points out of the socket, Y' from one hook to the other; `state` is the pose of o', the middle of the
-# plug's inner end, which is at the origin when the plug is fully inserted. The hooks touch at X' = arm. Turned by θ
-# about
-# Z' the plug's faces cross X' = arm at Y' = p_y + (arm − p_x) tan θ ± w_p/(2 cos θ), and each hook is bent by the
-# excess
+# Frame: X' points out of the socket, Y' from one hook to the other; `state` is the pose of o', the middle of the plug's
+# inner end, which is at the origin when the plug is fully inserted. The hooks touch at X' = arm. Turned by θ about Z'
+# the plug's faces cross X' = arm at Y' = p_y + (arm − p_x) tan θ ± w_p/(2 cos θ), and each hook is bent by the excess
 # over half the opening: eqs. (14)–(16) of Bai 2012, with p_x = x₀ + x (tilted at the floor, one corner touches and o'
-# stands x₀ = (w_p/2) sin θ off) and ε_z = −θ. The other sign of ε_z in (16) against y, and against T_Z' in (18),
-# makes a
-# torque that turns a tilted plug further: (16)–(18) hold together, and with energy, only if ε_z counts clockwise
-# about
-# Z'.
+# stands x₀ = (w_p/2) sin θ off) and ε_z = −θ. The other sign of ε_z in (16) against y, and against T_Z' in (18), makes
+# a torque that turns a tilted plug further: (16)–(18) hold together, and with energy, only if ε_z counts clockwise
+# about Z'.
 #
 # Two worlds:
 #

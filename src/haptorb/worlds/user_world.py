@@ -401,11 +401,9 @@ class FileWithRemote:
 # Which world files this account has started by name: a list of digests in its state folder.
 #
 # A recording names the file that its world came from, and that file's digest; but whoever makes the recording makes
-# both.
-# So a recording alone never runs code. Its file runs again only if this account has started exactly that code from
-# that
-# place: the file, the world in it, and every module that it imports from its folder, as they are now. These texts are
-# read once; what was compared is what runs (`WorldFile.load`).
+# both. So a recording alone never runs code. Its file runs again only if this account has started exactly that code
+# from that place: the file, the world in it, and every module that it imports from its folder, as they are now. These
+# texts are read once; what was compared is what runs (`WorldFile.load`).
 
 
 _MOST = 4 << 20  #: bytes of the list
@@ -485,8 +483,7 @@ def _is_own(facts: os.stat_result) -> bool:
 # A world as text, so that a recording can be replayed: package worlds by name and parameters, own code by digest.
 #
 # Such a text is never executed, and neither is code that it names: a file of own code runs again only if this account
-# has started just that code by name (`started_code`). Classes of haptorb are created again with their values; a
-# scene's
+# has started just that code by name (`started_code`). Classes of haptorb are created again with their values; a scene's
 # file is loaded only if it is byte for byte the recorded one.
 
 

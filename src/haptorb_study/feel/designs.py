@@ -33,24 +33,15 @@ __all__ = ["ONLY", "Candidate", "Candidates", "DesignFile", "DesignTable", "load
 # --------------------------------------------------------------------------------------------------
 # A file of candidate designs P: hook sizes, angles, material; checked as a whole, every mistake named.
 #
-# title = "Cover clip"
-# world = "snap_fit"               # or "outlet", or a world of your own: "groove.py:Groove", with its parameters
-# beam = "timoshenko"              # or "paper"
-# force_scale = 1.0                # all torques of the handle times this
+# title = "Cover clip" world = "snap_fit"               # or "outlet", or a world of your own: "groove.py:Groove", with
+# its parameters beam = "timoshenko"              # or "paper" force_scale = 1.0                # all torques of the
+# handle times this
 #
-# [common]                         # what the designs share; a design may say otherwise
-# material = "ABS"
-# friction = 0.3
+# [common]                         # what the designs share; a design may say otherwise material = "ABS" friction = 0.3
 # width = "6 mm"
 #
-# [design.slender]
-# base_length = "15 mm"
-# peak = "18.5 mm"
-# thickness = "1.5 mm"
-# height = "1.5 mm"
-# insertion = "30 deg"
-# retention = "45 deg"
-# top = "flat"                     # a flat top joins the end of the rear face to the peak
+# [design.slender] base_length = "15 mm" peak = "18.5 mm" thickness = "1.5 mm" height = "1.5 mm" insertion = "30 deg"
+# retention = "45 deg" top = "flat"                     # a flat top joins the end of the rear face to the peak
 
 
 Positive = Gt(0)

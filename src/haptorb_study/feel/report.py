@@ -47,10 +47,8 @@ __all__ = [
 # The greatest force that was felt beside the one that was computed, and what makes the difference, in newtons.
 #
 # At the place where it was felt the world is asked again, one condition after another taken away: as it was; straight
-# and
-# in the middle; slid quickly, with all of its friction. What is left to the computed peak is the way that was not
-# gone.
-# The steps add up to the difference exactly.
+# and in the middle; slid quickly, with all of its friction. What is left to the computed peak is the way that was not
+# gone. The steps add up to the difference exactly.
 
 
 AGREE = 0.05  #: share of the computed peak within which the felt one agrees

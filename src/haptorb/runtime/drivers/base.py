@@ -268,8 +268,7 @@ def counts(duties: ArrayLike) -> list[int]:
 # --------------------------------------------------------------------------------------------------
 # From the Hall converter's range to field: linear sensors, three in each place or one that looks along its radius.
 #
-# A DRV5055A2 (assumed) gives half its supply at zero field and 50 mV/mT at 5 V; the converter measures against the
-# same
+# A DRV5055A2 (assumed) gives half its supply at zero field and 50 mV/mT at 5 V; the converter measures against the same
 # supply, so the range 0…1 stands for −50…+50 mT however far the 5 V are off. At 3.3 V it gives 30 mV/mT: −55…+55 mT.
 
 

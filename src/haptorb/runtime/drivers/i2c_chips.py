@@ -356,8 +356,7 @@ class HallSelect:
 # --------------------------------------------------------------------------------------------------
 # The monostable that enables the PWM chip's outputs for 20 ms after each trigger: is it there, and does it work?
 #
-# It is what switches off when this computer stops with all its processes. The wiring is in
-# docs/reference/hardware.md.
+# It is what switches off when this computer stops with all its processes. The wiring is in docs/reference/hardware.md.
 
 
 SHORTEST = 0.012  #: of a pulse, so that it lasts from tick to tick also when one is late [s]

@@ -65,8 +65,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# Frames on the serial line: A5 5A, length, type, sequence, payload, CRC-16, as the firmware's `core/frame.c` has
-# them.
+# Frames on the serial line: A5 5A, length, type, sequence, payload, CRC-16, as the firmware's `core/frame.c` has them.
 #
 # The check sum is CRC-16/CCITT-FALSE over length, type, sequence and payload, low byte first. Writing, finding and
 # checking are compiled: what runs once a millisecond finds the processor's caches full of other data, and the

@@ -124,8 +124,7 @@ class FramedFeed(Feed):
 # Who knows where the tool is: the one interface of every tracker, in two words for the two kinds of device.
 #
 # A simulated device has a simulated hand, and the tracker says where that hand wants the tool (`goal`). A real device
-# has
-# a real tool, and the tracker says where it is (`pose`). Both carry the time at which they were so, and both may be
+# has a real tool, and the tracker says where it is (`pose`). Both carry the time at which they were so, and both may be
 # unknown: no tracker ever invents one.
 
 
@@ -168,10 +167,8 @@ class Tracker(ABC):
 # When a sender on another clock measured what it says: its own times, laid onto this computer's clock.
 #
 # The difference between arrival and the sender's time is the clocks' offset plus the way's delay. The smallest of it
-# over
-# the last seconds is the offset plus the shortest delay, so a pose that came the shortest way is as old as nothing,
-# and
-# one that was held up is as old as it was held up. The shortest delay itself cannot be seen from one end.
+# over the last seconds is the offset plus the shortest delay, so a pose that came the shortest way is as old as
+# nothing, and one that was held up is as old as it was held up. The shortest delay itself cannot be seen from one end.
 
 
 RESTART_SILENCE = 0.25  #: after such a silence the sender may have restarted, with another clock [s]
