@@ -5,6 +5,8 @@ the papers' numbers) uses it, in a fourth call, which gives way to everybody.
 
     run_tests.py [--markers EXPRESSION] [pytest's arguments]
 
+Before the first call, and only if all tests are wanted, two processes compile the kernels and the tests: else every
+process of a call would compile them for itself.
 The last line is pytest's summary of all calls together. The exit code is 0 only if none of them found a failure.
 """
 
@@ -15,6 +17,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -36,6 +39,10 @@ CALLS: tuple[tuple[str, list[str]], ...] = (
     ("realtime and browser", IN_TWOS),
     ("background", IN_TWOS),
 )
+#: what both processors do before the first call; each is a list of programs, one after the other
+COLLECT = [*PYTEST, "--collect-only", "-qq", "-m", CALLS[0][0]]
+COMPILE = [sys.executable, str(Path(__file__).with_name("compile_kernels.py"))]
+PREPARATIONS = ([[*COMPILE, "omni", "planar"]], [COLLECT, [*COMPILE, "pmsm"]])
 NO_TESTS = 5  #: pytest's exit code where nothing was chosen: another call may have had something
 ORDER = ("failed", "passed", "skipped", "xfailed", "xpassed", "warning", "error", "rerun")
 _SUMMARY = re.compile(r"^(?:=+ )?((?:\d+ \w+(?:, )?)+|no tests ran) in [\d.]+s(?: \(.*\))?(?: =+)?$", re.MULTILINE)
@@ -68,6 +75,26 @@ def start_pytest(arguments: list[str]) -> subprocess.Popen[bytes]:
     """One call."""
     command = [*PYTEST, *(["--color=yes"] if sys.stdout.isatty() else []), *arguments]
     return subprocess.Popen(command, stdout=subprocess.PIPE)
+
+
+def prepare() -> None:
+    """Fill the caches of numba and Python. What fails here fails in a test, too, and is reported there."""
+
+    def run(programs: list[list[str]]) -> None:
+        for program in programs:
+            subprocess.run(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
+
+    print("Compiling kernels and tests (half a minute) ...", flush=True)
+    threads = [threading.Thread(target=run, args=[programs]) for programs in PREPARATIONS]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
+def wants_all(words: list[str]) -> bool:
+    """Whether pytest's arguments leave out no test: no path, no choice by name."""
+    return all(word.startswith("--") and not word.startswith(("--lf", "--last", "--deselect")) for word in words)
 
 
 def give_way() -> None:
@@ -112,6 +139,8 @@ def main(words: list[str]) -> int:
     if words[:1] == ["--markers"]:
         markers, words = f" and ({words[1]})", words[2:]
     start = time.monotonic()
+    if wants_all(words):
+        prepare()
     first, *others, last = (["-m", which + markers, *how, *words] for which, how in CALLS)
     outcomes = [show_pytest(start_pytest(first))]
     with run_in_the_background(last) as background:

@@ -15,9 +15,17 @@ PAGES = sorted(
 )
 CODE = re.compile(r"^```python\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
 WITH_CODE = [path for path in PAGES if CODE.search(path.read_text(encoding="utf-8"))]
+#: of the pages that start servos, the one that runs every day: a servo takes two seconds of a processor to start
+DAILY = ROOT / "docs" / "tutorials" / "dome.md"
 
 
-@pytest.mark.parametrize("page", WITH_CODE, ids=lambda path: str(path.relative_to(ROOT)))
+def _mark(page: Path) -> object:
+    starts = any("Servo(" in code for code in CODE.findall(page.read_text(encoding="utf-8")))
+    marks = [pytest.mark.slow] if starts and page != DAILY else []
+    return pytest.param(page, marks=marks, id=str(page.relative_to(ROOT)))
+
+
+@pytest.mark.parametrize("page", map(_mark, WITH_CODE))
 def test_python_in_the_documentation_runs(page: Path, tmp_path: Path, programs: ProgramRunner) -> None:
     """All ```python blocks of a page, one after the other, as one program; ```py blocks are only shown."""
     program = tmp_path / "page.py"

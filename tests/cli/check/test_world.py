@@ -21,7 +21,11 @@ LATE = Setting(1000.0, 240.0, 5e-3)
 
 @pytest.mark.parametrize(
     ("rate", "tracker_rate", "latency", "grip"),
-    [(1000.0, None, 0.0, "light"), (1000.0, 240.0, 5e-3, "firm"), (1000.0, 120.0, 10e-3, "loose")],
+    [
+        pytest.param(1000.0, None, 0.0, "light", marks=pytest.mark.slow),
+        pytest.param(1000.0, 240.0, 5e-3, "firm", marks=pytest.mark.slow),
+        (1000.0, 120.0, 10e-3, "loose"),
+    ],
 )
 def test_the_simulated_boundary_is_within_15_percent(rate, tracker_rate, latency, grip):
     """Of the exact boundary and of the rough condition, for the whole chain with coils, drive, guard and magnets."""

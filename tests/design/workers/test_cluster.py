@@ -128,6 +128,7 @@ def compute_until(
                 end()
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_goes_away_leaves_what_was_computed(design: Design) -> None:
     program = (
         "import distributed, sys\n"
