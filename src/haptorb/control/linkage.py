@@ -17,7 +17,18 @@ import numpy as np
 from numpy import ascontiguousarray
 from numpy.typing import ArrayLike
 
-from haptorb.arrays import Array, Records, StateArray, Stateful, check_finite, choose, fields, make_numbers, record
+from haptorb.arrays import (
+    Array,
+    Records,
+    StateArray,
+    Stateful,
+    check_finite,
+    choose,
+    fields,
+    make_numbers,
+    record,
+    state_zeros,
+)
 from haptorb.compiled import kernel, tick_kernel
 from haptorb.devices.base import Device, State
 from haptorb.errors import InputError, UnknownName, quote
@@ -469,7 +480,7 @@ class ModedLinkage(Linkage):
             raise InputError(f"attitude: λ' must stay within ±{limit:.0f}°; got {math.degrees(turn):.4g}°")
         self._mode: Mode = "translate"
         self._engaged = True
-        self._memory: Records = np.zeros(1, dtype=CLUTCH)  # changed in place by every tick
+        self._memory: Records = state_zeros(1, CLUTCH)  # changed in place by every tick
         self._asked = np.zeros(6)
         self._scale = self._scale_goal = 1.0
         self._numbers = make_numbers("mode", "engaged", "t", "scale", "scale_goal")

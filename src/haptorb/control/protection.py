@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from haptorb.arrays import Array, Record, Records, StateArray, Stateful
+from haptorb.arrays import Array, Record, Records, StateArray, Stateful, state_zeros
 from haptorb.compiled import kernel, tick_kernel
 from haptorb.control import guard
 from haptorb.control.drive import check_currents, choose_duties, lag_of, rest_coils
@@ -154,7 +154,7 @@ class Protection(Stateful):
         self.coils: Records = make_coils(device)
         lag = lag_of(self.coils["resistance"], self.coils["inductance"], dt)
         self.state: Records = make_state(device, dt, arm, lag)
-        self.duties: Array = np.zeros(device.channels)
+        self.duties: Array = state_zeros(device.channels)
         self._guard: Records = self.state["guard"]
         # Read and written in every tick: single numbers go through a memoryview twice as fast.
         self._state: Any = self._guard["state"].data

@@ -35,6 +35,7 @@ from haptorb.arrays import (
     fields,
     make_block,
     make_numbers,
+    state_zeros,
 )
 from haptorb.compiled import kernel
 from haptorb.devices.base import State, WrenchMap, rotation_to_axis
@@ -465,7 +466,7 @@ SENSOR = fields(
 
 def make_tracker(device: SphericalElectromagnet, noise: float, bandwidth: float, lasting: float) -> Records:
     """(1,) TRACKER for `device`, whose readings have `noise` and `lasting` errors [T]: no tool was seen yet."""
-    made = np.zeros(1, dtype=TRACKER)
+    made = state_zeros(1, TRACKER)
     made["noise"], made["bandwidth"], made["share"] = noise, bandwidth, 1.0
     made["nearest"] = device.contact_distance - _REACH
     made["furthest"] = device.contact_distance + device.shell_thickness + _REACH
@@ -486,7 +487,7 @@ def make_tracker(device: SphericalElectromagnet, noise: float, bandwidth: float,
 
 def make_sensors(device: SphericalElectromagnet, offsets: Array) -> Records:
     """(k,) SENSOR for `device` with `offsets` (k, 3) [T]: nothing was read yet."""
-    made = np.zeros(device.sensors, dtype=SENSOR)
+    made = state_zeros(device.sensors, SENSOR)
     correction = device.hall.correction
     made["used"], made["per_moment"] = _find_used(device), moment_field(device)
     made["offset"], made["gain"] = offsets, np.eye(3) if correction is None else correction.gain
@@ -544,7 +545,8 @@ class CurrentHistory(Stateful):
     """
 
     def __init__(self, channels: int, sensors: int) -> None:
-        self._times, self._values = np.full(_LENGTH, -math.inf), np.zeros((_LENGTH, channels))
+        self._times, self._values = state_zeros(_LENGTH), state_zeros((_LENGTH, channels))
+        self._times[:] = -math.inf
         self._nothing: Array = np.full((sensors, 3), np.nan)
         self._waiting, self._waiting_since = self._nothing, -math.inf
         self.field, self.taken = self._nothing, -math.inf
@@ -680,7 +682,8 @@ class HallTracker(Estimator):
             lasting = correction.uncertainty
         self._tracker = make_tracker(device, self.noise, self.bandwidth, lasting)
         self._sensors = make_sensors(device, zero)
-        self._lagged = np.full(device.channels, np.nan)  # currents through the core's lag
+        self._lagged = state_zeros(device.channels)  # currents through the core's lag
+        self._lagged[:] = np.nan
         self._fields *= np.repeat(self._sensors["used"], 3)
         self._filter = self._tracker["filter"]
         self._moment_noise: Array = self._tracker["moment_noise"][0]

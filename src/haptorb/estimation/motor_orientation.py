@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptorb.arrays import Array, Record, Records, StateArray, Stateful, fields, make_numbers, rotation
+from haptorb.arrays import Array, Record, Records, StateArray, Stateful, fields, make_numbers, rotation, state_zeros
 from haptorb.compiled import kernel, pack, part, tick_kernel
 from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.motor import SphericalMotor
@@ -433,7 +433,7 @@ class ColdStart(Stateful):
 
     def __init__(self, motor: SphericalMotor, model: Array, noise: float) -> None:
         self._model = model
-        self._slopes, self._fit = np.zeros((motor.sensors, 3, 3)), np.zeros(1, FIT)
+        self._slopes, self._fit = state_zeros((motor.sensors, 3, 3)), state_zeros(1, FIT)
         self._fit["noise"], self._fit["taken"] = noise, np.nan
         reach = motor.workspace_tilt + _BEYOND
         tilts = np.linspace(-reach, reach, 2 * int(np.ceil(reach / _STEP)) + 1)
@@ -549,7 +549,7 @@ class LeastSquaresOrientation(Estimator):
         self._model = field_model(motor)
         noise = float(np.hypot(max(motor.hall.noise, 1e-6), motor.hall.step / np.sqrt(12)))
         self._cold = ColdStart(motor, self._model, noise)
-        self._track: Records = np.zeros(1, TRACK)
+        self._track: Records = state_zeros(1, TRACK)
         self._track["limit"], self._track["memory"] = self._cold.limit, 0.5 * lag
         self._fit = self._track["fit"]
         self._fit["noise"], self._fit["taken"] = noise, np.nan
@@ -560,11 +560,11 @@ class LeastSquaresOrientation(Estimator):
         self._near = np.eye(3) if start is None else rotation(start, "start")
         if self._near.shape != (3, 3):
             raise InputError(f"start must be one rotation, shape (3, 3); got {self._near.shape}")
-        self.field = np.zeros((motor.sensors, 3))
-        self.usable = np.zeros(motor.sensors)
-        self.trusted = np.zeros(motor.sensors)
-        self._slopes, self._rest = np.zeros((motor.sensors, 3, 3)), np.zeros(3)
-        self._kept, self._kept_near = KeptEstimate(motor.channels), np.zeros((3, 3))
+        self.field = state_zeros((motor.sensors, 3))
+        self.usable = state_zeros(motor.sensors)
+        self.trusted = state_zeros(motor.sensors)
+        self._slopes, self._rest = state_zeros((motor.sensors, 3, 3)), np.zeros(3)
+        self._kept, self._kept_near = KeptEstimate(motor.channels), state_zeros((3, 3))
         self._numbers = make_numbers("found", "t")
         self._forget(self._near)
         self._rehearse()

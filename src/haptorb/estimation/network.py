@@ -19,7 +19,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 from numpy.typing import NDArray
 
-from haptorb.arrays import Array, StateArray, Stateful, check_finite, make_numbers
+from haptorb.arrays import Array, StateArray, Stateful, check_finite, make_numbers, state_zeros
 from haptorb.cache_folder import cache_folder
 from haptorb.compiled import kernel
 from haptorb.devices.base import State, WrenchMap
@@ -504,10 +504,10 @@ class FieldToTorque(Estimator):
         edge = motor.workspace_tilt + _EDGE
         self._sine, self._tangent = float(np.sin(edge)), float(np.tan(edge))
         self._groups = np.ascontiguousarray(motor.groups, dtype=np.float64)
-        self._field = np.zeros((motor.sensors, 3))
-        self._usable = np.zeros(motor.sensors)
+        self._field = state_zeros((motor.sensors, 3))
+        self._usable = state_zeros(motor.sensors)
         coils = len(motor.electromagnets)
-        self._single, self._known = np.zeros((3, coils)), np.zeros(coils)
+        self._single, self._known = state_zeros((3, coils)), state_zeros(coils)
         self._enough = max(3, motor.channels // 2)
         self._t, self._numbers = -np.inf, make_numbers("t")
         self._turn, self._turning = np.full((3, 3), np.nan), np.full(3, np.nan)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from haptorb.arrays import Array
+from haptorb.arrays import Array, one_block
 from haptorb.control.allocation import Allocator, WrenchChoice
 from haptorb.control.linkage import Gains, Linkage
 from haptorb.devices.base import Device
@@ -205,8 +205,9 @@ def make_tick(
     believed = device if calibration is None else calibration.apply(electromagnet(device, "a calibration"))
     offsets = None if calibration is None else calibration.offsets
     known = estimator if learned and estimator else check_estimator(device, estimator)
-    return Tick(
-        believed, world, driver,
-        estimator_of(believed, known, model, offsets, in_turns=in_turns, learned=learned),
-        allocator_of(device), 1.0 / rate, linkage_of(device, gains), choice=choice_of(device, render, torque_arm),
-    )  # fmt: skip
+    with one_block():
+        return Tick(
+            believed, world, driver,
+            estimator_of(believed, known, model, offsets, in_turns=in_turns, learned=learned),
+            allocator_of(device), 1.0 / rate, linkage_of(device, gains), choice=choice_of(device, render, torque_arm),
+        )  # fmt: skip

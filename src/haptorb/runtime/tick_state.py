@@ -23,6 +23,7 @@ __all__ = ["STATE_TYPES", "TickState", "load_state", "save_state"]
 
 STATE_TYPES: Final = ("<f8", "<i8", "|b1")  #: of the arrays of a state
 _ALIGNED: Final = 8  #: bytes
+_APART: Final = 512  #: bytes between two arrays of a block that are copied along: cheaper than to copy them apart
 _REMEMBERED: Final = 512  #: wrenches in the passivity control's ring of recordings of before it softened worlds
 
 
@@ -38,39 +39,42 @@ class TickState:
     def __init__(self, tick: Tick) -> None:
         owners = dict(_walk("tick", tick))
         self._gather = [one.gather_state for one in owners.values() if _overrides(one)]
-        self._arrays: list[NDArray[np.uint8]] = []
-        self._starts: list[int] = []
-        leaves, self.size = [], 0
-        for prefix, owner in owners.items():
-            for name, array in owner.state_arrays().items():
-                self._add(array)
-                for leaf, view in _leaves(f"{prefix}/{name}", array):
-                    first = self.size + view.__array_interface__["data"][0] - array.__array_interface__["data"][0]
-                    stride = view.strides[0] if view.ndim and view.size else 0
-                    leaves.append([leaf, view.dtype.str, list(view.shape), first, stride])
-                self.size += -(-array.nbytes // _ALIGNED) * _ALIGNED
-        self.layout = json.dumps(leaves)
+        named = [
+            (f"{prefix}/{name}", array)
+            for prefix, owner in owners.items()
+            for name, array in owner.state_arrays().items()
+        ]
+        self._pieces = _join([array for _, array in named])
+        sizes = [-(-len(piece) // _ALIGNED) * _ALIGNED for piece in self._pieces]
+        self._starts = [sum(sizes[:n]) for n in range(len(sizes))]
+        self.size = sum(sizes)
+        self.layout = json.dumps(
+            [
+                [
+                    leaf,
+                    view.dtype.str,
+                    list(view.shape),
+                    self._find(view),
+                    view.strides[0] if view.ndim and view.size else 0,
+                ]
+                for name, array in named
+                for leaf, view in _leaves(name, array)
+            ]
+        )
 
-    def _add(self, array: StateArray) -> None:
-        """Copy `array` to the end of a snapshot; together with the one before, where both lie in one block."""
-        bytes_ = array.reshape(-1).view(np.uint8)
-        if self._arrays and self._arrays[-1].base is not None and self._arrays[-1].base is bytes_.base:
-            before, start, block = self._arrays[-1], self._starts[-1], bytes_.base
-            first, here = (one.__array_interface__["data"][0] for one in (before, bytes_))
-            if here == first + len(before) and self.size == start + len(before):
-                at = first - block.__array_interface__["data"][0]
-                whole = block.view(np.uint8).reshape(-1)
-                self._arrays[-1] = whole[at : at + len(before) + len(bytes_)]
-                return
-        self._arrays.append(bytes_)
-        self._starts.append(self.size)
+    def _find(self, array: StateArray) -> int:
+        """The byte of a snapshot at which `array` begins."""
+        at = _address(array)
+        for piece, start in zip(self._pieces, self._starts, strict=True):
+            if 0 <= at - _address(piece) < len(piece):
+                return start + at - _address(piece)
+        return 0  # it is empty
 
     def find_places(self, memory: NDArray[np.uint8]) -> list[tuple[memoryview, memoryview]]:
-        """For `copy_to`: where in `memory` (size,) [1] each array goes."""
+        """For `copy_to`: where in `memory` (size,) [1] each piece goes."""
         return [
-            (memory[start : start + len(array)].data, array.data)
-            for start, array in zip(self._starts, self._arrays, strict=True)
-            if len(array)
+            (memory[start : start + len(piece)].data, piece.data)
+            for start, piece in zip(self._starts, self._pieces, strict=True)
         ]
 
     def copy_to(self, places: list[tuple[memoryview, memoryview]]) -> None:
@@ -79,6 +83,35 @@ class TickState:
             gather()
         for there, here in places:
             there[:] = here
+
+
+def _join(arrays: list[StateArray]) -> list[NDArray[np.uint8]]:
+    """The bytes of all `arrays` in as few pieces as possible: one for all that lie in the same block, side by side."""
+    pieces = list[NDArray[np.uint8]]()
+    for array in sorted((one for one in arrays if one.nbytes), key=_address):
+        bytes_ = array.reshape(-1).view(np.uint8)
+        if not np.shares_memory(bytes_, array):
+            raise TypeError("a state's arrays must be contiguous")
+        first, last, block = _address(array), _address(array) + array.nbytes, _owner(array)
+        if pieces and _owner(pieces[-1]) is block and block.flags.c_contiguous:
+            before = _address(pieces[-1])
+            if first - before - len(pieces[-1]) <= _APART:
+                at = before - _address(block)
+                pieces[-1] = block.reshape(-1).view(np.uint8)[at : at + max(last - before, len(pieces[-1]))]
+                continue
+        pieces.append(bytes_)
+    return pieces
+
+
+def _address(array: StateArray) -> int:
+    return int(array.__array_interface__["data"][0])
+
+
+def _owner(array: StateArray) -> StateArray:
+    """The array whose memory `array` is a part of, or it itself."""
+    while isinstance(array.base, np.ndarray):
+        array = array.base
+    return array
 
 
 def save_state(tick: Tick) -> dict[str, StateArray]:

@@ -20,8 +20,9 @@ from haptorb.runtime.assembly import default_world, estimators_of, make_tick
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.shared_memory import split_snapshot
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.tick_state import load_state, save_state
+from haptorb.runtime.tick_state import TickState, load_state, save_state
 from haptorb.worlds import RollingBall, World, find_world
 from runtime.tick.memory_differences import list_differences
 
@@ -190,3 +191,25 @@ def test_a_state_of_an_older_version_goes_on_to_the_bit() -> None:
     go_on(device, world, "tracker", False, rows[:99], states[60], 60)
     go_on(device, world, "tracker", False, rows, states[650], 650)
     assert np.abs(rows[650:, tick.layout["energy"]]).max() > 0.0
+
+
+@pytest.mark.parametrize(("name", "estimator", "turns"), CASES)
+def test_a_snapshot_is_one_copy(name: str, estimator: str, turns: bool) -> None:
+    """All that a chain remembers lies in one block, whoever owns it; 17 copies of parts took three times as long."""
+    device, world = load(name), find_world(default_world(load(name)))()
+    if estimator == "memory":
+        estimator, world = "tracker", RollingBall()
+    driver = SimDriver.of(device, 1e-3, None, 3)
+    tick = make_tick(device, world, driver, 1000.0, None, estimator=estimator, in_turns=turns)
+    state = TickState(tick)
+    memory = np.full(state.size, 255, dtype=np.uint8)
+    ((there, here),) = state.find_places(memory)
+    assert len(there) == len(here) == state.size
+    row = tick.layout.empty()
+    with driver:
+        for number in range(30):
+            tick.step(row, 1e-3 * number)
+    state.copy_to([(there, here)])
+    arrays = split_snapshot(state.layout, memory)
+    for owner, prefix in ((tick.protection, "tick/protection/duties"), (tick, "tick/rendered")):
+        assert arrays[prefix].tobytes() == owner.state_arrays()[prefix.rpartition("/")[2]].tobytes()
