@@ -39,6 +39,7 @@ from haptorb_study.database import (
 from haptorb_study.halt import StopCount, StopSwitch
 from haptorb_study.order import plan, procedure_of
 from haptorb_study.procedures import Answer, Procedure, Prompt, read_value
+from haptorb_study.stored_rows import LONGEST_PLAN
 from haptorb_study.study_file import Question, Study
 
 if TYPE_CHECKING:
@@ -266,13 +267,19 @@ class StoredSession:
             ).scalar()
             ordinal = 1 + max(-1 if newest is None else int(newest), *left.values(), -1)
             drawn = plan(study, ordinal)
+            written = json.dumps(drawn)
+            if len(written) > LONGEST_PLAN:
+                raise InputError(
+                    f"study '{study.name}': the plan of one session is longer than {LONGEST_PLAN // 2**20} MiB, some "
+                    "250,000 trials: reduce the repetitions, set-points or conditions"
+                )
             new = participants.insert().values(study=study.digest, code=self.code, ordinal=ordinal)
             person = connection.execute(new).inserted_primary_key
             assert person is not None
             made = connection.execute(
                 sessions.insert().values(
                     participant=person[0],
-                    plan=json.dumps(drawn),
+                    plan=written,
                     simulated=self.simulated,
                     started=utc_now(),
                     versions=json.dumps({"haptorb": __version__, "plan": study.plan.digest if study.plan else ""}),

@@ -17,11 +17,12 @@ from haptorb.errors import RecordingError, quote
 from haptorb.files import parse_json
 from haptorb_study.procedures import Prompt
 
-__all__ = ["check_rows"]
+__all__ = ["LONGEST_PLAN", "check_rows"]
 
 Check = Callable[[Any], bool]
 
 _LONG = 256 * 1024  #: characters of a text
+LONGEST_PLAN = 64 * 1024 * 1024  #: characters of a session's plan, some 240 for each trial
 _LARGE = 1e15  #: of any number
 _PROMPT = {field.name: field.default for field in fields(Prompt)}
 
@@ -54,6 +55,10 @@ def _is_object(value: Any) -> bool:
     return isinstance(_read(value), Mapping)
 
 
+def _is_plan(value: Any) -> bool:
+    return isinstance(value, str) and isinstance(_read(value, LONGEST_PLAN), Mapping)
+
+
 def _is_prompt(value: Any) -> bool:
     found = _read(value)
     if not isinstance(found, Mapping):
@@ -82,9 +87,9 @@ def _or_nothing(check: Check) -> Check:
     return lambda value: value is None or check(value)
 
 
-def _read(value: Any) -> Any:
+def _read(value: Any, most: int = _LONG) -> Any:
     try:
-        return parse_json(value) if _is_text(value) else None
+        return parse_json(value) if isinstance(value, str) and len(value) <= most and "\0" not in value else None
     except ValueError:
         return None
 
@@ -94,7 +99,7 @@ _RULES: Mapping[str, Mapping[str, tuple[str, Check]]] = {
     "studies": {"name": ("a name", _is_word), "text": ("a study file", _is_text)},
     "participants": {"code": ("a code", _is_word), "ordinal": ("a whole number from 0", _is_count)},
     "sessions": {
-        "plan": ("a plan (JSON)", _is_object),
+        "plan": ("a plan (JSON)", _is_plan),
         "simulated": ("0 or 1", _is_flag),
         "aborted": ("0 or 1", _is_flag),
         "started": ("a time", _is_word),

@@ -233,8 +233,11 @@ class TerminalSession:
 
     def _handle_key(self, key: str) -> None:
         runner = self._runner
-        if self._abort:
+        if key in ("escape", "space") and not self.writing:
             self._abort = False
+            runner.pause("at the terminal")
+        elif self._abort and key != END:
+            self._abort = key not in ("y", "n", "enter")  # any other key is part of a text: none of it is an answer
             if key == "y":
                 runner.abort("by the experimenter, at the terminal")
         elif key == "escape":
@@ -245,8 +248,6 @@ class TerminalSession:
             runner.leave()
         elif key == "A":
             self._abort, self._typed = True, ""
-        elif key == "space":
-            runner.pause("at the terminal")
         elif key == "e" and runner.state == "paused":
             runner.resume(self._keys.asked)
             self._message = ""
@@ -264,7 +265,7 @@ class TerminalSession:
             trial_device.steer(*_STEER[key])
         elif key == "tab" and runner.prompt is not None and runner.prompt.interval:
             runner.interval(3 - runner.which)
-        elif key == "e" and (not self._typed or runner.state == "device off"):
+        elif key == "e" and runner.state == "device off":
             runner.engage(self._keys.asked)
             self._message = ""
         elif key == "r" and not self._typed:
@@ -368,11 +369,7 @@ class Screen:
             parts += [Text(task, style="bold"), self._map()]
             if prompt.wants_number:
                 parts.append(Text.assemble("answer: ", (view.typed or "_", "bold reverse")))
-            notice = (
-                "abort the session permanently? y aborts, any other key continues"
-                if view.state == "abort?"
-                else view.message
-            )
+            notice = "abort the session permanently? y aborts, n continues" if view.state == "abort?" else view.message
             if notice:
                 parts.append(Text(notice, style="bold yellow"))
         steer = "arrow keys move the pen · " if trial_device.steered else ""

@@ -500,18 +500,16 @@ HELP = (
 
 def execute_line(live: LiveSession, line: str) -> None:
     """Do what `line` says. Raises InputError for what cannot be."""
-    word = next(iter(line.split()), "")
-    rest = line.strip()[len(word) :].strip()
-    command = word.lower()
-    if rest and command != "person":
-        raise InputError(f"{quote(line.strip())} is neither a score nor a command; nothing was stored. {HELP}")
-    match command:
+    line = line.removesuffix("\r")
+    person = re.fullmatch("person(?: (.*))?", line, re.IGNORECASE | re.DOTALL)
+    if person is not None:  # as it was typed: another spelling of a code is refused, not changed
+        live.set_person(person[1] or "")
+        return
+    match line.strip().lower() if line.strip().isalpha() else line:
         case "":
             live.feel_next()
         case "a" | "b" as slot:
             live.feel_slot(slot)
-        case "person":
-            live.set_person(rest)
         case "hide" | "show" as wish:
             live.set_blind(wish == "hide")
         case "end":
@@ -519,7 +517,7 @@ def execute_line(live: LiveSession, line: str) -> None:
         case number if re.fullmatch("0|-?[1-9][0-9]{0,8}", number):
             live.rate(int(number))
         case _:
-            raise InputError(f"{quote(line.strip())} is neither a score nor a command; nothing was stored. {HELP}")
+            raise InputError(f"{quote(line)} is neither a score nor a command; nothing was stored. {HELP}")
 
 
 def read_lines(live: LiveSession, lines: Iterator[str], tell: Callable[[str], None]) -> None:

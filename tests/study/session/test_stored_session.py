@@ -380,3 +380,13 @@ def test_the_error_of_an_identification_is_that_of_the_place_named(identify: Stu
     assert columns["distance_mm"][~right] == pytest.approx([50 * np.linalg.norm(ways[a] - ways[b]) for a, b in pairs])
     ways_asked = np.array([ways[n] for n in columns["set_point"]])
     assert columns["pen_distance_mm"] == pytest.approx(1e3 * np.linalg.norm(far - 0.05 * ways_asked, axis=1))
+
+
+def test_a_session_of_a_thousand_trials_and_more_can_be_read_again(tmp_path: Path) -> None:
+    study = study_of('name = "long"\n[trials]\nrepetitions = 60\n')  # 1500 trials
+    engine = database(tmp_path / "s.db")
+    with StoredSession(engine, study, "P01") as session:
+        session.answer(Answer(1, HERE, 1.0))
+    engine.dispose()
+    with StoredSession(database(tmp_path / "s.db", make=False), study, "P01") as session:
+        assert session.number == 1
