@@ -2,6 +2,8 @@
 
     python benchmarks/safety/study_kill.py [--kills 200] [--json]
 
+Exit code 1 if anything is lost, doubled or asked twice.
+
 Every time another process goes on with the rehearsal where the database says it stood: staircases in three conditions
 side by side, with practice and breaks, so that it must come to the same difference of the same track. It also answers a
 question in words before the trials and one after them, and stops every fifth trial. It tells every answer only
@@ -186,6 +188,8 @@ def main() -> None:
             f"lost, {found['doubled']} doubled; next trial asked after {found['resume_s_median']:.2f} s (at most "
             f"{found['resume_s_max']:.2f} s)"
         )
+    if found["lost"] or found["doubled"]:
+        sys.exit(1)
 
 
 if __name__ == "__main__":

@@ -15,8 +15,11 @@ from typing import Any
 
 import pytest
 
+import haptorb_study.feel
 from haptorb.web.console import Console
 from haptorb_study.database import database
+from haptorb_study.feel import FeelSession, load_designs
+from haptorb_study.feel.live_session import DesignPanel, LiveSession
 from haptorb_study.pages import SessionManager, StudyServer
 from haptorb_study.study_file import study_of
 from typed_texts import TEXTS
@@ -32,6 +35,7 @@ FakeServo: Any = _MODULE.FakeServo
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
+EXAMPLE = Path(haptorb_study.feel.__file__).with_name("example.toml")
 MAGNITUDE = """
 name = "typed"
 procedure = "magnitude"
@@ -218,3 +222,34 @@ def test_a_parameter_of_the_console(browser: Any, fake: Any, painting: Any, kit:
         assert used > 0
         assert not screen.troubles
         screen.page.close()
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("everything", AMOUNTS)
+def test_the_person_of_a_feel_session(
+    browser: Any, fake: Any, painting: Any, kit: Any, tmp_path: Path, everything: bool
+) -> None:
+    session = FeelSession(tmp_path / "s", load_designs(EXAMPLE))
+    live = LiveSession(session, list(session.candidates.designs), person="P0", seed=1)
+    with Console(fake, 0, force_map=painting, designs=DesignPanel(live)) as console, kit.serve(console):
+        screen = kit.Screen(browser.new_page(viewport=kit.DESK), console.url)
+        page, used = screen.page, 0
+        screen.until("haptorb.control")
+        for typed in (*texts(everything), "b7"):
+            before = live.person
+            live.rate(3)  # belongs to whoever is named now
+            page.evaluate("document.getElementById('mistake').hidden = true")
+            page.fill("#feel-person", "")
+            page.focus("#feel-person")
+            page.keyboard.insert_text(typed)
+            page.keyboard.press("Enter")
+            end = time.monotonic() + 20
+            while live.person != typed and not page.locator("#mistake").is_visible():
+                assert time.monotonic() < end, typed
+                page.wait_for_timeout(5)
+            assert live.person in (typed, before)
+            used += live.person != before
+            assert session.ratings()[-1].person == before
+        assert used > 0
+        assert not screen.troubles
+        page.close()
