@@ -793,6 +793,10 @@ def _to_json(value: float) -> float | None:
 
 
 _TYPICAL_LAPSE, _LAPSE_SPREAD = 0.02, 1.0  #: of the group's mean lapse rate: median, standard deviation of its log
+#: mean lapse rates of groups, equally probable up to the last, over which the slope's interval is taken; and shapes a
+#: of their distributions Beta(a, a/m − a): many near zero, or people who are alike
+_MEAN_LAPSES = np.array([0.005, 0.02, 0.04, 0.065, 0.09, 0.12])
+_LAPSE_MODELS = [(float(mean), shape) for shape in (1.0, 20.0) for mean in _MEAN_LAPSES]
 _HIERARCHICAL_CUT = 1.9207  #: half of the 95 % quantile of χ² with one degree of freedom
 _SHALLOW = 2.0  #: of the levels' range: spreads that may be greater are averaged as slopes
 _PASSES = 6
@@ -867,7 +871,11 @@ def _average_slopes(answered: LevelCounts) -> Population:
     error = np.sqrt(scores.var(axis=0, ddof=1) / people)
     # By chance as much as the likelihood is curved, with the normal quantile, where people differ less than by chance.
     expected = np.sqrt(np.maximum(-np.gradient(scores.mean(axis=0), slopes), 1e-12) / people)
-    told = np.abs(scores.mean(axis=0)) > _halve(error, expected, people)
+    above = _tail(scores.mean(axis=0), error, expected, people)
+    # With another mean lapse rate the same (1 − 2λ) b belongs to another b.
+    same = (1 - 2 * _MEAN_LAPSES[:, None]) / (1 - 2 * _TYPICAL_LAPSE) * slopes
+    above = _share_lapses() @ np.array([np.interp(row, slopes, above) for row in same])
+    told = (above < 0.025) | (above > 0.975)
     first, last = at, at
     while first > 0 and not told[first - 1]:
         first -= 1
@@ -957,16 +965,85 @@ def fit_population(grid: PsychometricGrid) -> Population:
         if (np.abs(at - before[0]) < 0.03 * size).all() and abs(t - before[1]) + abs(u - before[2]) < 0.02 * (t + u):
             break
     inverse = np.linalg.inv(information)
-    # Slope and lapse rate come from the same answers, in the tails: the people's scores are fitted twice there.
-    free = np.array([people - 1, max(people - 2, 1), people - 1])
-    error = np.sqrt(np.diag(inverse @ (scores.T @ scores) @ inverse) * people / free)
-    half = _halve(error, np.sqrt(np.diag(inverse)), people)
+    error = np.sqrt(np.diag(inverse @ (scores.T @ scores) @ inverse) * people / (people - 1))
+    half = _halve(error, np.sqrt(np.diag(inverse)), people)[0]
     return Population(
         people,
-        NormalEffect(float(at[0]), (float(at[0] - half[0]), float(at[0] + half[0])), t, t_95),
-        NormalEffect(float(at[1]), (float(at[1] - half[1]), float(at[1] + half[1])), u, u_95),
+        NormalEffect(float(at[0]), (float(at[0] - half), float(at[0] + half)), t, t_95),
+        NormalEffect(*_bound_log_spread(likelihoods, (x, y), at, (t, u)), u, u_95),
         float(np.exp(at[2])),
     )  # fmt: skip
+
+
+def _bound_log_spread(
+    likelihoods: Array, axes: tuple[Array, Array], at: Array, sds: tuple[float, float]
+) -> tuple[float, tuple[float, float]]:
+    """S and its 95 % interval: Student's with each distribution of lapse rates, weighted by how likely it is."""
+    from scipy.optimize import brentq
+
+    people, found, logs = len(likelihoods), [], []
+    place = at[:2].copy()
+    for mean, shape in _LAPSE_MODELS:
+        known = likelihoods @ _weigh_lapses(np.log(mean), shape)
+        for _ in range(2):
+            scores, information, _ = _place_scores(known, axes, place, sds)
+            place = place + _limit_step(np.append(np.linalg.solve(information, scores.sum(axis=0)), 0.0), *axes)[:2]
+        scores, information, value = _place_scores(known, axes, place, sds)
+        inverse = np.linalg.inv(information)
+        free = max(people - 2, 1)  # slope and lapse rate come from the same answers, in the tails
+        error = np.sqrt((inverse @ (scores.T @ scores) @ inverse)[1, 1] * people / free)
+        found.append((place[1], error, np.sqrt(inverse[1, 1])))
+        logs.append(value)
+    means, errors, expected = np.array(found).T
+    weights = np.exp(np.array(logs) - max(logs)) * np.tile(_share_lapses(), 2)
+    weights /= weights.sum()
+
+    def share_below(place: float, share: float) -> float:
+        return float(weights @ _tail(means - place, errors, expected, people)) - share
+
+    far = 200 * float(np.maximum(errors, expected).max())
+    low, high = (float(brentq(share_below, means.min() - far, means.max() + far, (share,))) for share in (0.025, 0.975))
+    return float(weights @ means), (low, high)
+
+
+def _share_lapses() -> Array:
+    """(6,) weights of the mean lapse rates, each that of the rates nearest to it."""
+    edges = np.concatenate([[0.0], (_MEAN_LAPSES[1:] + _MEAN_LAPSES[:-1]) / 2, _MEAN_LAPSES[-1:]])
+    found: Array = np.diff(edges) / edges[-1]
+    return found
+
+
+def _place_scores(
+    known: Array, axes: tuple[Array, Array], at: Array, sds: tuple[float, float]
+) -> tuple[Array, Array, float]:
+    """As `_joint_scores` by (M, S) alone, of likelihoods (people, m, s) whose lapse rates are integrated over."""
+    bases, least = [], []
+    for values, mean, sd in zip(axes, at, sds, strict=True):
+        least.append(_least_sd(values, sd))
+        w, a = _weigh(values, mean, sd), (values - mean) / least[-1] ** 2
+        bases.append(np.stack([w, w * a, w * a**2], axis=1))
+    moments = np.einsum("pmb,ma->pab", known @ bases[1], bases[0], optimize=True)
+    value = float(np.log(moments[:, 0, 0]).sum())
+    moments /= moments[:, :1, :1]
+    score = np.stack([moments[:, 1, 0], moments[:, 0, 1]], axis=1)
+    both = moments[:, 1, 1]
+    square = np.stack([np.stack([moments[:, 2, 0], both], axis=1), np.stack([both, moments[:, 0, 2]], axis=1)], axis=1)
+    curved = np.diag(len(known) / np.array(least) ** 2)
+    information = curved - (square - score[:, :, None] * score[:, None, :]).sum(axis=0)
+    size = np.linalg.eigvalsh(information)
+    if size[0] <= 1e-6 * size[-1]:
+        information = score.T @ score + np.diag(np.diag(np.abs(information))) * 0.1
+    return score, information, value
+
+
+def _tail(away: Array, error: Array, expected: Array, people: int) -> Array:
+    """Probability of more than `away`, by the standard errors and quantiles of `_halve`."""
+    from scipy.special import ndtr, stdtr
+
+    alike = _halve(error, expected, people) == 1.96 * expected
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found: Array = np.where(alike, ndtr(-away / expected), stdtr(people - 1, -away / error))
+    return found
 
 
 def _halve(error: Array, expected: Array, people: int) -> Array:
@@ -1062,9 +1139,14 @@ def _least_sd(values: Array, sd: float) -> float:
     return max(sd, float(values[1] - values[0]))
 
 
-def _weigh_lapses(log_mean: float) -> Array:
-    """(9,) probabilities of the lapse rates' cells under Beta(1, 1/m − 1), m = exp(log_mean)."""
-    cells = np.diff(1 - (1 - LAPSE_EDGES) ** (np.exp(-log_mean) - 1))
+def _weigh_lapses(log_mean: float, shape: float = 1.0) -> Array:
+    """(9,) probabilities of the lapse rates' cells under Beta(a, a/m − a), m = exp(log_mean), a = `shape`."""
+    from scipy.special import betainc
+
+    if shape == 1.0:
+        cells = np.diff(1 - (1 - LAPSE_EDGES) ** (np.exp(-log_mean) - 1))
+    else:
+        cells = np.diff(betainc(shape, shape * (np.exp(-log_mean) - 1), LAPSE_EDGES))
     found: Array = np.maximum(cells, 1e-300) / cells.sum()
     return found
 

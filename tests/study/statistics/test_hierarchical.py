@@ -11,7 +11,14 @@ from scipy.special import ndtr
 from scipy.stats import beta, norm, t
 
 from haptorb.errors import InputError
-from haptorb_study.psychometric import LevelCounts, PsychometricGrid, fit_normal_effect, fit_population
+from haptorb_study.psychometric import (
+    LevelCounts,
+    PsychometricGrid,
+    SlopeLikelihood,
+    fit_group,
+    fit_normal_effect,
+    fit_population,
+)
 
 X = np.linspace(0.6, 1.4, 9)
 
@@ -57,19 +64,28 @@ def test_the_group_maximises_the_integral_over_its_people() -> None:
     )
     likelihoods = np.exp(logs - logs.max(axis=(1, 2, 3), keepdims=True))
 
-    def fall(v: Any) -> float:
+    def fall(v: Any, three: Any) -> float:
         one = norm.pdf(x, v[0], max(found.threshold.sd, 0.01))
         two = norm.pdf(y, v[1], max(found.log_spread.sd, 0.05))
-        three = beta.pdf(lapse, 1, np.exp(-v[2]) - 1)
-        joint = ((likelihoods @ (three / three.sum())) @ (two / two.sum())) @ (one / one.sum())
-        return float(-np.log(joint).sum() + (v[2] - np.log(0.02)) ** 2 / 2)
+        return float(-np.log(((likelihoods @ (three / three.sum())) @ (two / two.sum())) @ (one / one.sum())).sum())
 
-    best = minimize(
-        fall, [1.0, np.log(0.12), np.log(0.02)], method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-5}
-    )
+    def fall_with_lapses(v: Any) -> float:
+        return fall(v, beta.pdf(lapse, 1, np.exp(-v[2]) - 1)) + float(v[2] - np.log(0.02)) ** 2 / 2
+
+    options = {"xatol": 1e-4, "fatol": 1e-5}
+    best = minimize(fall_with_lapses, [1.0, np.log(0.12), np.log(0.02)], method="Nelder-Mead", options=options)
+    # The log spread is the mean over distributions of lapse rates, by how likely each is at its own maximum.
+    means = np.array([0.005, 0.02, 0.04, 0.065, 0.09, 0.12])
+    edges = np.array([0.0, *(means[1:] + means[:-1]) / 2, 0.12])
+    ends = [
+        minimize(fall, best.x[:2], (beta.pdf(lapse, a, a / m - a),), method="Nelder-Mead", options=options)
+        for a in (1.0, 20.0) for m in means
+    ]  # fmt: skip
+    weights = np.exp(min(one.fun for one in ends) - np.array([one.fun for one in ends])) * np.tile(np.diff(edges), 2)
+    log_spread = float(weights @ np.array([one.x[1] for one in ends]) / weights.sum())
     half = (found.threshold.mean_95[1] - found.threshold.mean, found.log_spread.mean_95[1] - found.log_spread.mean)
     assert found.threshold.mean == pytest.approx(best.x[0], abs=0.03 * half[0])
-    assert found.log_spread.mean == pytest.approx(best.x[1], abs=0.06 * half[1])
+    assert found.log_spread.mean == pytest.approx(log_spread, abs=0.06 * half[1])
     assert np.log(found.lapse) == pytest.approx(best.x[2], abs=0.25)
 
 
@@ -116,3 +132,16 @@ def test_a_lattice_of_thresholds_does_not_draw_the_mean_towards_its_points() -> 
     for shift in (0.03, 0.07, 0.11):
         found = fit_normal_effect(values, norm.pdf(values, np.array([[-0.2], [0.0], [0.1], [0.1]]) + shift, 0.4))
         assert found.mean == pytest.approx(shift, abs=2e-3)
+
+
+@pytest.mark.parametrize("spread", [0.2, 0.5, 0.9])
+def test_people_who_do_not_attend_to_a_fifth_of_the_trials_are_no_group_with_a_wider_function(spread: float) -> None:
+    """Twenty people whose answers are as frequent as they are probable: only the lapse rates can mislead."""
+    place = norm.ppf((np.arange(20) + 0.5) / 20)
+    middles, spreads = 1 + 0.05 * place, 0.8 * spread * np.exp(0.15 * np.roll(place, 7))
+    p = 0.1 + 0.8 * ndtr((X - middles[:, None]) / spreads[:, None])
+    yes = np.round(20 * p + np.tile([0.25, -0.25], 90).reshape(20, 9))
+    group = fit_group(SlopeLikelihood(LevelCounts(X, yes, np.full(p.shape, 20.0))))
+    assert group is not None
+    low, high = np.exp(group.log_spread.mean_95) / 0.8
+    assert low <= spread <= high < 3 * low
