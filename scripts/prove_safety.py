@@ -61,6 +61,7 @@ OSC_TESTS = "tests/serve/osc/test_osc_session.py::test_without_the_token_nothing
 VIEWER_TESTS = "tests/serve/foxglove/test_viewer_connection.py"
 SERVED_TESTS, ACCESS_TESTS = "tests/serve/test_served_device.py", "tests/serve/test_server_choice.py"
 OSC_LATE_TESTS = "tests/serve/osc/test_osc_session.py::test_what_waited_in_the_socket_is_not_felt_and_changes_no_world"
+LSL_TESTS = "tests/runtime/trackers/test_lsl_streams.py"
 SECRET_TESTS = "tests/runtime/trackers/test_tracker_accounts.py"
 PASS_TESTS, HANDOVER_TESTS = "tests/control/protection/test_pass_over.py", "tests/serve/test_handover.py"
 ACCOUNT_TESTS, OWNER_TESTS = "tests/serve/test_other_accounts.py", "tests/runtime/test_socket_owner.py"
@@ -291,6 +292,7 @@ RULES = [
     ("osc-reader-account", "a port that passed to another account is sent no rows", "never", ACCOUNT_TESTS),
     ("tracker-account", "another account says not where the tool is", "never", ACCOUNT_TESTS),
     ("natnet-account", "a server of another account says not where the tool is", "never", SECRET_TESTS),
+    ("one-stream", "of two streams of one name none is a tracker until it is chosen", "never", LSL_TESTS),
     (
         "stream-account",
         "a stream of another account says not where the tool is",

@@ -2,7 +2,8 @@
 
 The layer's clock is this computer's monotonic clock in every program that runs on it. The layer knows no token and
 finds streams by calling into the network; so only streams of this computer are asked for, and only those of this
-account are used.
+account are used. Several streams may have one name: lsl:NAME/SOURCE, with the source id or uid of one, chooses it;
+without it, none of them is used.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from ipaddress import ip_address
 from math import isfinite
-from time import monotonic
+from time import monotonic, sleep
 from typing import Any, final
 from xml.etree import ElementTree
 
@@ -19,7 +20,7 @@ from haptorb.errors import DriverError
 from haptorb.runtime.sockets import is_own_account, listener_owner
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose, SenderClock
 
-__all__ = ["CHANNELS", "THIS_COMPUTER", "LslFeed", "lsl_stream"]
+__all__ = ["CHANNELS", "THIS_COMPUTER", "LslFeed", "StreamWatch", "lsl_stream", "name_source"]
 
 CHANNELS = (7, 8)  #: that a stream of poses may have
 
@@ -38,7 +39,10 @@ level = -2
 """
 
 _SEARCH = 3.0  #: how long a stream is looked for [s]
-_AGAIN = 0.2  #: and, in one attempt, one that was lost [s]
+_OTHERS = 0.7  #: and how long, once there is one, others of the same name answer [s]
+_LOOK = 0.5  #: between two looks at what was found meanwhile [s]
+_FORGET = 2.0  #: a stream that no longer answers is forgotten after [s]
+_MANY = 64  #: streams of one name that are looked at
 _CONNECT = 2.0  #: longest wait for its data [s]
 _OLDEST = 1.0  #: a sample whose time is farther from its arrival is stamped on another clock [s]
 _AT_ONCE = 64  #: samples taken before the pose is written again
@@ -62,30 +66,94 @@ def _is_own(stream: Any) -> bool:
     return near and port.isdecimal() and is_own_account(listener_owner(int(port)))
 
 
-def lsl_stream(name: str, search: float = _SEARCH) -> Any:
-    """The stream's description; DriverError if there is none of this name, or if it holds no poses."""
+def _compose_query(where: str) -> str:
+    """Streams that `where`, NAME or NAME/SOURCE, may mean, as the layer's predicate."""
+    name, _, source = where.rpartition("/")
+    quote = '"' if "'" in where else "'"
+    if quote in where:
+        raise DriverError(f"tracker lsl: a stream's name cannot have both kinds of quotation marks; got {where}")
+    either = f"name={quote}{where}{quote}"
+    if not name:
+        return either
+    one = f"source_id={quote}{source}{quote} or uid={quote}{source}{quote}"
+    return f"{either} or (name={quote}{name}{quote} and ({one}))"
+
+
+def _select_streams(found: list[Any], where: str) -> list[Any]:
+    """Those of this account that `where` means: by their whole name or, if none has it, by name and source."""
+    own = [one for one in found if _is_own(one)]  # safety: stream-account
+    return [one for one in own if one.name() == where] or own
+
+
+def _describe_streams(found: list[Any]) -> str:
+    """Source and port of each, as a person can choose and find it."""
+    return ", ".join(
+        f"'{name_source(one, found)}' (host {one.hostname()}, "
+        f"port {ElementTree.fromstring(one.as_xml()).findtext('v4data_port')})"
+        for one in found
+    )
+
+
+def name_source(stream: Any, found: list[Any]) -> str:
+    """What stands for `stream` behind NAME/: its source id, or its uid if others of `found` have the same."""
+    source = str(stream.source_id())
+    alike = sum(one.source_id() == source for one in found)
+    return source if source and alike == 1 else str(stream.uid())
+
+
+def lsl_stream(where: str, search: float = _SEARCH) -> Any:
+    """The one stream that `where` means, NAME or NAME/SOURCE; DriverError if there is none or if there are several, or
+    if it holds no poses."""
     pylsl = _library()
-    known = pylsl.resolve_byprop("name", name, timeout=search)
-    found = [one for one in known if _is_own(one)]  # safety: stream-account
+    query = _compose_query(where)
+    known = pylsl.resolve_bypred(query, 1, search)
+    if known:  # the first that answers need not be the only one
+        known = pylsl.resolve_bypred(query, _MANY, _OTHERS)
+    found = _select_streams(known, where)
     if known and not found:
         raise DriverError(
-            f"tracker lsl: stream '{name}' is published by another account of this computer: publish it as the account "
-            "that runs the servo"
+            f"tracker lsl: stream '{where}' is published by another account of this computer: publish it as the "
+            "account that runs the servo"
         )
     if not found:
         raise DriverError(
-            f"tracker lsl: no stream '{name}' on this computer within {search:g} s; start its program, or check its "
+            f"tracker lsl: no stream '{where}' on this computer within {search:g} s; start its program, or check its "
             "name (streams of other computers are not used: forward them with osc:HOST:PORT)"
         )
-    if len(found) > 1:
-        raise DriverError(f"tracker lsl: {len(found)} streams are called '{name}'; close all but one")
+    if len(found) > 1:  # safety: one-stream
+        raise DriverError(
+            f"tracker lsl: {len(found)} streams are called '{where}': {_describe_streams(found)}. Choose one, such as "
+            f"--tracker 'lsl:{found[0].name()}/{name_source(found[0], found)}', or end the others"
+        )
     stream = found[0]
     if stream.channel_count() not in CHANNELS or stream.channel_format() == pylsl.cf_string:
         raise DriverError(
-            f"tracker lsl: stream '{name}' has {stream.channel_count()} channels; a stream of poses has 7 numbers, x y "
-            "z [m] qx qy qz qw, or 8 with valid (0 or 1)"
+            f"tracker lsl: stream '{where}' has {stream.channel_count()} channels; a stream of poses has 7 numbers, x "
+            "y z [m] qx qy qz qw, or 8 with valid (0 or 1)"
         )
     return stream
+
+
+@final
+class StreamWatch:
+    """Keeps resolving what `where` means, in the layer's own thread: which streams there are now."""
+
+    def __init__(self, where: str) -> None:
+        self._where = where
+        self._resolver = _library().ContinuousResolver(pred=_compose_query(where), forget_after=_FORGET)
+        self._own: dict[str, bool] = {}  # uid → whether it is this account's
+        self._looked = float("-inf")
+        self.found: list[Any] = []  #: streams of this account, as of the last look
+
+    def look(self) -> list[Any]:
+        """What is there, at most twice a second anew."""
+        if (now := monotonic()) - self._looked > _LOOK:
+            self._looked = now
+            known = {str(one.uid()): one for one in self._resolver.results()}
+            self._own = {uid: self._own[uid] if uid in self._own else _is_own(one) for uid, one in known.items()}
+            own = [one for uid, one in known.items() if self._own[uid]]
+            self.found = [one for one in own if one.name() == self._where] or own
+        return self.found
 
 
 def _open_inlet(stream: Any) -> Any:
@@ -104,20 +172,38 @@ def _open_inlet(stream: Any) -> Any:
 
 @final
 class LslFeed(Feed):
-    """Reads the stream `name`, and looks for it again when its program has ended: the layer's own search would take
-    another account's."""
+    """Reads the stream `where`, NAME or NAME/SOURCE, and looks for it again when its program has ended: the layer's own
+    search would take another account's. It takes one that is the only one of its name, as at the start."""
 
-    def __init__(self, name: str) -> None:
-        self._name, self._inlet = name, _open_inlet(lsl_stream(name))
+    def __init__(self, where: str) -> None:
+        stream = lsl_stream(where)
+        self._watch, self._inlet = StreamWatch(where), _open_inlet(stream)
+        self._where, self._uid = where, "" if stream is None else str(stream.uid())
         self._clock, self._other_clock, self._numbers = SenderClock(), SenderClock(), [0.0]
-        self._foreign = ""
+        self._foreign = self._several = ""
+
+    def _look_for_others(self) -> None:
+        """Find the stream again if it is lost, and say so if there are several."""
+        found = self._watch.look()
+        if self._inlet is None:  # what was lost is still reported for a while
+            found = [one for one in found if str(one.uid()) != self._uid] or found
+        self._several = ""
+        if len(found) > 1:
+            used = "none of them is used" if self._inlet is None else "the one from the start is used"
+            self._several = (
+                f"{len(found)} streams are called '{self._where}': {_describe_streams(found)}; {used}: choose one, "
+                f"lsl:{found[0].name()}/SOURCE, or end the others"
+            )
+        if self._inlet is None and len(found) == 1:
+            with suppress(DriverError):
+                self._inlet, self._uid = _open_inlet(found[0]), str(found[0].uid())
+                self._clock, self._other_clock, self._foreign = SenderClock(), SenderClock(), ""
 
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """Up to 64 samples; the first is waited for, at most `patience` [s]."""
+        self._look_for_others()
         if self._inlet is None:
-            with suppress(DriverError):
-                self._inlet = _open_inlet(lsl_stream(self._name, _AGAIN))
-                self._clock, self._other_clock, self._foreign = SenderClock(), SenderClock(), ""
+            sleep(patience)
             return
         for _ in range(_AT_ONCE):
             try:
@@ -137,8 +223,8 @@ class LslFeed(Feed):
 
     @property
     def remark(self) -> str:
-        """Why the sender's times are not used, or not as they are; empty while they are."""
-        return self._clock.remark or self._foreign
+        """That there are several streams, or why the sender's times are not used as they are; empty else."""
+        return self._several or self._clock.remark or self._foreign
 
     def _stamp(self, sent: float, arrival: float, numbers: list[float]) -> float:
         """When a sample was measured [s], on the monotonic clock."""

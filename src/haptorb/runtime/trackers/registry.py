@@ -2,7 +2,7 @@
 
 pointer          the console's pointer        hall          the field sensors (the hand follows the pointer)
 osc:PORT         OSC over UDP, this computer  osc:HOST:PORT beyond it, with a token
-lsl:NAME         a stream of this computer    replay:FILE   a recording's poses, simulated device only
+lsl:NAME[/SOURCE] a stream of this computer   replay:FILE   a recording's poses, simulated device only
 natnet:HOST[:PORT][/BODY]                     a rigid body of an OptiTrack server
 """
 
