@@ -96,6 +96,11 @@ def device_keys() -> str:
     return "\n".join(f"### {title}\n\n{_key_table(keys)}" for title, keys in FILES["device"].list_sections())
 
 
+def mapping_keys() -> str:
+    """Every key of a mapping file."""
+    return _key_table(FILES["mapping"].list_sections()[0].keys)
+
+
 def study_keys() -> str:
     """Every key of a study file."""
     return _key_table(FILES["study"].list_sections()[0].keys)
@@ -217,6 +222,7 @@ TABLES = {
     "trip-table": trip_table,
     "world-table": world_table,
     "device-keys": device_keys,
+    "mapping-keys": mapping_keys,
     "study-keys": study_keys,
     "study-templates": study_templates,
     "design-keys": design_keys,

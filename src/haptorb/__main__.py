@@ -11,6 +11,10 @@ if not sys.flags.safe_path:
     del sys.path[0]
 
 if __name__ == "__main__":
-    from haptorb.cli import main
+    try:
+        from haptorb.cli import main
 
-    sys.exit(main())
+        code = main()
+    except KeyboardInterrupt:
+        code = 130
+    sys.exit(code)

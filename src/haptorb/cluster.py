@@ -145,30 +145,41 @@ def count_threads(client: Any) -> int:
 
 
 def run_jobs(
-    client: Any, function: Callable[[Job], Result], jobs: Iterable[Job], *, after: str = "start again"
+    client: Any,
+    function: Callable[[Job], Result],
+    jobs: Iterable[Job],
+    *,
+    after: str = "start again",
+    killed: Callable[[Job], Result] | None = None,
 ) -> Iterator[Result]:
     """What `function`, which stands in a module, returns for each job; as they come, each once.
 
     after   what a person does when the cluster has failed
+    killed  gives the result of a job that killed four workers
 
     Raises InputError when the cluster fails: its scheduler goes away, no worker has come for a minute, or the same job
-    killed four of them. What the function raises is raised here.
+    killed four of them and there is no `killed`. What the function raises is raised here.
     """
     call = _make_call(function.__module__, function.__qualname__, list_versions())
     address = client.scheduler.address
-    source, pending, done = iter(jobs), set[Any](), SimpleQueue[Any]()
+    source, pending, done = iter(jobs), dict[Any, Job](), SimpleQueue[Any]()
     try:
         while True:
             room = _AHEAD * max(1, count_threads(client)) - len(pending)
             fresh = list(islice(source, max(room, 0)))
-            for future in client.map(call, fresh, pure=False) if fresh else ():
-                pending.add(future)
+            for future, job in zip(client.map(call, fresh, pure=False) if fresh else (), fresh, strict=True):
+                pending[future] = job
                 future.add_done_callback(done.put)
             if not pending:
                 return
             future = _wait_for_one(client, done)
-            result = future.result()
-            pending.discard(future)
+            job = pending.pop(future)
+            try:
+                result = future.result()
+            except Exception as cause:
+                if killed is None or type(cause).__name__ != "KilledWorker":
+                    raise
+                result = killed(job)
             yield result
     except (HaptorbError, GeneratorExit):
         raise

@@ -124,8 +124,22 @@ _HEAD = 256 * 1024  #: bytes by which a file is recognised
 
 
 def explain_error(cause: SQLAlchemyError) -> str:
-    """The database's own words, one line."""
-    return str(getattr(cause, "orig", None) or cause).splitlines()[0]
+    """The database's own words, one line; and the limit of this shell, where that may be the cause."""
+    words = str(getattr(cause, "orig", None) or cause).splitlines()[0]
+    largest = _find_size_limit()
+    if largest and ("I/O error" in words or "is full" in words):
+        words += f"; no file may be larger than {largest / 1024:.0f} KiB in this shell (ulimit -f): raise that limit"
+    return words
+
+
+def _find_size_limit() -> int:
+    """The largest size of a file that this process may write [bytes]; 0 if there is no limit."""
+    try:
+        import resource  # not at the top: Windows has none
+    except ImportError:
+        return 0
+    most = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    return 0 if most == resource.RLIM_INFINITY else most
 
 
 def _check_neighbours(path: Path) -> None:

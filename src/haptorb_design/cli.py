@@ -24,6 +24,7 @@ __all__ = [
     "FileArgument",
     "IntoOption",
     "JsonOption",
+    "LimitOption",
     "ProcessesOption",
     "SchedulerOption",
     "SeedOption",
@@ -57,6 +58,9 @@ ProcessesOption = Annotated[
 SchedulerOption = Annotated[
     str | None,
     typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786: compute on its cluster."),
+]
+LimitOption = Annotated[
+    float, typer.Option("--time-limit", help="Processor time of one design [s]: one that needs longer is rejected.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
@@ -132,6 +136,7 @@ def optimise(
     seed: SeedOption = 1,
     processes: ProcessesOption = None,
     scheduler: SchedulerOption = None,
+    time_limit: LimitOption = 600.0,
     json: JsonOption = False,
 ) -> None:
     """Search for the best design (differential evolution) or the Pareto front of several objectives (NSGA-II).
@@ -149,7 +154,7 @@ def optimise(
     optimiser = Optimiser(design, seed=seed, population=population)
     with (
         open_run(into, design, optimiser.method, seed, {"population": population}) as writer,
-        open_workers(design, processes, scheduler) as workers,
+        open_workers(design, processes, scheduler, time_limit) as workers,
     ):
         found = evaluate_generations(optimiser, workers.evaluate, writer.list_known(), total)
         tally = keep_run(writer, found, design, total, into)
@@ -240,6 +245,7 @@ def sweep(
     seed: SeedOption = 1,
     processes: ProcessesOption = None,
     scheduler: SchedulerOption = None,
+    time_limit: LimitOption = 600.0,
     json: JsonOption = False,
 ) -> None:
     """Evaluate many designs over the ranges of a design file. After Ctrl-C the same command continues."""
@@ -253,7 +259,7 @@ def sweep(
     values = sample(design, method, count, seed)
     with (
         open_run(into, design, method, seed, list_settings(method, values)) as writer,
-        open_workers(design, processes, scheduler) as workers,
+        open_workers(design, processes, scheduler, time_limit) as workers,
     ):
         found = evaluate_sample(values, workers.evaluate, writer.list_known())
         tally = keep_run(writer, found, design, len(values), into)

@@ -240,6 +240,13 @@ class Design:
         """What the base device's file says."""
         return read_tables(self.base) if self.tables is None else self.tables
 
+    @property
+    def has_own_code(self) -> bool:
+        """Whether an objective or constraint is a function of the user's own, which may end its process."""
+        found = [one.quantity.compute for one in (*self.goals, *self.bounds)]
+        modules = [getattr(one, "__module__", None) or type(one).__module__ for one in found]
+        return any(name.partition(".")[0] not in ("haptorb", "haptorb_design", "functools") for name in modules)
+
     def parameter(self, name: str) -> DesignParameter:
         """The parameter of that name; UnknownName for another."""
         for one in self.parameters:

@@ -345,7 +345,7 @@ class Tally:
 
 
 _BATCH = 200  #: candidates that are stored together at most
-_PERIOD = 1.0  #: between two times of storing [s]
+_SHARE = 20.0  #: storing takes at most one part in so many of the time
 
 
 def keep_candidates(writer: ResultsWriter, found: Iterable[Evaluation], design: Design, total: int) -> Tally:
@@ -356,18 +356,17 @@ def keep_candidates(writer: ResultsWriter, found: Iterable[Evaluation], design: 
     known = [one for number, one in writer.list_known().items() if number < total]
     tally = Tally(design, known)
     waiting: list[Evaluation] = []
-    last = time.monotonic()
+    next_time = time.monotonic()  # of storing
     with make_progress() as bar:
         task = bar.add_task(tally.short or "first designs", total=total, completed=len(known))
         try:
             for one in found:
                 waiting.append(one)
                 tally.add(one)
-                now = time.monotonic()
-                if now - last >= _PERIOD or len(waiting) >= _BATCH:
+                if (now := time.monotonic()) >= next_time or len(waiting) >= _BATCH:
                     writer.add(waiting)
                     waiting.clear()
-                    last = now
+                    next_time = now + _SHARE * (time.monotonic() - now)
                 bar.update(task, completed=tally.count, description=tally.short)
         finally:
             writer.add(waiting)

@@ -6,19 +6,20 @@ import os
 import pickle
 import signal
 import threading
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import lru_cache
-from itertools import islice
-from multiprocessing import active_children, parent_process
+from multiprocessing import parent_process
+from multiprocessing.connection import wait
+from pathlib import Path
+from time import monotonic
 from typing import Any, Protocol, final
 
 from haptorb.cluster import count_cores, count_threads, open_cluster, run_jobs, spawn_context
 from haptorb.errors import InputError
 from haptorb.own_code import pickle_with_code
-from haptorb_design.evaluate import evaluate
+from haptorb_design.evaluate import OBJECTIVE, evaluate
 from haptorb_design.problem import Design, Evaluation, Value
 
 __all__ = [
@@ -27,10 +28,14 @@ __all__ = [
     "LocalWorker",
     "ProcessWorkers",
     "Workers",
+    "describe_end",
     "evaluate_part",
+    "measure_memory",
     "open_cluster_workers",
     "open_processes",
     "open_workers",
+    "processor_time",
+    "reject",
 ]
 
 
@@ -62,86 +67,240 @@ class LocalWorker:
 
 
 # --------------------------------------------------------------------------------------------------
-# Candidates on all cores of this computer: processes that are started once, and given a few candidates at a time.
+# Candidates on all cores of this computer: processes that are started once, and replaced when a candidate ends one.
+#
+# A candidate that ends its process is computed again in a new one, and rejected when it does that again; so is one that
+# needs too long. All others are computed.
 
 
-_PROCESSES_MOST = 8  #: candidates in one job: more would wait for each other at the end
-_PROCESSES_SHARES = 4  #: jobs for each process, unless that makes them longer than `_MOST`
-_AHEAD = 3  #: jobs that are given out for each process
+_AHEAD = 2  #: candidates that a process has at most: the one that it computes, and the next
+_DEATHS = 2  #: of processes, until a candidate is rejected
+_LIMIT = 600.0  #: processor time of one candidate [s]
+_WAITING = 4.0  #: times as long by the clock for one that waits instead of computing
+_LOOK = 0.5  #: between two looks at the time that candidates take [s]
 #: one thread each: the processes are as many as the cores
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_READY = "ready"
 
 
 @contextmanager
-def open_processes(design: Design, processes: int | None = None) -> Iterator[Workers]:
+def open_processes(design: Design, processes: int | None = None, limit: float = _LIMIT) -> Iterator[Workers]:
     """So many processes for the candidates of `design`, one per core by default, until the block ends.
 
-    With one, candidates are computed in this process. An exception in the block, ^C too, ends them at once.
+    limit  processor time after which a candidate is rejected [s]
+
+    With one, candidates of a design without a function of the user's own are computed in this process. An exception in
+    the block, ^C too, ends them at once.
     """
     many = count_cores() if processes is None else processes
     if not 1 <= many <= 1000:
         raise InputError(f"processes must be between 1 and 1000; got {many}")
-    if many == 1:
+    if not limit > 0.0:
+        raise InputError(f"the time limit of a candidate must be above 0 s; got {limit:g} s")
+    if many == 1 and not design.has_own_code:
         yield LocalWorker(design)
         return
-    packed = pickle_with_code(design)  # an objective of the user's own comes with its code
-    others = set(active_children())
-    pool = ProcessPoolExecutor(many, spawn_context(), initializer=_start, initargs=(packed,))
+    workers = ProcessWorkers(pickle_with_code(design), many, limit)  # an objective of the user's own has its code
     try:
-        yield ProcessWorkers(pool, many)
+        yield workers
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in set(active_children()) - others:
-            child.terminate()
+        workers.kill()
         raise
-    finally:
-        pool.shutdown(cancel_futures=True)
+    workers.close()
+
+
+class _Process:
+    """One process, the candidates that it has, and since when it computes the first of them."""
+
+    def __init__(self, packed: bytes, memory: float) -> None:
+        context = spawn_context()
+        self.connection, other = context.Pipe()
+        self.process = context.Process(target=_serve, args=(other, packed, memory), daemon=True)
+        with _one_thread_and_no_interrupt():
+            self.process.start()
+        other.close()
+        self.jobs: deque[Job] = deque()
+        self.ready = False
+        self.restart_clock()
+
+    def give(self, job: Job) -> None:
+        """Send one more candidate; a process that has ended is found out by who waits for it."""
+        if not self.jobs:
+            self.restart_clock()
+        self.jobs.append(job)
+        with suppress(OSError):
+            self.connection.send(job)
+
+    def restart_clock(self) -> None:
+        """A candidate begins."""
+        self._since, self._used = monotonic(), processor_time(self.process.pid)
+
+    def is_over(self, limit: float) -> bool:
+        """Whether its candidate has had `limit` [s] of processor time, or waits for several times as long."""
+        passed = monotonic() - self._since
+        used, before = processor_time(self.process.pid), self._used
+        computed = passed if used is None or before is None else used - before
+        return computed > limit or passed > _WAITING * limit
+
+    def kill(self) -> None:
+        """End the process now."""
+        self.process.kill()
+        self.process.join()
+        self.connection.close()
 
 
 @final
 class ProcessWorkers:
-    """Processes of this computer; made by `open_processes`."""
+    """Processes of this computer; made by `open_processes`.
 
-    def __init__(self, pool: ProcessPoolExecutor, many: int) -> None:
-        self._pool, self._many = pool, many
-        self._started = False  # with the first candidates: a run that is complete needs none
+    packed  the design
+    limit   processor time of one candidate [s]
+    """
+
+    def __init__(self, packed: bytes, many: int, limit: float) -> None:
+        self._packed, self._many, self._limit = packed, many, limit
+        self._memory = measure_memory() * (0.8 if many == 1 else 0.5)
+        self._processes: list[_Process] = []
+        self._failed_starts = 0
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
-        """The evaluation of each candidate, as they arrive. InputError if a process is killed; earlier ones remain."""
-        todo = [(number, dict(values)) for number, values in jobs]
-        if todo and not self._started:
-            _start_all(self._pool)
-            self._started = True
-        size = max(1, min(_PROCESSES_MOST, len(todo) // (_PROCESSES_SHARES * self._many)))
-        parts = iter([todo[k : k + size] for k in range(0, len(todo), size)])
-        running: set[Future[list[Evaluation]]] = set()
+        """The evaluation of each candidate, as they arrive; one that ends its process twice, or that needs longer than
+        the limit, is rejected. InputError if processes cannot start."""
+        todo = deque((number, dict(values)) for number, values in jobs)
+        deaths: Counter[int] = Counter()
         try:
-            while True:
-                for part in islice(parts, _AHEAD * self._many - len(running)):
-                    running.add(self._pool.submit(_evaluate_part, part))
-                if not running:
-                    return
-                done, running = wait(running, return_when=FIRST_COMPLETED)
-                for future in done:
-                    yield from future.result()
-        except BrokenProcessPool as cause:
-            raise InputError(
-                "a process that computed candidates was killed, perhaps because memory ran out: repeat the command "
-                "to continue, with fewer --processes"
-            ) from cause
-        finally:
-            for future in running:
-                future.cancel()
+            while todo or any(one.jobs for one in self._processes):
+                self._give(todo)
+                ready = wait([one.connection for one in self._processes], _LOOK)
+                for one in list(self._processes):
+                    if one.connection in ready:
+                        yield from self._receive(one, todo, deaths)
+                    elif one.ready and one.jobs and one.is_over(self._limit):
+                        yield self._reject_slow(one, todo)
+        finally:  # who does not take all of them does not wait for the rest
+            for one in [one for one in self._processes if one.jobs]:
+                self._remove(one)
+
+    def _give(self, todo: deque[Job]) -> None:
+        while len(self._processes) < min(self._many, len(todo) + sum(bool(one.jobs) for one in self._processes)):
+            self._processes.append(_Process(self._packed, self._memory))
+        for ahead in range(_AHEAD):
+            for one in self._processes:
+                if todo and len(one.jobs) <= ahead:
+                    one.give(todo.popleft())
+
+    def _receive(self, one: _Process, todo: deque[Job], deaths: Counter[int]) -> Iterator[Evaluation]:
+        try:
+            said = one.connection.recv()
+        except (EOFError, OSError):
+            yield from self._replace(one, todo, deaths)
+            return
+        if isinstance(said, BaseException):
+            raise said
+        if said == _READY:
+            one.ready, self._failed_starts = True, 0
+        else:
+            one.jobs.popleft()
+            yield said
+        one.restart_clock()
+
+    def _replace(self, one: _Process, todo: deque[Job], deaths: Counter[int]) -> Iterator[Evaluation]:
+        """After the end of a process: its candidates are computed again, the one that ended it at most once."""
+        one.process.join()
+        code = one.process.exitcode or 0
+        self._remove(one)
+        todo.extendleft(reversed(one.jobs))
+        if not one.ready:
+            self._failed_starts += 1
+            if self._failed_starts > _DEATHS:
+                raise InputError(
+                    f"the processes that compute candidates end while they start ({describe_end(code)}): use fewer "
+                    "--processes, or look for what ends them"
+                )
+            return
+        if not one.jobs:
+            return
+        number, values = todo.popleft()
+        deaths[number] += 1
+        if deaths[number] < _DEATHS:
+            todo.appendleft((number, values))
+        else:
+            yield reject(number, values, f"its process ended {_DEATHS} times: {describe_end(code)}")
+
+    def _reject_slow(self, one: _Process, todo: deque[Job]) -> Evaluation:
+        self._remove(one)
+        number, values = one.jobs.popleft()
+        todo.extendleft(reversed(one.jobs))
+        return reject(number, values, f"not computed within {self._limit:g} s of processor time")
+
+    def _remove(self, one: _Process) -> None:
+        self._processes.remove(one)
+        one.kill()
+
+    def kill(self) -> None:
+        """End all processes now."""
+        while self._processes:
+            self._remove(self._processes[0])
+
+    def close(self) -> None:
+        """End the processes, which have nothing to do."""
+        for one in self._processes:
+            with suppress(OSError):
+                one.connection.send(None)
+        self.kill()
 
 
-def _start_all(pool: ProcessPoolExecutor) -> None:
-    """Start the processes, which inherit that they ignore ^C and have one thread each."""
+def reject(number: int, values: Mapping[str, Value], reason: str) -> Evaluation:
+    """The evaluation of a candidate that has none."""
+    return Evaluation(
+        number=number, values=dict(values), objectives={}, constraints={}, refused_by=OBJECTIVE, reason=reason
+    )
+
+
+def describe_end(code: int) -> str:
+    """What ended a process with the exit code `code` of `multiprocessing`.
+
+    >>> describe_end(-9), describe_end(3)
+    ('signal SIGKILL, perhaps because memory ran out', 'exit code 3')
+    """
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        name = signal.Signals(-code).name
+    except ValueError:
+        name = str(-code)
+    return f"signal {name}" + (", perhaps because memory ran out" if name == "SIGKILL" else "")
+
+
+def measure_memory() -> float:
+    """Memory of this computer, or of this container if it has less [bytes]; infinite where nobody says."""
+    found = [float("inf")]
+    with suppress(OSError, ValueError, AttributeError):
+        found.append(float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")))
+    for place in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
+        with suppress(OSError, ValueError):
+            found.append(float(Path(place).read_text(encoding="ascii")))
+    return min(found)
+
+
+def processor_time(process: int | None) -> float | None:
+    """Processor time that a process has used [s]; None where the system does not say."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError, IndexError, AttributeError):
+        return None
+
+
+@contextmanager
+def _one_thread_and_no_interrupt() -> Iterator[None]:
+    """What is started within inherits that it ignores ^C and has one thread."""
     main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
     old = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:
-        pool.submit(int)
+        yield
     finally:
         for name, value in old.items():
             if value is None:
@@ -152,15 +311,32 @@ def _start_all(pool: ProcessPoolExecutor) -> None:
             signal.signal(signal.SIGINT, before)
 
 
-_design: Design | None = None  # of this process, if it is one of the workers
-
-
-def _start(packed: bytes) -> None:
-    """Unpack the design once per process, and end with the program that started it, however that ends."""
-    global _design
+def _serve(connection: Any, packed: bytes, memory: float) -> None:
+    """A process: unpack the design, then compute one candidate after the other. It ends with the program that started
+    it, however that ends, and before all others where memory runs out."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_wait_for_parent, daemon=True).start()
-    _design = pickle.loads(packed)
+    _limit_memory(memory)
+    try:
+        design: Design = pickle.loads(packed)
+        connection.send(_READY)
+        while (job := connection.recv()) is not None:
+            connection.send(evaluate(design, *job))
+    except (EOFError, BrokenPipeError):
+        return
+    except (Exception, KeyboardInterrupt) as cause:  # an objective that raises KeyboardInterrupt ends the run
+        connection.send(cause)
+
+
+def _limit_memory(memory: float) -> None:
+    with suppress(ImportError, OSError, ValueError):
+        import resource  # not at the top: Windows has none
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        if memory < float("inf"):
+            resource.setrlimit(resource.RLIMIT_DATA, (int(memory), resource.getrlimit(resource.RLIMIT_DATA)[1]))
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
 
 
 def _wait_for_parent() -> None:
@@ -170,18 +346,12 @@ def _wait_for_parent() -> None:
         os._exit(1)
 
 
-def _evaluate_part(jobs: Sequence[Job]) -> list[Evaluation]:
-    if _design is None:
-        raise InputError("no design was given to this process")
-    return [evaluate(_design, number, values) for number, values in jobs]
-
-
 # --------------------------------------------------------------------------------------------------
 # The workers that a command asks for: a cluster, or processes of this computer.
 
 
 def open_workers(
-    design: Design, processes: int | None = None, scheduler: str | None = None
+    design: Design, processes: int | None = None, scheduler: str | None = None, limit: float = _LIMIT
 ) -> AbstractContextManager[Workers]:
     """Start processes that evaluate candidates, until the `with` block ends.
 
@@ -193,6 +363,8 @@ def open_workers(
         Number of processes; None: one per processor core.
     scheduler : str, optional
         Address of a Dask scheduler, such as tcp://127.0.0.1:8786: compute on its cluster instead.
+    limit : float
+        Processor time of one candidate on this computer [s]; one that needs longer is rejected.
 
     Returns
     -------
@@ -200,7 +372,7 @@ def open_workers(
         `evaluate` of the workers evaluates (number, values) pairs, in any order.
     """
     if scheduler is None:
-        return open_processes(design, processes)
+        return open_processes(design, processes, limit)
     if processes is not None:
         raise InputError("processes are those of this computer: leave them out with a scheduler")
     return open_cluster_workers(design, scheduler)
@@ -246,8 +418,21 @@ class ClusterWorkers:
         size = max(1, min(_CLUSTER_MOST, len(todo) // (_CLUSTER_SHARES * max(1, count_threads(self._client)))))
         parts: list[Part] = [(self._packed, tuple(todo[k : k + size])) for k in range(0, len(todo), size)]
         after = "results are kept; repeat the command to continue"
-        for found in run_jobs(self._client, evaluate_part, parts, after=after):
-            yield from found
+        killers: list[Part] = []
+
+        def refuse(part: Part) -> Sequence[Evaluation]:
+            """Of a part that ends its workers, each candidate is computed alone; one that ends them alone is out."""
+            _, jobs = part
+            if len(jobs) == 1:
+                number, values = jobs[0]
+                return [reject(number, values, "it ended the workers that computed it, perhaps because memory ran out")]
+            killers.extend((self._packed, (job,)) for job in jobs)
+            return []
+
+        while parts:
+            for found in run_jobs(self._client, evaluate_part, parts, after=after, killed=refuse):
+                yield from found
+            parts, killers = killers, []
 
 
 def evaluate_part(part: Part) -> Sequence[Evaluation]:

@@ -2,6 +2,30 @@
 
 from __future__ import annotations
 
-from haptorb.cli.program import main
+import signal
+import sys
+import threading
+from types import TracebackType
 
 __all__ = ["main"]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; a user's mistake is one message, never a traceback, and so is ^C at any time."""
+    if arguments is None:  # this process is the program
+        sys.excepthook = _print_unless_interrupted
+    try:
+        from haptorb.cli.program import main as run  # ^C may come before all of it is loaded
+
+        return run(arguments)
+    except KeyboardInterrupt:
+        return 130
+    finally:
+        if arguments is None and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, signal.SIG_DFL)  # ^C while the interpreter ends is silent, too
+
+
+def _print_unless_interrupted(kind: type[BaseException], cause: BaseException, trace: TracebackType | None) -> None:
+    """^C within the handling of ^C: the exit code says it."""
+    if not issubclass(kind, KeyboardInterrupt):
+        sys.__excepthook__(kind, cause, trace)

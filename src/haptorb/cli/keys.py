@@ -36,9 +36,18 @@ def list_device_sections() -> list[KeySection]:
     return [KeySection(f'kind = "{name}"', tuple(list_keys(kind_of_name(name).part("file")))) for name in kind_names()]
 
 
+def list_mapping_sections() -> list[KeySection]:
+    """The keys of a mapping file."""
+    from haptorb.devices.schema import list_keys
+    from haptorb.runtime.trackers.formats import MappingFile
+
+    return [KeySection("", tuple(list_keys(MappingFile)))]
+
+
 #: the kinds of file; other packages add theirs where they register their commands
 FILES: dict[str, FileKeys] = {
-    "device": FileKeys("a device: haptorb run FILE, haptorb inspect FILE", list_device_sections)
+    "device": FileKeys("a device: haptorb run FILE, haptorb inspect FILE", list_device_sections),
+    "mapping": FileKeys("poses of another program: haptorb run --tracker osc:9000,FILE.toml", list_mapping_sections),
 }
 
 
@@ -49,7 +58,7 @@ def register(app: typer.Typer) -> None:
 
 def keys(
     file: Annotated[
-        str | None, typer.Argument(help="Kind of file: device, study, design or feel; without it, list them.")
+        str | None, typer.Argument(help="Kind of file: device, study, design, feel or mapping; without it, list them.")
     ] = None,
     word: Annotated[str | None, typer.Argument(help="Print only keys with this text in their name or meaning.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,

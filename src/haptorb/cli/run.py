@@ -221,6 +221,8 @@ def run(
         else:
             chosen = choose_scene_option(scene, body, world, settings or [], found)
         build_tables(found)
+        from haptorb.web.session import list_world_remarks
+
         servo = Servo(
             device, add_client_force(chosen, choices), driver=driver, tracker=tracker, prediction=1e-3 * prediction,
             frame=frame, rate=rate, seed=seed, model=model, record=record or False,
@@ -228,6 +230,9 @@ def run(
             watchdog=not no_watchdog, render=render, torque_arm=None if torque_arm is None else 1e-3 * torque_arm,
             grip=grip, latency=None if latency is None else 1e-3 * latency,
         )  # fmt: skip
+        for name, own in servo.own_worlds.items():
+            for remark in list_world_remarks(own, 1.0 / servo.rate) if name == servo.world[0] else ():
+                say(remark)
         if servo.coupling:
             say(servo.coupling)
         with Serving(choices, servo) as serving:

@@ -600,10 +600,13 @@ _VALUES = 64  #: of a world
 
 def worlds(device: Device, own: Mapping[str, World]) -> list[dict[str, Any]]:
     """Every world that `device` can render, the user's `own` ones first: name, what it is, its parameters in order."""
-    found = [(name, type(world), parameter_values(world)) for name, world in own.items()]
+    found = [
+        (name, type(world), parameter_values(world), getattr(world, "unused_parameters", frozenset()))
+        for name, world in own.items()
+    ]
     for name, kind in CATALOGUE.items():
         if name not in own and _is_renderable(device, kind):
-            found.append((name, kind, {}))
+            found.append((name, kind, {}, frozenset()))
     return [
         {
             "name": name,
@@ -618,9 +621,10 @@ def worlds(device: Device, own: Mapping[str, World]) -> list[dict[str, Any]]:
                     "about": item.about,
                 }
                 for item in parameters(kind).values()
+                if item.name not in unused
             ],
         }
-        for name, kind, given in found
+        for name, kind, given, unused in found
     ]
 
 
@@ -706,8 +710,23 @@ def describe_world(
         "model": model,
         "scene": target_scene(name, values) if servo.modes else None,
         "shapes": list_shapes(name, values, servo.own_worlds, servo.device),
-        "remarks": world_remarks(name, values),
+        "remarks": _own_remarks(servo, name) or world_remarks(name, values),
     }
+
+
+def _own_remarks(servo: RunningServo, name: str) -> list[str]:
+    """Remarks of a world of the user's own, such as a scene."""
+    world = servo.own_worlds.get(name)
+    return [] if world is None else list_world_remarks(world, 1.0 / servo.rate)
+
+
+def list_world_remarks(world: World, period: float) -> list[str]:
+    """What should be said about `world`, and about each scene in it, in ticks of `period` [s]."""
+    found: list[str] = []
+    for part in getattr(world, "parts", (world,)):
+        listed = getattr(part, "list_remarks", None)
+        found += part.remarks if listed is None else listed(period)
+    return found
 
 
 def _to_json(value: Any) -> Any:

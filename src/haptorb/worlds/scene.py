@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -13,10 +12,9 @@ import numpy as np
 
 from haptorb.arrays import Array, Records
 from haptorb.devices.base import Device, State
-from haptorb.errors import InputError
-from haptorb.files import read_bytes
 from haptorb.worlds.base import Shape, World, parameter
 from haptorb.worlds.dynamic import DynamicWorld, MemoryField, WorldWork, make_memory
+from haptorb.worlds.scene_check import list_scene_files
 from haptorb.worlds.scene_physics import (
     COUPLING,
     LEVELS,
@@ -154,8 +152,12 @@ class Scene(DynamicWorld):
     A tool's position is in the stator frame, in metres, times `scale`. A motor's target begins at zero, at the initial
     pose of the body. The hand feels `scale` times the force, so that power is the same as in the scene.
 
-    Simplified: energy stored in contacts is not in `energy`; the passivity control therefore damps earlier, never
-    later.
+    Actuators hold the controls of the file's first keyframe, else zero; `control_1` to `control_8` change those of the
+    first eight. A timestep that does not divide the tick is shortened, and RK4 is replaced by implicitfast; `remarks`
+    says so.
+
+    Simplified: energy stored in contacts and actuators is not in `energy`; the passivity control therefore damps
+    earlier, never later.
     """
 
     source: Any = field(default="peg", repr=False)
@@ -171,6 +173,14 @@ class Scene(DynamicWorld):
     slow_damping: float = parameter(0.0, "N·s/m", 0, 2000, "maximum damping while time is slow; 0: no increase")
     slow_turn_damping: float = parameter(0.0, "N·m·s/rad", 0, 100, "maximum rotational damping while time is slow")
     scale: float = parameter(1.0, "1", 0.01, 100, "scale: metres in the scene per metre of the mover")
+    control_1: float = parameter(0.0, "1", -1, 1, "change of actuator 1's control, as a share of half its range")
+    control_2: float = parameter(0.0, "1", -1, 1, "change of actuator 2's control")
+    control_3: float = parameter(0.0, "1", -1, 1, "change of actuator 3's control")
+    control_4: float = parameter(0.0, "1", -1, 1, "change of actuator 4's control")
+    control_5: float = parameter(0.0, "1", -1, 1, "change of actuator 5's control")
+    control_6: float = parameter(0.0, "1", -1, 1, "change of actuator 6's control")
+    control_7: float = parameter(0.0, "1", -1, 1, "change of actuator 7's control")
+    control_8: float = parameter(0.0, "1", -1, 1, "change of actuator 8's control")
     anchored: bool = False  #: the mover begins where the scene has the body: a motor's target
 
     def __post_init__(self) -> None:
@@ -195,6 +205,21 @@ class Scene(DynamicWorld):
     def name(self) -> str:
         """`scene-peg` for peg.xml."""
         return f"scene-{self.model.title}"
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was changed in the scene so that it can be felt."""
+        return self.model.remarks
+
+    def list_remarks(self, period: float) -> tuple[str, ...]:
+        """The same for ticks of `period` [s]: also a timestep that does not divide them."""
+        step = self.model.explain_step(period)
+        return (*self.remarks, step) if step else self.remarks
+
+    @property
+    def unused_parameters(self) -> frozenset[str]:
+        """Parameters that change nothing in this scene: controls of actuators that it does not have."""
+        return frozenset(_CONTROLS[self.model.model.nu :])
 
     @property
     def bound(self) -> float:
@@ -293,7 +318,9 @@ class Scene(DynamicWorld):
             np.matmul(state.R_SR, attitude, out=R)
         else:
             R[:] = state.R_SR
-        time = advance_pace(one, self._count_steps(dt), dt)
+        count, length = self._divide_tick(dt)
+        pad.set_step(length, self._controls)
+        time = advance_pace(one, count, dt)
         wrench, energy = pad.advance(one, wish, self._couplings, time, dt)
         one["energy"] = energy
         if self.drawn:
@@ -302,16 +329,27 @@ class Scene(DynamicWorld):
         rendered[:3] *= self.scale
         return rendered
 
-    def _count_steps(self, dt: float) -> int:
-        return max(round(dt / self._timestep), 1)
+    def _divide_tick(self, dt: float) -> tuple[int, float]:
+        if dt not in self._divided:
+            self._divided[dt] = self.model.divide_tick(dt)
+        return self._divided[dt]
 
     @cached_property
-    def _timestep(self) -> float:
-        return float(self.model.model.opt.timestep)
+    def _divided(self) -> dict[float, tuple[int, float]]:
+        return {}
+
+    @cached_property
+    def _controls(self) -> Array:
+        """(nu,) what the actuators hold, in their units."""
+        controls, spans = self.model.controls, self.model.control_spans
+        for n, name in enumerate(_CONTROLS[: len(controls)]):
+            controls[n] += getattr(self, name) * spans[n]
+        controls.setflags(write=False)
+        return controls
 
     def check_period(self, dt: float) -> None:
-        """Raise InputError if the scene's timestep does not divide a tick of `dt` [s]."""
-        self.model.check_period(dt)
+        """Raise InputError if the scene cannot be advanced in ticks of `dt` [s]."""
+        self._divide_tick(dt)
 
     def lighten(self, memory: Records) -> None:
         """A step took too long: reduce the solver's iterations, then slow down time, then compute background steps
@@ -341,6 +379,7 @@ class Scene(DynamicWorld):
             memory[:] = old
 
 
+_CONTROLS = tuple(f"control_{n}" for n in range(1, 9))  #: parameters for the controls of the first actuators
 #: for a target or not: stiffness, damping, and both about each axis, as long as nothing has chosen them: far inside of
 #: what every loop at 1 kHz renders in a light hand
 UNCHOSEN = {False: (150.0, 1.0, 0.0, 0.0), True: (1000.0, 5.0, 0.5, 0.005)}
@@ -348,12 +387,7 @@ _TARGET_FORCE, _TARGET_TORQUE = 60.0, 2.0  #: that a target is ever pushed with 
 
 
 # --------------------------------------------------------------------------------------------------
-# A scene in a user's XML file, reloaded whenever it or a file that it includes is saved.
-
-
-_SCENE_FILE_MOST = 8 * 1024 * 1024  #: bytes of a scene
-_NAMES = 200  #: files that are looked at
-_NAMED = re.compile(r'\bfile\s*=\s*"([^"]+)"')
+# A scene in a user's XML file, reloaded whenever it or a file that it names is saved.
 
 
 def parse_scene_file(text: str, body: str = "", folder: Path | None = None) -> SceneFile:
@@ -371,6 +405,9 @@ class SceneFile:
     path: Path
     body: str = ""
     values: Mapping[str, Any] = field(default_factory=dict)
+    _watched: dict[Path, tuple[int, int, int] | None] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def load(self) -> Scene:
         """Compile the file and return its world. Raises UnknownName and InputError as `Scene` does."""
@@ -378,21 +415,22 @@ class SceneFile:
         return scene.replace(**self.values) if self.values else scene
 
     @property
-    def stamp(self) -> tuple[tuple[int, int, int], ...] | None:
-        """Changes when the file or one that it includes is saved: time [ns], size, inode; None without it."""
-        try:
-            found = [_stamp(self.path)]
-            text = read_bytes(self.path, _SCENE_FILE_MOST, "scene", InputError).decode("utf-8", "replace")
-        except (OSError, InputError):
+    def stamp(self) -> tuple[tuple[str, tuple[int, int, int] | None], ...] | None:
+        """Changes when the file or one that it names is saved, directly or through others: included scenes, meshes,
+        textures. Path, and time [ns], size, inode of each, None for one that is missing; None without the scene."""
+        now = {path: _stamp(path) for path in self._watched or (self.path,)}
+        if now != self._watched:  # also other files may be named now
+            now = {path: _stamp(path) for path in list_scene_files(self.path)}
+            self._watched.clear()
+            self._watched.update(now)
+        if now.get(self.path) is None:
             return None
-        for name in _NAMED.findall(text)[:_NAMES]:
-            try:
-                found.append(_stamp(self.path.parent / name))
-            except OSError:  # a mesh in the folder of <compiler meshdir>, or missing: then loading reports it
-                continue
-        return tuple(found)
+        return tuple((str(path), found) for path, found in now.items())
 
 
-def _stamp(path: Path) -> tuple[int, int, int]:
-    found = path.stat()
+def _stamp(path: Path) -> tuple[int, int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
     return found.st_mtime_ns, found.st_size, found.st_ino

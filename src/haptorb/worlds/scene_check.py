@@ -6,6 +6,7 @@ names are regular ones of bounded size in its own folder or below, and it makes 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from math import prod
 from pathlib import Path
@@ -16,7 +17,7 @@ from haptorb.errors import InputError, quote
 from haptorb.file_kind import FileKind
 from haptorb.files import named_file, open_regular, read_text
 
-__all__ = ["check_scene_file"]
+__all__ = ["check_scene_file", "list_scene_files"]
 
 _ELEMENTS = 20_000  #: after all repetitions
 _FILES = 200
@@ -35,12 +36,22 @@ def check_scene_file(path: Path) -> None:
     _SceneCheck(path.parent).check(path)
 
 
+def list_scene_files(path: Path) -> tuple[Path, ...]:
+    """The scene in the file `path` and every file that it names, directly or through others, missing ones included; as
+    far as it can be read."""
+    found = _SceneCheck(path.parent)
+    with suppress(InputError):
+        found.check(path)
+    return (path, *sorted({*found.files, *found.missing} - {path}))
+
+
 @dataclass
 class _SceneCheck:
     """One scene; `folder` is its own."""
 
     folder: Path
     files: set[Path] = field(default_factory=set)
+    missing: set[Path] = field(default_factory=set)
     size: int = 0
     counted: dict[Path, int] = field(default_factory=dict)  #: elements of each XML file, with all that they include
 
@@ -78,6 +89,8 @@ class _SceneCheck:
                 continue
             for place in dict.fromkeys(named_file(text, folder, "file of a scene", InputError) for folder in folders):
                 if not place.exists():
+                    if len(self.missing) < _FILES:
+                        self.missing.add(place)
                     continue
                 self._add(place)
                 if element.tag in _XML and place.suffix.lower() in (".xml", ".mjcf", ".urdf", ""):

@@ -10,7 +10,8 @@ import math
 import os
 import re
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, final
@@ -152,6 +153,8 @@ def fill_tank(one: Any, stretched: float, taken: float) -> None:
 _FOLDER = Path(__file__).parent / "shipped_scenes"
 #: scenes that are part of this package
 SHIPPED = ("peg", "outlet", "boxes", "drawer")
+_LISTED = 8  #: names in a message
+_STEPS_MOST = 200  #: in a tick
 _LINE = re.compile(r"[Ll]ine(?: number)?\s*=?\s*(\d+)")
 
 
@@ -203,10 +206,11 @@ class SceneModel:
     file: Path | None
     model: Any = field(repr=False, compare=False)
     pads: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)  #: of `SceneStepper`, made once each
+    remarks: tuple[str, ...] = field(default=(), repr=False, compare=False)  #: what was changed, for people
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the scratch pads, which the receiver creates again."""
-        return {"title": self.title, "file": self.file, "model": self.model, "pads": {}}
+        return {"title": self.title, "file": self.file, "model": self.model, "pads": {}, "remarks": self.remarks}
 
     @property
     def held(self) -> str:
@@ -218,7 +222,8 @@ class SceneModel:
                 text = model.text_data[first : first + int(model.text_size[n])]
                 return str(bytes(text).split(b"\0", 1)[0].decode())
         if "peg" not in self.bodies:
-            known = f" ({', '.join(self.bodies)})" if self.bodies else ""
+            movable = [name for name in self.bodies if self.count_freedoms(int(self.model.body(name).id))]
+            known = f" ({_list_some(movable)})" if movable else ""
             raise InputError(
                 f"scene '{self.title}' does not state which body the device holds: name one{known} with --body, or in "
                 'the file with <custom><text name="held" data="BODY"/></custom>'
@@ -235,7 +240,8 @@ class SceneModel:
         for one that cannot move."""
         model = self.model
         if name not in self.bodies:
-            raise UnknownName(f"body of scene '{self.title}'", name, self.bodies)
+            near = get_close_matches(name[:100], self.bodies, n=_LISTED, cutoff=0.3)
+            raise UnknownName(f"body of scene '{self.title}'", name, near or self.bodies[:_LISTED])
         index = int(model.body(name).id)
         if not self.count_freedoms(index):
             raise InputError(
@@ -252,17 +258,49 @@ class SceneModel:
             body = int(model.body_parentid[body])
         return count
 
-    def check_period(self, period: float) -> int:
-        """Number of steps of the scene [1] in a tick of `period` [s]. Raises InputError if it is not a whole number."""
+    def divide_tick(self, period: float) -> tuple[int, float]:
+        """Number of steps [1] in a tick of `period` [s], and their length [s]: that of the file, or the next shorter
+        one that divides the tick, with which a scene is as stable. Raises InputError for more than 200 steps."""
         step = float(self.model.opt.timestep)
-        count = round(period / step)
-        if count < 1 or abs(count * step - period) > 1e-9:
+        count = max(round(period / step), 1)
+        if abs(count * step - period) > 1e-9:
+            count = max(math.ceil(period / step - 1e-9), 1)
+            step = period / count
+        if count > _STEPS_MOST:
             raise InputError(
-                f"scene '{self.title}': its timestep of {1e3 * step:g} ms does not divide the tick of "
-                f'{1e3 * period:g} ms; set <option timestep="{period / max(round(period / step), 1):.6g}"/>, or '
-                "another --rate"
+                f"scene '{self.title}': its timestep of {1e3 * step:.3g} ms makes {count} steps in a tick of "
+                f"{1e3 * period:g} ms; at most {_STEPS_MOST} are possible: make it longer"
             )
-        return count
+        return count, step
+
+    def explain_step(self, period: float) -> str:
+        """That the scene's timestep is changed for ticks of `period` [s]; empty if it is not."""
+        own, step = float(self.model.opt.timestep), self.divide_tick(period)[1]
+        if abs(own - step) <= 1e-9:
+            return ""
+        return (
+            f"scene '{self.title}': its timestep of {1e3 * own:.4g} ms does not divide the tick of "
+            f"{1e3 * period:g} ms; {1e3 * step:.4g} ms is used"
+        )
+
+    @property
+    def controls(self) -> Array:
+        """(nu,) the controls that its actuators hold: those of the first keyframe, else zero, in their units."""
+        model = self.model
+        return np.array(model.key_ctrl[0] if model.nkey else np.zeros(model.nu), dtype=np.float64)
+
+    @property
+    def control_spans(self) -> Array:
+        """(nu,) half the range of each control, 1 for one without a range, in their units."""
+        model = self.model
+        limited = np.asarray(model.actuator_ctrllimited, dtype=bool).reshape(-1)
+        spans: Array = np.where(limited, 0.5 * (model.actuator_ctrlrange[:, 1] - model.actuator_ctrlrange[:, 0]), 1.0)
+        return spans
+
+    @property
+    def actuators(self) -> list[str]:
+        """Name of each actuator; "actuator 3" for one without a name."""
+        return [self.model.actuator(n).name or f"actuator {n + 1}" for n in range(self.model.nu)]
 
 
 def make_scene_model(source: object) -> SceneModel:
@@ -304,20 +342,26 @@ def _check(scene: SceneModel) -> SceneModel:
             f"scene '{scene.title}' has nothing that can be moved: no body has a joint; give the body that is to be "
             "held one, such as <freejoint/>"
         )
-    if model.nu or model.na:
-        raise InputError(
-            f"scene '{scene.title}' has actuators, which haptorb does not drive: remove <actuator>, or use springs of "
-            "joints and <equality>"
-        )
-    if int(model.opt.integrator) == int(load_engine().mjtIntegrator.mjINT_RK4):
-        raise InputError(
-            f"scene '{scene.title}' has the integrator RK4, which computes all forces four times in a step, without "
-            'the hand\'s force in between; set <option integrator="implicitfast"/>'
+    remarks = []
+    kinds = load_engine().mjtIntegrator
+    if int(model.opt.integrator) == int(kinds.mjINT_RK4):  # all forces four times in a step, without the hand's
+        model.opt.integrator = int(kinds.mjINT_IMPLICITFAST)
+        remarks.append(f"scene '{scene.title}': integrator implicitfast is used instead of RK4")
+    if model.nu:
+        remarks.append(
+            f"scene '{scene.title}': its {model.nu} actuators ({_list_some(scene.actuators)}) hold their controls of "
+            + ("the first keyframe" if model.nkey else "zero")
         )
     loose = np.flatnonzero((model.body_dofnum > 0) & (model.body_mass <= 0.0) & (model.body_subtreemass <= 0.0))
     if loose.size:
         raise InputError(f"scene '{scene.title}': body '{model.body(int(loose[0])).name}' moves but has no mass")
-    return scene
+    return replace(scene, remarks=tuple(remarks))
+
+
+def _list_some(names: list[str]) -> str:
+    """The first names, and how many more there are."""
+    more = len(names) - _LISTED
+    return ", ".join(names[:_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 # --------------------------------------------------------------------------------------------------
@@ -351,9 +395,12 @@ class BackgroundStep:
         self._data = self._engine.MjData(self._model)
         self._kinds = list_kinds(self._engine)
 
-    def compute(self, state: Array, share: Array) -> Array:
-        """(n,) the state one step after `state` (n,), with the wrench `share` (6,) on the body [N, N·m]."""
+    def compute(self, state: Array, share: Array, controls: Array, length: float) -> Array:
+        """(n,) the state one step of `length` [s] after `state` (n,), with the wrench `share` (6,) on the body [N,
+        N·m] and the `controls` (nu,) of the actuators."""
         engine, model, data, body = self._engine, self._model, self._data, self._body
+        model.opt.timestep = length
+        data.ctrl[:] = controls
         engine.mj_setState(model, data, state, self._kinds)
         data.xfrc_applied[body] = 0.0
         engine.mj_step1(model, data)
@@ -529,7 +576,15 @@ class SceneStepper:
         self._bodies, self._own = self._model.geom_bodyid.astype(np.int64), self._model.geom_quat
         self._state = np.zeros(state_size(scene))
         self._level = -1
+        self._controls, self._length = scene.controls, float(option.timestep)
         self._background = BackgroundStep(scene, body)
+
+    def set_step(self, length: float, controls: Array) -> None:
+        """Steps have `length` [s], and actuators the `controls` (nu,), which nobody changes."""
+        if length != self._length:
+            self._model.opt.timestep = self._length = length
+        self._controls = controls
+        self._data.ctrl[:] = controls
 
     def begin(self) -> tuple[Array, Array, Array, Array, Array]:
         """The initial state (n,), positions (g, 3) [m] and orientations (g, 4) of the drawn shapes, and position
@@ -539,6 +594,7 @@ class SceneStepper:
             engine.mj_resetDataKeyframe(model, data, 0)
         else:
             engine.mj_resetData(model, data)
+        data.ctrl[:] = self._controls
         engine.mj_forward(model, data)
         engine.mj_getState(model, data, self._state, self._kinds)
         places, turns = np.zeros((len(self._drawn), 3)), np.zeros((len(self._drawn), 4))
@@ -645,7 +701,7 @@ class SceneStepper:
     def compute_step(self, state: Array, share: Array) -> Array:
         """(n,) the state one step after `state` (n,), with the wrench `share` (6,) on the body [N, N·m]. At the detail
         of background steps, in data of its own: it may run while another thread advances the scene."""
-        return self._background.compute(state, share)
+        return self._background.compute(state, share, self._controls, self._length)
 
     def _find_motion(self) -> None:
         """Positions and velocities; contacts are not needed."""

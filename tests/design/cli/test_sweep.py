@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -92,3 +96,72 @@ def test_a_file_in_use_or_of_another_design(tmp_path: Path, capsys: pytest.Captu
     write_design(tmp_path, TEXT.replace("26 mm", "27 mm"))
     assert sweep(tmp_path, "--count", "4") == 2
     assert "choose another file" in capsys.readouterr().err
+
+
+KILLER = """
+import os
+
+def cost(candidate):
+    r = candidate.device.dome_radius
+    if 0.0285 < r < 0.0287:
+        os.kill(os.getpid(), 9)
+    return r
+"""
+KILLS = """
+name = "kills-its-process"
+base = "omni"
+[parameters.radius]
+low = "27 mm"
+high = "30 mm"
+places = ["dome.radius"]
+[objectives.cost]
+function = "kills_its_process.py:cost"
+unit = "1"
+sense = "minimise"
+"""
+
+
+def test_a_candidate_that_kills_its_process_is_one_rejected_design(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "kills_its_process.py").write_text(KILLER)
+    (tmp_path / "small.toml").write_text(KILLS)
+    assert sweep(tmp_path, "--count", "24", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    found = read_results(tmp_path / "r.sqlite").evaluations
+    deadly = [one.number for one in found if 28.5 < float(one.values["radius"]) < 28.7]
+    assert deadly
+    assert told["refused"] == {"objective": len(deadly)}
+    assert [one.number for one in found if "SIGKILL" in one.reason] == deadly
+    assert told["valid"] == 24 - len(deadly)
+
+
+def test_the_limit_of_the_shell_for_files_is_named(tmp_path: Path) -> None:
+    write_design(tmp_path)
+    command = f"ulimit -f 60; exec {sys.executable} -m haptorb design sweep small.toml --count 300 --into r.sqlite"
+    done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "ulimit -f" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+#: as the script that pip installs
+PROGRAM = "import sys; print('up', flush=True); from haptorb.cli import main; sys.exit(main())"
+
+
+@pytest.mark.parametrize("delay", [0.2, 0.4, 0.8, 1.5, 3.0])
+def test_interrupted_at_any_time_no_traceback_is_printed(delay: float, tmp_path: Path) -> None:
+    write_design(tmp_path)
+    command = ["-c", PROGRAM, "design", "optimise", "small.toml", "--evaluations", "4000", "--processes", "2"]
+    with subprocess.Popen(
+        [sys.executable, *command], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as program:
+        assert program.stdout is not None
+        assert program.stdout.readline() == "up\n"
+        time.sleep(0.02 + delay)
+        program.send_signal(signal.SIGINT)
+        time.sleep(0.05)
+        program.send_signal(signal.SIGINT)  # and an impatient second time
+        _, said = program.communicate(timeout=60)
+    assert "Traceback" not in said
+    assert program.returncode in (130, -signal.SIGINT)

@@ -1,4 +1,4 @@
-"""Processes compute what this process computes; one that is killed is told of, and none outlives its program."""
+"""Processes compute what this process computes; a candidate that ends one is rejected; none outlives the program."""
 
 from __future__ import annotations
 
@@ -21,10 +21,6 @@ from haptorb_design.workers import LocalWorker, open_processes
 from oracles.designs.small_design import CODE, make_design
 
 SLOW = CODE.replace("def reach(candidate):", "def reach(candidate):\n    import time\n    time.sleep(0.01)")
-DEADLY = CODE.replace(
-    "def reach(candidate):",
-    "def reach(candidate):\n    import os\n    if candidate.device.workspace_half_angle > 1.2:\n        os._exit(9)",
-)
 
 
 def test_one_process_or_two_give_the_same_set_of_a_sweep_and_of_an_optimiser(tmp_path: Path) -> None:
@@ -51,11 +47,51 @@ def _order(found: Iterable[Evaluation]) -> list[Evaluation]:
     return sorted((replace(one, seconds=0.0) for one in found), key=lambda one: one.number)
 
 
-def test_a_process_that_is_killed_ends_the_run_with_a_sentence(tmp_path: Path) -> None:
-    design = make_design(tmp_path, code=DEADLY)
-    jobs = [(number, {"radius": 30.0, "angle": 70.0, "shell": "thin"}) for number in range(4)]
-    with pytest.raises(InputError, match="was killed"), open_processes(design, 2) as workers:
-        list(workers.evaluate(jobs))
+@pytest.mark.parametrize("many", [1, 2])
+@pytest.mark.parametrize(
+    ("harm", "reason"),
+    [
+        ("import os; os._exit(9)", "exit code 9"),
+        ("import os; os.kill(os.getpid(), 9)", "SIGKILL, perhaps because memory ran out"),
+        ("import sys; sys.exit(3)", "exit code 3"),
+        ("import ctypes; ctypes.string_at(0)", "SIGSEGV"),
+        ("\n        while True: pass", "not computed within 0.3 s of processor time"),
+        ("import time; time.sleep(1000)", "not computed within 0.3 s of processor time"),
+        ("import numpy; x = [numpy.empty(2 ** 29) for _ in range(30)]", "MemoryError"),  # never touched
+    ],
+)
+def test_a_candidate_that_harms_its_process_is_rejected_and_all_others_are_computed(
+    harm: str, reason: str, many: int, tmp_path: Path
+) -> None:
+    if many == 2 and "exit" in harm:
+        pytest.skip("as with one process")
+    code = CODE.replace(
+        "def reach(candidate):",
+        f"def reach(candidate):\n    if candidate.device.workspace_half_angle > 1.2:\n        {harm}",
+    )
+    design = make_design(tmp_path, code=code)
+    angles = [60.0, 70.0, 61.0, 62.0, 70.0, 63.0]
+    jobs = [(number, {"radius": 30.0, "angle": angle, "shell": "thin"}) for number, angle in enumerate(angles)]
+    with open_processes(design, many, limit=0.3) as workers:
+        found = _order(workers.evaluate(jobs))
+    assert [one.number for one in found] == list(range(6))
+    assert [one.number for one in found if one.refused_by == "objective"] == [1, 4]
+    assert all(reason in one.reason for one in found if not one.valid)
+    assert sum(one.valid for one in found) == 4
+
+
+def test_a_process_that_ends_once_by_itself_costs_no_candidate(tmp_path: Path) -> None:
+    mark = tmp_path / "once"
+    code = CODE.replace(
+        "def reach(candidate):",
+        f"def reach(candidate):\n    import os, pathlib\n    mark = pathlib.Path({str(mark)!r})\n"
+        "    if not mark.exists():\n        mark.touch()\n        os._exit(1)",
+    )
+    design = make_design(tmp_path, code=code)
+    jobs = [(number, {"radius": 30.0, "angle": 60.0 + number, "shell": "thin"}) for number in range(5)]
+    with open_processes(design, 1) as workers:
+        found = _order(workers.evaluate(jobs))
+    assert [(one.number, one.valid) for one in found] == [(number, True) for number in range(5)]
     with pytest.raises(InputError, match="between 1 and 1000"), open_processes(design, 0):
         pass
 

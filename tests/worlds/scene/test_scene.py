@@ -14,7 +14,7 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
 from haptorb.worlds import Outlet, Remote, Scene
 from haptorb.worlds.dynamic import BoundWorld, DynamicSum, MemoryNotFinite, bind_world
-from haptorb.worlds.scene_physics import SHIPPED
+from haptorb.worlds.scene_physics import SHIPPED, load_engine
 from haptorb.worlds.user_world import try_world
 
 FREE = """<mujoco><option timestep="{step}" gravity="0 0 {weight}"/><worldbody>{more}
@@ -265,16 +265,9 @@ BAD = {
     ),
     "not well-formed": ("<mujoco>\n<worldbody>\n<oops", InputError, "mine.xml"),
     "unknown element": (FREE.replace("{more}", "\n<bodi/>"), InputError, "line 2"),
-    "RK4": (FREE.replace("<option ", '<option integrator="RK4" '), InputError, "implicitfast"),
     "missing mesh": (
         FREE.replace("<worldbody>", "<asset><mesh name='m' file='gone.stl'/></asset><worldbody>"), InputError,
         "gone.stl",
-    ),
-    "actuators": (
-        FREE.replace("<freejoint/>", "<joint name='j' type='slide'/>").replace(
-            "</mujoco>", "<actuator><motor joint='j'/></actuator></mujoco>"
-        ),
-        InputError, "actuators",
     ),
 }  # fmt: skip
 
@@ -295,11 +288,77 @@ def test_a_missing_file_another_name_and_another_kind_are_refused(tmp_path: Path
         Scene(3)
 
 
-@pytest.mark.parametrize(("step", "period"), [(0.0007, 1e-3), (0.002, 1e-3), (0.0005, 1.25e-3)])
-def test_a_timestep_that_does_not_divide_the_tick_is_refused(step: float, period: float, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="does not divide the tick"):
-        Scene(write(tmp_path, step=step)).check_period(period)
-    Scene(write(tmp_path, step=0.0005)).check_period(1e-3)
+@pytest.mark.parametrize(
+    ("step", "period", "count"), [(0.0007, 1e-3, 2), (0.002, 1e-3, 1), (0.0005, 1.25e-3, 3), (0.0005, 1e-3, 2)]
+)
+def test_a_timestep_that_does_not_divide_the_tick_is_shortened_and_said(
+    step: float, period: float, count: int, tmp_path: Path
+) -> None:
+    scene = Scene(write(tmp_path, step=step), stiffness=1e-3, greatest=1e-6).for_device(load("omni"))
+    scene.check_period(period)
+    remarks = " ".join(scene.list_remarks(period))
+    assert ("does not divide" in remarks) == (count * step != pytest.approx(period))
+    bound = bind_world(scene, period)
+    assert bound is not None
+    for _ in range(40):
+        bound.wrench(State.at((0.0, 0.0, 0.055)))
+    engine = load_engine()
+    model = engine.MjModel.from_xml_path(str(tmp_path / "mine.xml"))
+    model.opt.timestep = period / count
+    data = engine.MjData(model)
+    engine.mj_step(model, data, 40 * count)
+    assert bound.memory["state"][0, 0] == pytest.approx(40 * period)
+    assert bound.memory["state"][0, 1:8] == pytest.approx(data.qpos, abs=1e-5)
+
+
+def test_too_many_steps_in_a_tick_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="200 are possible"):
+        Scene(write(tmp_path, step=1e-6)).check_period(1e-3)
+
+
+LEVER = """<mujoco model="lever"><option timestep="0.001" gravity="0 0 0"/><worldbody>
+<body name="peg" pos="0 0 0.05"><joint name="hinge" type="hinge" axis="0 1 0" damping="0.01"/>
+<geom type="capsule" fromto="0 0 0 0.08 0 0" size="0.006" mass="0.05"/></body></worldbody>
+<actuator><position joint="hinge" kp="0.5" ctrlrange="-1 1"/></actuator>{more}</mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("more", "control", "angle"),
+    [
+        ("", 0.0, 0.0),
+        ("", 0.4, 0.4),
+        ('<keyframe><key qpos="0" ctrl="0.3"/></keyframe>', 0.0, 0.3),
+        ('<keyframe><key qpos="0" ctrl="0.3"/></keyframe>', -0.5, -0.2),
+    ],
+)
+def test_actuators_hold_the_control_of_the_file_changed_by_a_parameter(
+    more: str, control: float, angle: float, tmp_path: Path
+) -> None:
+    scene = Scene(write(tmp_path, text=LEVER.format(more=more)), stiffness=1e-3, greatest=1e-9).for_device(load("omni"))
+    assert "1 actuator" in " ".join(scene.remarks)
+    assert scene.unused_parameters == {f"control_{n}" for n in range(2, 9)}
+    bound = bind_world(scene.replace(control_1=control), 1e-3)
+    assert bound is not None
+    for _ in range(1500):
+        bound.wrench(State.at((0.0, 0.0, 0.055)))
+    assert bound.memory["state"][0, 1] == pytest.approx(angle, abs=2e-3)
+
+
+def test_rk4_is_replaced_and_said(tmp_path: Path) -> None:
+    scene = Scene(write(tmp_path, text=FREE.replace("<option ", '<option integrator="RK4" ').format(
+        step=0.001, weight=0, more="")))  # fmt: skip
+    assert "implicitfast" in " ".join(scene.remarks)
+    assert int(scene.model.model.opt.integrator) == int(load_engine().mjtIntegrator.mjINT_IMPLICITFAST)
+
+
+def test_a_message_lists_a_few_bodies_of_many(tmp_path: Path) -> None:
+    more = "".join(f"<body name='arm{n}'><freejoint/><geom size='0.01'/></body>" for n in range(250))
+    path = write(tmp_path, text=FREE.replace('"peg"', '"pen"').format(step=0.001, weight=0, more=more))
+    for body in ("", "arm"):
+        with pytest.raises(InputError) as said:
+            Scene(path, body)
+        assert len(str(said.value)) < 400
+    assert "arm" in str(said.value)
 
 
 def test_steps_allocate_nothing_that_grows() -> None:

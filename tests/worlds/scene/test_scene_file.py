@@ -33,6 +33,39 @@ def test_the_file_and_what_it_includes_are_watched(file: SceneFile) -> None:
     assert file.stamp is None
 
 
+def test_single_quotes_nested_includes_meshes_and_missing_files_are_watched(tmp_path: Path) -> None:
+    """As in a scene whose `outer.xml` includes `middle.xml` in single quotes, which includes `inner.xml`."""
+    (tmp_path / "meshes").mkdir()
+    texts = {
+        "outer.xml": "<mujoco><compiler meshdir='meshes'/><include file='middle.xml'/></mujoco>",
+        "middle.xml": "<mujocoinclude><include file = 'inner.xml'/></mujocoinclude>",
+        "inner.xml": "<mujocoinclude><asset><mesh name='m' file='part.obj'/></asset><worldbody><body name='peg'>"
+        "<freejoint/><geom type='mesh' mesh='m' mass='0.1'/></body></worldbody></mujocoinclude>",
+        "meshes/part.obj": "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    watched = parse_scene_file("outer.xml", folder=tmp_path)
+    assert watched.load().name == "scene-outer"
+    for name, text in texts.items():
+        before = watched.stamp
+        assert watched.stamp == before
+        (tmp_path / name).write_text(text + "\n")
+        assert watched.stamp != before, name
+    before = watched.stamp
+    (tmp_path / "meshes" / "part.obj").unlink()
+    missing = watched.stamp
+    assert missing != before
+    (tmp_path / "meshes" / "part.obj").write_text(texts["meshes/part.obj"])
+    assert watched.stamp != missing
+
+
+def test_a_scene_may_be_longer_than_a_toml_file(tmp_path: Path) -> None:
+    (tmp_path / "part.xml").write_text(PART.format(name="stone"))
+    (tmp_path / "long.xml").write_text(TEXT.replace("<mujoco>", f"<mujoco><!-- {'x' * 400_000} -->"))
+    assert parse_scene_file("long.xml", folder=tmp_path).load().name == "scene-long"
+
+
 def test_values_are_those_of_the_command_line(file: SceneFile) -> None:
     assert SceneFile(file.path, "peg", {"stiffness": 120.0}).load().stiffness == 120.0
     with pytest.raises(InputError, match="stiffness"):

@@ -28,6 +28,7 @@ import numpy as np
 from haptorb.errors import DriverError, InputError, quote
 from haptorb.runtime.sockets import DatagramTimes, UdpOwners, is_own_account
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose, SenderClock
+from haptorb.runtime.trackers.formats import FormatReader, ReadPose
 
 __all__ = ["LOST", "POSE", "OscFeed", "Single", "loopback", "osc_socket", "read_packet"]
 
@@ -109,6 +110,7 @@ POSE, LOST = "/haptorb/pose", "/haptorb/lost"
 
 _LAYOUT = f"expected {POSE} with x y z qx qy qz qw and perhaps t"
 _LONGEST = 1024  #: no message of the layout is longer; what is, is not even parsed [bytes]
+_LONGEST_BUNDLE = 8192  #: of another program's, which may tell of many objects [bytes]
 _BURST = 256  #: datagrams taken at once before the pose is written again
 _SILENT = 2.0  #: a sender that says nothing for so long may be replaced [s]
 _LOST = 0.05  #: so long the pose is lost in between: some ticks of any loop must see it [s]
@@ -148,14 +150,16 @@ def osc_socket(host: str, port: int) -> socket.socket:
 
 @final
 class OscFeed(Feed):
-    """Listens on an open socket. With a `token`, messages that do not begin with it are a stranger's."""
+    """Listens on an open socket. With a `token`, messages that do not begin with it are a stranger's. With a `reader`,
+    poses come in its format instead of the layout above."""
 
-    def __init__(self, listening: socket.socket, token: str = "") -> None:
+    def __init__(self, listening: socket.socket, token: str = "", reader: FormatReader | None = None) -> None:
         self._socket = listening
         self._socket.setblocking(False)
         self._token = token.encode()
         self._times = DatagramTimes()
         self._times.watch(listening)
+        self._reader, self._longest = reader, _LONGEST if reader is None else _LONGEST_BUNDLE
         self._clock = SenderClock()
         self._numbers: list[float] = []  # of the pose before
         self._other = ""  # the first message that is none of the layout
@@ -166,7 +170,7 @@ class OscFeed(Feed):
     @property
     def remark(self) -> str:
         """Which other message came, or why the sender's times are not used; empty if nothing is unusual."""
-        return self._other or self._clock.remark
+        return (self._reader.remark if self._reader else self._other) or self._clock.remark
 
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """What came in up to 256 datagrams; at most `patience` [s] for the first."""
@@ -175,7 +179,7 @@ class OscFeed(Feed):
         known: dict[object, bool] = {}  # sender → whether its messages count; looked up in each batch
         for _ in range(_BURST):
             try:
-                data, notes, _, sender = self._socket.recvmsg(_LONGEST + 1, DatagramTimes.room)
+                data, notes, _, sender = self._socket.recvmsg(self._longest + 1, DatagramTimes.room)
             except BlockingIOError:
                 return
             except OSError:  # "port unreachable" in reply to a message that we did not send
@@ -189,7 +193,7 @@ class OscFeed(Feed):
 
     def read(self, data: bytes, arrival: float, sender: object = "the only one") -> Iterator[RawPose | RejectedPose]:
         """What one datagram of `sender` (its address and port) says."""
-        if len(data) > _LONGEST:
+        if len(data) > self._longest:
             yield RejectedPose("garbage")
             return
         try:
@@ -199,14 +203,18 @@ class OscFeed(Feed):
             return
         if not messages:
             yield RejectedPose("garbage")
-        for address, values in messages:
-            yield self._message(address, values, arrival, sender)
+        if self._reader is None:
+            for address, values in messages:
+                yield self._message(address, values, arrival, sender)
+            return
+        own = [(address, values) for address, values in messages if self._take_token(values)]
+        yield from (RejectedPose("stranger") for _ in range(len(messages) - len(own)))
+        for one in self._reader.read(own) if own else ():
+            yield self._accept(one, arrival, sender) if isinstance(one, ReadPose) else one
 
     def _message(self, address: str, values: list[object], arrival: float, sender: object) -> RawPose | RejectedPose:
-        if self._token:  # safety: sender-token
-            tags = values.pop(0) if values else None
-            if not (isinstance(tags, str) and compare_digest(tags.encode("utf-8", "replace"), self._token)):
-                return RejectedPose("stranger")
+        if not self._take_token(values):
+            return RejectedPose("stranger")
         numbers = [float(x) for x in values if isinstance(x, int | float) and not isinstance(x, bool)]
         first = {POSE: 7, LOST: 0}.get(address)
         if first is None or len(numbers) != len(values) or len(numbers) not in (first, first + 1):
@@ -220,6 +228,18 @@ class OscFeed(Feed):
         resolution = time.resolution if isinstance(time, Single) else 0.0
         if sent is not None and not isfinite(sent):
             return RejectedPose("not_finite")
+        pose = ReadPose(tuple(numbers[:3]), tuple(numbers[3:7]), address != LOST, sent, resolution)
+        return self._accept(pose, arrival, sender)
+
+    def _take_token(self, values: list[object]) -> bool:
+        """Whether a message begins with the token, which is taken out of `values`; true if none is needed."""
+        if self._token:  # safety: sender-token
+            tags = values.pop(0) if values else None
+            return isinstance(tags, str) and compare_digest(tags.encode("utf-8", "replace"), self._token)
+        return True
+
+    def _accept(self, pose: ReadPose, arrival: float, sender: object) -> RawPose | RejectedPose:
+        """What `sender` says counts if it is the only one."""
         if sender != self._sender:  # safety: one-sender
             if arrival - self._spoke <= _SILENT:
                 return RejectedPose("another_sender")
@@ -230,11 +250,12 @@ class OscFeed(Feed):
         self._spoke = arrival
         if arrival < self._heard_from:  # safety: sender-replaced
             return RejectedPose("another_sender")
-        changed, self._numbers = numbers[:first] != self._numbers, numbers[:first]
-        stamp = arrival if sent is None else self._clock.stamp(sent, arrival, resolution, changed=changed)
-        if address == LOST:
-            return RawPose((), (), stamp, arrival, False)
-        return RawPose(tuple(numbers[:3]), tuple(numbers[3:7]), stamp, arrival)
+        numbers = [*pose.p, *pose.q]
+        changed, self._numbers = numbers != self._numbers, numbers
+        stamp = (
+            arrival if pose.sent is None else self._clock.stamp(pose.sent, arrival, pose.resolution, changed=changed)
+        )
+        return RawPose(pose.p, pose.q, stamp, arrival) if pose.valid else RawPose((), (), stamp, arrival, False)
 
     def close(self) -> None:
         """Close the port."""

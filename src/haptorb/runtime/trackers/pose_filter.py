@@ -27,6 +27,7 @@ __all__ = ["REASONS", "PoseFilter", "describe_missing_pose", "describe_source", 
 REASONS = {
     "garbage": "not a message of the documented layout",
     "stranger": "without the token",
+    "other_message": "about another object, or to another address",
     "another_account": "from another account of this computer, or from a port that nobody has",
     "another_sender": "from another sender than the poses before",
     "not_finite": "a number that is not finite",
@@ -45,6 +46,8 @@ _STEP = 0.004  #: and with one, by the clocks' comparison [s]
 _AGREED = 0.05  #: after a jump, poses must agree for so long, and at least three of them [s]
 _SMOOTHED = 0.010  #: time constant of the velocities [s]
 _SILENCE = 0.05  #: without a pose for longer is a gap [s]
+_BESIDE = 0.01  #: a tool so near to the centre is beside nothing [m]
+_POSTURE = 1.0  #: a tool that points down for so long is said [s]
 _LENGTH = 2048  #: of intervals and delays, for the percentiles
 
 
@@ -63,6 +66,7 @@ class PoseFilter:
         self.lost = 0  #: how often the tracker said that it lost the tool
         self.gaps = 0  #: silences above 50 ms
         self.refused: Counter[str] = Counter()
+        self._suspected, self._suspected_since, self._posture = "", 0.0, ""
         self._intervals: deque[float] = deque(maxlen=_LENGTH)
         self._delays: deque[float] = deque(maxlen=_LENGTH)
 
@@ -102,9 +106,18 @@ class PoseFilter:
             self.refused["jump"] += 1
             return
         self.accepted += 1
+        self._look_at_posture(pose)
         self._delays.append(raw.arrival - raw.stamp)
         self._last = self._add_velocity(pose)
         self._block.write(self._last)
+
+    def _look_at_posture(self, pose: PoseRecord) -> None:
+        """Notice a tool that points down, or lies beside the device, for a second: another convention was taken for
+        ours."""
+        remark = _explain_posture(pose.p, pose.q) if self._feed.one_tool else ""
+        if remark != self._suspected:
+            self._suspected, self._suspected_since = remark, pose.stamp
+        self._posture = remark if pose.stamp - self._suspected_since >= _POSTURE else ""
 
     def _is_doubtful(self, pose: PoseRecord, least: float) -> bool:
         """Whether `pose` has jumped, or comes after one that has; `least` [s] may be missing between two stamps."""
@@ -150,7 +163,7 @@ class PoseFilter:
             "lost": self.lost,
             "gaps": self.gaps,
             "refused": dict(self.refused),
-            "remark": self._feed.remark,
+            "remark": (self._feed.remark or self._posture),
         }
 
 
@@ -171,6 +184,24 @@ def _is_jump(before: PoseRecord, pose: PoseRecord, passed: float) -> bool:
     way, turn = pose.p - before.p, _rotation_between(before.q, pose.q)
     # safety: jump-seen
     return bool(float(way @ way) > (_FASTEST * passed) ** 2 or float(turn @ turn) > (_SPINNING * passed) ** 2)
+
+
+def _explain_posture(p: Array, q: Array) -> str:
+    """Why a tool at `p` (3,) [m] with the quaternion `q` (4,) is not as people hold one; empty if it is.
+
+    >>> _explain_posture(np.array([0.0, 0.0, 0.05]), np.array([1.0, 0.0, 0.0, 0.0]))
+    'the tool points down: if the quaternion is sent with w first, add ,w-first to the tracker'
+    >>> _explain_posture(np.array([0.0, 0.05, 0.0]), np.array([0.0, 0.0, 0.0, 1.0]))
+    'the tool is beside the device, along +y: if y is up where the poses come from, add ,y-up to the tracker'
+    """
+    if 1.0 - 2.0 * float(q[0] ** 2 + q[1] ** 2) < -0.5:
+        w_first = 1.0 - 2.0 * float(q[1] ** 2 + q[2] ** 2) > 0.5
+        hint = "the quaternion is sent with w first, add ,w-first to" if w_first else "it does not, check the axes of"
+        return f"the tool points down: if {hint} the tracker"
+    distance = sqrt(float(p @ p))
+    if distance > _BESIDE and float(p[1]) > 0.9 * distance:
+        return "the tool is beside the device, along +y: if y is up where the poses come from, add ,y-up to the tracker"
+    return ""
 
 
 def _rotation_between(before: Array, q: Array) -> Array:
@@ -231,7 +262,7 @@ def describe_source(tracker: str) -> str:
     kind, _, where = tracker.partition(":")
     match kind:
         case "osc":
-            return f"OSC port {where.rpartition(':')[2]}"
+            return f"OSC port {where.rpartition(':')[2].replace(',', ' as ', 1)}"
         case "lsl":
             return f"the LSL stream '{where}'"
         case "natnet":

@@ -4,6 +4,8 @@ pointer          the console's pointer        hall          the field sensors (t
 osc:PORT         OSC over UDP, this computer  osc:HOST:PORT beyond it, with a token
 lsl:NAME[/SOURCE] a stream of this computer   replay:FILE   a recording's poses, simulated device only
 natnet:HOST[:PORT][/BODY]                     a rigid body of an OptiTrack server
+
+Formats follow a comma: osc:9000,vrchat  osc:9000,mine.toml  lsl:NAME,w-first (haptorb.runtime.trackers.formats).
 """
 
 from __future__ import annotations
@@ -49,13 +51,28 @@ def check_tracker(name: str, driver: str = "sim") -> str:
     kind = _KINDS.get(name.partition(":")[0])
     if kind is None or ":" not in name:
         raise UnknownName("tracker", name, (*TRACKERS, *_FORMS))
-    kind(name.partition(":")[2])
+    from haptorb.runtime.trackers.formats import split_format
+
+    where, words = split_format(name.partition(":")[2])
+    kind(where)
+    _check_format(name, kind, words)
     if kind is _Replay and is_real(driver):  # safety: replay-real
         raise InputError(
             f"tracker '{name}' replays recorded poses, but driver '{driver}' acts on the real tool: use replay with "
             "driver sim, or a tracker that measures the tool"
         )
     return name
+
+
+def _check_format(name: str, kind: type[Preparation], words: tuple[str, ...]) -> None:
+    """Raise InputError if `words` are no format, or none for this kind of tracker; a mapping file is read."""
+    if kind is _Replay and words:
+        raise InputError(f"tracker '{name}': a recording has poses in the stator's frame; leave out {words[0]}")
+    from haptorb.runtime.trackers.formats import parse_format
+
+    found, _ = parse_format(words)
+    if found is not None and kind is not _Osc:
+        raise InputError(f"tracker '{name}': {words[0]} is a format of OSC messages: use osc:PORT,{words[0]}")
 
 
 class Preparation(ABC):
@@ -85,10 +102,15 @@ class Preparation(ABC):
 
 def prepare_tracker(name: str) -> Preparation:
     """The tracker `name`, ready to start."""
-    kind, _, where = name.partition(":")
+    from haptorb.runtime.trackers.formats import parse_format, split_format
+
+    kind, _, rest = name.partition(":")
+    where, words = split_format(rest)
     preparation = _KINDS[kind](where)
+    found, conversions = parse_format(words)
     _check_installed(kind)
     preparation.make_ready()
+    preparation.spec |= {"conversions": list(conversions), "format": found and found.spec}
     return preparation
 
 
@@ -115,6 +137,10 @@ def feed_of(spec: dict[str, Any], descriptor: int, origin: Callable[[], float], 
     `origin` waits until the loop runs and returns the zero of its clock.
     """
     feed = _open_feed(spec, descriptor, origin)
+    if conversions := spec.get("conversions"):
+        from haptorb.runtime.trackers.formats import ConvertedFeed
+
+        feed = ConvertedFeed(feed, conversions)
     if not frame:
         return feed
     from haptorb.estimation.tracker_frame import TrackerFrame
@@ -128,9 +154,12 @@ def _open_feed(spec: dict[str, Any], descriptor: int, origin: Callable[[], float
 
     match spec["kind"]:
         case "osc":
+            from haptorb.runtime.trackers.formats import PoseFormat, make_reader
             from haptorb.runtime.trackers.osc import OscFeed
 
-            return OscFeed(socket.socket(fileno=descriptor), spec["token"])
+            layout = spec.get("format")
+            reader = make_reader(PoseFormat.of(layout)) if layout else None
+            return OscFeed(socket.socket(fileno=descriptor), spec["token"], reader)
         case "lsl":
             from haptorb.runtime.trackers.lsl import LslFeed
 
