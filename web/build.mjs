@@ -72,7 +72,7 @@ await bundle(
   ],
   [
     ["view/view.html", "view.html"],
-    ["index.html", "player.html", (text) => text.replaceAll("/static/console.", "/static/player.")],
+    ["index.html", "player.html", (text) => text.replaceAll("static/console.", "static/player.")],
     ["icon.svg", "icon.svg"],
   ],
 );

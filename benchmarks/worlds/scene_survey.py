@@ -104,8 +104,9 @@ def run_one(path: Path) -> tuple[str, str]:
     """`try_file` in a process that may die or take too long."""
     try:
         done = subprocess.run(
-            [sys.executable, __file__, "--one", str(path)], capture_output=True, text=True, timeout=LIMIT, check=False
-        )
+            [sys.executable, str(Path(__file__).resolve()), "--one", str(path)], capture_output=True, text=True,
+            timeout=LIMIT, check=False, cwd=tempfile.gettempdir(),
+        )  # fmt: skip
     except subprocess.TimeoutExpired:
         return "fails", f"not done within {LIMIT} s"
     if done.returncode or not done.stdout.strip():

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from sqlalchemy.engine import Engine
 
     from haptorb.runtime.servo import Servo
+    from haptorb.web.server import PageAddress
     from haptorb_study.order import OrderSummary
     from haptorb_study.pages import SessionManager
     from haptorb_study.study_file import Study
@@ -462,9 +463,16 @@ def run(
         str | None, typer.Option(help="Send LSL streams to other equipment on: computer (this one) or network.")
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the pages; 0 takes any free port.")] = 8766,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; 0.0.0.0: other computers reach the page, with its token.")
+    ] = "127.0.0.1",
+    address: Annotated[
+        str, typer.Option(help="Address of the page behind a proxy, such as https://lab.example/haptorb/.")
+    ] = "",
 ) -> None:
     """Run sessions with a page for the participant and one for the experimenter. Resumes interrupted sessions."""
     from haptorb.runtime.linux import require_linux
+    from haptorb.web.server import PageAddress
     from haptorb_study.codes import check_code
     from haptorb_study.copies import check_contents
     from haptorb_study.database import database
@@ -472,6 +480,7 @@ def run(
     from haptorb_study.study_file import read_study
 
     require_linux("`haptorb study run`")
+    where = PageAddress(host, address)
     known = read_study(file)
     if participant is not None:
         participant = check_code(participant)
@@ -517,7 +526,7 @@ def run(
 
         begin = partial(StoredSession, pilot=pilot)
         manager = SessionManager(engine, known, start, find_path, streams, begin)
-        _run_in_browser(manager, known, participant, db, driver, port, pilot)
+        _run_in_browser(manager, known, participant, db, driver, port, pilot, where)
 
 
 def _run_in_terminal(
@@ -540,8 +549,9 @@ def _run_in_terminal(
 
 
 def _run_in_browser(
-    sessions: SessionManager, known: Study, participant: str | None, db: str, driver: str, port: int, pilot: bool
-) -> None:
+    sessions: SessionManager, known: Study, participant: str | None, db: str, driver: str, port: int, pilot: bool,
+    where: PageAddress,
+) -> None:  # fmt: skip
     from haptorb.sql import mask_password
     from haptorb_study.pages import StudyServer
     from haptorb_study.simulated import forecast
@@ -552,7 +562,9 @@ def _run_in_browser(
         "forecast": forecast(known).sentence,
         "code": participant or "",
     }
-    with StudyServer(sessions, port, simulated=driver == "sim", more=more) as host:
+    if where.warning:
+        say(where.warning)
+    with StudyServer(sessions, port, simulated=driver == "sim", more=more, where=where) as host:
         nature = ("PILOT, " if pilot else "") + ("SIMULATED DEVICE" if driver == "sim" else f"driver {driver}")
         say(f"participant:  {host.participant}\nexperimenter: {host.experimenter}\n{nature}. Ctrl-C ends.")
         if participant is not None:

@@ -21,6 +21,7 @@ from haptorb_study.feel_limits import DesignChoice, StabilityCheck, find_limits
 if TYPE_CHECKING:
     from haptorb.devices.base import Device
     from haptorb.runtime.servo import Servo
+    from haptorb.web.server import PageAddress
     from haptorb_study.feel import Candidate, Candidates, FeelSession
     from haptorb_study.feel.live_session import LiveSession, TrueScale
 
@@ -70,11 +71,18 @@ def feel(
         float, typer.Option("--duration", "--seconds", help="Duration per design without the console [s].")
     ] = 15.0,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; 0.0.0.0: other computers reach the page, with its token.")
+    ] = "127.0.0.1",
+    address: Annotated[
+        str, typer.Option(help="Address of the page behind a proxy, such as https://lab.example/haptorb/.")
+    ] = "",
     browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
 ) -> None:
     """Feel designs, rate each from 1 to 7, and compare them. Writes a report at the end."""
     from haptorb.runtime.linux import require_linux
+    from haptorb.web.server import PageAddress
     from haptorb_study.feel import FeelSession
     from haptorb_study.feel.live_session import LiveSession
     from haptorb_study.feel.report import write_report
@@ -82,6 +90,7 @@ def feel(
     from haptorb_study.feel_limits import DesignChoice
 
     require_linux("`haptorb feel`")
+    where = PageAddress(host, address)
     choice = DesignChoice.of(designs, world or [], settings or [])
     candidates = choice.load()
     wanted = [candidates[name] for name in dict.fromkeys(only)] if only else list(candidates.designs)
@@ -106,7 +115,7 @@ def feel(
             feel_without_console(store, design, device, duration, person, scores.pop(design.name, None))
     else:
         live = LiveSession(store, wanted, person=person, blind=blind, limits=scale.unknown_limits)
-        number = feel_with_console(live, choice, device, scale, port, browser)
+        number = feel_with_console(live, choice, device, scale, port, browser, where)
     unfelt = [name for name in scores if not store.was_felt(name)]
     for name, score in scores.items():
         if name in unfelt:
@@ -216,7 +225,7 @@ def feel_without_console(
 
 
 def feel_with_console(
-    live: LiveSession, choice: DesignChoice, device: str, scale: TrueScale, port: int, browser: bool
+    live: LiveSession, choice: DesignChoice, device: str, scale: TrueScale, port: int, browser: bool, where: PageAddress
 ) -> int:
     """Designs felt and rated in page and terminal until the session is finished; the signal's number, or 0."""
     from haptorb.runtime.world_change import name_of
@@ -249,7 +258,9 @@ def feel_with_console(
             live.set_limits(find_limits(scale, live.designs, margin))
 
     threads = [Thread(target=work, name=f"haptorb-{work.__name__}") for work in (collect, listen, judge)]
-    with Console(servo, port, designs=DesignPanel(live)) as console, freeze_garbage(), servo:
+    if where.warning:
+        say(where.warning)
+    with Console(servo, port, designs=DesignPanel(live), where=where) as console, freeze_garbage(), servo:
         live.join(servo)
         live.notify = say
         say(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")

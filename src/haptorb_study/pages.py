@@ -36,6 +36,7 @@ from haptorb.runtime.servo import Servo
 from haptorb.web.access import AccessGate, choose_token
 from haptorb.web.server import (
     HOST,
+    PageAddress,
     bind_socket,
     is_stop_request,
     page_files,
@@ -672,8 +673,11 @@ class StudyPage:
 class StudySocketHub:
     """Joins pages to the session manager."""
 
-    def __init__(self, manager: SessionManager, token: str, about: Mapping[str, Any], more: Mapping[str, Any]) -> None:
-        self._manager, self._token = manager, token
+    def __init__(
+        self, manager: SessionManager, token: str, about: Mapping[str, Any], more: Mapping[str, Any],
+        participant_token: str = "",
+    ) -> None:  # fmt: skip
+        self._manager, self._token, self._participant_token = manager, token, participant_token
         self._about, self._more = dict(about), dict(more)
         self._participants: list[StudyPage] = []  # the first has the pen and answers, the others only look on
         self._experimenters: list[StudyPage] = []
@@ -691,8 +695,10 @@ class StudySocketHub:
             await asyncio.sleep(REFRESH)
 
     async def join_participant(self, socket: WebSocket) -> None:
-        """Serve a participant's page until it goes away."""
+        """Serve a participant's page until it goes away; beyond this computer, if its first message is its token."""
         await socket.accept()
+        if not await self._shows(socket, self._participant_token):
+            return
         page = StudyPage(socket, participant=True)
         self.enter(page)
         try:
@@ -703,14 +709,7 @@ class StudySocketHub:
     async def join_experimenter(self, socket: WebSocket) -> None:
         """Serve an experimenter's page, if its first message is the token."""
         await socket.accept()
-        try:
-            given = await asyncio.wait_for(socket.receive_text(), PATIENCE)
-        except (TimeoutError, WebSocketDisconnect, KeyError, RuntimeError):
-            given = ""
-        # safety: experimenter-token
-        if not secrets.compare_digest(given.encode("utf-8", "replace"), self._token.encode()):
-            with suppress(RuntimeError):
-                await socket.close(1008, "open this page with the address that the terminal printed")
+        if not await self._shows(socket, self._token):
             return
         page = StudyPage(socket, participant=False)
         self.enter(page)
@@ -718,6 +717,21 @@ class StudySocketHub:
             await self._serve(page, self._about | self._more)
         finally:
             self.part(page)
+
+    async def _shows(self, socket: WebSocket, token: str) -> bool:
+        """Whether the first message is `token`, if one is needed; else the connection is closed."""
+        if not token:
+            return True
+        try:
+            given = await asyncio.wait_for(socket.receive_text(), PATIENCE)
+        except (TimeoutError, WebSocketDisconnect, KeyError, RuntimeError):
+            given = ""
+        # safety: experimenter-token
+        if not secrets.compare_digest(given.encode("utf-8", "replace"), token.encode()):
+            with suppress(RuntimeError):
+                await socket.close(1008, "open this page with the address that the terminal printed")
+            return False
+        return True
 
     def enter(self, page: StudyPage) -> None:
         """`page` is there."""
@@ -869,7 +883,7 @@ def _number(command: dict[str, Any], name: str) -> float:
 STATIC = Path(__file__).parent / "static"
 
 
-def application(hub: StudySocketHub) -> Starlette:
+def application(hub: StudySocketHub, where: PageAddress = PageAddress()) -> Starlette:
     """The ASGI application; InputError if the pages have not been built."""
     files = page_files(STATIC)
     if not {"participant.html", "experimenter.html"} <= set(files):
@@ -894,7 +908,7 @@ def application(hub: StudySocketHub) -> Starlette:
             WebSocketRoute("/ws/participant", hub.join_participant),
             WebSocketRoute("/ws/experimenter", hub.join_experimenter),
         ],
-        middleware=[Middleware(AccessGate)],
+        middleware=[Middleware(AccessGate, exposed=where.exposed, origin=where.origin)],
         lifespan=run_beside(hub.keep),
     )
 
@@ -911,6 +925,8 @@ class StudyServer:
 
     port   0 takes any free one
     more   what the experimenter's page shows besides: where answers are stored, and the forecast
+    where  the address that it listens on, and the one at which browsers find it; beyond this computer the participant's
+           page has a token, too
     Raises InputError at once if the port cannot be had or the pages have not been built.
     """
 
@@ -921,19 +937,22 @@ class StudyServer:
         *,
         simulated: bool = True,
         more: Mapping[str, Any] | None = None,
+        where: PageAddress = PageAddress(),
     ) -> None:
-        self._socket = bind_socket(port)
+        self._socket = bind_socket(port, where.host)
         self._manager = manager
         token = secrets.token_urlsafe(16)
         self.port = int(self._socket.getsockname()[1])
-        self.participant = f"http://{HOST}:{self.port}/"
+        participant_token = secrets.token_urlsafe(16) if where.exposed else ""
+        self.participant = where.url(self.port) + (f"#{participant_token}" if participant_token else "")
         # Behind the #: browsers keep that to themselves, so it is in no request, no log and no referrer.
-        self.experimenter = f"http://{HOST}:{self.port}/experimenter#{token}"
+        self.experimenter = f"{where.url(self.port, 'experimenter')}#{token}"
         try:
             everything = {"places": places(manager.study), **(more or {})}
-            hub = StudySocketHub(manager, token, describe_study(manager.study, simulated), everything)
+            about = describe_study(manager.study, simulated)
+            hub = StudySocketHub(manager, token, about, everything, participant_token)
             self._viewers = hub.viewers
-            self._server = server(application(hub))
+            self._server = server(application(hub, where))
         except BaseException:
             self._socket.close()
             raise

@@ -2,6 +2,7 @@
 
 import type { FromSocket, ToSocket } from "./socket.worker";
 import { parse, type ForceMap, type Mesh, type Pointer, type Rows } from "./wire";
+import { socketAddress } from "./address";
 
 export interface Listener {
   onOpen(): void;
@@ -30,7 +31,7 @@ export class Link {
 
   private open(): void {
     const { listener, token, patience } = this;
-    this.worker = new Worker("/static/socket.js", { type: "module" });
+    this.worker = new Worker("static/socket.js", { type: "module" });
     let begun = false;
     // The file did not come; without it the page would wait forever.
     this.worker.onerror = () => begun || setTimeout(() => this.open(), RETRY);
@@ -49,7 +50,7 @@ export class Link {
         }
       }
     };
-    this.post({ kind: "open", url: `ws://${location.host}/ws`, protocols: ["haptorb", `token.${token}`], patience });
+    this.post({ kind: "open", url: socketAddress("ws"), protocols: ["haptorb", `token.${token}`], patience });
   }
 
   point(pointer: Pointer): void {

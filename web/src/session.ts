@@ -199,7 +199,7 @@ const PATIENCE = 10_000; // for the server's answer [ms]
 /** Rejects with a UnknownToken if this page is not known, else with an Error. */
 export async function session(): Promise<Session> {
   const headers = { authorization: `Bearer ${token()}` };
-  const answer = await fetch("/api/session", { headers, signal: AbortSignal.timeout(PATIENCE) });
+  const answer = await fetch("api/session", { headers, signal: AbortSignal.timeout(PATIENCE) });
   if (answer.status === 403) throw new UnknownToken(await answer.text());
   if (!answer.ok) throw new Error(`the server responded with ${answer.status} to /api/session`);
   return (await answer.json()) as Session;

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from haptorb.runtime.prestart import PrestartedProcess
     from haptorb.runtime.servo import Servo
     from haptorb.serve.base import Serving
+    from haptorb.web.server import PageAddress
     from haptorb.worlds import World
     from haptorb.worlds.scene import SceneFile
     from haptorb.worlds.user_world import WorldFile
@@ -192,6 +193,12 @@ def run(
         ),
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; 0.0.0.0: other computers reach the page, with its token.")
+    ] = "127.0.0.1",
+    address: Annotated[
+        str, typer.Option(help="Address of the page behind a proxy, such as https://lab.example/haptorb/.")
+    ] = "",
     browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the report at the end as one JSON object.")] = False,
 ) -> None:
@@ -200,8 +207,10 @@ def run(
         raise InputError(f"--duration must be greater than 0 s; got {duration:g} s")
     from haptorb.runtime.linux import require_linux
     from haptorb.runtime.prestart import PrestartedProcess
+    from haptorb.web.server import PageAddress
 
     require_linux("`haptorb run`")
+    where = PageAddress(host, address)
     with PrestartedProcess() as standby:  # it loads while this process does, and reads the device file
         from haptorb.cli.progress import build_tables
         from haptorb.cli.world_option import choose_scene_option, choose_world_option, refuse_scene_options
@@ -239,7 +248,7 @@ def run(
             number = (
                 _run_without_console(servo, standby, serving, duration, json)
                 if headless
-                else _run_with_console(servo, standby, serving, duration, port, browser, json)
+                else _run_with_console(servo, standby, serving, duration, port, browser, json, where)
             )
         for file in servo.trip_files:
             say(f"last ticks before the trip: {file}")
@@ -278,13 +287,16 @@ def _run_with_console(
     port: int,
     browser: bool,
     json: bool,
+    where: PageAddress,
 ) -> int:
     from time import monotonic
 
     from haptorb.web.console import Console
     from haptorb.web.server import freeze_garbage
 
-    with Console(servo, port) as console, freeze_garbage(), _open_servo(servo, standby, serving):
+    if where.warning:
+        say(where.warning)
+    with Console(servo, port, where=where) as console, freeze_garbage(), _open_servo(servo, standby, serving):
         end = float("inf") if duration is None else monotonic() + duration
         last, invited = "", False
 

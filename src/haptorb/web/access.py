@@ -10,6 +10,8 @@ from __future__ import annotations
 import os
 import re
 import secrets
+import socket
+from ipaddress import ip_address
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
@@ -90,6 +92,18 @@ def _host(authority: str) -> str:
     return host.lower().rstrip(".")
 
 
+def _is_own_name(host: str) -> bool:
+    """Whether `host` is a numerical address, which no other site can have resolved to this computer, or its name."""
+    name = socket.gethostname().lower()
+    if host in (name, f"{name.partition('.')[0]}.local"):
+        return True
+    try:
+        ip_address(host.strip("[]"))
+    except ValueError:
+        return False
+    return True
+
+
 class AccessGate:
     """ASGI middleware: checks Host, Origin and token on the way in, and adds the content policy on the way out.
 
@@ -97,6 +111,8 @@ class AccessGate:
     free    paths that need no token, as the files in /static/ never do: a page alone says nothing about the device
     framed  whether pages of this server may stand in frames of each other; of others they never may, but for
     framed_by  the origin of another server of this program, whose pages may frame these; empty: none may
+    exposed  the server listens beyond this computer: it may be called by any numerical address, or by its name
+    origin  where browsers find it behind a proxy, such as https://lab.example; empty: nowhere else
     frames  origins of servers of this program that pages of this one may frame; empty: none
     """
 
@@ -109,8 +125,11 @@ class AccessGate:
         framed: bool = False,
         framed_by: str = "",
         frames: str = "",
+        exposed: bool = False,
+        origin: str = "",
     ) -> None:
         self.app = app
+        self._exposed, self._origin = exposed, origin
         self._policy = POLICY.replace("frame-ancestors 'none'", _FRAMED) if framed else POLICY
         if framed_by:
             self._policy = self._policy.replace("frame-ancestors 'none'", f"frame-ancestors {framed_by}")
@@ -124,7 +143,7 @@ class AccessGate:
             await self.app(scope, receive, send)
             return
         headers = Headers(scope=scope)
-        refusal = self.refusal(headers)
+        refusal = self.refusal(headers, self._exposed, self._origin)
         # safety: console-token
         if refusal is None and not self._open(scope["path"]) and not is_authorized(headers, self._token):
             refusal = "open the full address that the terminal printed, with the part after its #"
@@ -140,12 +159,15 @@ class AccessGate:
         return not self._token or path in self._free or path.startswith("/static/")
 
     @staticmethod
-    def refusal(headers: Headers) -> str | None:
-        """Why this request may not come in, or None."""
+    def refusal(headers: Headers, exposed: bool = False, public: str = "") -> str | None:
+        """Why this request may not come in, or None; arguments as `exposed` and `origin` of the gate."""
         host = headers.get("host", "")
-        if _host(host) not in LOOPBACK:
+        known = _host(host) in LOOPBACK or (exposed and _is_own_name(_host(host)))
+        if not known and not (public and host.lower() == public.partition("://")[2]):
             return f"this server answers on 127.0.0.1 only, not as '{host}'"
         origin = headers.get("origin")
+        if public and origin is not None and origin.lower() == public:
+            return None
         # Programs send no Origin; browsers always send it with a WebSocket. It is compared, never taken apart.
         if origin is not None and origin.lower() != f"http://{host.lower()}":
             return f"pages of '{origin}' may not use this server"

@@ -23,6 +23,7 @@ from haptorb.web.force_map import ForceMapSource, ForceMapWorker
 from haptorb.web.force_map_process import ForceMapProcess
 from haptorb.web.server import (
     HOST,
+    PageAddress,
     bind_socket,
     open_browser_at,
     page_files,
@@ -50,6 +51,7 @@ def application(
     force_map: ForceMapSource | None = None,
     designs: DesignSession | None = None,
     framed_by: str = "",
+    where: PageAddress = PageAddress(),
 ) -> Starlette:
     """The ASGI application for one running servo, for those who know `app.state.token`.
 
@@ -94,7 +96,9 @@ def application(
             Route("/api/session", describe),
             WebSocketRoute("/ws", hub.join),
         ],
-        middleware=[Middleware(AccessGate, token=token, framed_by=framed_by)],
+        middleware=[
+            Middleware(AccessGate, token=token, framed_by=framed_by, exposed=where.exposed, origin=where.origin)
+        ],
         lifespan=run_beside(hub.keep),
     )
     app.state.force_map = process
@@ -122,6 +126,7 @@ class Console:
     port      0 takes any free one
     designs   a session in which designs are felt and rated; its panel stands in place of the world's
     framed_by  origin of another server of this program whose pages may frame the console's; empty: none may
+    where     the address that it listens on, and the one at which browsers find it; else this computer's own
     Raises InputError at once if the port is taken or cannot be had, or the page has not been built.
     """
 
@@ -133,11 +138,12 @@ class Console:
         force_map: ForceMapSource | None = None,
         designs: DesignSession | None = None,
         framed_by: str = "",
+        where: PageAddress = PageAddress(),
     ) -> None:
         self._servo = servo
-        self._socket = bind_socket(port)
+        self._socket = bind_socket(port, where.host)
         try:
-            app = application(servo, force_map, designs, framed_by)
+            app = application(servo, force_map, designs, framed_by, where)
         except BaseException:
             self._socket.close()
             raise
@@ -145,7 +151,7 @@ class Console:
         self.port = int(self._socket.getsockname()[1])
         self.token: str = app.state.token  #: what a program says instead: `Authorization: Bearer TOKEN`
         self.origin = f"http://{HOST}:{self.port}"
-        self.url = f"{self.origin}/#{self.token}"
+        self.url = f"{where.url(self.port)}#{self.token}"
         self._server = server(app)
 
     @property

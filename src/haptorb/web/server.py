@@ -18,6 +18,7 @@ import tempfile
 import threading
 import webbrowser
 from collections.abc import AsyncIterator, Callable, Coroutine, Generator
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import sleep
@@ -36,11 +37,13 @@ __all__ = [
     "LIFE",
     "MOST",
     "OwnErrorFilter",
+    "PageAddress",
     "Request",
     "Server",
     "Socket",
     "bind_socket",
     "command",
+    "find_own_address",
     "freeze_garbage",
     "is_stop_request",
     "open_browser_at",
@@ -223,25 +226,92 @@ def run_beside(
     return lifespan
 
 
-def bind_socket(port: int) -> socket.socket:
-    """A listening socket on this computer's own address, or InputError that says who to ask."""
+@dataclass(frozen=True)
+class PageAddress:
+    """Where a page listens, and how browsers reach it.
+
+    host     address of this computer; other than 127.0.0.1: other computers reach the page, too
+    address  of the page behind a proxy, such as https://lab.example/haptorb/; empty: the host's own
+    """
+
+    host: str = HOST
+    address: str = ""
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[0-9A-Za-z.:_-]{1,100}", self.host):
+            raise InputError(f"--host must be an address of this computer, such as 0.0.0.0; got {self.host!r}")
+        if self.address and not re.fullmatch(r"https?://[0-9A-Za-z.:_\[\]-]+(/[^?#\s]*)?", self.address):
+            raise InputError(
+                f"--address must be the page's address without what stands behind a ?, such as https://lab/haptorb/; "
+                f"got {self.address!r}"
+            )
+
+    @property
+    def exposed(self) -> bool:
+        """Whether more than the programs of this computer reach the page."""
+        return bool(self.address) or self.host not in LOCAL
+
+    @property
+    def origin(self) -> str:
+        """Scheme, host and port of `address`; empty if there is none."""
+        return "/".join(self.address.split("/")[:3]).lower()
+
+    def url(self, port: int, path: str = "") -> str:
+        """What is opened in a browser."""
+        if self.address:
+            return f"{self.address.rstrip('/')}/{path}"
+        host = find_own_address() if self.host in ANYWHERE else self.host
+        return f"http://{f'[{host}]' if ':' in host else host}:{port}/{path}"
+
+    @property
+    def warning(self) -> str:
+        """What should be said before it is used; empty for this computer alone."""
+        if not self.exposed:
+            return ""
+        secret = "" if self.address.startswith("https:") else " The connection is not encrypted."
+        return (
+            "Warning: other computers can reach the page. Whoever has its whole address can move the device and start "
+            f"it.{secret}"
+        )
+
+
+LOCAL = ("127.0.0.1", "localhost", "::1")  #: only programs of this computer
+ANYWHERE = ("0.0.0.0", "::")  #: all addresses of this computer
+
+
+def find_own_address() -> str:
+    """The address at which other computers reach this one; this computer's own where it has no network. Nothing is
+    sent."""
+    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
+        asked.connect(("192.0.2.1", 9))  # an address for documentation: only the route is looked up
+        return str(asked.getsockname()[0])
+    return HOST
+
+
+def bind_socket(port: int, host: str = HOST) -> socket.socket:
+    """A listening socket on `host`, this computer's own address, or InputError that says who to ask."""
     if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= 65535:
         raise InputError(f"port must be a whole number from 0 to 65535; got {port!r}")
-    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        family, kind, protocol, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except OSError as cause:
+        raise InputError(f"--host: there is no address '{host}' ({cause.strerror})") from cause
+    listening = socket.socket(family, kind, protocol)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _UNREAD)
-        listening.bind((HOST, port))
+        listening.bind(place)
         listening.listen(_QUEUE)
     except OSError as cause:
         listening.close()
         if cause.errno == errno.EADDRINUSE:
             raise InputError(
-                f"port {port} of {HOST} is in use: end the program that uses it (`ss -ltnp 'sport = :{port}'` shows "
+                f"port {port} of {host} is in use: end the program that uses it (`ss -ltnp 'sport = :{port}'` shows "
                 "which), or choose another with --port (0 takes any free one)"
             ) from cause
         raise InputError(
-            f"port {port} of {HOST} cannot be opened: {cause.strerror}; choose another with --port"
+            f"port {port} of {host} cannot be opened: {cause.strerror}; choose another with --port, or an address of "
+            "this computer with --host"
         ) from cause
     return listening
 

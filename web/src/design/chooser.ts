@@ -94,7 +94,7 @@ class Chooser {
     if (window.chooser.now?.state === "starting") return;
     try {
       this.own = true;
-      this.show(await ask<Now>("/api/choose", { row }));
+      this.show(await ask<Now>("api/choose", { row }));
     } catch (mistake) {
       this.say(`Not started: ${(mistake as Error).message}`, true);
     }
@@ -104,7 +104,7 @@ class Chooser {
   /** Coils off at once; they stay off until somebody engages them in the console. */
   private async halt(): Promise<void> {
     try {
-      await ask("/api/stop", {});
+      await ask("api/stop", {});
     } catch (mistake) {
       this.say(`STOP was not confirmed: ${(mistake as Error).message}. Press Ctrl-C in the terminal.`, true);
     }
@@ -117,7 +117,7 @@ class Chooser {
 
   private async look(): Promise<void> {
     try {
-      this.show(await ask<Now>("/api/now"));
+      this.show(await ask<Now>("api/now"));
       this.misses = 0;
       cover(null);
     } catch {
@@ -164,7 +164,7 @@ addEventListener("hashchange", () => location.reload());
 
 if (!token()) cover(UNKNOWN);
 else
-  ask<Designs>("/api/designs").then(
+  ask<Designs>("api/designs").then(
     (designs) => new Chooser(designs),
     (mistake: unknown) => cover(mistake instanceof UnknownToken ? UNKNOWN : UNREACHED),
   );

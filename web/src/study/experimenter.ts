@@ -77,7 +77,7 @@ const pad = element<HTMLCanvasElement>("pad");
 const code = element<HTMLInputElement>("code");
 
 const line = new Line<Everything>(
-  "/ws/experimenter",
+  "ws/experimenter",
   {
     about(facts) {
       about = facts;

@@ -1,5 +1,7 @@
 // The connection to the study's server: what it says, and that it is there. It comes back by itself.
 
+import { socketAddress } from "../address";
+
 export interface Place {
   number: number;
   theta: number;
@@ -105,7 +107,7 @@ export class Line<V extends View> {
   }
 
   private open(): void {
-    const socket = new WebSocket(`ws://${location.host}${this.path}`);
+    const socket = new WebSocket(socketAddress(this.path));
     this.socket = socket;
     socket.onopen = () => {
       if (this.token) socket.send(this.token);

@@ -28,7 +28,7 @@ let wrong = ""; // shown until the next key
 const typed = element<HTMLInputElement>("typed");
 const pad = element<HTMLCanvasElement>("pad");
 
-const line = new Line<View>("/ws/participant", {
+const line = new Line<View>("ws/participant", {
   about(facts) {
     about = facts;
     mask ??= facts.mask ? new Mask(facts.mask.noise, facts.mask.volume_db) : null;
@@ -53,7 +53,7 @@ const line = new Line<View>("/ws/participant", {
     mask?.stop();
     render();
   },
-});
+}, location.hash.slice(1));
 
 function inTrial(): boolean {
   return (view.state === "running" || view.state === "time is up") && view.task !== null && !view.watching;

@@ -37,7 +37,7 @@ export type Trips = Record<string, { word: string; text: string }>;
 
 /** What the server knows of it now. */
 export async function fetchOverview(recording: number, token: string, played: Recorded, trips: Trips): Promise<Overview> {
-  const answer = await fetch(`/api/overview?recording=${recording}`, { headers: { authorization: `Bearer ${token}` } });
+  const answer = await fetch(`api/overview?recording=${recording}`, { headers: { authorization: `Bearer ${token}` } });
   if (!answer.ok) throw new Error(`the server responded with ${answer.status} to /api/overview`);
   const buffer = await answer.arrayBuffer();
   const length = new DataView(buffer).getUint32(0, true);

@@ -30,6 +30,7 @@ import { KEYS, type PlayerHandle, type Recorded } from "./played";
 import { hideControls } from "./recorded_page";
 import { BLOCK, RowSource, type Place } from "./row_source";
 import { WindowRows } from "./window_rows";
+import { socketAddress } from "../address";
 
 const READ = 100; // ms between two readings of the numbers
 const SAY = 4000; // ms between two sentences for those who listen
@@ -102,7 +103,7 @@ class Player {
     this.freezePanels();
     this.detail();
     this.buttons();
-    const url = `ws://${location.host}/ws?recording=${recording}`;
+    const url = socketAddress(`ws?recording=${recording}`);
     this.source = new RowSource(url, token(), session.played.rows, session.played.start, {
       onOpen: () => this.onOpen(),
       onClose: () => this.onClose(),
@@ -396,7 +397,7 @@ const median = (list: number[]): number => [...list].sort((a, b) => a - b)[list.
 
 async function begin(): Promise<void> {
   const recording = new URLSearchParams(location.search).get("recording") ?? "0";
-  const answer = await fetch(`/api/session?recording=${recording}`, { headers: { authorization: `Bearer ${token()}` } });
+  const answer = await fetch(`api/session?recording=${recording}`, { headers: { authorization: `Bearer ${token()}` } });
   if (answer.status === 403) throw new UnknownToken(await answer.text());
   const { handle } = new Player((await answer.json()) as PlayedSession, recording);
   window.player = handle;

@@ -42,7 +42,7 @@ class Timeline {
     this.clock = new Clock(0, 0);
     this.bounds();
     for (const [i, { name, gives }] of recordings.entries()) {
-      const frame = make("iframe", { src: `/player?recording=${i}${location.search.replace("?", "&")}#${token()}`, title: `Recording ${name}` });
+      const frame = make("iframe", { src: `player?recording=${i}${location.search.replace("?", "&")}#${token()}`, title: `Recording ${name}` });
       this.frames.push(frame);
       at("frames").append(frame);
       const strip = new Strip(recordings.length > 1 ? name : "", quantityOf(gives), this.place(i));
@@ -380,7 +380,7 @@ class Timeline {
 const quantityOf = (name: string): Quantity => QUANTITIES.find((one) => one.name === name) ?? QUANTITIES[0]!;
 
 async function begin(): Promise<void> {
-  const answer = await fetch("/api/view", { headers: { authorization: `Bearer ${token()}` } });
+  const answer = await fetch("api/view", { headers: { authorization: `Bearer ${token()}` } });
   if (answer.status === 403) throw new UnknownToken(await answer.text());
   if (!answer.ok) throw new Error(`the server responded with ${answer.status} to /api/view`);
   new Timeline((await answer.json()) as Opening);

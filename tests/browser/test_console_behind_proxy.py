@@ -1,0 +1,142 @@
+"""The console through HTTPS, below a path, and at another port, as behind nginx, JupyterHub or `ssh -L`."""
+
+from __future__ import annotations
+
+import socket
+import ssl
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from haptorb.web.console import Console
+from haptorb.web.server import PageAddress
+
+pytestmark = [pytest.mark.browser, pytest.mark.realtime]
+
+PREFIX = "/user/ann/proxy/8765"
+
+
+class Proxy:
+    """Passes what comes for `prefix` on to a port, without the prefix; one request for each connection, or a socket."""
+
+    def __init__(self, prefix: str, certificate: Path | None = None) -> None:
+        self._prefix, self.target = prefix.encode(), 0
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.port = int(self._listening.getsockname()[1])
+        self._context = None
+        if certificate is not None:
+            self._context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            self._context.load_cert_chain(certificate)
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            while True:
+                connection, _ = self._listening.accept()
+                threading.Thread(target=self._serve, args=(connection,), daemon=True).start()
+
+    def _serve(self, plain: socket.socket) -> None:
+        with (
+            suppress(OSError),
+            plain,
+            self._context.wrap_socket(plain, server_side=True) if self._context else plain as front,
+        ):
+            head = b""
+            while b"\r\n\r\n" not in head:
+                if not (more := front.recv(65536)):
+                    return
+                head += more
+            first, _, rest = head.partition(b"\r\n")
+            word, path, version = first.split(b" ")
+            assert path.startswith(self._prefix + b"/"), path
+            if b"upgrade: websocket" not in rest.lower():
+                rest = b"Connection: close\r\n" + rest.replace(b"Connection: keep-alive\r\n", b"")
+            with socket.create_connection(("127.0.0.1", self.target)) as back:
+                back.sendall(b" ".join([word, path[len(self._prefix) :], version]) + b"\r\n" + rest)
+                up = threading.Thread(target=self._copy, args=(front, back), daemon=True)
+                up.start()
+                self._copy(back, front)
+                with suppress(OSError):
+                    front.shutdown(socket.SHUT_RDWR)
+
+    @staticmethod
+    def _copy(source: socket.socket, sink: socket.socket) -> None:
+        with suppress(OSError):
+            while data := source.recv(65536):
+                sink.sendall(data)
+
+    def close(self) -> None:
+        self._listening.close()
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("certificate") / "both.pem"
+    command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=127.0.0.1",
+               "-keyout", str(made), "-out", str(made.with_name("public.pem"))]  # fmt: skip
+    subprocess.run(command, check=True, capture_output=True)
+    made.write_text(made.read_text() + made.with_name("public.pem").read_text())
+    return made
+
+
+@pytest.fixture
+def open_console(fake: Any, painting: Any) -> Iterator[Callable[[PageAddress], Console]]:
+    opened: list[tuple[Console, threading.Thread]] = []
+
+    def start(where: PageAddress) -> Console:
+        console = Console(fake, 0, force_map=painting, where=where)
+        serving = threading.Thread(target=console.serve)
+        serving.start()
+        opened.append((console, serving))
+        return console
+
+    yield start
+    for console, serving in opened:
+        console.close()
+        serving.join(10)
+        console.__exit__(None, None, None)
+
+
+def count_frames(browser: Any, url: str) -> tuple[int, list[str]]:
+    """Frames that the page at `url` shows, and what it asks for."""
+    context = browser.new_context(ignore_https_errors=True)
+    asked: list[str] = []
+    try:
+        page = context.new_page()
+        page.on("request", lambda request: asked.append(request.url))
+        page.on("websocket", lambda made: asked.append(made.url))
+        page.goto(url)
+        frames, end = 0, time.monotonic() + 60.0
+        while frames <= 3 and time.monotonic() < end:
+            page.wait_for_timeout(50)
+            frames = int(page.evaluate("window.haptorb ? haptorb.frames : 0"))
+        return frames, asked
+    finally:
+        context.close()
+
+
+def test_https_and_a_path(browser: Any, certificate: Path, open_console: Callable[[PageAddress], Console]) -> None:
+    proxy = Proxy(PREFIX, certificate)
+    console = open_console(PageAddress(address=f"https://127.0.0.1:{proxy.port}{PREFIX}/"))
+    proxy.target = console.port
+    assert console.url.startswith(f"https://127.0.0.1:{proxy.port}{PREFIX}/#")
+    frames, asked = count_frames(browser, console.url)
+    assert frames > 3
+    assert all(url.split("?")[0].split("//")[1].startswith(f"127.0.0.1:{proxy.port}{PREFIX}/") for url in asked)
+    assert all(console.token not in url for url in asked)
+    proxy.close()
+
+
+def test_another_port_of_this_computer(browser: Any, open_console: Callable[[PageAddress], Console]) -> None:
+    """`ssh -L 9000:127.0.0.1:8765` needs no option."""
+    proxy = Proxy("")
+    console = open_console(PageAddress())
+    proxy.target = console.port
+    assert count_frames(browser, f"http://localhost:{proxy.port}/#{console.token}")[0] > 3
+    proxy.close()
