@@ -243,7 +243,7 @@ class Design:
     @property
     def has_own_code(self) -> bool:
         """Whether an objective or constraint is a function of the user's own, which may end its process."""
-        found = [one.quantity.compute for one in (*self.goals, *self.bounds)]
+        found = [goal.quantity.compute for goal in self.goals] + [bound.quantity.compute for bound in self.bounds]
         modules = [getattr(one, "__module__", None) or type(one).__module__ for one in found]
         return any(name.partition(".")[0] not in ("haptorb", "haptorb_design", "functools") for name in modules)
 

@@ -166,7 +166,7 @@ class ProcessWorkers:
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
         """The evaluation of each candidate, as they arrive; one that ends its process twice, or that needs longer than
         the limit, is rejected. InputError if processes cannot start."""
-        todo = deque((number, dict(values)) for number, values in jobs)
+        todo: deque[Job] = deque((number, dict(values)) for number, values in jobs)
         deaths: Counter[int] = Counter()
         try:
             while todo or any(one.jobs for one in self._processes):

@@ -285,13 +285,13 @@ class SceneModel:
 
     @property
     def controls(self) -> Array:
-        """(nu,) the controls that its actuators hold: those of the first keyframe, else zero, in their units."""
+        """(nu,) the controls that its actuators hold: those of the first keyframe, else zero [N, N·m, m or rad]."""
         model = self.model
         return np.array(model.key_ctrl[0] if model.nkey else np.zeros(model.nu), dtype=np.float64)
 
     @property
     def control_spans(self) -> Array:
-        """(nu,) half the range of each control, 1 for one without a range, in their units."""
+        """(nu,) half the range of each control, 1 for one without a range [N, N·m, m or rad]."""
         model = self.model
         limited = np.asarray(model.actuator_ctrllimited, dtype=bool).reshape(-1)
         spans: Array = np.where(limited, 0.5 * (model.actuator_ctrlrange[:, 1] - model.actuator_ctrlrange[:, 0]), 1.0)

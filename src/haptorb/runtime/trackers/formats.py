@@ -585,7 +585,8 @@ class ConvertedFeed(Feed):
             if isinstance(one, RejectedPose) or not one.valid or len(one.p) != 3 or len(one.q) != 4:
                 yield one
                 continue
-            p, q = one.p, (one.q[1], one.q[2], one.q[3], one.q[0]) if self._w_first else one.q
+            p: tuple[float, ...] = one.p
+            q: tuple[float, ...] = (*one.q[1:], one.q[0]) if self._w_first else one.q
             if self._format is not None and all(map(math.isfinite, (*p, *q))) and abs(math.hypot(*q) - 1.0) < 0.1:
                 p, q = self._format.convert(p, _turn_of_quaternion(q))
             yield one._replace(p=p, q=q)
