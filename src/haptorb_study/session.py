@@ -362,6 +362,8 @@ def _storage_error(cause: SQLAlchemyError) -> RecordingError:
 # The device in a session: a prompted set-point is rendered on the real loop, and what happens is reported.
 
 
+_FELT_FORCE, _FELT_TORQUE = 0.1, 0.002  #: asked of the coils [N], [N·m]
+_FELT_MOTION = 0.5e-3  #: of the tool since the stimulus began [m]
 _PATIENCE = 1.0  #: that a simulated hand rests where it is while this program waits for a processor [s]
 
 
@@ -380,6 +382,8 @@ class TrialDevice:
         self.trips: list[dict[str, Any]] = []  #: since the loop began, as far as `look` has looked
         self._cursor, self._reason = 0, 0.0
         self._since = 0.0
+        self._first: tuple[float, float, float] | None = None  # where the tool was when the stimulus began
+        self._before = -1  # changes of the world before the stimulus
         self._recording = True
 
     def record(self, on: bool) -> None:
@@ -400,6 +404,7 @@ class TrialDevice:
             condition = prompt.other or condition
             level = self.study.levels.reference if self.study.levels else None
         number = prompt.set_point or self.study.points[0].number
+        self._first, self._before = None, self._count_changes()
         self.servo.set_world(self.study.world_name, self.study.values(condition, number, level))
 
     def rest(self) -> None:
@@ -456,6 +461,17 @@ class TrialDevice:
         force: Array = row[layout["given"]][:3]
         return force if np.isfinite(force).all() else None
 
+    def is_felt(self) -> bool:
+        """Whether the stimulus is felt: 0.1 N or 2 mN·m is asked now, or the tool moved by 0.5 mm since it began."""
+        place, row = self.position, self.servo.latest()
+        if place is None or row is None or self._count_changes() == self._before:
+            return False
+        self._first = self._first or place
+        asked = row[self.servo.layout["asked"]]
+        force, torque = float(np.linalg.norm(asked[:3])), float(np.linalg.norm(asked[3:]))
+        moved = float(np.linalg.norm(np.subtract(place, self._first)))
+        return force >= _FELT_FORCE or torque >= _FELT_TORQUE or moved >= _FELT_MOTION
+
     @property
     def switched_off(self) -> bool:
         """Whether the guard has the coils off."""
@@ -489,6 +505,10 @@ class TrialDevice:
     def course(self, recording: str | None) -> str | None:
         """The part of the recording that is this trial: FILE#t=from,to on the loop's clock [s]."""
         return f"{recording}#t={self._since:.3f},{self._time():.3f}" if recording else None
+
+    def _count_changes(self) -> int:
+        row = self.servo.latest()
+        return -1 if row is None else int(row[self.servo.layout["world"]][0])
 
     def _time(self) -> float:
         row = self.servo.latest()
@@ -540,6 +560,7 @@ class TrialRunner:
         self._recording, self._mark, self._clock = recording, mark, clock
         self.repeats = 0  #: how often this trial was restarted
         self._again = ""  # why it must start again
+        self._felt: set[int] = set()  # intervals of this trial in which something was felt
         self._during: list[dict[str, Any]] = []  # trips in this trial, however often it began
         self._until = 0.0  # end of a rest
         self._last = clock()
@@ -579,6 +600,7 @@ class TrialRunner:
             self._begin()
         elif self.state == "running":
             self.seconds += passed
+            self._notice_felt()
             limit = self.session.study.trials.time_limit
             if limit is not None and self.seconds > limit:
                 self.trial_device.rest()
@@ -614,6 +636,7 @@ class TrialRunner:
             raise InputError(f"no answer is expected now ({self.state})")
         if value is None and prompt.wants_number:
             raise InputError("choose the number first, then answer")
+        self._check_felt(prompt)
         number = self.session.number
         answer = Answer(value, self.trial_device.position, self.seconds)
         self.session.answer(
@@ -649,6 +672,7 @@ class TrialRunner:
         if not isinstance(which, int) or which not in (1, 2) or prompt is None or not prompt.interval:
             raise InputError("this trial has no such interval")
         if self.state == "running":
+            self._notice_felt()
             self.which = which
             self.trial_device.interval(prompt, which)
             self._mark("interval", {"trial": self.session.number + 1, "interval": which})
@@ -734,6 +758,7 @@ class TrialRunner:
             self._wait_for_device()
             return
         self.state, self.which, self.seconds = "running", 1, 0.0
+        self._felt.clear()
         self._last = self._moved = self._clock()
         self.trial_device.record(True)
         self.trial_device.begin(prompt)
@@ -746,6 +771,27 @@ class TrialRunner:
             {"trial": self.session.number + 1, "set_point": prompt.set_point, "condition": prompt.condition,
              "level": prompt.level, "interval": prompt.interval, "phase": prompt.phase},
         )  # fmt: skip
+
+    def _notice_felt(self) -> None:
+        if self.which not in self._felt and self.trial_device.is_felt():
+            self._felt.add(self.which)
+
+    def _check_felt(self, prompt: Prompt) -> None:
+        """InputError if the answer would judge what was not felt; a trial whose time is up then starts again."""
+        if self.state == "running":
+            self._notice_felt()
+        wanted = (
+            {1, 2} if prompt.interval else {1} if self.session.study.procedure in ("rating", "magnitude") else set()
+        )
+        missing = sorted(wanted - self._felt)
+        if not missing:
+            return
+        what = f"interval {missing[0]}" if prompt.interval else "this"
+        if self.state == "time is up":
+            self._again = f"answered before {what} was felt"
+            self._begin()
+            raise InputError(f"{what} was not felt before the time was up: not stored. The trial starts again")
+        raise InputError(f"{what} has not been felt yet: not stored. Move the tool to feel it, then answer")
 
     def _wait_for_device(self) -> None:
         self.trial_device.rest()

@@ -116,6 +116,7 @@ def test_an_answer(browser: Any, tmp_path: Path, study: str, everything: bool) -
     place, count = tmp_path / "s.db", 0
     with served(place, study) as host:
         page, other = begin(browser, host)
+        page.set_viewport_size({"width": 390, "height": 844})
         until(page, "study.view.state === 'running'")
         for typed in texts(everything):
             page.evaluate("document.getElementById('typed').value = ''")
@@ -128,6 +129,8 @@ def test_an_answer(browser: Any, tmp_path: Path, study: str, everything: bool) -
             rows = stored(place, "SELECT answer FROM trials ORDER BY number")
             if len(rows) == count:
                 assert page.locator("#mistake").inner_text(), typed
+                box = page.locator("#mistake").bounding_box()
+                assert 0 <= box["y"] <= box["y"] + box["height"] <= 845, "the message is not on the screen"
             else:
                 assert len(rows) == count + 1
                 assert same(typed, rows[-1][0]), (typed, rows[-1])

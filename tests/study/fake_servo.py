@@ -24,11 +24,14 @@ class FakeServo:
         self.p = np.array([0.0, 0.0, 0.05])
         self.alive = True
         self.off = False
+        self.asked = 0.5  # of the coils, in every world [N]
+        self.worlds = 0
         self.stops = 0
         self.recorded: list[bool] = []
 
     def set_world(self, name: str, values: dict[str, Any] | None = None) -> None:
         self.calls.append((name, (values or {}).get("summit")))
+        self.worlds += 1
 
     def point(self, p: np.ndarray, *, patience: float = 0.0) -> None:
         self.p = p
@@ -71,5 +74,7 @@ class FakeServo:
 
     def latest(self) -> np.ndarray:
         row = np.zeros(self.layout.width)
+        row[self.layout["world"]] = self.worlds
+        row[self.layout["asked"]] = (0.0, 0.0, self.asked, 0.0, 0.0, 0.0)
         row[self.layout["valid"]], row[self.layout["guard"]], row[self.layout["p"]] = 1, 4 if self.off else 2, self.p
         return row

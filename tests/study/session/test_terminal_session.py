@@ -6,6 +6,7 @@ import importlib.util
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -222,9 +223,43 @@ def test_the_other_interval_is_felt_at_a_key(tmp_path: Path) -> None:
         'name = "x"\nprocedure = "constant"\n[levels]\nreference = 1.2\nvalues = [1.0, 1.5]\n'
         "[trials]\nrepetitions = 1\npause_seconds = 0"
     )
-    ran = run(study, tmp_path / "s.db", "tab", "1", "enter", "2", "enter")
+    ran = run(study, tmp_path / "s.db", "tab", "1", "enter", "2", "enter", "tab", "2", "enter")
     assert ran.how == "done"
-    assert len([call for call in ran.servo.calls if call[0] == "dome"]) == 3
+    assert len([call for call in ran.servo.calls if call[0] == "dome"]) == 4
+    assert any("interval 2 has not been felt yet" in message for _, _, message in ran.views)
+
+
+RATED = 'name = "r"\nprocedure = "{0}"\n[trials]\nrepetitions = 2\npause_seconds = 0\n{1}'
+RATED_LEVELS = "[levels]\nreference = 1.0\nvalues = [1.0, 2.0]\n"
+
+
+@pytest.mark.parametrize(("procedure", "more"), [("rating", ""), ("magnitude", RATED_LEVELS)])
+def test_what_was_not_felt_is_not_judged(tmp_path: Path, procedure: str, more: str) -> None:
+    study, servo = study_of(RATED.format(procedure, more)), FakeServo()
+    servo.asked = 0.0
+    ran = run(study, tmp_path / "s.db", "5", "enter", servo=servo)
+    assert any("has not been felt yet: not stored" in message for _, _, message in ran.views)
+    with database(tmp_path / "s.db").connect() as connection:
+        assert connection.execute(text("SELECT count(*) FROM trials")).scalar() == 0
+    # Somebody who moves the tool feels that there is no force, as in a control condition.
+    servo = FakeServo()
+    servo.asked = 0.0
+    ran = run(study, tmp_path / "s.db", "right", None, None, "5", "enter", servo=servo)
+    assert tidy(database(tmp_path / "s.db"), study)["answer"].tolist() == [5]
+    ran = run(study, tmp_path / "s.db", "4", "enter", servo=FakeServo())
+    assert tidy(database(tmp_path / "s.db"), study)["answer"].tolist() == [5, 4]
+
+
+def test_a_trial_whose_time_is_up_before_anything_was_felt_starts_again(tmp_path: Path) -> None:
+    study, servo = study_of(RATED.format("rating", "") + "time_limit = 0.05\n"), FakeServo()
+    servo.asked = 0.0
+    later = [lambda: time.sleep(0.06)] * 2
+    ran = run(study, tmp_path / "s.db", *later, "5", "enter", *later, "5", "enter", servo=servo)
+    assert sum("The trial starts again" in message for _, _, message in ran.views) > 0
+    with database(tmp_path / "s.db").connect() as connection:
+        assert connection.execute(text("SELECT count(*) FROM trials")).scalar() == 0
+        kinds = connection.execute(text("SELECT text FROM events WHERE kind = 'repeat'")).scalars().all()
+    assert set(kinds) == {"answered before this was felt"}
 
 
 @pytest.mark.realtime

@@ -43,10 +43,10 @@ QUESTION = '[[questions]]\nname = "q{0}"\ntext = "Question?"\nwhen = "before"\n{
 
 
 class Typed(Keys):
-    """The keys of a text, Enter, and the end."""
+    """Keys before, those of a text, Enter, and the end."""
 
-    def __init__(self, text: str) -> None:
-        self._keys = [*name_keys(text), "enter", END]
+    def __init__(self, text: str, before: list[str]) -> None:
+        self._keys = [*before, *name_keys(text), "enter", END]
 
     def next_key(self, wait: float) -> str | None:
         return self._keys.pop(0) if self._keys else END
@@ -57,7 +57,8 @@ def type_text(engine: Any, study: Any, text: str) -> list[View]:
     views: list[View] = []
     servo = FakeServo()
     with StoredSession(engine, study, "P01") as session:
-        TerminalSession(session, TrialDevice(study, servo), Typed(text), views.append).run()
+        keys = Typed(text, ["tab"] if study.procedure == "constant" else [])  # both intervals are felt
+        TerminalSession(session, TrialDevice(study, servo), keys, views.append).run()
     return views
 
 

@@ -63,6 +63,7 @@ function showMistake(text: string): void {
   wrong = text;
   show("mistake", text !== "");
   say("mistake", text);
+  if (text !== "") document.getElementById("mistake")?.scrollIntoView({ block: "nearest" });
 }
 
 function render(): void {
