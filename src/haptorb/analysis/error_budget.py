@@ -89,6 +89,7 @@ class ErrorModel(ABC, Generic[T, P]):
     jnd         just-noticeable difference, relative
     asked       magnitude of the wrench asked for [N or N·m]; its direction is drawn from all directions
     motion      how it changes, in words
+    left_out    known error of the model that the budget does not contain, a sentence; empty: none is known
     """
 
     device: str
@@ -100,6 +101,7 @@ class ErrorModel(ABC, Generic[T, P]):
     jnd: float
     asked: float
     motion: str
+    left_out: str = ""
 
     @abstractmethod
     def draw_point(self, region: int, rng: np.random.Generator) -> P:
@@ -205,6 +207,7 @@ class ErrorBudget:
     seed: int
     bands: tuple[WrenchBand, ...]
     shares: tuple[SourceShare, ...]
+    left_out: str = ""
 
     def count_jnd(self, size: float) -> float:
         """An error `size` [N or N·m] in just-noticeable differences of the wrench asked for."""
@@ -244,7 +247,7 @@ def error_budget(
     return ErrorBudget(
         model.device, model.estimator, model.unit, model.jnd, model.asked, model.motion,
         tuple(component.name for component in model.components), 2 * pairs * regions, seed, (*bands, whole),
-        _rank_sources(model, np.array(lone), np.array(split), seed),
+        _rank_sources(model, np.array(lone), np.array(split), seed), model.left_out,
     )  # fmt: skip
 
 

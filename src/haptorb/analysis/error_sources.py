@@ -728,11 +728,19 @@ def tool_errors(
         sources.append(CoreRemanence(core, origin("remanent_moment", "core_dynamics")))
     if core.eddy_share and frequency:
         sources.append(EddyLag(core, frequency, origin("eddy_share", "core_dynamics")))
-    force = _check_force(believed, asked)
-    return ToolErrors(
+    layers = shell_capability(believed, points=24).layers
+    force = choose_size(believed.name, asked, min(min(one.peak_radial, one.peak_tangential) for one in layers), "N")
+    made = ToolErrors(
         believed, force, tuple(sources), chosen, _SPAN * known.core_radius, calibrated=calibration is not None,
         frequency=frequency,
     )  # fmt: skip
+    near, far = layers[0].coil_error, layers[-1].coil_error
+    if near is not None and far is not None:
+        made.left_out = (
+            f"coils and core are taken for a point: by their sizes in the file, {100 * near:.0f} % of the force asked "
+            f"in contact and {100 * far:.0f} % at the end of the shell, rms over directions"
+        )
+    return made
 
 
 def _tool_sources_pose_sources(
@@ -767,12 +775,6 @@ def _moments(device: SphericalElectromagnet, calibration: Calibration | None) ->
     share = device.uncertainty.moments
     spread = np.broadcast_to(share * sizes, (3, device.channels))
     return Moments(spread, describe_share(share), find_origin(device, device.uncertainty, "moments"))
-
-
-def _check_force(device: SphericalElectromagnet, asked: float | None) -> float:
-    layers = shell_capability(device, points=24).layers
-    most = min(min(layer.peak_radial, layer.peak_tangential) for layer in layers)
-    return choose_size(device.name, asked, most, "N")
 
 
 # --------------------------------------------------------------------------------------------------

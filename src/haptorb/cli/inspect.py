@@ -549,6 +549,7 @@ def print_force_tables(console: Console, layers: tuple[Layer, ...], supply: floa
         (
             Column("distance", "mm", "key"), Column("peak radial", "mN"), Column("peak tangential", "mN"),
             Column("passive pull", "mN"), Column("dipole error", "%"), Column("dipole error", "JND"),
+            Column("coil error", "%"),
         ),
         "Force on a radial tool at the weakest position and direction in the workspace",
     )  # fmt: skip
@@ -556,13 +557,16 @@ def print_force_tables(console: Console, layers: tuple[Layer, ...], supply: floa
         peak.add_row(
             f"{layer.distance * 1e3:.0f}", f"{1e3 * layer.peak_radial:.0f}", f"{1e3 * layer.peak_tangential:.0f}",
             f"{1e3 * layer.passive_pull:.1f}", f"{100 * layer.dipole_error:.1f}", f"{layer.dipole_error_jnd:.1f}",
+            "–" if layer.coil_error is None else f"{100 * layer.coil_error:.0f}",
         )  # fmt: skip
     print_table(console, peak)
     limit = "" if supply == float("inf") else f"\npeak: within the supply's {supply:g} W, windings hot"
     print_text(
         console,
         "dipole error: largest error of the coils' force if the tool's magnet is a point dipole; its shape alone, "
-        f"without the core's pull. JND: just-noticeable difference, {100 * FORCE_JND:.0f} % of force{limit}\n",
+        f"without the core's pull. JND: just-noticeable difference, {100 * FORCE_JND:.0f} % of force. coil error: of "
+        "the force that windings and core of true size give, against the force asked, rms over directions: the loop "
+        f"and the simulation take them for a point{limit}\n",
         "dim",
     )
     states = ("one coil warm", "all coils warm") if coupled else ("",)
@@ -825,6 +829,7 @@ class ElectromagnetCard(Card):
                     "passive_pull_n": layer.passive_pull,
                     "dipole_error": layer.dipole_error,
                     "dipole_error_jnd": layer.dipole_error_jnd,
+                    "coil_error": layer.coil_error,
                 }
                 for layer in capability.layers
             ],
@@ -1096,6 +1101,7 @@ class ErrorReport(NotebookReport):
                 }
                 for share in budget.shares
             ],
+            "left_out": budget.left_out,
         }
 
     def show(self, console: Console) -> None:
@@ -1146,6 +1152,8 @@ class ErrorReport(NotebookReport):
             "a share may lie below zero or above the total",
             "dim",
         )
+        if budget.left_out:
+            print_text(console, f"\nNot in the budget: {budget.left_out}")
 
     def draw(self) -> Figure:
         """The bands over the regions, and the sources' shares."""

@@ -13,7 +13,14 @@ from numpy import ascontiguousarray
 
 from haptorb.arrays import Array, cap_directions
 from haptorb.devices.base import Coils, Device, DeviceKind, Shell, State, WrenchMap, endurance, require
-from haptorb.devices.electromagnet_model import CoreDynamics, PassivePull, Windings, dipole_per_ampere, ring_per_ampere
+from haptorb.devices.electromagnet_model import (
+    CoreDynamics,
+    PassivePull,
+    Windings,
+    dipole_per_ampere,
+    ring_per_ampere,
+    wound_per_ampere,
+)
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.geometry import Ball, Geometry, Reach, Rod, RoundPart, Spot, list_assumed
 from haptorb.devices.loader import find_device
@@ -21,7 +28,7 @@ from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.touch_points import Marks
 from haptorb.devices.uncertainty import ToolUncertainty
 from haptorb.display import format_quantity
-from haptorb.errors import GeometryError
+from haptorb.errors import GeometryError, InputError
 from haptorb.magnetics.coil import COPPER_RESISTIVITY
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing
@@ -285,6 +292,13 @@ class SphericalElectromagnet(Device):
         """The coils' core."""
         return SoftSphere(self.core_radius, self.core_permeability)
 
+    @property
+    def has_sizes(self) -> bool:
+        """Whether the coils' sizes are known and they lie within the dome, as `wound_map` needs."""
+        if self.windings is None:
+            return False
+        return float(np.hypot(self.windings.outer_radius, self.windings.length / 2).max()) < self.dome_radius
+
     def predict_moments(self) -> Array | None:
         """(3, 3) [m²] m_e per ampere from the coils' sizes and the core, to be held against `moment_per_current`; None
         where the sizes are not known."""
@@ -326,6 +340,27 @@ class SphericalElectromagnet(Device):
             dipole_per_ampere(*self._dipole, p, R, matrix)
         return WrenchMap(matrix, passive, self.coils.names)
 
+    def wound_map(self, state: State) -> WrenchMap:
+        """As `wrench_map`, of coils and core at their true size (`windings`) instead of point dipoles.
+
+        The coils' axes and moments are those of `moment_per_current`. Raises GeometryError where a part of the magnet
+        would be inside the dome, InputError for a device without `windings`.
+        """
+        if self.windings is None:
+            raise InputError(f"device '{self.name}': the sizes of the coils are not known: its file has no [windings]")
+        reach, terms, axes, rows = self._wound
+        matrix, passive = np.empty((6, self.channels)), np.zeros(6)
+        p, R = ascontiguousarray(state.p), ascontiguousarray(state.R_SR)
+        nearest = wound_per_ampere(terms, reach, axes, rows, p, R, matrix)
+        if nearest < self.dome_radius:
+            raise GeometryError(
+                f"device '{self.name}': a part of the tool's magnet would be {nearest * 1e3:.1f} mm from the centre, "
+                f"inside the dome ({self.dome_radius * 1e3:g} mm)"
+            )
+        pull = self.passive_pull
+        passive[:] = pull.wrench(p, R[:, 2])
+        return WrenchMap(matrix, passive, self.coils.names)
+
     def _list_facts(self) -> list[tuple[str, str]]:
         contact, shell = format_quantity(self.contact_distance, "m"), format_quantity(self.shell_thickness, "m")
         angle = f"±{np.degrees(self.workspace_half_angle):.0f}° about the summit"
@@ -348,6 +383,16 @@ class SphericalElectromagnet(Device):
     def _dipole(self) -> tuple[float, Array]:
         """The tool as a point dipole, as kernels take it."""
         return self.tool.moment, np.array(self.moment_per_current, dtype=np.float64, order="C")
+
+    @cached_property
+    def _wound(self) -> tuple[float, Array, Array, Array]:
+        """Fields of coils and core, the coils' axes, and the tool's charges, as `wound_per_ampere` takes them."""
+        assert self.windings is not None
+        moments = np.linalg.norm(self.moment_per_current, axis=0)
+        reach, terms = self.windings.zonal_terms(self.core, moments, self.dome_radius)
+        tool = self.tool
+        rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, radial=3, azimuth=12).rows
+        return reach, terms, ascontiguousarray((self.moment_per_current / moments).T), rows
 
     @cached_property
     def _ring(self) -> tuple[Array, Array, float, Array]:
@@ -608,6 +653,7 @@ class Layer:
     dipole_error: (
         float  #: greatest relative error of the coils' force if the tool's magnet is a point dipole; its shape
     )
+    coil_error: float | None  #: relative error of the force, rms over directions, as coils are points; None: unknown
 
     @property
     def dipole_error_jnd(self) -> float:
@@ -674,6 +720,7 @@ def shell_capability(device: Device | str | Path, distances: Array | None = None
 def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -> Layer:
     most = np.array([device.coils.current_limit, device.sustained_current, device.sustained_current_together])
     radial, tangential, pulls, errors = [], [], [], []
+    wound: list[float] | None = [] if device.has_sizes else None
     for direction in directions:
         state = State.at(distance * direction)
         exact = device.wrench_map(state, "exact")
@@ -690,6 +737,9 @@ def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -
         tangential.append(_greatest(device, across, float(np.linalg.eigvalsh(power)[-1]), most))
         pulls.append(-exact.passive[:3] @ direction)
         errors.append(np.linalg.norm(exact.force @ np.linalg.inv(dipole.force) - np.eye(3), 2))
+        if wound is not None:
+            given = device.wound_map(state).force @ per_newton
+            wound.append(float(np.linalg.norm(given - np.eye(3)) ** 2 / 3))
     peak, lasting, warm = np.min(radial, axis=0)
     peak_t, lasting_t, warm_t = np.min(tangential, axis=0)
     return Layer(
@@ -702,6 +752,7 @@ def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -
         float(warm_t),
         float(np.mean(pulls)),
         float(np.max(errors)),
+        None if wound is None else float(np.sqrt(np.mean(wound))),
     )
 
 

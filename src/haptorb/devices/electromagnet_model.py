@@ -16,10 +16,11 @@ from haptorb.arrays import Array, check_finite
 from haptorb.compiled import kernel, tick_kernel
 from haptorb.devices.base import Coils
 from haptorb.errors import GeometryError, InputError, PrecisionError
-from haptorb.magnetics.coil import COPPER_RESISTIVITY, Coil
+from haptorb.magnetics.coil import COPPER_RESISTIVITY, CentredCoil, Coil
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing, dipole_on_charges
 from haptorb.magnetics.soft_sphere import SoftSphere, pair_sums
+from haptorb.magnetics.special import zonal
 
 __all__ = [
     "CoreDynamics",
@@ -32,6 +33,7 @@ __all__ = [
     "pull",
     "ring_per_ampere",
     "sphere_response",
+    "wound_per_ampere",
 ]
 
 
@@ -446,6 +448,40 @@ def fit_eddy_lag(
 _COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
 
 _DEGREES = np.arange(1, 16, 2)  #: of the harmonics of the core's answer that `field_error` counts
+_ZONAL = 76  #: terms of `zonal_terms` at the most
+
+
+@kernel
+def wound_per_ampere(terms: Array, reach: float, axes: Array, rows: Array, p: Array, R: Array, out: Array) -> float:
+    """Fill out (6, m) [N/A, N·m/A] for a magnet's charges rows (4, n) turned by R at p, torque about p.
+
+    terms (m, k) and reach as `Windings.zonal_terms` gives them, axes (m, 3) of the coils, which lie about the origin.
+    Returns the least distance of a charge from the origin [m].
+    """
+    out[:] = 0.0
+    nearest = 1e300
+    arm, at = np.empty(3), np.empty(3)
+    for n in range(rows.shape[1]):
+        square = 0.0
+        for i in range(3):
+            arm[i] = R[i, 0] * rows[0, n] + R[i, 1] * rows[1, n] + R[i, 2] * rows[2, n]
+            at[i] = (p[i] + arm[i]) / reach
+            square += at[i] * at[i]
+        nearest = min(nearest, square)
+        for j in range(axes.shape[0]):
+            along = at[0] * axes[j, 0] + at[1] * axes[j, 1] + at[2] * axes[j, 2]
+            over, axial = zonal(terms[j], square - along * along, along)
+            q = rows[3, n] / reach
+            bx = q * (over * (at[0] - along * axes[j, 0]) + axial * axes[j, 0])
+            by = q * (over * (at[1] - along * axes[j, 1]) + axial * axes[j, 1])
+            bz = q * (over * (at[2] - along * axes[j, 2]) + axial * axes[j, 2])
+            out[0, j] += bx
+            out[1, j] += by
+            out[2, j] += bz
+            out[3, j] += arm[1] * bz - arm[2] * by
+            out[4, j] += arm[2] * bx - arm[0] * bz
+            out[5, j] += arm[0] * by - arm[1] * bx
+    return float(reach * np.sqrt(nearest))
 
 
 @final
@@ -489,6 +525,19 @@ class Windings:
         the coils is from that. Left out: saturation, leads, and the core's answer to the tool (`PassivePull`).
         """
         return np.diag(self.parts(core).sum(axis=1))
+
+    def zonal_terms(self, core: SoftSphere, moments: Array, nearest: float) -> tuple[float, Array]:
+        """A length [m] and (3, n) [T·m/A]: the fields of coils and core outside `nearest` [m], as `zonal` takes them.
+
+        Each coil's field is scaled so that far away it is that of its part of `moments` (3,) [m²], which are what was
+        measured. GeometryError unless `nearest` lies outside coils and core.
+        """
+        made = [CentredCoil(coil, core, nearest) for coil in self.coils]
+        reach = max(float(np.hypot(self.outer_radius, self.length / 2).max()), core.radius)
+        terms = np.stack([one.terms(reach, _ZONAL) for one in made])
+        terms *= (_K * moments / (reach**2 * terms[:, 0]))[:, None]
+        used = np.abs(terms * (reach / nearest) ** (2 * np.arange(_ZONAL))).max(axis=0)
+        return reach, np.ascontiguousarray(terms[:, : int(np.flatnonzero(used > 1e-7 * used[0])[-1]) + 1])
 
     def field_error(self, core: SoftSphere, distance: float) -> Array:
         """(3,) how far the field of each coil and core is from its dipole's, at `distance` [m] from the centre.

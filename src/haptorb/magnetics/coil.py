@@ -389,6 +389,14 @@ class CentredCoil:
         self._reach, self._order = reach, order
         self._strengths: Array = (own + core_part) / (degrees + 1)  # k_l/reach^(l+1) [T·m]
 
+    def terms(self, reach: float, count: int) -> Array:
+        """(count,) [T·m/A] strengths of the odd degrees for lengths in units of `reach` [m], zeros after the last."""
+        degrees = 2 * np.arange(len(self._strengths)) + 1
+        out = np.zeros(count)
+        scaled = self._strengths * (self._reach / reach) ** (degrees + 1)
+        out[: len(scaled)] = scaled[:count]
+        return out
+
     def field(self, points: ArrayLike) -> Array:
         """(..., 3) [T/A] at `points` (..., 3) [m]."""
         at = vectors(points, "points")
