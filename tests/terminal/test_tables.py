@@ -26,7 +26,7 @@ def omni_card():
     card = object.__new__(ElectromagnetCard)
     card._device = load("omni")
     forces = (1.1752, 0.5221, 0.2794, 0.1243, 0.1925, 0.0856)
-    layers = tuple(Layer(d, *forces, 0.0529, 0.1562) for d in (0.050, 0.070))
+    layers = tuple(Layer(d, *forces, 0.0529, 0.1562, 0.32) for d in (0.050, 0.070))
     card._capability = ShellCapability(layers, ((1.0, 4.2), (0.25, 668.0), (0.2, float("inf"))))
     able = FeasibleWrench(np.zeros((8, 3)), np.zeros((8, 3)), np.zeros((4, 3)), np.array([0.5, 0, 0.87]), 0.522, 0.0098)
     card._feasible_wrenches = [(State.at((0.0, 0.0, 0.05)), able)]
@@ -94,7 +94,7 @@ def estimators():
 
 
 def fit():
-    from haptorb.cli.fit import FitComparison
+    from haptorb.cli.multipole_comparison import FitComparison
     from haptorb.magnetics.multipole_fit import MultipoleFit
 
     model = SimpleNamespace(loop_strengths=np.array([0.25, 1.5]), per_loop=12, dipoles=41, pole_distance=0.0064)
@@ -268,7 +268,7 @@ def guidance():
 
 
 def replay():
-    from haptorb.cli.replay import difference_table
+    from haptorb.cli.replay_report import difference_table
     from haptorb.replay.replay import FieldBound
     from haptorb.terminal import print_table
 

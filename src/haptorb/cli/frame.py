@@ -3,40 +3,20 @@
 from __future__ import annotations
 
 import math
-import socket
 import sys
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack
 from pathlib import Path
-from time import monotonic, sleep
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
-from haptorb.arrays import Array
-from haptorb.devices.base import Device
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
-from haptorb.errors import CalibrationError, DriverError, InputError
-from haptorb.estimation.tracker_frame import FrameRegistration, Touches, TouchSession, frame_registration
-from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
-from haptorb.runtime.trackers.osc import POSE
-from haptorb.simulation.synthetic_tracker import SimulatedPerson, SyntheticTracker
+from haptorb.errors import InputError
 from haptorb.terminal import print_json, say, tell
 
-__all__ = [
-    "PACE",
-    "Rehearsal",
-    "Stroke",
-    "check_device",
-    "measure_miss",
-    "register",
-    "register_frame",
-    "rehearsal_port",
-    "strokes",
-]
+if TYPE_CHECKING:
+    from haptorb.cli.frame_dialog import Stroke
+
+__all__ = ["register"]
 
 
 def register(app: typer.Typer) -> None:
@@ -59,6 +39,7 @@ def frame(
     json: Annotated[bool, typer.Option("--json", help="Print the frame as JSON.")] = False,
 ) -> None:
     """Register a tracker's frame: touch the dome and its marks, roll the tool. Then use haptorb run --frame FILE."""
+    from haptorb.cli.frame_dialog import PACE, Rehearsal, check_device, measure_miss, register_frame, rehearsal_port
     from haptorb.cli.progress import time_bar
     from haptorb.devices.loader import load
     from haptorb.estimation.calibration import check_writable, write_frame
@@ -115,214 +96,3 @@ def frame(
         tell(f"error against the simulated truth: {1e3 * place:.2f} mm rms, {math.degrees(turn):.2f}° at most")
     tell(f"written: {path}{' (rehearsal)' if rehearse else ''}; use it with: "
          f"haptorb run {device} --tracker {tracker} --frame {path}")  # fmt: skip
-
-
-# --------------------------------------------------------------------------------------------------
-# What a person does to register a tracker's frame: the dome, every mark, and a roll; recorded, and then evaluated
-# together.
-#
-# Nothing is switched on. It takes a minute and a half, so after a failed step all steps start again.
-
-
-Bar = Callable[[str, float], AbstractContextManager[Callable[[float], None]]]
-
-_MOVED, _TURNED = 1e-3, np.deg2rad(1.5)  #: since the last pose that was kept, for the next one [m], [rad]
-_MOST = 4000  #: poses of a step
-_PATIENCE = 0.05  #: [s]
-_SILENT = 3.0  #: without any pose for so long, there is no tracker [s]
-_DRAINED = 200  #: reads after which what waits is left waiting: a flood
-
-
-@dataclass(frozen=True)
-class Stroke:
-    """One step with the tool while the tracker is recorded."""
-
-    name: str
-    asks: str  #: of the person, before it begins
-    seconds: float  #: how long it is recorded
-
-    def scale_time(self, pace: float) -> Stroke:
-        """The same in `pace` times the time."""
-        return Stroke(self.name, self.asks, pace * self.seconds)
-
-
-def check_device(device: Device) -> SphericalElectromagnet:
-    """`device` itself; InputError if no tool could be registered before it."""
-    known = electromagnet(device, "`haptorb frame`")
-    if known.marks is None:
-        raise InputError(
-            f"device '{known.name}': its file has no [marks]; measure three points that can hold the tip, and add "
-            "them as in omni.toml"
-        )
-    return known
-
-
-def strokes(device: SphericalElectromagnet) -> tuple[Stroke, ...]:
-    """The steps in their order: "dome", "mark NAME" for each, "roll"."""
-    marks = () if device.marks is None else device.marks.names
-    stands = [
-        Stroke(f"mark {name}", f"Put the tip into mark '{name}' and hold it there; tilt the tool by 20° or more "
-               "to all sides, and roll it.", 8.0)
-        for name in marks
-    ]  # fmt: skip
-    return (
-        Stroke("dome", "Coils off. Slide the tip over the whole dome in spirals, to the edge of the "
-               "workspace; tilt the tool to all sides on the way.", 30.0),
-        *stands,
-        Stroke("roll", "Put the tool into a bore that fits, anywhere, and roll it by a full turn.", 10.0),
-    )  # fmt: skip
-
-
-def register_frame(
-    device: SphericalElectromagnet,
-    feed: Feed,
-    *,
-    ask: Callable[[Stroke], bool],
-    say: Callable[[str], None],
-    bar: Bar,
-    pace: float = 1.0,
-) -> FrameRegistration | None:
-    """Record every stroke and register; None if the person stopped.
-
-    Raises DriverError if nothing comes from the tracker, CalibrationError if what came determines no frame.
-    """
-    steps, recordings = strokes(device), {}
-    for number, stroke in enumerate((one.scale_time(pace) for one in steps), start=1):
-        say(f"{number}/{len(steps)} {stroke.name}: {stroke.asks}")
-        if not ask(stroke):
-            say("stopped; no file was written")
-            return None
-        with bar(stroke.name, stroke.seconds) as passed:
-            recordings[stroke.name] = _record_stroke(feed, stroke, passed)
-        say(f"    {len(recordings[stroke.name])} distinct poses")
-    marks = {name.partition(" ")[2]: one for name, one in recordings.items() if name.startswith("mark ")}
-    return frame_registration(TouchSession(recordings["dome"], marks, recordings["roll"]), device)
-
-
-def _record_stroke(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) -> Touches:
-    """The poses of one stroke that differ from the one before; what waited before it began is not among them."""
-    for _ in range(_DRAINED):
-        if not any(True for _ in feed.receive(0.0)):
-            break
-    p: list[Array] = []
-    q: list[Array] = []
-    refused: dict[str, int] = {}
-    began = last = last_message = monotonic()
-    valid = 0
-    while (now := monotonic()) < began + stroke.seconds:
-        for one in feed.receive(_PATIENCE):
-            why = one.why if isinstance(one, RejectedPose) else _describe_error(one)
-            if why:
-                refused[why] = refused.get(why, 0) + 1
-                continue
-            assert isinstance(one, RawPose)
-            valid, last = valid + 1, monotonic()
-            place, turn = np.array(one.p), np.array(one.q)
-            if len(p) < _MOST and (not p or _has_moved(p[-1], q[-1], place, turn)):
-                p.append(place)
-                q.append(turn)
-        if now - last > _SILENT:
-            break
-        passed(now - last_message)
-        last_message = now
-    if not valid:
-        what = ", ".join(f"{count} {why}" for why, count in refused.items()) or "nothing at all"
-        raise DriverError(
-            f"step '{stroke.name}': no pose arrived from the tracker ({what}); start its program, check that it "
-            "sees the tool, and try again"
-        )
-    if sum(refused.values()) > valid:
-        what = ", ".join(f"{count} {why}" for why, count in refused.items())
-        raise CalibrationError(
-            f"step '{stroke.name}': most messages had no valid pose ({what}, {valid} poses); is the tool seen from "
-            "all sides, and is the message format as documented?"
-        )
-    return Touches.of(np.array(p), np.array(q), f"step '{stroke.name}'")
-
-
-def _describe_error(one: RawPose) -> str:
-    if not one.valid:
-        return "lost"
-    if len(one.p) != 3 or len(one.q) != 4:
-        return "garbage"
-    return "" if np.isfinite([*one.p, *one.q]).all() else "not finite"
-
-
-def _has_moved(p: Array, q: Array, place: Array, turn: Array) -> bool:
-    half = abs(float(q @ turn)) / max(float(np.linalg.norm(q) * np.linalg.norm(turn)), 1e-12)
-    return float(np.linalg.norm(place - p)) > _MOVED or 2.0 * np.arccos(min(half, 1.0)) > _TURNED
-
-
-# --------------------------------------------------------------------------------------------------
-# A rehearsal of registering a frame: a made-up tracker that speaks OSC, and a simulated person under it.
-
-
-PACE = 0.08  #: of a simulated person, who understands at once
-_RATE = 200.0  #: poses per second
-
-
-def rehearsal_port(tracker: str) -> int:
-    """The UDP port of `tracker`; InputError if a simulated person cannot speak to it."""
-    kind, _, where = tracker.partition(":")
-    host, _, port = where.rpartition(":")
-    if kind != "osc" or host not in ("", "127.0.0.1", "localhost"):
-        raise InputError(f"a rehearsal speaks OSC on this computer: --tracker osc:PORT; got '{tracker}'")
-    return int(port)
-
-
-class Rehearsal:
-    """A person under a made-up tracker, drawn by `seed`, who sends to the UDP `port` of this computer."""
-
-    def __init__(self, device: SphericalElectromagnet, port: int, seed: int = 0) -> None:
-        self.tracker = SyntheticTracker.draw(seed)
-        self._person = SimulatedPerson(device, self.tracker, seed)
-        self._port = port
-        self._own_port = 0  # of the first stroke's socket, and of all later ones: a tracker accepts one sender
-
-    @contextmanager
-    def send_stroke(self, stroke: Stroke) -> Iterator[None]:
-        """The stroke, sent by a thread of its own, in its time."""
-        over = threading.Event()
-        n = max(int(_RATE * stroke.seconds), 40)
-        if stroke.name == "dome":
-            poses = self._person.dome(n)
-        elif stroke.name == "roll":
-            poses = self._person.roll(n)
-        else:
-            poses = self._person.mark(stroke.name.partition(" ")[2], n)
-        thread = threading.Thread(target=self._send, args=(poses, stroke.seconds, over), daemon=True)
-        thread.start()
-        try:
-            yield
-        finally:
-            over.set()
-            thread.join()
-
-    def _send(self, poses: Touches, seconds: float, over: threading.Event) -> None:
-        from pythonosc.osc_message_builder import OscMessageBuilder
-
-        began = monotonic()
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-            one.bind(("127.0.0.1", self._own_port))
-            self._own_port = one.getsockname()[1]
-            for k, numbers in enumerate(np.column_stack([poses.p, poses.q]).tolist()):
-                if over.is_set():
-                    return
-                sleep(max(began + 0.95 * seconds * k / len(poses) - monotonic(), 0.0))
-                message = OscMessageBuilder(POSE)
-                for number in numbers:
-                    message.add_arg(number, "d")
-                one.sendto(message.build().dgram, ("127.0.0.1", self._port))
-
-
-def measure_miss(
-    found: FrameRegistration, tracker: SyntheticTracker, device: SphericalElectromagnet, n: int = 200
-) -> tuple[float, float]:
-    """(rms [m], greatest angle [rad]) by which the magnet and its axis are missed over the dome, without noise."""
-    still = SyntheticTracker(tracker.R, tracker.t, tracker.tip, tracker.axis, 0.0, 0.0)
-    person, up = SimulatedPerson(device, still, 1).dome(n), device.tool.tip_distance
-    places = person.point(tracker.tip + up * tracker.axis) @ tracker.R.T + tracker.t
-    tip = person.point(found.tip + up * found.axis) @ found.R.T + found.t
-    axes, axis = tracker.R @ person.R @ tracker.axis, found.R @ person.R @ found.axis
-    off = float(np.sqrt(((places - tip) ** 2).sum(axis=1).mean()))
-    return off, float(np.arcsin(np.clip(np.linalg.norm(np.cross(axes, axis), axis=1).max(), 0.0, 1.0)))

@@ -10,7 +10,7 @@ from rich.console import Console
 
 import haptorb
 from haptorb.cli import main
-from haptorb.cli.fit import compare
+from haptorb.cli.multipole_comparison import compare
 from haptorb.errors import UnknownName
 
 
