@@ -97,7 +97,7 @@ class RootLoad:
     """Largest bending strain and stress at the root during straight insertion and removal; linear, without friction.
 
     >>> RootLoad("ABS", 0.02, 46e6).sentence.partition("; ")[0]
-    'root strain 2 %, stress 46 MPa: BEYOND YIELD of ABS (40 MPa), 1.15 times its yield strength'
+    'root strain 2 %, stress 46 MPa: BEYOND YIELD of ABS (44 MPa), 1.05 times its yield strength'
     """
 
     material: str
