@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from haptorb.devices.schema import KeyText
 from haptorb.errors import InputError, UnknownName
 from haptorb.terminal import make_console, print_facts, print_json, print_text
+
+if TYPE_CHECKING:
+    from haptorb.devices.schema import KeyText
 
 __all__ = ["FILES", "FileKeys", "KeySection", "register"]
 
