@@ -78,7 +78,11 @@ BREAKS = (
     Break("SIGINT, SIGTERM and SIGHUP", "pytest tests/runtime/servo/test_ends.py", "signal-read", "-k middle"),
     Break("A loop that was absent", "pytest tests/runtime/servo/test_ends.py -k stopped_for_a_second", "absence-trips"),
     Break("A child process runs nothing", "pytest tests/cluster/test_python_process.py", "no-current-folder"),
-    Break("A server, recorder or servo", 'pytest tests/runtime/servo/test_ends.py -k "hangs or full"', "start-hangs"),
+    Break(
+        "A server, recorder or servo",
+        'pytest tests/runtime/servo/test_ends.py -k "hangs_while or full"',
+        "start-hangs",
+    ),
     Break("After a Stop the coils stay off", INTERLEAVINGS, "engage-void", "--interleavings 2000"),
     Break("Every transition from off to on", INTERLEAVINGS, "engaging-ramps-from-zero", "--interleavings 500"),
     Break("The tracker cannot clear a Stop", TICK, "a-stop-before-the-first-pose-stands"),
@@ -219,6 +223,7 @@ BREAKS = (
         )
         for change in ("serve-account", "osc-account", "tracker-account", "secret-by-pipe")
     ),
+    Break("A database's password", "pytest tests/cli/test_passwords.py", "no-password-in-words"),
     Break("Hostile connections take neither", HOSTILE_WEB, "few-connections", "--connections 400 --seconds 6"),
     Break("No web message ends a task", "pytest -m slow tests/web/server/test_hostile_messages.py", "study-message"),
     Break("No compiled kernel is loaded", "pytest tests/test_cache_folder.py", "cache-private"),

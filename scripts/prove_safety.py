@@ -174,6 +174,12 @@ RULES = [
         f"{END_TESTS}::test_a_signal_in_the_middle_of_other_code_is_a_stop_within_ticks",
     ),
     (
+        "no-password-in-words",
+        "an address with a password is refused",
+        "never",
+        "tests/cli/test_passwords.py",
+    ),
+    (
         "signal-read",
         "the loop obeys a signal of its host",
         "never",

@@ -7,6 +7,7 @@ thousand digits. Each of them must end in the reader's own error, at once and wi
 from __future__ import annotations
 
 import errno
+import io
 import json
 import os
 import re
@@ -59,6 +60,22 @@ class RecognisedKind(Protocol):
         """Why the file `path`, which begins with `head`, is of another kind; "" if it may be of this one."""
 
 
+class _File(io.FileIO):
+    """A file that is never waited for: some of /proc and /sys are regular, and reading them waits for news."""
+
+    def readinto(self, buffer: Any, /) -> int:
+        count = super().readinto(buffer)
+        if count is None:
+            raise BlockingIOError(errno.EAGAIN, "it has nothing to read now")
+        return count
+
+    def readall(self) -> bytes:
+        content = super().readall()
+        if content is None:
+            raise BlockingIOError(errno.EAGAIN, "it has nothing to read now")
+        return content
+
+
 @contextmanager
 def open_regular(path: str | Path, what: str, error: type[HaptorbError]) -> Iterator[BinaryIO]:
     """The regular file `path`, open for reading; every file that a person or another file names is opened here.
@@ -69,7 +86,7 @@ def open_regular(path: str | Path, what: str, error: type[HaptorbError]) -> Iter
     """
     name = quote(str(path), 300)[1:-1]
     try:
-        file = open(Path(path).expanduser(), "rb", opener=_open_at_once)  # noqa: SIM115 (closed below)
+        file = io.BufferedReader(_File(Path(path).expanduser(), "rb", opener=_open_at_once))
     except OSError as cause:
         raise error(f"{what} {name}: cannot be read ({cause.strerror})") from cause
     except (ValueError, RuntimeError) as cause:  # a zero byte in its name, or the folder of an unknown user

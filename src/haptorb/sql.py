@@ -29,6 +29,7 @@ __all__ = [
     "ProgramLock",
     "TableSet",
     "explain_error",
+    "has_password",
     "lock_database",
     "make_engine",
     "mask_password",
@@ -87,9 +88,32 @@ def lock_database(connection: Connection, family: int) -> None:
         connection.execute(text("SELECT pg_advisory_xact_lock(:family, 0)"), {"family": family})
 
 
+_SECRETS = ("password", "sslpassword")  #: of an address, behind its question mark
+
+
+def has_password(place: str | Path) -> bool:
+    """Whether the address `place` holds a password.
+
+    >>> has_password("postgresql://me:secret@host/name"), has_password("postgresql://me@host/name")
+    (True, False)
+    """
+    with suppress(ArgumentError):
+        url = make_url(url_of(place))
+        return url.password is not None or any(name in url.query for name in _SECRETS)
+    return False
+
+
 def mask_password(place: str | Path) -> str:
-    """`place` without the password that a URL may hold."""
-    return make_url(url_of(place)).render_as_string() if "://" in str(place) else str(place)
+    """`place` without the password that a URL may hold.
+
+    >>> mask_password("postgresql://host/name?user=me&password=secret")
+    'postgresql://host/name?password=***&user=me'
+    """
+    if "://" not in str(place):
+        return str(place)
+    url = make_url(url_of(place))
+    hidden = {name: "***" for name in _SECRETS if name in url.query}
+    return url.update_query_dict(hidden).render_as_string()
 
 
 #: a station that loses its power must not hold its session, nor one that loses its server wait, for hours
@@ -228,6 +252,8 @@ class TableSet:
 
     def _check_file(self, path: Path) -> None:
         """RecordingError for what is there and is no database of this kind: opening it to write could change it."""
+        if not path.name:
+            raise RecordingError(f"'{path}' is a folder: give the file of a database")
         _check_neighbours(path)
         if not path.exists() and not path.is_symlink():
             return

@@ -223,3 +223,9 @@ def test_damaged_results_are_one_message(folder: Path, change_of: str) -> None:
     change(folder / "results.sqlite", f"UPDATE evaluations SET {change_of} WHERE number = 1")
     with pytest.raises(RecordingError, match=r"results.sqlite cannot be read"):
         read_results(folder / "results.sqlite")
+
+
+@pytest.mark.parametrize("place", [".", "/", ".."])
+def test_a_folder_is_no_database(place: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study", "participants", place]) == 2
+    assert len("".join(capsys.readouterr()).splitlines()) == 1

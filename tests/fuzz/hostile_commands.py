@@ -9,6 +9,7 @@ a program that is started, a socket that is connected, a file that is written el
 from __future__ import annotations
 
 import contextlib
+import gzip
 import io
 import json
 import os
@@ -18,12 +19,17 @@ import resource
 import shutil
 import signal
 import sqlite3
+import struct
 import sys
 import traceback
+import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import lz4.frame
+import zstandard
 
 from fuzz.good_files import NAMES, fill
 from haptorb.file_kind import FileKind
@@ -37,7 +43,13 @@ HUNG = 60  #: by the clock [s]
 
 #: kind of file → the commands that read it
 COMMANDS: dict[FileKind, tuple[str, ...]] = {
-    K.RECORDING: ("info FILE --json", "export FILE -o out.csv --force", "replay FILE", "VIEW FILE"),
+    K.RECORDING: (
+        "info FILE --json",
+        "export FILE -o out.csv --force",
+        "export FILE -o out.npz --force",
+        "replay FILE",
+        "VIEW FILE",
+    ),
     K.DEVICE: ("inspect FILE --json",),
     K.CALIBRATION: ("run omni --headless --duration 0.1 --calibration FILE",),
     K.FRAME: ("run omni --headless --duration 0.1 --tracker osc:9000 --frame FILE",),
@@ -124,7 +136,7 @@ def try_files(tasks: Sequence[tuple[str, str, str, bytes]], inside: Path, outsid
     found, start = Watched(), 0
     load_engine()
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        for command in dict.fromkeys(command for _, command, _, _ in tasks):
+        for command in dict.fromkeys(command for _, command, _, _ in tasks if "FILE" in command):
             _run(command.replace("FILE", str(inside / "nothing")))  # loads what it needs, once for all children
     while start < len(tasks):
         start = _try_part(tasks, start, inside, outside, found)
@@ -250,7 +262,8 @@ def _processor() -> float:
 
 
 def craft_files(inside: Path, outside: Path) -> Iterator[tuple[str, str, str, bytes]]:
-    """(title, command, name, content) of files that name, hide or ask for what they should not: about 200."""
+    """(title, command, name, content) of files that name, hide or ask for what they should not: more than 400, of every
+    kind that a command reads."""
     canary = str(outside / "canary")
     places = [f"{canary}.END", "../outside/canary.END", "link.END", "pipe.END", "zero.END", "/dev/zero", "/dev/stdin",
               "/dev/tty", "/proc/self/mem", "a/../../outside/canary.END", f"file://{canary}.END", "|touch RAN",
@@ -291,6 +304,96 @@ def craft_files(inside: Path, outside: Path) -> Iterator[tuple[str, str, str, by
         )
     yield from _craft_recordings()
     yield from _craft_databases(inside)
+    yield from _craft_scenes(canary)
+    for kind, commands in COMMANDS.items():
+        good = (inside / NAMES[kind]).read_bytes()
+        contents = [*_craft_contents(kind, good)]
+        for command in commands:
+            for title, content in contents:
+                yield f"{kind.name} {title}", command, f"crafted-{NAMES[kind]}", content
+            for place in ("pipe.toml", "zero.toml", "/dev/zero", "/dev/stdin", "/proc/self/mem", "/proc/kmsg", "."):
+                yield f"{kind.name} at {place}", command.replace("FILE", place), "unused", b""
+
+
+def _craft_contents(kind: FileKind, good: bytes) -> Iterator[tuple[str, bytes]]:
+    """(title, content): what hurts any reader, and what hurts those of text."""
+    yield "empty", b""
+    yield "zip bomb", _make_zip_bomb()
+    yield "zstd bomb", b"\x89MCAP0\r\n" + _make_bomb("zstd")
+    yield "lz4 bomb", b"\x89MCAP0\r\n" + _make_bomb("lz4")
+    yield "gzip bomb", gzip.compress(bytes(64 << 20), 1)
+    yield "pickle", pickle.dumps(_Payload())
+    yield "begins well", good[: len(good) // 2] + b"\0" * 1000
+    if kind in (K.RECORDING, K.RESULTS, K.STUDY_DATABASE):
+        return
+    yield "no text", bytes(range(256)) * 40
+    yield "escapes", good + b'\n\x1b]52;c;Y2FuYXJ5\x07\x1b[2J = "\x1b[31m"\n'
+    yield "long line", good + b"x" * 2_000_000
+    end = Path(NAMES[kind]).suffix
+    if end == ".toml":
+        for title, text in (
+            ("deep", "a = " + "[" * 100_000), ("dotted", ".".join("a" * 50_000) + " = 1"),
+            ("tables", "[a]\n" * 50_000), ("number", "a = " + "9" * 100_000), ("power", 'a = "1 m**9**9**9"'),
+            ("time", "a = 9999-12-31T23:59:60.999999999999+23:59"), ("key", f"\"{'k' * 200_000}\" = 1"),
+            ("escaped", 'name = "\\u001b[31m\\u202e\\u0000=cmd|calc"'),
+        ):  # fmt: skip
+            yield title, text.encode()
+            yield f"{title} behind a good one", good + b"\n" + text.encode()
+    elif end == ".json":
+        for title, text in (
+            ("deep", "[" * 100_000), ("number", '{"format": ' + "9" * 100_000 + "}"), ("infinite", '{"format": 1e999}'),
+            ("object", '{"py/object": "canary_module.Canary"}'), ("twice", '{"format": "a", "format": "b"}'),
+            ("text", '{"format": "\\u001b]0;x\\u0007"}'),
+        ):  # fmt: skip
+            yield title, text.encode()
+    elif end == ".csv":
+        for title, text in (
+            ("formula", "=cmd|' /C calc'!A1,t [s]\n1,2\n"), ("columns", "a," * 200_000),
+            ("open quote", 'a,b\n"' + "x\n" * 99_999),
+            ("number", "t [s]\n" + "9" * 400 + "\n"), ("nothing", "\n" * 100_000),
+        ):  # fmt: skip
+            yield title, text.encode()
+
+
+def _make_zip_bomb() -> bytes:
+    """An archive whose member is a gigabyte by what its name says, and whose name leads out of a folder."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("../../../outside/canary_module.py", bytes(16 << 20))
+        archive.writestr(
+            "t.npy", b"\x93NUMPY\x01\x00v\x00{'descr': '|O', 'fortran_order': False, 'shape': (9999999999,)}"
+        )
+    return file.getvalue()
+
+
+def _make_bomb(kind: str) -> bytes:
+    """One chunk of a recording that says it is short and is long."""
+    whole = bytes(64 << 20)
+    packed = zstandard.compress(whole) if kind == "zstd" else lz4.frame.compress(whole)
+    name = kind.encode()
+    head = struct.pack("<QQQII", 0, 1, 64, 0, len(name)) + name + struct.pack("<Q", len(packed))
+    return b"\x06" + struct.pack("<Q", len(head) + len(packed)) + head + packed
+
+
+def _craft_scenes(canary: str) -> Iterator[tuple[str, str, str, bytes]]:
+    """Entities, plugins, and numbers that are asked of the compiler."""
+    laughs = "".join(f"<!ENTITY l{n} '{f'&l{n - 1};' * 10}'>" for n in range(1, 10))
+    for title, text in (
+        ("laughs", f"<!DOCTYPE mujoco [<!ENTITY l0 'ha'>{laughs}]><mujoco>&l9;</mujoco>"),
+        ("entity", f"<!DOCTYPE mujoco [<!ENTITY x SYSTEM 'file://{canary}.xml'>]><mujoco model='&x;'/>"),
+        ("doctype", f"<!DOCTYPE mujoco SYSTEM '{canary}.xml'><mujoco/>"),
+        ("plugin", "<mujoco><extension><plugin plugin='mujoco.pid'/></extension></mujoco>"),
+        (
+            "library",
+            f"<mujoco><compiler meshdir='{canary}' assetdir='/'/><asset><mesh file='canary.obj'/></asset></mujoco>",
+        ),
+        ("timestep", "<mujoco><option timestep='1e-300'/><worldbody/></mujoco>"),
+        ("not a number", "<mujoco><worldbody><body><freejoint/><geom size='nan'/></body></worldbody></mujoco>"),
+        ("names", f"<mujoco model='{'x' * 300_000}'><worldbody/></mujoco>"),
+        ("include itself", "<mujoco><include file='crafted.xml'/></mujoco>"),
+        ("keyframes", "<mujoco><keyframe>" + "<key/>" * 50_000 + "</keyframe><worldbody/></mujoco>"),
+    ):  # fmt: skip
+        yield f"scene {title}", COMMANDS[K.SCENE][0], "crafted.xml", text.encode()
 
 
 class _Payload:

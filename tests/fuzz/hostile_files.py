@@ -8,8 +8,8 @@ for numbers, control characters, names of 300 characters, a thousand brackets). 
 haptorb's own errors, whose message is short and without control characters; nothing may take two seconds or half a
 gigabyte. One line per kind, and a verdict; exit code 1 if anything else happened.
 
-Then `--commands` of each kind, and some 180 crafted files, go through the commands themselves, in forked processes that
-are watched: no code of a file runs, no program is started, nothing outside is opened (tests/fuzz/hostile_commands.py).
+Then `--commands` of each kind, and 500 crafted files, go through the commands themselves, in forked processes that are
+watched: no code of a file runs, no program is started, nothing outside is opened (tests/fuzz/hostile_commands.py).
 """
 
 from __future__ import annotations

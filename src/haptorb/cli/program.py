@@ -105,12 +105,30 @@ def report_damage() -> Iterator[None]:
         yield
 
 
+def check_secrets(words: list[str]) -> None:
+    """Raises InputError for a database's address with a password: every account of the computer can read the words of a
+    command (`ps`) for as long as it runs."""
+    for word in words:
+        place = word.partition("=")[2] if word.startswith("--") else word
+        if not place.startswith("postgres") or "://" not in place:
+            continue
+        from haptorb.sql import has_password, mask_password
+
+        if has_password(place):  # safety: no-password-in-words
+            raise InputError(
+                f"the address {mask_password(place)} holds a password, which every account of this computer can read "
+                "in the list of processes; leave it out of the address and put it into ~/.pgpass (readable by you "
+                "only) or into the environment variable PGPASSWORD, and choose another one"
+            )
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; a user's mistake is one message, never a traceback."""
     open_output()
     use_ascii_fallback()
     try:
         with raise_termination(), report_damage():
+            check_secrets(sys.argv[1:] if arguments is None else arguments)
             app(args=arguments)
     except HaptorbError as mistake:
         say(f"haptorb: {mistake.command_message}")

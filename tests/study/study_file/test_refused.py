@@ -31,7 +31,8 @@ FRAME = TrackerFrame(
         (("--terminal",), "--participant"),
         (("--terminal", "-p", "P01", "--lsl", "computer"), "leave out --terminal"),
         (("-p", "Anna"), "never a name"),
-        (("--db", "postgresql://study:very-secret@127.0.0.1:9/x"), "nothing was started"),
+        (("--db", "postgresql://study@127.0.0.1:9/x"), "nothing was started"),
+        (("--db", "postgresql://study:very-secret@127.0.0.1:9/x"), "PGPASSWORD"),
         (("--db", "no-such-folder/s.db"), "cannot be opened"),
     ],
 )
