@@ -105,7 +105,7 @@ class Setting:
         self.simulation = self.tick.driver.simulation  # type: ignore[attr-defined]
         tool = self.device.tool  # type: ignore[attr-defined]
         self.ring = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, radial=3, azimuth=8)
-        self.stopped = self.waiting = False
+        self.stopped = self.engaged = self.waiting = False
         self.asked, self.gain, self.before, self.alone = np.zeros(3), 0.0, False, 0
         self.steepest = self.steepest_true = self.greatest = self.greatest_raw = 0.0
         self.changes, self.ticks, self.faults = 0, 0, list[str]()
@@ -192,6 +192,7 @@ class Setting:
 
     def engage(self) -> None:
         self.tick.engage()
+        self.engaged, self.stopped = self.engaged or self.stopped, False
 
     def lose_pose(self) -> None:
         update = self.tick.estimator.update
@@ -248,6 +249,10 @@ class Setting:
             self.stopped = False
             if asked.any() or row[at["duties"]].any():
                 self.faults.append("a Stop left a force in its own tick")
+        if self.engaged:  # after a Stop, before the tick that obeys it
+            self.engaged = False
+            if np.linalg.norm(felt) > 1e-9 + self.device.limits.force_rate * DT:
+                self.faults.append("engaging after a Stop did not begin at zero")
         if gain >= self.gain and row[at["guard"]][0] != GuardState.TRIPPED and self.before is pure:
             self.steepest = max(self.steepest, float(np.linalg.norm(felt - self.asked)) / DT)
         self.asked, self.gain, self.before = felt, gain, pure

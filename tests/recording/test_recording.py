@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import struct
+import threading
 import warnings
 from pathlib import Path
 from typing import Any
@@ -265,3 +267,21 @@ def test_place_that_cannot_be_written(tmp_path: Path, place: str) -> None:
     for overwrite in (False, True):
         with pytest.raises((RecordingError, ValueError)):
             recording_file.create_recording(tmp_path / place, overwrite=overwrite)
+
+
+def test_a_recording_to_a_pipe_is_the_same(tmp_path: Path) -> None:
+    """A pipe cannot say how much was written to it; in `benchmarks/safety/ends.py` it is the disk that blocks."""
+    expected = _record(tmp_path / "file.mcap", _rows(300)).read_bytes()
+    reading, writing = os.pipe()
+    contents = list[bytes]()
+
+    def read() -> None:
+        with os.fdopen(reading, "rb") as pipe:
+            contents.append(pipe.read())
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    _record(Path(f"/dev/fd/{writing}"), _rows(300))
+    os.close(writing)
+    reader.join(30)
+    assert contents == [expected]

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, final
+from typing import Any, BinaryIO, NamedTuple, cast, final
 
 import numpy as np
 from lz4.frame import LZ4FrameDecompressor
@@ -120,6 +120,22 @@ CHUNK = 32_000  #: bytes before compression
 _LONGEST = 0.04  #: time in a chunk [s]: at slow rates a full chunk would be too much to lose
 
 
+class _CountedFile:
+    """An open binary file, and how many bytes were written: a pipe cannot say where it is."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.size = 0
+        self._write, self.flush = file.write, file.flush
+
+    def write(self, content: bytes) -> int:
+        self.size += len(content)
+        return self._write(content)
+
+    def tell(self) -> int:
+        """For the writer of MCAP."""
+        return self.size
+
+
 @final
 class Recorder:
     """Writes rows of `layout` at about `rate` [Hz] to the open binary `file`.
@@ -131,12 +147,12 @@ class Recorder:
         self.written = 0  #: rows, of which the last ones may still wait for their chunk to be full
         self.safe_rows = 0  #: rows that are in the file
         self._size = 0
-        self._file = file
+        self._file = _CountedFile(file)
         self._wall = layout["wall"].start
         self._offset = unix_minus_monotonic
         size = len(CDR_HEADER) + 8 * layout.width
         chunk = min(CHUNK, int(rate * _LONGEST) * size)
-        self._writer = Writer(file, chunk_size=max(chunk, 1), compression=CompressionType.ZSTD)
+        self._writer = Writer(cast("BinaryIO", self._file), chunk_size=max(chunk, 1), compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library=f"haptorb {__version__}")
         schema_id = self._writer.register_schema(NAME, ENCODING, schema(layout).encode())
         self._channel = self._writer.register_channel(TOPIC, MESSAGE_ENCODING, schema_id)
@@ -147,7 +163,7 @@ class Recorder:
     def note(self, name: str, values: Mapping[str, str]) -> None:
         """Add a metadata record 'haptorb/NAME'."""
         self._writer.add_metadata(f"haptorb/{name}", dict(values))
-        self._size = self._file.tell()
+        self._size = self._file.size
 
     def append(self, rows: Array) -> None:
         """Add rows (n, width), then hand everything that is complete to the operating system."""
@@ -156,7 +172,7 @@ class Recorder:
             time = int(row[self._wall] * 1e9) + offset
             write(channel, time, CDR_HEADER + row.tobytes(), time, self.written & 0xFFFFFFFF)
             self.written += 1
-            if (size := self._file.tell()) != self._size:  # a chunk is full, and with it all rows so far
+            if (size := self._file.size) != self._size:  # a chunk is full, and with it all rows so far
                 self._size, full = size, self.written
         self._file.flush()
         self.safe_rows = full
