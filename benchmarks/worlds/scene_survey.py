@@ -1,6 +1,6 @@
 """Scenes that other people wrote: how many MJCF files of public packages can be felt, and why the others cannot.
 
-usage: python benchmarks/worlds/scene_survey.py [--folder FOLDER] [--store FILE]
+usage: python benchmarks/worlds/scene_survey.py [--folder FOLDER] [--seconds 2] [--store FILE]
 
 Downloads the packages below, without what they depend on, unpacks them into a temporary folder (or into FOLDER, which
 is used again), and tries every MJCF file in them. A file counts if MuJoCo compiles it by itself and a body of it with a
@@ -13,13 +13,13 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import tarfile
 import tempfile
 import zipfile
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 #: name and version of each package
@@ -62,8 +62,8 @@ def find_files(folder: Path) -> list[Path]:
     return found
 
 
-def try_file(path: str) -> tuple[str, str]:
-    """("not a scene" | "runs" | "refused" | "fails", why), in a process of its own."""
+def try_file(path: str, seconds: float = SECONDS) -> tuple[str, str]:
+    """("not a scene" | "runs" | "refused" | "fails", why)."""
     import mujoco
     import numpy as np
 
@@ -88,7 +88,7 @@ def try_file(path: str) -> tuple[str, str]:
         scene = Scene(path, held[0]).for_device(load("pmsm"))
         bound = bind_world(scene, 1e-3)
         assert bound is not None
-        for n in range(round(1e3 * SECONDS)):
+        for n in range(round(1e3 * seconds)):
             place = 0.005 * (1.0 - np.cos(np.pi * n * 1e-3))
             wrench = bound.wrench(State.at((0.0, 0.0, place), R_SR=np.eye(3)))
             if not np.isfinite(wrench).all():
@@ -100,29 +100,37 @@ def try_file(path: str) -> tuple[str, str]:
     return "runs", "; ".join(scene.list_remarks(1e-3))
 
 
-def run_one(path: Path) -> tuple[str, str]:
-    """`try_file` in a process that may die or take too long."""
-    try:
-        done = subprocess.run(
-            [sys.executable, str(Path(__file__).resolve()), "--one", str(path)], capture_output=True, text=True,
-            timeout=LIMIT, check=False, cwd=tempfile.gettempdir(),
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        return "fails", f"not done within {LIMIT} s"
-    if done.returncode or not done.stdout.strip():
-        return "fails", f"exit code {done.returncode}: {done.stderr.strip().splitlines()[-1:] or ''}"
-    kind, why = json.loads(done.stdout.splitlines()[-1])
-    return kind, why
+def run_all(files: list[Path], seconds: float) -> list[tuple[str, str]]:
+    """`try_file` of each, in a process that may die or take too long; as many at once as there are processors."""
+    try_file("", 0.0)  # what all need is loaded before
+    found: list[tuple[str, str]] = [("fails", "")] * len(files)
+    running: dict[int, int] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for number, path in enumerate([*files, None]):
+            while running and (path is None or len(running) >= (os.cpu_count() or 1)):
+                process, status = os.wait()
+                done = running.pop(process)
+                answer = Path(folder, str(done))
+                code = os.waitstatus_to_exitcode(status)
+                why = f"not done within {LIMIT} s" if code == -signal.SIGALRM else f"its process ended with {code}"
+                found[done] = tuple(json.loads(answer.read_text())) if answer.exists() else ("fails", why)
+            if path is not None:
+                if not (process := os.fork()):
+                    signal.alarm(LIMIT)
+                    os.chdir(folder)
+                    Path(folder, str(number)).write_text(json.dumps(try_file(str(path), seconds)))
+                    os._exit(0)
+                running[process] = number
+    return found
 
 
-def survey(folder: Path) -> dict[str, object]:
+def survey(folder: Path, seconds: float = SECONDS) -> dict[str, object]:
     """Every file, and the counts."""
     fetch(folder)
-    files = find_files(folder)
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        found = list(pool.map(run_one, files))
+    files = [path.resolve() for path in find_files(folder)]
+    found = run_all(files, seconds)
     rows = [
-        {"file": path.relative_to(folder).as_posix(), "result": kind, "why": why}
+        {"file": path.relative_to(folder.resolve()).as_posix(), "result": kind, "why": why}
         for path, (kind, why) in zip(files, found, strict=True)
     ]
     counts = Counter(row["result"] for row in rows)
@@ -133,12 +141,9 @@ def survey(folder: Path) -> dict[str, object]:
 
 def main(words: list[str]) -> int:
     """Print the counts and, for every scene that does not run, why."""
-    if words[:1] == ["--one"]:
-        print(json.dumps(try_file(words[1])))
-        return 0
     options = dict(zip(words[::2], words[1::2], strict=True))
     with tempfile.TemporaryDirectory() as temporary:
-        found = survey(Path(options.get("--folder", temporary)))
+        found = survey(Path(options.get("--folder", temporary)), float(options.get("--seconds", SECONDS)))
     rows = found["rows"]
     assert isinstance(rows, list)
     for row in rows:

@@ -33,12 +33,28 @@ class Proxy:
         if certificate is not None:
             self._context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
             self._context.load_cert_chain(certificate)
+        self._running = threading.Event()
+        self._running.set()
+        self._open: list[socket.socket] = []
         threading.Thread(target=self._accept, daemon=True).start()
+
+    def pause(self) -> None:
+        """End every connection, and answer no new one."""
+        self._running.clear()
+        for one in self._open:
+            with suppress(OSError):
+                one.shutdown(socket.SHUT_RDWR)
+
+    def go_on(self) -> None:
+        """Answer again, also those that have waited."""
+        self._running.set()
 
     def _accept(self) -> None:
         with suppress(OSError):
             while True:
                 connection, _ = self._listening.accept()
+                self._open.append(connection)
+                self._running.wait()
                 threading.Thread(target=self._serve, args=(connection,), daemon=True).start()
 
     def _serve(self, plain: socket.socket) -> None:
@@ -139,4 +155,28 @@ def test_another_port_of_this_computer(browser: Any, open_console: Callable[[Pag
     console = open_console(PageAddress())
     proxy.target = console.port
     assert count_frames(browser, f"http://localhost:{proxy.port}/#{console.token}")[0] > 3
+    proxy.close()
+
+
+def test_a_server_that_is_slow_is_not_called_gone(browser: Any, open_console: Callable[[PageAddress], Console]) -> None:
+    proxy = Proxy("")
+    console = open_console(PageAddress())
+    proxy.target = console.port
+    page = browser.new_page()
+    page.goto(f"http://localhost:{proxy.port}/#{console.token}")
+
+    def wait_for(status: str) -> str:
+        end = time.monotonic() + 60.0
+        while (found := page.evaluate("window.haptorb ? haptorb.status : ''")) != status and time.monotonic() < end:
+            page.wait_for_timeout(50)
+        return str(found)
+
+    assert wait_for("running") == "running"
+    proxy.pause()
+    assert wait_for("slow, retrying") == "slow, retrying"
+    assert "retries by itself" in page.locator("#alert").inner_text()
+    assert "start" not in page.locator("#alert").inner_text().lower()
+    proxy.go_on()
+    assert wait_for("running") == "running"
+    page.close()
     proxy.close()

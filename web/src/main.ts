@@ -62,7 +62,7 @@ class Console {
   private readonly sound = new Sound();
   private readonly rumble = new Rumble();
   private readonly link: Link;
-  private readonly silence: Silence = { disconnected: true, servoEnded: false, stale: true, coils: NaN, missingPose: "" };
+  private readonly silence: Silence = { disconnected: true, gone: false, servoEnded: false, stale: true, coils: NaN, missingPose: "" };
   private readonly sendTimes: number[] = [];
   private readonly answers: number[] = [];
   private readonly arrivals: number[] = [];
@@ -178,21 +178,22 @@ class Console {
     const again = await fetchSession().catch(() => null);
     if (opened !== this.changes) return; // closed meanwhile
     if (again && again.started !== this.session.started) location.reload();
-    this.silence.disconnected = false;
+    this.silence.disconnected = this.silence.gone = false;
     this.silence.servoEnded = false;
   }
 
   private async onClose(code: number, reason: string): Promise<void> {
-    const before = this.silence.disconnected;
-    this.changes++;
+    const closed = ++this.changes;
     this.silence.disconnected = true;
     this.control = false;
     this.forget();
     if (code === FULL) cover(full(reason));
-    else if (before) {
-      // It cannot come back: is there nobody, or somebody who does not know it?
+    else {
+      // Is there nobody, somebody who does not know it, or one who is slow? A refused connection is a TypeError.
       const mistake: unknown = await fetchSession().catch((mistake: unknown) => mistake);
+      if (closed !== this.changes) return;
       if (mistake instanceof UnknownToken) cover(UNKNOWN);
+      this.silence.gone = mistake instanceof TypeError;
     }
   }
 

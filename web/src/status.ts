@@ -17,6 +17,8 @@ export interface Status {
 /** Which part of the page's world is silent. */
 export interface Silence {
   disconnected: boolean;
+  /** there is no server any more; else it is only slow to answer */
+  gone: boolean;
   servoEnded: boolean;
   stale: boolean;
   /** the coils' state in the last row that came: it stays true of a device that nobody handlers any more */
@@ -33,6 +35,10 @@ export function status(sample: Sample, session: Session, silence: Silence): Stat
   if (silence.coils === COILS.unknown) {
     const reason = "The device has not confirmed that its coils are off: keep away from it, and switch off its supply.";
     return { word: "coil state unknown", tone: "bad", reason, engageable: false };
+  }
+  if (silence.disconnected && !silence.gone) {
+    const reason = "The console's server does not answer yet, because the computer is busy: nothing here is live until it does. This page retries by itself.";
+    return { word: "slow, retrying", tone: "bad", reason, engageable: false };
   }
   if (silence.disconnected) {
     const reason = "The console's server does not answer: nothing here is live. Start `haptorb run` again, and open the address that it prints.";

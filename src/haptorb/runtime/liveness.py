@@ -25,6 +25,7 @@ __all__ = [
     "MemoryGrowth",
     "ProcessorWait",
     "StallTime",
+    "StarvedTime",
     "resident_memory",
     "state_of",
 ]
@@ -201,6 +202,25 @@ class HangWatch:
         with suppress(OSError, ValueError):
             used = int(self._path.read_text().split()[0])  # [ns]
         return self._stall.look(monotonic(), used) if used >= 0 else 0.0
+
+
+@final
+class StarvedTime:
+    """For how long a process was ready to compute without a processor: on a busy computer it is slow, not broken."""
+
+    def __init__(self, pid: int) -> None:
+        self._path = Path(f"/proc/{pid}/schedstat")
+
+    def look(self) -> float:
+        """That time of its main thread since it began [s]; 0 where the kernel does not say.
+
+        >>> import os
+        >>> StarvedTime(os.getpid()).look() >= 0.0
+        True
+        """
+        with suppress(OSError, ValueError, IndexError):
+            return 1e-9 * int(self._path.read_text().split()[1])
+        return 0.0
 
 
 # --------------------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.runtime.black_box import BlackBox
 from haptorb.runtime.first_start import CATALOGUE, CONTROLLER
 from haptorb.runtime.linux import END_SIGNALS, end_process, raise_priority, wait_for_end
-from haptorb.runtime.liveness import HangWatch, MemoryGrowth, StallTime, state_of
+from haptorb.runtime.liveness import HangWatch, MemoryGrowth, StallTime, StarvedTime, state_of
 from haptorb.runtime.prestart import WANTED, PrestartedProcess, start_module
 from haptorb.runtime.report import count_recorded
 from haptorb.runtime.shared_memory import Phase, SharedMemory, Word, has_end_signal
@@ -167,6 +167,7 @@ class CompilerProcess:
 _EVERY = 0.02  #: between two heartbeats [s]
 _STUCK = 1.0  #: without a tick the servo is notified that it is stuck [s]
 _PROCESS_GROUP_HUNG = 1.5  #: and so long without one it is killed [s]
+_ROOM = 3.0  #: a limit of the start grows by at most so many times itself while the servo waits for a processor
 _STALLED = 1.0  #: without a look for rows the recorder counts as stalled [s]
 _START = 180.0  #: the first start on a machine compiles the kernels [s]
 _FIRST_CALL = 20.0  #: a world that compiles code of its own may take long, once [s]
@@ -208,6 +209,7 @@ class ProcessGroup:
         self._hang = self._stall = ""
         self._asked = False  # whether the servo was notified that it is stuck
         self.memory = MemoryGrowth(standby.process.pid)
+        self._starved, self._waited_before = StarvedTime(standby.process.pid), 0.0
         standby.give(shared.path)
         self._output = OutputReader(standby.process.stdout)
         self._recorder: subprocess.Popen[bytes] | None = None
@@ -270,6 +272,7 @@ class ProcessGroup:
         # A tracker may wait for its sender, a servo for its device: they hang only if they are stopped.
         group = {"servo": self._servo, "recorder": self._recorder, "tracker": self._tracker}
         watches = [(name, one, HangWatch(one.pid)) for name, one in group.items() if one is not None]
+        starved, before_first = StarvedTime(self._servo.pid), 0.0
         while (
             not (self.alive and words[Word.TICKS])
             or (self._recorder and words[Word.RECORDER] == Phase.STARTING)
@@ -278,10 +281,16 @@ class ProcessGroup:
             self.check()
             if trouble := self.tracker_trouble:
                 raise DriverError(trouble)
-            if (first := words[Word.FIRST_CALL]) and monotonic_ns() - first > 1e9 * _FIRST_CALL:
+            waited = starved.look()
+            if not (first := words[Word.FIRST_CALL]):
+                before_first = waited
+            elif 1e-9 * (monotonic_ns() - first) > _FIRST_CALL + min(waited - before_first, _ROOM * _FIRST_CALL):
                 raise ServoError(_ENDLESS.format(self._shared.world_now(), _FIRST_CALL))
-            if monotonic() > start + _START:
-                raise ServoError(f"the servo did not start within {_START:g} s; close other programs, and try again")
+            if monotonic() > start + _START + min(waited, _ROOM * _START):
+                raise ServoError(
+                    f"the servo did not start within {monotonic() - start:.0f} s ({waited:.0f} s of it without a "
+                    "processor); close other programs, and try again"
+                )
             for name, process, watch in watches:
                 hangs = watch.look() > _NOTHING  # safety: start-hangs
                 if hangs and (name == "recorder" or state_of(process.pid)() == "T"):
@@ -382,6 +391,10 @@ class ProcessGroup:
             return
         self.memory.look(now)
         still = ticking.look(now, self._shared.words[Word.TICKS])
+        waited = self._starved.look()
+        if still <= 2 * _EVERY:
+            self._waited_before = waited
+        still -= min(waited - self._waited_before, _PROCESS_GROUP_HUNG)  # a servo that waits does not hang
         if still > _PROCESS_GROUP_HUNG:
             world = self._shared.world_now()
             self._hang = _HANG.format(world, still)  # safety: world-hung

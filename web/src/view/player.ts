@@ -59,7 +59,7 @@ class Player {
   private readonly target: TargetPane | null = null;
   private readonly shapes: Shapes;
   private readonly plots: Plots;
-  private readonly silence: Silence = { disconnected: true, servoEnded: false, stale: false, coils: NaN, missingPose: "" };
+  private readonly silence: Silence = { disconnected: true, gone: false, servoEnded: false, stale: false, coils: NaN, missingPose: "" };
   private readonly costs: { scene: number[]; plots: number[] } = { scene: [], plots: [] };
   private wish = { t: 0, speed: 0, at: 0 };
   private shown = { t: 0, tick: NaN, row: -1, drawn: 0 };
@@ -287,7 +287,7 @@ class Player {
   /** What is here can still be looked at. */
   private onClose(): void {
     if (this.silence.disconnected) return;
-    this.silence.disconnected = true;
+    this.silence.disconnected = this.silence.gone = true;
     at("view").classList.add("dead");
     this.plots.freeze(true);
   }
