@@ -16,7 +16,7 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
-__all__ = ["cache_folder", "explain_shared", "private_folder"]
+__all__ = ["cache_folder", "explain_shared", "find_home", "private_folder"]
 
 _CHOSEN = "HAPTORB_CACHE_FOLDER"  #: for the processes that this one starts: they need not choose, nor say it, again
 
@@ -24,11 +24,17 @@ _CHOSEN = "HAPTORB_CACHE_FOLDER"  #: for the processes that this one starts: the
 def cache_folder() -> Path:
     """Folder for everything that can be computed again: $XDG_CACHE_HOME/haptorb, else ~/.cache/haptorb.
 
-    Another private folder where that one is shared with other accounts, which is said once on standard error, or
-    cannot be made.
+    Another private folder where that one is shared with other accounts or cannot be made, such as in a container
+    without a writable home; that is said once on standard error.
     """
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    return _choose(os.path.abspath(home))
+    home = os.environ.get("XDG_CACHE_HOME") or find_home(".cache")
+    return _choose(os.path.abspath(home) if home else "")
+
+
+def find_home(*parts: str) -> str:
+    """`parts` below this account's home; empty if it has none, as an account without a name may not."""
+    home = os.path.expanduser("~")
+    return "" if home.startswith("~") else os.path.join(home, *parts)
 
 
 def private_folder(*parts: str) -> Path:
@@ -106,17 +112,19 @@ def _is_own_group(group: int) -> bool:
 @cache
 def _choose(home: str) -> Path:
     number = os.getuid() if hasattr(os, "getuid") else 0
-    wanted = Path(home, "haptorb")
+    wanted = Path(home, "haptorb") if home else None
     told, chosen = os.environ.get(_CHOSEN, "").partition(os.pathsep)[::2]
     others = [Path(chosen)] if told == home and chosen else []
     if not others:
-        others = [Path(home, f"haptorb-{number}"), Path(tempfile.gettempdir(), f"haptorb-{number}")]
-    refused = ""
-    for folder in (wanted, *others):
+        others = [Path(home, f"haptorb-{number}")] if home else []
+        others.append(Path(tempfile.gettempdir(), f"haptorb-{number}"))
+    refused = "" if home else "this account has no home for a cache folder"
+    for folder in (*([wanted] if wanted else []), *others):
         try:
             _make(folder)
             shared = explain_shared(folder) or _explain_content(folder)
-        except OSError:  # a read-only home, say
+        except OSError as cause:  # a read-only home, say
+            refused = refused or f"cache folder {folder} cannot be made: {cause.strerror}"
             continue
         if not shared:  # safety: cache-private
             break

@@ -21,6 +21,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol, final
 
+from haptorb.cache_folder import cache_folder, find_home
 from haptorb.errors import HaptorbError, quote
 
 __all__ = [
@@ -378,9 +379,15 @@ def named_file(name: str, folder: Path, what: str, error: type[HaptorbError]) ->
 
 
 def state_folder() -> Path:
-    """Folder for the state of programs: $XDG_STATE_HOME/haptorb, else ~/.local/state/haptorb."""
-    home = os.environ.get("XDG_STATE_HOME") or os.path.join(os.path.expanduser("~"), ".local", "state")
-    return Path(home) / "haptorb"
+    """Folder for the state of programs: $XDG_STATE_HOME/haptorb, else ~/.local/state/haptorb; below the cache folder
+    where this account has no home in which it may write."""
+    home = os.environ.get("XDG_STATE_HOME") or find_home(".local", "state")
+    if home:
+        folder = Path(home) / "haptorb"
+        there = next(one for one in (folder, *folder.absolute().parents) if one.exists())
+        if os.access(there, os.W_OK):
+            return folder
+    return cache_folder() / "state"
 
 
 # --------------------------------------------------------------------------------------------------
