@@ -62,7 +62,7 @@ def find_files(folder: Path) -> list[Path]:
     return found
 
 
-def try_file(path: str, seconds: float = SECONDS) -> tuple[str, str]:
+def try_file(path: str, seconds: float = SECONDS, assets: Path | None = None) -> tuple[str, str]:
     """("not a scene" | "runs" | "refused" | "fails", why)."""
     import mujoco
     import numpy as np
@@ -72,6 +72,7 @@ def try_file(path: str, seconds: float = SECONDS) -> tuple[str, str]:
     from haptorb.errors import HaptorbError
     from haptorb.worlds.dynamic import bind_world
     from haptorb.worlds.scene import Scene
+    from haptorb.worlds.scene_physics import make_scene_model
 
     try:
         model = mujoco.MjModel.from_xml_path(path)
@@ -85,7 +86,7 @@ def try_file(path: str, seconds: float = SECONDS) -> tuple[str, str]:
     if not held:
         return "not a scene", "no body with a name, a mass and a joint"
     try:
-        scene = Scene(path, held[0]).for_device(load("pmsm"))
+        scene = Scene(make_scene_model(Path(path), assets), held[0]).for_device(load("pmsm"))
         bound = bind_world(scene, 1e-3)
         assert bound is not None
         for n in range(round(1e3 * seconds)):
@@ -100,7 +101,7 @@ def try_file(path: str, seconds: float = SECONDS) -> tuple[str, str]:
     return "runs", "; ".join(scene.list_remarks(1e-3))
 
 
-def run_all(files: list[Path], seconds: float) -> list[tuple[str, str]]:
+def run_all(files: list[Path], folders: list[Path], seconds: float) -> list[tuple[str, str]]:
     """`try_file` of each, in a process that may die or take too long; as many at once as there are processors."""
     try_file("", 0.0)  # what all need is loaded before
     found: list[tuple[str, str]] = [("fails", "")] * len(files)
@@ -118,7 +119,7 @@ def run_all(files: list[Path], seconds: float) -> list[tuple[str, str]]:
                 if not (process := os.fork()):
                     signal.alarm(LIMIT)
                     os.chdir(folder)
-                    Path(folder, str(number)).write_text(json.dumps(try_file(str(path), seconds)))
+                    Path(folder, str(number)).write_text(json.dumps(try_file(str(path), seconds, folders[number])))
                     os._exit(0)
                 running[process] = number
     return found
@@ -128,7 +129,9 @@ def survey(folder: Path, seconds: float = SECONDS) -> dict[str, object]:
     """Every file, and the counts."""
     fetch(folder)
     files = [path.resolve() for path in find_files(folder)]
-    found = run_all(files, seconds)
+    root = folder.resolve()
+    packages = [root / path.relative_to(root).parts[0] for path in files]  # a package may name all of its files
+    found = run_all(files, packages, seconds)
     rows = [
         {"file": path.relative_to(folder.resolve()).as_posix(), "result": kind, "why": why}
         for path, (kind, why) in zip(files, found, strict=True)

@@ -357,20 +357,24 @@ def escape_formula(text: str) -> str:
     return f"'{text}" if text.lstrip(" ").startswith(_FORMULA) and not _NUMBER.fullmatch(text) else text
 
 
-def named_file(name: str, folder: Path, what: str, error: type[HaptorbError]) -> Path:
-    """The file `name` that a file in `folder` names: it must lie there or below, links followed.
+def named_file(
+    name: str, folder: Path, what: str, error: type[HaptorbError], limit: Path | None = None,
+    remedy: str = "copy it there",
+) -> Path:  # fmt: skip
+    """The file `name` that a file in `folder` names: it must lie there or below, or below `limit`, links followed.
 
     Raises `error`, naming `what` it is, for another place: who wrote the file does not choose what is read elsewhere.
     """
     try:
         root = folder.resolve()
         found = (root / name).resolve()
-        inside = found.is_relative_to(root)
+        edge = root if limit is None else limit.resolve()
+        inside = found.is_relative_to(edge)
         found.exists()  # raises for a name that is too long
     except (OSError, ValueError, RuntimeError) as cause:  # a zero byte, or links in a circle
         raise error(f"{what} {quote(name)}: not the name of a file") from cause
     if not inside:  # safety: named-inside
-        raise error(f"{what} {quote(name)}: is not read, as it lies outside {root}; copy it there")
+        raise error(f"{what} {quote(name)}: is not read, as it lies outside {edge}; {remedy}")
     return found
 
 

@@ -132,6 +132,10 @@ def run(
     body: Annotated[
         str | None, typer.Option(help="With --scene: body to hold (default: the one that the scene names).")
     ] = None,
+    assets: Annotated[
+        Path | None,
+        typer.Option(help="With --scene: folder within which it may name meshes and files (default: its own)."),
+    ] = None,
     grip: Annotated[
         str, typer.Option(help="With --scene: grip of the hand: loose, light, firm or MASS,DAMPING,STIFFNESS.")
     ] = "light",
@@ -228,7 +232,7 @@ def run(
             first = "remote" if is_client_force_alone(choices) else default_world(found)
             chosen = choose_world_option(world or first, settings or [], found)
         else:
-            chosen = choose_scene_option(scene, body, world, settings or [], found)
+            chosen = choose_scene_option(scene, body, world, settings or [], found, assets)
         build_tables(found)
         from haptorb.web.session import list_world_remarks
 

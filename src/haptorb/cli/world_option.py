@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from haptorb.errors import InputError, quote
@@ -44,8 +45,9 @@ def choose_world_option(name: str, settings: list[str], device: Device) -> World
 
 
 def choose_scene_option(
-    scene: str | None, body: str | None, world: str | None, settings: list[str], device: Device
-) -> SceneFile:
+    scene: str | None, body: str | None, world: str | None, settings: list[str], device: Device,
+    assets: Path | None = None,
+) -> SceneFile:  # fmt: skip
     """The `scene` whose `body` is held, with `settings`; it was compiled and stepped once as `device` has it.
 
     Raises UnknownName and InputError for what cannot be, and for a `world` beside it.
@@ -60,7 +62,7 @@ def choose_scene_option(
         raise InputError("--body names the body of a scene: give --scene as well, such as --scene peg")
     if world is not None:
         raise InputError("--scene and --world exclude each other; in Python worlds add: Scene('peg') + Fluid()")
-    file = parse_scene_file(scene, body or "")
+    file = parse_scene_file(scene, body or "", assets=assets)
     with announce_wait(f"Scene {file.path} has not finished loading"):
         loaded = file.load()
     values = parse_settings(settings, parameters(type(loaded)))

@@ -12,6 +12,7 @@ import numpy as np
 
 from haptorb.arrays import Array, Records
 from haptorb.devices.base import Device, State
+from haptorb.errors import InputError
 from haptorb.worlds.base import Shape, World, parameter
 from haptorb.worlds.dynamic import DynamicWorld, MemoryField, WorldWork, make_memory
 from haptorb.worlds.scene_check import list_scene_files
@@ -390,12 +391,17 @@ _TARGET_FORCE, _TARGET_TORQUE = 60.0, 2.0  #: that a target is ever pushed with 
 # A scene in a user's XML file, reloaded whenever it or a file that it names is saved.
 
 
-def parse_scene_file(text: str, body: str = "", folder: Path | None = None) -> SceneFile:
+def parse_scene_file(text: str, body: str = "", folder: Path | None = None, assets: Path | None = None) -> SceneFile:
     """The file of the scene `text`, supplied or a path; relative to `folder`, else to the working directory.
+
+    assets  folder within which it may name files; by default its own
 
     Raises UnknownName for anything else.
     """
-    return SceneFile(find_scene_file(text, folder), body)
+    path = find_scene_file(text, folder)
+    if assets is not None and not path.resolve().is_relative_to(assets.resolve()):
+        raise InputError(f"--assets {assets} must be a folder above the scene {path}")
+    return SceneFile(path, body, assets=assets)
 
 
 @dataclass(frozen=True)
@@ -405,13 +411,14 @@ class SceneFile:
     path: Path
     body: str = ""
     values: Mapping[str, Any] = field(default_factory=dict)
+    assets: Path | None = None  #: the folder within which it may name files; its own if that is None
     _watched: dict[Path, tuple[int, int, int] | None] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
     def load(self) -> Scene:
         """Compile the file and return its world. Raises UnknownName and InputError as `Scene` does."""
-        scene = Scene(self.path, self.body)
+        scene = Scene(make_scene_model(self.path, self.assets), self.body)
         return scene.replace(**self.values) if self.values else scene
 
     @property
@@ -420,7 +427,7 @@ class SceneFile:
         textures. Path, and time [ns], size, inode of each, None for one that is missing; None without the scene."""
         now = {path: _stamp(path) for path in self._watched or (self.path,)}
         if now != self._watched:  # also other files may be named now
-            now = {path: _stamp(path) for path in list_scene_files(self.path)}
+            now = {path: _stamp(path) for path in list_scene_files(self.path, self.assets)}
             self._watched.clear()
             self._watched.update(now)
         if now.get(self.path) is None:

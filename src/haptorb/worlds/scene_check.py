@@ -28,18 +28,20 @@ _DEEP = 90  #: elements within one another, repeated files included; MuJoCo's re
 _XML = ("include", "model")  #: elements whose file is a scene itself
 
 
-def check_scene_file(path: Path) -> None:
+def check_scene_file(path: Path, assets: Path | None = None) -> None:
     """Raise InputError if the scene in the file `path` names a file that is not to be read, or asks for too much.
+
+    assets  folder within which it may name files; by default its own
 
     What else is wrong with it is for MuJoCo to say.
     """
-    _SceneCheck(path.parent).check(path)
+    _SceneCheck(path.parent, assets).check(path)
 
 
-def list_scene_files(path: Path) -> tuple[Path, ...]:
+def list_scene_files(path: Path, assets: Path | None = None) -> tuple[Path, ...]:
     """The scene in the file `path` and every file that it names, directly or through others, missing ones included; as
     far as it can be read."""
-    found = _SceneCheck(path.parent)
+    found = _SceneCheck(path.parent, assets)
     with suppress(InputError):
         found.check(path)
     return (path, *sorted({*found.files, *found.missing} - {path}))
@@ -47,9 +49,10 @@ def list_scene_files(path: Path) -> tuple[Path, ...]:
 
 @dataclass
 class _SceneCheck:
-    """One scene; `folder` is its own."""
+    """One scene; `folder` is its own, `assets` the one within which it may name files, if that is another."""
 
     folder: Path
+    assets: Path | None = None
     files: set[Path] = field(default_factory=set)
     missing: set[Path] = field(default_factory=set)
     size: int = 0
@@ -87,7 +90,7 @@ class _SceneCheck:
         for key, text in element.attrib.items():
             if not key.startswith("file") or not text.strip():
                 continue
-            for place in dict.fromkeys(named_file(text, folder, "file of a scene", InputError) for folder in folders):
+            for place in dict.fromkeys(self._find(text, folder, "file of a scene") for folder in folders):
                 if not place.exists():
                     if len(self.missing) < _FILES:
                         self.missing.add(place)
@@ -112,8 +115,13 @@ class _SceneCheck:
         for compiler in root.iter("compiler"):
             for key in ("meshdir", "texturedir", "assetdir"):
                 if compiler.get(key):
-                    found.append(named_file(compiler.get(key, ""), self.folder, f"{key} of a scene", InputError))
+                    found.append(self._find(compiler.get(key, ""), self.folder, f"{key} of a scene"))
         return list(dict.fromkeys(found))
+
+    def _find(self, text: str, folder: Path, what: str) -> Path:
+        remedy = f"copy it there, or allow a folder that has both: --assets {quote(str(folder.parent))}"
+        limit = self.assets or self.folder
+        return named_file(text, folder, what, InputError, limit, remedy)  # safety: scene-inside
 
     def _add(self, place: Path) -> None:
         if place in self.files:

@@ -303,8 +303,9 @@ class SceneModel:
         return [self.model.actuator(n).name or f"actuator {n + 1}" for n in range(self.model.nu)]
 
 
-def make_scene_model(source: object) -> SceneModel:
-    """The compiled scene `source`: a supplied scene, the path of an XML file, or an MjModel.
+def make_scene_model(source: object, assets: Path | None = None) -> SceneModel:
+    """The compiled scene `source`: a supplied scene, the path of an XML file, or an MjModel. assets: the folder within
+    which a file may name others; by default its own.
 
     Raises UnknownName for an unknown name; InputError for a file that cannot be read or compiled, with the line if
     the engine states it, and for a scene without a movable body.
@@ -319,7 +320,7 @@ def make_scene_model(source: object) -> SceneModel:
     path = find_scene_file(str(source))
     own = path.parent == _FOLDER
     if not own:
-        check_scene_file(path)  # safety: scene-checked
+        check_scene_file(path, assets)  # safety: scene-checked
     try:
         model = engine.MjModel.from_xml_path(str(path)) if own else compile_scene(engine, path)
     except Exception as cause:  # ValueError, FatalError, SceneFailure

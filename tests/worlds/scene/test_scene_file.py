@@ -87,3 +87,28 @@ def test_without_mujoco_one_line_says_what_to_install(monkeypatch: pytest.Monkey
     finally:
         load_engine.cache_clear()
     assert "\n" not in str(told.value)
+
+
+def test_meshes_beside_the_scene_need_leave(tmp_path: Path) -> None:
+    for name in ("scenes", "meshes"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "meshes" / "part.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    )
+    path = tmp_path / "scenes" / "mine.xml"
+    path.write_text(
+        "<mujoco><compiler meshdir='../meshes'/><asset><mesh name='m' file='part.obj'/></asset><worldbody>"
+        "<body name='peg'><freejoint/><geom type='mesh' mesh='m' mass='0.1'/></body></worldbody></mujoco>"
+    )
+    with pytest.raises(InputError, match="--assets"):
+        parse_scene_file(str(path)).load()
+    allowed = parse_scene_file(str(path), assets=tmp_path)
+    assert allowed.load().name == "scene-mine"
+    before = allowed.stamp
+    (tmp_path / "meshes" / "part.obj").write_text((tmp_path / "meshes" / "part.obj").read_text() + "\n")
+    assert allowed.stamp != before
+    path.write_text(path.read_text().replace("../meshes", "../../.."))
+    with pytest.raises(InputError, match="lies outside"):
+        parse_scene_file(str(path), assets=tmp_path).load()
+    with pytest.raises(InputError, match="above the scene"):
+        parse_scene_file(str(path), assets=tmp_path / "meshes")
