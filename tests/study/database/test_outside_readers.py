@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -144,3 +145,28 @@ def test_a_spreadsheets_rules_find_the_columns_and_no_formula(data: tuple[Any, .
         cells = [cell for row in rows for cell in row]
         assert not [cell for cell in cells if cell.startswith(("=", "+", "@", "\t", "\r"))]
         assert not [cell for cell in cells if cell.startswith("-") and not cell[1:].replace(".", "").isdigit()]
+
+
+def test_the_rules_of_rs_read_csv_find_the_same_numbers(data: tuple[Any, ...], tmp_path: Path) -> None:
+    """R is no part of the tests: its rules for fields, names and types are those of the manual of read.csv."""
+    import pandas
+
+    study, columns, replies = data
+    path = tmp_path / "t.csv"
+    write_csv(study, columns, path, replies=replies)
+    names, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines(keepends=True), strict=True)
+    assert all(re.fullmatch(r"[A-Za-z.][A-Za-z0-9._]*", name) for name in names)  # make.names changes none
+    assert len(set(names)) == len(names)
+    number = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|NA|")  # type.convert; empty is NA too
+    frame = pandas.read_csv(path, engine="python", keep_default_na=False, na_values=["", "NA"])
+    for at, name in enumerate(names):
+        known = columns[name].tolist()
+        if any(isinstance(one, bool) for one in known):
+            assert {row[at] for row in rows} <= {"TRUE", "FALSE", "True", "False", "true", "false", "T", "F", "", "NA"}
+        elif any(isinstance(one, int | float) for one in known):
+            assert all(number.fullmatch(row[at]) for row in rows), name
+            read = [float(row[at]) if row[at] not in ("", "NA") else None for row in rows]
+            assert read == [None if one is None or one != one else float(one) for one in known], name
+        assert [None if pandas.isna(one) or one == "" else one for one in frame[name]] == [
+            None if one is None or one == "" or one != one else one for one in known
+        ], name

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from sqlalchemy import text
 
+from haptorb import Recording
 from haptorb.control.trips import Trip
 from haptorb_study.columns import tidy
 from haptorb_study.database import database
@@ -284,3 +285,30 @@ def test_a_session_at_the_command_line_with_the_real_loop(tmp_path: Path) -> Non
     assert again.returncode == 2
     assert b"another code" in again.stderr
     assert b"Traceback" not in again.stderr
+
+
+@pytest.mark.realtime
+def test_nothing_is_recorded_while_stopped_and_no_lock_stays(tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text(STUDY)
+    command = [sys.executable, "-c", "import sys; from haptorb.cli import main; sys.exit(main())", "study"]
+    recording = tmp_path / "short-session-1-trial-1.mcap"
+    ran = subprocess.Popen(
+        [*command, "run", "s.toml", "--terminal", "-p", "P01", "--db", "s.db"], cwd=tmp_path, stdin=subprocess.PIPE,
+        stderr=subprocess.DEVNULL, env={**os.environ, "COLUMNS": "120"},
+    )  # fmt: skip
+    assert ran.stdin is not None
+    with ran.stdin as keys:
+        for key, wait in ((b"\n", 1.0), (b" ", 3.5), (b"e", 0.7), (b"1\n", 0.7)):
+            keys.write(key)
+            keys.flush()
+            end = time.monotonic() + 60
+            while not (recording.exists() and recording.stat().st_size > 100_000) and time.monotonic() < end:
+                time.sleep(0.1)  # the loop runs
+            time.sleep(wait)
+            assert list(tmp_path.glob("*.lock"))
+        keys.write(b"q")
+    assert ran.wait(60) == 0
+    gaps = np.diff(np.ravel(Recording(recording)["t"]))
+    assert gaps.max() > 1.5  # 3.5 s less the second after the stop, which is kept
+    assert (gaps > 0.5).sum() == 1
+    assert list(tmp_path.glob("*.lock*")) == []
