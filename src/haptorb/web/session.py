@@ -600,7 +600,7 @@ _VALUES = 64  #: of a world
 
 def worlds(device: Device, own: Mapping[str, World]) -> list[dict[str, Any]]:
     """Every world that `device` can render, the user's `own` ones first: name, what it is, its parameters in order."""
-    found = [
+    found: list[tuple[str, type[World], Mapping[str, Any], frozenset[str]]] = [
         (name, type(world), parameter_values(world), getattr(world, "unused_parameters", frozenset()))
         for name, world in own.items()
     ]
@@ -717,15 +717,15 @@ def describe_world(
 def _own_remarks(servo: RunningServo, name: str) -> list[str]:
     """Remarks of a world of the user's own, such as a scene."""
     world = servo.own_worlds.get(name)
-    return [] if world is None else list_world_remarks(world, 1.0 / servo.rate)
+    return [] if world is None else list_world_remarks(world)
 
 
-def list_world_remarks(world: World, period: float) -> list[str]:
-    """What should be said about `world`, and about each scene in it, in ticks of `period` [s]."""
+def list_world_remarks(world: World, period: float | None = None) -> list[str]:
+    """What should be said about `world` and each scene in it; with the `period` of a tick [s] also about steps."""
     found: list[str] = []
     for part in getattr(world, "parts", (world,)):
         listed = getattr(part, "list_remarks", None)
-        found += part.remarks if listed is None else listed(period)
+        found += part.remarks if listed is None or period is None else listed(period)
     return found
 
 

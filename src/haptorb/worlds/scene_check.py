@@ -121,7 +121,7 @@ class _SceneCheck:
     def _find(self, text: str, folder: Path, what: str) -> Path:
         remedy = f"copy it there, or allow a folder that has both: --assets {quote(str(folder.parent))}"
         limit = self.assets or self.folder
-        return named_file(text, folder, what, InputError, limit, remedy)  # safety: scene-inside
+        return named_file(text, folder, what, InputError, limit, remedy)
 
     def _add(self, place: Path) -> None:
         if place in self.files:
