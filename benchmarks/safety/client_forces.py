@@ -107,7 +107,8 @@ class Setting:
         self.ring = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, radial=3, azimuth=8)
         self.stopped = self.engaged = self.waiting = False
         self.asked, self.gain, self.before, self.alone = np.zeros(3), 0.0, False, 0
-        self.steepest = self.steepest_true = self.greatest = self.greatest_raw = 0.0
+        self.late = 0  #: ticks until the currents of the last saturated one are over
+        self.steepest = self.steepest_true = self.steepest_saturated = self.greatest = self.greatest_raw = 0.0
         self.changes, self.ticks, self.faults = 0, 0, list[str]()
         self.identity = (0.0, 0.0)
         self.window: list[float] | None = None  # time since the change, true energy, the clients' own
@@ -261,8 +262,14 @@ class Setting:
         moment = self.device.moment_per_current @ currents  # type: ignore[attr-defined]
         field = dipole.field(np.broadcast_to(moment, points.shape), points)
         force = (self.ring.charges[:, None] * field).sum(axis=0)
+        saturated = bool(row[at["saturated"]][0])  # the coils make less than is asked, and how much less may change
         if row[at["guard"]][0] == GuardState.RUNNING and pure:
-            self.steepest_true = max(self.steepest_true, float(np.linalg.norm(force - self.true_force)) / DT)
+            steep = float(np.linalg.norm(force - self.true_force)) / DT
+            if saturated or self.late:
+                self.steepest_saturated = max(self.steepest_saturated, steep)
+            else:
+                self.steepest_true = max(self.steepest_true, steep)
+        self.late = 2 if saturated else max(self.late - 1, 0)
         moved = np.zeros(3) if self.ticks == 1 else state.p - self.place
         work = float(0.5 * (force + self.true_force) @ moved)
         own = sum(max(float(one.own_force(now) @ moved), 0.0) for one in self.clients)
@@ -305,7 +312,8 @@ def main() -> int:
     print("events: " + ", ".join(f"{name} {count}" for name, count in sorted(setting.counts.items())))
     print(f"asked for clients: at most {setting.steepest:.4g} N/s; limit {rate:g} N/s")
     print(
-        f"true force of the coils: at most {setting.steepest_true:.4g} N/s from tick to tick, with the currents' ripple"
+        f"true force of the coils: at most {setting.steepest_true:.4g} N/s from tick to tick with the ripple, "
+        f"and {setting.steepest_saturated:.4g} N/s where the coils cannot make what is asked, or just could not"
     )
     print(
         f"energy of a change beyond the clients' own commands: at most {1e3 * setting.greatest:.3f} mJ (limit "

@@ -37,8 +37,9 @@ try:
 finally:
     print("tidied", flush=True)
 """
-#: for a second and more, between two instructions of Python; the heart beats meanwhile
-IN_C = "import ctypes; ctypes.CDLL(None).poll(None, 0, 1500); time.sleep(60)"
+#: for two seconds and more, between two instructions of Python; the heart beats meanwhile. No call of the system: a
+#: signal would end it.
+IN_C = "import hashlib; hashlib.pbkdf2_hmac('sha256', b'', b'', 6_000_000); time.sleep(60)"
 #: tidies up at length, and is interrupted in that
 LEAVES = "servo._watcher = type('Slow', (), {'end': lambda self: time.sleep(1.0)})(); sys.stdin.readline()"
 TWICE = "servo._watcher = type('Slow', (), {'end': lambda self: time.sleep(1.0)})(); time.sleep(60)"
