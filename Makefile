@@ -41,6 +41,7 @@ test: $(VENV)/.test packages
 nightly: $(VENV)/.test packages
 	@HAPTORB_LONG_TESTS=1 $(BIN)/python scripts/run_tests.py $(ARGS)
 	@$(BIN)/python scripts/prove_promises.py --intact
+	@$(BIN)/python tests/fuzz/hostile_files.py --mutants 0 --commands 10000
 	@$(BIN)/python benchmarks/safety/stiff_walls.py --long
 	@$(BIN)/python benchmarks/safety/study_kill.py --kills 200
 	@$(BIN)/python benchmarks/study/study_merge.py
