@@ -25,7 +25,7 @@ def _mark(page: Path) -> object:
     return pytest.param(page, marks=marks, id=str(page.relative_to(ROOT)))
 
 
-@pytest.mark.parametrize("page", map(_mark, WITH_CODE))
+@pytest.mark.parametrize("page", [*map(_mark, WITH_CODE)])
 def test_python_in_the_documentation_runs(page: Path, tmp_path: Path, programs: ProgramRunner) -> None:
     """All ```python blocks of a page, one after the other, as one program; ```py blocks are only shown."""
     program = tmp_path / "page.py"
