@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptorb.errors import InputError
-from haptorb.terminal import print_json, say
+from haptorb.terminal import print_json, say, show_status
 
 if TYPE_CHECKING:
     from haptorb.web.view import Viewer
@@ -45,9 +45,9 @@ def view(
 
     parts = [parse_part(one) for one in (file, other) if one is not None]
     begin, later = parse_time("--at", at), parse_time("--offset", offset) or 0.0
-    with Viewer(
-        [part.path for part in parts], port, at=begin, span=parts[0].span, offset=later, device=device
-    ) as viewer:  # fmt: skip
+    with show_status("reading the recording" + "s" * (len(parts) > 1)):
+        opened = Viewer([part.path for part in parts], port, at=begin, span=parts[0].span, offset=later, device=device)
+    with opened as viewer:
         number = viewer.serve(open_browser=browser, ready=lambda: _tell(viewer, json), until=duration)
     if number is not None and number != signal.SIGINT:
         raise typer.Exit(128 + number)
