@@ -99,5 +99,5 @@ def test_a_clock_that_is_set_changes_nothing(tmp_path: Path) -> None:
     assert report["trip_count"] == 0, report["trips"]
     t = np.asarray(Recording(recording)["t"])
     assert 1.5 < t[-1] - t[0] < 60.0
-    assert np.diff(t).min() > 0.0
+    assert np.diff(t)[:-1].min() > 0.0  # the last row says that the coils are off, at the time of the one before
     assert np.diff(t).max() < 0.2
