@@ -113,7 +113,7 @@ def mask_password(place: str | Path) -> str:
         return str(place)
     url = make_url(url_of(place))
     hidden = {name: "***" for name in _SECRETS if name in url.query}
-    return url.update_query_dict(hidden).render_as_string()
+    return url.update_query_dict(hidden).render_as_string().replace("%2A%2A%2A", "***")
 
 
 #: a station that loses its power must not hold its session, nor one that loses its server wait, for hours

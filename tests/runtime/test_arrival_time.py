@@ -18,7 +18,18 @@ def opened():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
         made.bind(("127.0.0.1", 0))
         DatagramTimes.watch(made)
+        _wait_for_stamps(made)
         yield made
+
+
+def _wait_for_stamps(made):
+    """The kernel begins to stamp some milliseconds after the first socket of the computer asks for it."""
+    for _ in range(200):
+        made.sendto(b"first", made.getsockname())
+        if made.recvmsg(64, DatagramTimes.room)[1]:
+            return
+        time.sleep(0.005)
+    pytest.fail("no datagram is stamped")
 
 
 def read(opened, times):
