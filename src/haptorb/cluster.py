@@ -337,5 +337,6 @@ class _Context(SpawnContext):
 def spawn_context() -> SpawnContext:
     """For `multiprocessing`: new interpreters, which import nothing from the current folder."""
     with _safe_path():
-        resource_tracker.ensure_running()  # a Python process too
+        if sys.platform != "win32":
+            resource_tracker.ensure_running()  # a Python process too
     return _Context()

@@ -35,7 +35,8 @@ typer.testing sqlalchemy sqlite3 sqlalchemy.dialects.sqlite starlette.applicatio
 websockets asyncio asyncio.subprocess uvicorn.protocols.http.h11_impl
 uvicorn.protocols.websockets.websockets_sansio_impl mcap.writer mcap.stream_reader zstandard cloudpickle PIL.Image
 subprocess tempfile multiprocessing webbrowser csv pickle statistics uuid html difflib importlib.metadata
-concurrent.futures.process ipaddress inspect platform shutil getpass
+concurrent.futures.process multiprocessing.popen_spawn_posix multiprocessing.resource_tracker
+multiprocessing.connection ipaddress inspect platform shutil getpass
 """
 
 #: modules of Linux, attributes of modules that Windows does not have, and folders of Linux
@@ -62,6 +63,11 @@ def hide(system):
     """From here on this is `system` ("win32"), as far as Python tells."""
     for name in PACKAGES.split():
         import_module(name)
+    # On Windows a process is spawned without this helper, and there is one way to end it. Here the helper starts before
+    # its calls are hidden.
+    sys.modules["multiprocessing.resource_tracker"].ensure_running()
+    process = sys.modules["multiprocessing.popen_fork"].Popen
+    process.kill = process.terminate
     for name in MODULES.split():
         sys.modules[name] = None
     # asyncio and threadpoolctl do on each system what is right there

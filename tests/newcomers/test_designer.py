@@ -173,7 +173,7 @@ def test_she_feels_two_designs_blind_rates_them_and_reads_the_report(folder: Pat
         "P1",
         "P2",
         "5 (blind)",
-        "yield strength of ABS (40 MPa)",
+        "yield strength of ABS (44 MPa)",
         "Simulated device",
     ):
         assert words in text

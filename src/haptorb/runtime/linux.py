@@ -51,7 +51,7 @@ __all__ = [
 
 
 WORKS_ANYWHERE = (
-    "`haptorb` inspect, devices, worlds, show, info, export, replay, view, check --world, design (all but show), "
+    "`haptorb` inspect, devices, worlds, keys, show, info, export, replay, view, check --world, design (all but show), "
     "reproduce, fit-multipole, train, estimators, guidance, study (all but run), calibrate (simulated) and frame; in "
     "Python all but haptorb.Servo and real drivers"
 )  #: printed on other systems, and true there
