@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptorb.cli.keys import FILES, FileKeys, KeySection
+from haptorb.cli.run import AddressOption, HostOption
 from haptorb.errors import InputError
 from haptorb.terminal import (
     Column,
@@ -463,12 +464,8 @@ def run(
         str | None, typer.Option(help="Send LSL streams to other equipment on: computer (this one) or network.")
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the pages; 0 takes any free port.")] = 8766,
-    host: Annotated[
-        str, typer.Option(help="Address to listen on; 0.0.0.0: other computers reach the page, with its token.")
-    ] = "127.0.0.1",
-    address: Annotated[
-        str, typer.Option(help="Address of the page behind a proxy, such as https://lab.example/haptorb/.")
-    ] = "",
+    host: HostOption = "127.0.0.1",
+    address: AddressOption = "",
 ) -> None:
     """Run sessions with a page for the participant and one for the experimenter. Resumes interrupted sessions."""
     from haptorb.runtime.linux import require_linux

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from haptorb.cli.keys import FILES, FileKeys, KeySection
+from haptorb.cli.run import AddressOption, HostOption
 from haptorb.errors import InputError
 from haptorb.figure_file import check_figure_file
 from haptorb.terminal import Column, TextTable, make_console, print_json, print_table, say
@@ -71,12 +72,8 @@ def feel(
         float, typer.Option("--duration", "--seconds", help="Duration per design without the console [s].")
     ] = 15.0,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
-    host: Annotated[
-        str, typer.Option(help="Address to listen on; 0.0.0.0: other computers reach the page, with its token.")
-    ] = "127.0.0.1",
-    address: Annotated[
-        str, typer.Option(help="Address of the page behind a proxy, such as https://lab.example/haptorb/.")
-    ] = "",
+    host: HostOption = "127.0.0.1",
+    address: AddressOption = "",
     browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
 ) -> None:

@@ -33,6 +33,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from haptorb.errors import HaptorbError, InputError, ServoError
 from haptorb.runtime.linux import start_python
 from haptorb.runtime.servo import Servo
+from haptorb.terminal import say
 from haptorb.web.access import AccessGate, choose_token
 from haptorb.web.server import (
     HOST,
@@ -75,7 +76,7 @@ __all__ = [
     "for_participant",
     "pen",
     "places",
-    "try_quietly",
+    "try_step",
 ]
 
 
@@ -120,12 +121,13 @@ def explain_fault(fault: BaseException) -> str:
     return f"{type(fault).__name__}: {fault}{where}"
 
 
-def try_quietly(do: Callable[[], object]) -> None:
-    """On the way out one failure, foreseen or not, must not keep the next step from being taken."""
+def try_step(do: Callable[[], object]) -> None:
+    """A step on the way out: its failure, foreseen or not, is reported, and the next step is taken all the same."""
     try:
         do()
-    except Exception:
-        return
+    except Exception as fault:
+        with suppress(OSError, ValueError):  # standard error may be closed
+            say(f"while a session ended: {explain_fault(fault)}")
 
 
 # --------------------------------------------------------------------------------------------------
@@ -234,7 +236,7 @@ class SessionManager:
             self._try(self._tick, None)
 
     def _run(self) -> None:
-        try_quietly(self.codes.refresh)
+        try_step(self.codes.refresh)
         try:
             while not self._ended.is_set():
                 self.step(_TICK)
@@ -244,7 +246,7 @@ class SessionManager:
             self.halt.stop(None)
             runner = self.runner
             if runner is not None and runner.state not in OVER:
-                try_quietly(runner.leave)
+                try_step(runner.leave)
             self._end(self._died, "failed" if self._died else "left")
             if self._died:
                 self.state, self.trouble = "failed", self._died
@@ -401,16 +403,16 @@ class SessionManager:
         self._servo = None
         if servo is not None:
             if state == "failed":
-                try_quietly(servo.stop)  # `close` may itself be what fails
-            try_quietly(servo.close)
+                try_step(servo.stop)  # `close` may itself be what fails
+            try_step(servo.close)
         self.halt.detach()
         if session is not None:
             if trouble and state == "failed":
-                try_quietly(lambda: session.note("failed", trouble, later=True))
-            try_quietly(lambda: self._mark("end", {"state": state}))
+                try_step(lambda: session.note("failed", trouble, later=True))
+            try_step(lambda: self._mark("end", {"state": state}))
             self.stored = session.stored
-            try_quietly(session.close)
-            try_quietly(self.codes.refresh)
+            try_step(session.close)
+            try_step(self.codes.refresh)
             self.state, self.trouble = state, trouble
         self.session = self.runner = self.trial_device = None
 

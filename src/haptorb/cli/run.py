@@ -24,7 +24,15 @@ if TYPE_CHECKING:
     from haptorb.worlds.scene import SceneFile
     from haptorb.worlds.user_world import WorldFile
 
-__all__ = ["describe_tracking", "register", "tell_missing_pose", "tell_part"]
+__all__ = ["AddressOption", "HostOption", "describe_tracking", "register", "tell_missing_pose", "tell_part"]
+
+#: of every command that opens a page
+HostOption = Annotated[
+    str, typer.Option(help="Address to listen on; 0.0.0.0: other computers reach the page, with its token.")
+]
+AddressOption = Annotated[
+    str, typer.Option(help="Address of the page behind a proxy, such as https://lab.example/haptorb/.")
+]
 
 
 # --------------------------------------------------------------------------------------------------
@@ -197,12 +205,8 @@ def run(
         ),
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
-    host: Annotated[
-        str, typer.Option(help="Address to listen on; 0.0.0.0: other computers reach the page, with its token.")
-    ] = "127.0.0.1",
-    address: Annotated[
-        str, typer.Option(help="Address of the page behind a proxy, such as https://lab.example/haptorb/.")
-    ] = "",
+    host: HostOption = "127.0.0.1",
+    address: AddressOption = "",
     browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the report at the end as one JSON object.")] = False,
 ) -> None:
