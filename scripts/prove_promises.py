@@ -214,6 +214,7 @@ BREAKS = (
         "console-token",
         "--connections 20 --seconds 2",
     ),
+    Break("With `--host`", "pytest tests/web/test_page_for_others.py", "console-token"),
     *(
         Break(
             "Another account of the computer moves",
