@@ -19,7 +19,7 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 from pythonosc.udp_client import SimpleUDPClient
 from scipy.spatial.transform import Rotation
 
-from haptorb.errors import InputError
+from haptorb.errors import InputError, UnknownName
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.formats import ConvertedFeed
 from haptorb.runtime.trackers.pose_filter import PoseFilter
@@ -336,3 +336,17 @@ def test_another_convention_taken_for_ours_is_noticed_after_a_second(
         remark = str(pose_filter.facts()["remark"])
         assert (says in remark) if says and seconds > 1.0 else remark == ""
         assert pose_filter.accepted == int(100 * seconds)
+
+
+@pytest.mark.parametrize(
+    ("tracker", "word", "near"),
+    [
+        ("osc:9000,vrchats", "vrchats", "vrchat"),
+        ("osc:9000,y-up,w_first", "w_first", "w-first"),
+        ("natnet:a,zup", "zup", "y-up"),
+    ],
+)
+def test_a_format_that_is_none_is_named_with_the_nearest(tracker: str, word: str, near: str) -> None:
+    with pytest.raises(UnknownName, match=f"'{word}'; did you mean '{near}'"):
+        check_tracker(tracker)
+    assert check_tracker("lsl:pen, left") == "lsl:pen, left"  # a comma may be in the name of a stream

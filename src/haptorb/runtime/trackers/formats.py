@@ -26,6 +26,7 @@ from haptorb.files import parse_toml, read_text
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 
 __all__ = [
+    "FORMATS",
     "ConvertedFeed",
     "FormatReader",
     "MappedReader",
@@ -152,6 +153,7 @@ _VRCHAT = PoseFormat(
 _VMC = PoseFormat(messages=(MessageLayout("/VMC/Ext/Tra/Pos", ("object", *_POSITION, *_QUATERNION)),), axes=_UNITY)
 _TUIO = PoseFormat(tuio=True, angle=1.0, rotation="xyz", axes=_SURFACE, origin=(0.5, 0.5, 0.0))
 KNOWN = {"vrchat": _VRCHAT, "vmc": _VMC, "tuio": _TUIO}
+FORMATS = (*KNOWN, *_CONVERSIONS, "euler-zyx", "FILE.toml")  #: as messages list them
 
 
 def split_format(where: str) -> tuple[str, tuple[str, ...]]:

@@ -51,9 +51,11 @@ def check_tracker(name: str, driver: str = "sim") -> str:
     kind = _KINDS.get(name.partition(":")[0])
     if kind is None or ":" not in name:
         raise UnknownName("tracker", name, (*TRACKERS, *_FORMS))
-    from haptorb.runtime.trackers.formats import split_format
+    from haptorb.runtime.trackers.formats import FORMATS, split_format
 
     where, words = split_format(name.partition(":")[2])
+    if name.startswith(("osc:", "natnet:")) and "," in where:  # names of LSL streams and files may have one
+        raise UnknownName("format of tracker poses", where.rpartition(",")[2], FORMATS)
     kind(where)
     _check_format(name, kind, words)
     if kind is _Replay and is_real(driver):  # safety: replay-real
