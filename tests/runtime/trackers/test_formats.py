@@ -294,8 +294,6 @@ def test_a_format_of_osc_is_refused_elsewhere_and_an_unknown_order_named() -> No
         check_tracker("lsl:stylus,vrchat")
     with pytest.raises(InputError, match="order of angles"):
         check_tracker("osc:9000,euler-xxy")
-    with pytest.raises(InputError, match="port"):
-        check_tracker("osc:9000,vrchatt")
     assert check_tracker("natnet:127.0.0.1/1,y-up")
 
 
