@@ -790,6 +790,10 @@ def _state(p: Array, R: Array) -> State:
 # The card of a spherical electromagnet: force over the shell, endurance, and what its published model gets wrong.
 
 
+#: of a legend: below the axes, where no line runs through it
+_BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "frameon": False}
+
+
 @final
 class ElectromagnetCard(Card):
     """Forces are the least over the workspace, by the exact model, for a tool held radially."""
@@ -933,7 +937,7 @@ class ElectromagnetCard(Card):
         axes.plot(0, 0, "k+")
         axes.set(xlabel="F_x [mN]", ylabel="F_z [mN]", aspect="equal")
         axes.set_title("Feasible force of all coils at contact", loc="left")
-        axes.legend(frameon=False, fontsize=8)
+        axes.legend(fontsize=8, ncols=3, **_BELOW)
         axes.grid(alpha=0.3)
 
     def quantities(self) -> list[Quantity]:
@@ -993,7 +997,7 @@ class ElectromagnetCard(Card):
 
         layers = self._capability.layers
         distance = [1e3 * layer.distance for layer in layers]
-        figure = Figure(figsize=(14, 4.2), layout="constrained")
+        figure = Figure(figsize=(14, 5.4), layout="constrained")
         left, right, able = figure.subplots(1, 3)
         left.plot(distance, [1e3 * layer.peak_radial for layer in layers], "C0-o", label="radial, peak")
         left.plot(distance, [1e3 * layer.peak_tangential for layer in layers], "C1-s", label="tangential, peak")
@@ -1011,15 +1015,25 @@ class ElectromagnetCard(Card):
         left.plot(distance, [1e3 * layer.passive_pull for layer in layers], "k:", label="passive pull")
         left.set(xlabel="tool's magnet from the centre [mm]", ylabel="force [mN]", ylim=(0, None))
         left.set_title("Force in the weakest direction", loc="left")
-        left.legend(frameon=False)
+        left.legend(ncols=2, fontsize=8, **_BELOW)
         left.grid(alpha=0.3)
-        right.plot(distance, [100 * layer.dipole_error for layer in layers], "C3-o")
+        right.plot(
+            distance, [100 * layer.dipole_error for layer in layers], "C3-o",
+            label="tool's magnet as a point, largest: the published model",
+        )  # fmt: skip
+        coils = [layer.coil_error for layer in layers if layer.coil_error is not None]
+        if len(coils) == len(layers):
+            right.plot(
+                distance, [100 * error for error in coils], "C4-s",
+                label="coils and core as a point, rms: loop and simulation",
+            )  # fmt: skip
+        right.legend(fontsize=8, **_BELOW)
         jnd = right.secondary_yaxis("right", functions=(lambda x: x / (100 * FORCE_JND), lambda x: x * 100 * FORCE_JND))
         jnd.set_ylabel("just-noticeable differences")
         right.axhline(100 * FORCE_JND, color="k", ls=":", lw=1)
         right.annotate("noticeable above this", (distance[0], 100 * FORCE_JND), (0, 4), textcoords="offset points")
         right.set(xlabel="tool's magnet from the centre [mm]", ylabel="error of the coils' force [%]", ylim=(0, None))
-        right.set_title("Error of a point dipole for the tool's magnet", loc="left")
+        right.set_title("Error of points for magnet and coils", loc="left")
         right.grid(alpha=0.3)
         self._polytopes(able)
         figure.suptitle(self._device.title, x=0.01, ha="left", fontweight="bold")
