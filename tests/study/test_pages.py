@@ -1,4 +1,4 @@
-"""The pages' server without a browser: what each door lets in, what each page is told, and what is kept."""
+"""The pages' server without a browser: who may enter, what each page receives, and what is stored."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from haptorb.control.trips import Trip
 from haptorb.errors import InputError, RecordingError, ServoError
 from haptorb_study.columns import read_replies, tidy
 from haptorb_study.database import database
-from haptorb_study.pages import STATIC, SessionManager, StudyServer
+from haptorb_study.pages import STATIC, SessionManager, StudyServer, try_step
 from haptorb_study.study_file import Study, study_of
 
 pytestmark = pytest.mark.realtime
@@ -462,3 +462,11 @@ def test_the_pages_are_small_and_fetch_nothing_from_elsewhere() -> None:
     assert sum(len(gzip.compress(path.read_bytes())) for path in files) < 40_000
     for path in files:
         assert "https://" not in path.read_text(encoding="utf-8"), path.name
+
+
+def test_a_step_that_fails_while_a_session_ends_is_reported_and_ends_nothing(capsys):
+    def fail():
+        raise OSError("disk is full")
+
+    try_step(fail)
+    assert "OSError: disk is full" in capsys.readouterr().err
