@@ -13,7 +13,17 @@ from haptorb.estimation.types import Pose
 if TYPE_CHECKING:
     from haptorb.estimation.tracker_frame import TrackerFrame
 
-__all__ = ["RESTART_SILENCE", "Feed", "FramedFeed", "Goal", "RawPose", "RejectedPose", "SenderClock", "Tracker"]
+__all__ = [
+    "RESTART_SILENCE",
+    "Feed",
+    "FramedFeed",
+    "Goal",
+    "RawPose",
+    "RejectedPose",
+    "SenderClock",
+    "Tracker",
+    "TransformedFeed",
+]
 
 
 class RawPose(NamedTuple):
@@ -90,25 +100,21 @@ class Feed(ABC):
         """Close sockets. May be called twice."""
 
 
-@final
-class FramedFeed(Feed):
-    """A feed in its tracker's frame, transformed into the stator's frame.
+class TransformedFeed(Feed):
+    """A feed whose poses are transformed one by one; a loss has no pose, and times are not changed."""
 
-    Times are not changed; velocities follow from the poses, so they are in the stator's frame too.
-    """
-
-    def __init__(self, feed: Feed, frame: TrackerFrame) -> None:
-        self._feed, self._frame = feed, frame
+    def __init__(self, feed: Feed) -> None:
+        self._feed = feed
         self.one_tool = feed.one_tool
 
+    @abstractmethod
+    def transform(self, pose: RawPose) -> RawPose:
+        """The pose as it is handed on; an impossible one is left for the filter to refuse."""
+
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        """As the feed receives it; a loss has no pose, and an impossible pose is left for the filter to refuse."""
+        """As the feed receives it, transformed."""
         for one in self._feed.receive(patience):
-            if isinstance(one, RejectedPose) or not one.valid:
-                yield one
-                continue
-            p, q = self._frame.transform_pose(one.p, one.q)
-            yield one._replace(p=p, q=q)
+            yield one if isinstance(one, RejectedPose) or not one.valid else self.transform(one)
 
     @property
     def remark(self) -> str:
@@ -118,6 +124,23 @@ class FramedFeed(Feed):
     def close(self) -> None:
         """Close the feed."""
         self._feed.close()
+
+
+@final
+class FramedFeed(TransformedFeed):
+    """A feed in its tracker's frame, transformed into the stator's frame.
+
+    Velocities follow from the poses, so they are in the stator's frame too.
+    """
+
+    def __init__(self, feed: Feed, frame: TrackerFrame) -> None:
+        super().__init__(feed)
+        self._frame = frame
+
+    def transform(self, pose: RawPose) -> RawPose:
+        """The pose in the stator's frame."""
+        p, q = self._frame.transform_pose(pose.p, pose.q)
+        return pose._replace(p=p, q=q)
 
 
 # --------------------------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ from haptorb.devices.quantity import si
 from haptorb.devices.schema import Form, Meaning, Section, Without, explain_mistakes
 from haptorb.errors import InputError, UnknownName, quote
 from haptorb.files import parse_toml, read_text
-from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
+from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose, TransformedFeed
 
 __all__ = [
     "FORMATS",
@@ -571,33 +571,21 @@ class TuioReader(FormatReader):
 
 
 @final
-class ConvertedFeed(Feed):
+class ConvertedFeed(TransformedFeed):
     """A feed whose quaternions come with w first, or whose y axis is up; a pose that cannot be converted is left as it
     is, for the filter to refuse."""
 
     def __init__(self, feed: Feed, conversions: Sequence[str]) -> None:
-        self._feed = feed
-        self.one_tool = feed.one_tool
+        super().__init__(feed)
         self._w_first = "w-first" in conversions
         self._format = PoseFormat(axes=_Y_UP) if "y-up" in conversions else None
 
-    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        """As the feed receives it, converted."""
-        for one in self._feed.receive(patience):
-            if isinstance(one, RejectedPose) or not one.valid or len(one.p) != 3 or len(one.q) != 4:
-                yield one
-                continue
-            p: tuple[float, ...] = one.p
-            q: tuple[float, ...] = (*one.q[1:], one.q[0]) if self._w_first else one.q
-            if self._format is not None and all(map(math.isfinite, (*p, *q))) and abs(math.hypot(*q) - 1.0) < 0.1:
-                p, q = self._format.convert(p, _turn_of_quaternion(q))
-            yield one._replace(p=p, q=q)
-
-    @property
-    def remark(self) -> str:
-        """That of the feed."""
-        return self._feed.remark
-
-    def close(self) -> None:
-        """Close the feed."""
-        self._feed.close()
+    def transform(self, pose: RawPose) -> RawPose:
+        """The pose in haptorb's order and axes."""
+        if len(pose.p) != 3 or len(pose.q) != 4:
+            return pose
+        p: tuple[float, ...] = pose.p
+        q: tuple[float, ...] = (*pose.q[1:], pose.q[0]) if self._w_first else pose.q
+        if self._format is not None and all(map(math.isfinite, (*p, *q))) and abs(math.hypot(*q) - 1.0) < 0.1:
+            p, q = self._format.convert(p, _turn_of_quaternion(q))
+        return pose._replace(p=p, q=q)
