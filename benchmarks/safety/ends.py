@@ -39,6 +39,7 @@ from typing import Any
 from haptorb.control.trips import GuardState
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.board_emulator import Emulator
+from haptorb.runtime.linux import start
 from haptorb.runtime.shared_memory import Phase, SharedMemory, Word
 
 LIMIT = 20.0  #: [ms]
@@ -67,9 +68,11 @@ def push(state):
 #: The program: the command itself, or a `with` block. Beside that it only opens the pipe in place of the recording,
 #: has a compiler run where none is needed, and notes when its duration is over.
 HOST = """
-import json, os, sys, time
+import json, os, signal, sys, time
 from pathlib import Path
 given = json.loads(sys.argv[1])
+from haptorb.runtime.linux import die_with_parent
+die_with_parent(signal.SIGTERM)
 from haptorb.recording import destination as recording_file
 from haptorb.runtime import process_group as compiler_process
 from haptorb.runtime.servo import Servo
@@ -224,7 +227,7 @@ class Program:
         if self._emulator is not None:
             self._emulator.forget()
         with self._errors.open("wb") as errors:
-            self.host = subprocess.Popen(
+            self.host = start(
                 [sys.executable, "-P", "-c", HOST, json.dumps(given)],
                 stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors, start_new_session=True,
             )  # fmt: skip
@@ -250,8 +253,11 @@ class Program:
             return False
         if self.case.end in ("with", "duration") and not self._noted.exists():
             return False
-        there = self.case.fault not in MODULES or bool(self._find(MODULES[self.case.fault]))
-        return there and self.memory.words[Word.SERVERS] == Phase.RUNNING
+        if self.memory.words[Word.SERVERS] != Phase.RUNNING:
+            return False
+        if self.case.fault in MODULES and not self._find(MODULES[self.case.fault]):
+            raise LostRun(f"no {self.case.fault} any more")
+        return True
 
     def _find_memory(self) -> SharedMemory | None:
         with suppress(OSError, Exception):

@@ -82,14 +82,15 @@ def test_ring_against_a_list(capacity: int, bursts: list[int]) -> None:
     assert newest is None or newest[0] == written - 1
 
 
-@given(cursor=st.integers(-5, 100))
-def test_ring_with_any_cursor(cursor: int) -> None:
+@given(cursor=st.integers(-5, 100), most=st.none() | st.integers(0, 9))
+def test_ring_with_any_cursor(cursor: int, most: int | None) -> None:
     ring = _ring(8)
     for i in range(20):
         ring.publish(np.full(3, float(i)))
-    end, rows = ring.read_since(cursor)
+    end, rows = ring.read_since(cursor, most)
     assert end == 20
-    assert len(rows) == min(max(20 - cursor, 0), 7)
+    wanted = min(max(20 - cursor, 0), 7, 7 if most is None else most)
+    assert rows[:, 0].tolist() == list(range(20 - wanted, 20))
 
 
 def test_rows_are_copies() -> None:

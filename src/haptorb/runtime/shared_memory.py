@@ -101,15 +101,16 @@ class RingBuffer:
         """The next row is in its slot."""
         self._words[self._at] += 1
 
-    def read_since(self, cursor: int) -> tuple[int, Array]:
-        """(new cursor, rows (n, width)) published after the first `cursor` rows, oldest first, as a copy.
+    def read_since(self, cursor: int, most: int | None = None) -> tuple[int, Array]:
+        """(new cursor, rows (n, width)) published after the first `cursor` rows, oldest first, as a copy; the newest
+        `most` of them if there are more.
 
         Where the writer was faster than the reader, the oldest rows are gone: (new cursor − cursor − n) of them.
         """
         capacity = self.capacity
         end = self.count
         # The slot of row `end` may be half written at any time; it is the slot of row `end − capacity`.
-        start = min(max(cursor, end - capacity + 1, 0), end)
+        start = min(max(cursor, end - min(capacity - 1, capacity if most is None else most), 0), end)
         first, last = start % capacity, end % capacity
         rows: Array
         if start == end:

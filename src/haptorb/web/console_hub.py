@@ -103,6 +103,8 @@ async def wait_for_first(*ways: Coroutine[Any, Any, None]) -> None:
 
 #: seconds of the past that count
 WINDOW = 5.0
+#: what one look reads at the most [s]: copying all rows that the loop keeps would hold up a Stop by tens of ms
+_READ = 1.0
 
 
 def describe_troubles(servo: RunningServo) -> dict[str, Any]:
@@ -133,7 +135,10 @@ class Health:
     def look(self) -> dict[str, float | None]:
         """Rate [Hz], share of deadlines met, 50th and 99th percentile of lateness and median compute time [µs], 99th
         percentile of the age of valid poses [ms]."""
-        self._cursor, rows = self._servo.rows(self._cursor)
+        before = self._cursor
+        self._cursor, rows = self._servo.rows(before, int(_READ * self._servo.rate))
+        if self._cursor - before > len(rows):  # nobody looked for a while
+            self._window.clear()
         if len(rows):
             compute = rows[:, self._stages].sum(axis=1)
             self._window.append(
@@ -183,6 +188,8 @@ class Health:
 
 #: rows older than this are not worth sending to a page that was too slow [s]
 BACKLOG = 2.0
+#: what one look reads at the most [s], as in `Health`
+_AT_ONCE = 0.25
 
 
 @final
@@ -197,12 +204,13 @@ class RecentRows:
 
     def look(self) -> int:
         """Read what is new, forget what is old; returns `end`."""
-        self.end, rows = self._servo.rows(self.end)
+        before = self.end
+        self.end, rows = self._servo.rows(before, int(_AT_ONCE * self._servo.rate))
         if not len(rows):
             return self.end
-        first = int(np.searchsorted(rows[:, self._t], rows[-1, self._t] - BACKLOG))
-        # A copy of the part that is kept, or the whole would stay in memory with it.
-        self._pieces.append((self.end - len(rows) + first, rows[first:].copy() if first else rows))
+        if self.end - before > len(rows):  # nobody looked for a while; what lies before the gap is old
+            self._pieces.clear()
+        self._pieces.append((self.end - len(rows), rows))
         while self._pieces[0][1][-1, self._t] < rows[-1, self._t] - BACKLOG:
             self._pieces.popleft()
         return self.end
@@ -364,6 +372,8 @@ class ConsoleSocketHub:
                 self._report_refused_poses()
             if self._designs is not None:
                 self._designs.notice()
+            if self._pages:
+                self._recent.look()  # in small pieces, also while every page is slow
             await asyncio.sleep(REFRESH)
 
     async def join(self, socket: WebSocket) -> None:

@@ -348,6 +348,11 @@ class RunningServo(DescribedServo, Protocol):
     """A running servo as the console sees it."""
 
     @property
+    def rate(self) -> float:
+        """Ticks in a second [Hz]."""
+        ...
+
+    @property
     def model(self) -> str:
         """The one that it inverts now."""
         ...
@@ -406,8 +411,8 @@ class RunningServo(DescribedServo, Protocol):
         """Whether the loop runs."""
         ...
 
-    def rows(self, cursor: int = 0) -> tuple[int, Array]:
-        """All rows (n, width) since `cursor`, and the cursor after them."""
+    def rows(self, cursor: int = 0, most: int | None = None) -> tuple[int, Array]:
+        """The rows (n, width) since `cursor`, at most the newest `most`, and the cursor after them."""
         ...
 
     def point(self, p: ArrayLike, q: ArrayLike | None = None, *, patience: float = 0.0) -> None:

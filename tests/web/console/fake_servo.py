@@ -33,6 +33,7 @@ class FakeServo:
     model = "exact"
     render = None
     part_remarks: tuple[str, ...] = ()
+    rate = 1000.0
 
     def __init__(self, device: str = "omni", world: str = "dome") -> None:
         self.tracker_refusals: dict[str, int] = {}
@@ -57,6 +58,7 @@ class FakeServo:
         self._start = time.monotonic()
         self._rows = np.zeros((KEPT, self.layout.width))  # tick n in row n % KEPT
         self._ticks = 0
+        self.most_read = 0  #: rows in one reading
 
     @staticmethod
     def at(tilt: float, azimuth: float, distance: float) -> np.ndarray:
@@ -124,9 +126,10 @@ class FakeServo:
         """How often `kind` was called."""
         return sum(call[0] == kind for call in self.calls)
 
-    def rows(self, cursor: int = 0) -> tuple[int, np.ndarray]:
+    def rows(self, cursor: int = 0, most: int | None = None) -> tuple[int, np.ndarray]:
         self._publish()
-        first = max(cursor, self._ticks - KEPT)
+        first = max(cursor, self._ticks - min(KEPT, KEPT if most is None else most))
+        self.most_read = max(self.most_read, self._ticks - first)
         return self._ticks, self._rows[np.arange(first, self._ticks) % KEPT]
 
     def _publish(self) -> None:

@@ -128,6 +128,17 @@ def test_every_tick_arrives_once_and_in_order(client):
     assert 5 < np.median(sizes) < 40, "batches of about a sixtieth of a second"
 
 
+def test_who_comes_late_gets_the_present_and_holds_up_nobody(servo, console):
+    servo._start -= 20.0  # as many rows as the loop keeps: copying them would delay a Stop by tens of ms
+    with join(console, origin=console.origin) as socket:
+        client = Client(socket)
+        client.until(lambda: client.rows)
+        client.event("health", alive=True)
+        assert 1 <= len(client.rows[0]) < 250
+        assert client.dropped == 0
+    assert servo.most_read <= 1000
+
+
 def test_a_page_that_is_too_slow_gets_the_newest_and_is_told(client, servo):
     client.until(lambda: client.rows)
     newest = client.rows[-1][-1, 1]
@@ -331,7 +342,7 @@ def test_a_page_that_never_reads_is_left_and_disturbs_nobody(console, client, se
 def test_rows_are_read_once_for_all_pages(console, servo, monkeypatch):
     read = []
     rows = servo.rows
-    monkeypatch.setattr(servo, "rows", lambda cursor=0: read.append(cursor) or rows(cursor))
+    monkeypatch.setattr(servo, "rows", lambda cursor=0, most=None: read.append(cursor) or rows(cursor, most))
     with ExitStack() as stack:
         pages = [Client(stack.enter_context(join(console))) for _ in range(5)]
         for page in pages:

@@ -201,7 +201,7 @@ def test_the_console_survives_them(n, capfd, caplog):
     class Servo(_module(TESTS / "web" / "console" / "fake_servo.py").FakeServo):  # type: ignore[misc]
         """Its rows cost nothing: it is not they that are tried."""
 
-        def rows(self, cursor: int = 0) -> tuple[int, np.ndarray]:
+        def rows(self, cursor: int = 0, most: int | None = None) -> tuple[int, np.ndarray]:
             return cursor, np.empty((0, self.layout.width))
 
     servo = Servo()
