@@ -36,7 +36,7 @@ from itertools import cycle, islice
 from pathlib import Path
 from typing import Any
 
-from haptorb.control.trips import GuardState
+from haptorb.control.trips import GuardState, Trip
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.board_emulator import Emulator
 from haptorb.runtime.linux import start
@@ -157,6 +157,7 @@ class Lane:
     """One run after another, with a folder, a port and an emulated board of its own."""
 
     def __init__(self, folder: Path, boards: Sequence[str]) -> None:
+        self.boards = boards
         self._stack = ExitStack()
         self._folder = folder
         folder.mkdir()
@@ -239,11 +240,14 @@ class Program:
             if self.host.poll() is not None:
                 raise LostRun(self._errors.read_text()[-300:])
             if time.monotonic() > deadline:
-                raise LostRun(f"no coils on after {START:g} s: {self._errors.read_text()[-300:]}")
+                said = self._errors.read_text()[-300:]
+                raise LostRun(f"no coils on after {START:g} s, guard {self._guard()}: {said}")
             if self.memory is None:
                 self.memory = self._find_memory()
             elif self._on() and self._has_started():
                 return
+            elif self._is_tripped():
+                raise LostRun(f"tripped ({self._guard()}) before the end")
             time.sleep(0.01)
 
     def _has_started(self) -> bool:
@@ -272,6 +276,17 @@ class Program:
         at = self.memory.layout
         on = row[at["guard"]][0] not in (GuardState.OFF, GuardState.TRIPPED) and row[at["duties"]].any()
         return bool(on) and (self._emulator is None or self._emulator.status()["on"] == "1")
+
+    def _guard(self) -> str:
+        """State and reason of the newest row."""
+        row = None if self.memory is None else self.memory.ring.latest()
+        if row is None or self.memory is None:
+            return "unknown"
+        at = self.memory.layout
+        return f"{GuardState(int(row[at['guard']][0])).name}, {Trip(int(row[at['trip']][0])).name}"
+
+    def _is_tripped(self) -> bool:
+        return self._guard().startswith(GuardState.TRIPPED.name)
 
     def _find(self, module: str) -> int:
         """The host's child that runs `module`; 0 if there is none."""
@@ -406,13 +421,16 @@ def measure(count: int, lanes: int, boards: Sequence[str], tell: Callable[[str],
         try:
             while not failures:
                 with taking:
-                    if not todo:
+                    mine = (case for board in reversed(lane.boards) for case in todo if case.board == board)
+                    case = next(mine, None)
+                    if case is None:
                         return
-                    case = todo.pop(0)
+                    todo.remove(case)
                 try:
                     took = lane.run(case, measuring)
                 except LostRun as why:
                     lost.append(str(why))
+                    tell(f"lost: {case}: {str(why)[-200:]}")
                     if len(lost) > 20 + 2 * count:
                         raise SystemExit(f"this computer is too busy: {len(lost)} runs lost, the last: {why}") from why
                     with taking:
@@ -425,7 +443,9 @@ def measure(count: int, lanes: int, boards: Sequence[str], tell: Callable[[str],
             failures.append(cause)
 
     with tempfile.TemporaryDirectory() as folder:
-        every = [Lane(Path(folder) / f"lane-{n}", boards) for n in range(lanes)]
+        # Two emulated boards beside two loops starve each other on two processors: only the first lane has one.
+        kinds = [boards, *([board for board in boards if board != "emulated"] for _ in range(1, lanes))]
+        every = [Lane(Path(folder) / f"lane-{n}", kind) for n, kind in enumerate(kinds) if kind]
         threads = [threading.Thread(target=work, args=(lane,)) for lane in every]
         for thread in threads:
             thread.start()

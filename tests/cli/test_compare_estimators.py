@@ -24,6 +24,7 @@ def comparison():
     return result
 
 
+@pytest.mark.slow
 def test_every_estimator_meets_every_disturbance(comparison):
     assert comparison.coil == 17
     assert comparison.estimators == ("network", "linear", "least-squares")

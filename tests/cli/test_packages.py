@@ -111,6 +111,7 @@ def test_a_command_without_its_extra_says_which(
     assert len(said) == 1
 
 
+@pytest.mark.slow
 def test_the_package_without_extras_runs_a_device_a_world_of_ones_own_and_the_console(tmp_path: Path) -> None:
     for name in OF_EXTRAS:
         (tmp_path / f"{name}.py").write_text(f"raise ModuleNotFoundError(name={name!r})\n")

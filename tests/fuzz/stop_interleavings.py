@@ -96,7 +96,7 @@ class Failing(Driver):
 class Host(Commands):
     """The servo as console and study hold it, over memory that the loop reads; its time is the loop's."""
 
-    driver, tracker, alive = "sim", "pointer", True
+    driver, tracker, alive, rate = "sim", "pointer", True, 1000.0
 
     def __init__(self, shared: SharedMemory) -> None:
         self.device, self.modes, self.layout, self._model = load("omni"), (), shared.layout, "exact"
@@ -122,8 +122,8 @@ class Host(Commands):
     def close(self) -> None:
         self.stop()
 
-    def rows(self, cursor: int = 0) -> Any:
-        return self._shared.ring.read_since(cursor)
+    def rows(self, cursor: int = 0, most: int | None = None) -> Any:
+        return self._shared.ring.read_since(cursor, most)
 
     def latest(self) -> Any:
         return self._shared.ring.latest()

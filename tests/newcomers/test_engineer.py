@@ -74,6 +74,7 @@ def test_what_is_there_and_a_copy_of_it(shell):
     assert omni == copy
 
 
+@pytest.mark.slow
 def test_more_turns_and_a_longer_magnet_are_seen_in_the_card(shell):
     omni, mine = json.loads(shell.run_checked("inspect omni mine.toml --json"))
     turns, before = mine["predicted_moment_per_current_m2"][2][2], omni["predicted_moment_per_current_m2"][2][2]

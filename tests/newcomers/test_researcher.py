@@ -86,6 +86,7 @@ def test_she_runs_and_checks_her_world(shell: NewcomerShell) -> None:
     assert shell.list_running() == []
 
 
+@pytest.mark.slow
 def test_her_mistakes_are_told_before_anything_starts(shell: NewcomerShell) -> None:
     said = shell.run("haptorb run --world hill.py:Hil --headless", code=2).stderr
     assert "did you mean 'Hill'" in said

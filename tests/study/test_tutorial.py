@@ -14,6 +14,7 @@ import pytest
 pytestmark = pytest.mark.realtime
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_the_tutorials_commands_run_as_they_stand(root: Path, tmp_path: Path) -> None:
     text = (root / "docs" / "tutorials" / "study.md").read_text(encoding="utf-8")

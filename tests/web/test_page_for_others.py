@@ -14,6 +14,7 @@ from websockets.typing import Subprotocol
 pytestmark = pytest.mark.realtime
 
 
+@pytest.mark.slow
 def test_only_who_knows_the_token_gets_in_from_another_address() -> None:
     """127.0.0.2 is an address of this computer at which the console does not listen unless it is asked to."""
     words = ["run", "omni", "--host", "0.0.0.0", "--port", "0", "--duration", "20"]

@@ -507,6 +507,7 @@ def list_geometry_mistakes(
 
 
 _GRID = 13  #: points along an edge of the currents' box
+_ROUNDS, _MEET = 100, 1e-9  #: of the search for the weakest direction: at the most, and where its bounds meet
 
 
 @dataclass(frozen=True)
@@ -582,38 +583,60 @@ def _with_supply(device: SphericalElectromagnet, known: WrenchMap, lost: Array, 
     if plane is not None:
         outline = ConvexHull(wrench[:, 3:] @ plane)
         torque = wrench[outline.vertices, 3:]
-        flat = _least_support(device, known.torque.T @ plane, known.passive[3:] @ plane, outline.equations)
+        flat = _least_support(device, known.torque.T @ plane, known.passive[3:] @ plane, wrench[:, 3:] @ plane)
     corners = hull.vertices
-    inside = _least_support(device, known.force.T, known.passive[:3], hull.equations)
+    inside = _least_support(device, known.force.T, known.passive[:3], wrench[:, :3])
     return FeasibleWrench(currents[corners], wrench[corners, :3], torque, lost, inside, flat)
 
 
-def _support(device: SphericalElectromagnet, gains: Array) -> float:
-    """The most of `gains` (m,) @ currents within the coils' limits and the supply's power: each current is its gain
-    over its resistance by one factor, cut at its limit."""
+def _strongest_currents(device: SphericalElectromagnet, gains: Array) -> Array:
+    """(n, m) the currents within the coils' limits and the supply's power that make the most of `gains` (n, m) @
+    currents: each is its gain over its resistance by one factor, cut at its limit."""
     limit, resistance, power = device.coils.current_limit, device.greatest_resistance, device.supply.power
-    per_factor = np.abs(gains) / resistance
-    low, high = 0.0, float((limit / np.maximum(per_factor, 1e-30)).max())
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if resistance @ np.minimum(middle * per_factor, limit) ** 2 > power:
-            high = middle
-        else:
-            low = middle
-    return float(np.abs(gains) @ np.minimum(low * per_factor, limit))
+    per_factor = np.maximum(np.abs(gains) / resistance, 1e-30)
+    # Coil after coil reaches its limit as the factor grows; the supply ends that at one of these factors, or before.
+    cut_at = limit / per_factor
+    order = np.argsort(cut_at, axis=-1)
+    cut = np.take_along_axis(np.broadcast_to(resistance * limit**2, gains.shape), order, axis=-1)
+    free = np.take_along_axis(resistance * per_factor**2, order, axis=-1)
+    spent = np.cumsum(cut, axis=-1) - cut  # by the coils that are at their limits, before each of them
+    left = np.cumsum(free[:, ::-1], axis=-1)[:, ::-1]  # of the others, per factor squared
+    factors = np.sqrt(np.maximum(power - spent, 0.0) / left)
+    ends = factors <= np.take_along_axis(cut_at, order, axis=-1)
+    ended = np.take_along_axis(factors, ends.argmax(axis=-1)[:, None], axis=-1)
+    factor = np.where(ends.any(axis=-1)[:, None], ended, np.inf)
+    return np.sign(gains) * np.minimum(factor * per_factor, limit)
 
 
-def _least_support(device: SphericalElectromagnet, gains: Array, passive: Array, faces: Array) -> float:
-    """The least that can be given in any direction: gains (m, d) per direction and ampere, from the weakest `faces`."""
-    from scipy.optimize import minimize  # as slow to import as the hull
+def _least_support(device: SphericalElectromagnet, gains: Array, passive: Array, points: Array) -> float:
+    """The least that can be given in any direction; gains (m, d) per direction and ampere, from `points` (n, d) that
+    can be given. Negative if nothing in some directions: the distance from 0 to what can be given.
 
-    def reach(way: Array) -> float:
-        normal = way / np.linalg.norm(way)
-        return _support(device, gains @ normal) + float(passive @ normal)
+    What the hull of known points gives is a lower bound, what can be given in its weakest directions an upper one; the
+    points that are reached there join the hull until the two meet.
+    """
+    from scipy.optimize import nnls
+    from scipy.spatial import ConvexHull
 
-    weakest = faces[np.argsort(-faces[:, -1])[:6], :-1]
-    found = [minimize(reach, way, method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-12}).fun for way in weakest]
-    return float(min(found))
+    hull = ConvexHull(points, incremental=True)
+    scale = float(np.abs(points).max())
+    upper = np.inf
+    for _ in range(_ROUNDS):
+        inside = -hull.equations[:, -1]
+        lower = float(inside.min())
+        ways = hull.equations[np.argsort(inside)[:6], :-1]
+        if lower < 0.0:
+            corners = hull.points[hull.vertices] / scale
+            shares = nnls(np.vstack([corners.T, np.ones(len(corners))]), np.append(np.zeros(points.shape[1]), 1.0))[0]
+            nearest = scale * (shares @ corners) / shares.sum()
+            lower = -float(np.linalg.norm(nearest))
+            ways = -nearest[None] / np.linalg.norm(nearest)
+        reached = _strongest_currents(device, ways @ gains.T) @ gains + passive
+        upper = min(upper, float(np.einsum("nd,nd->n", ways, reached).min()))
+        if upper - lower <= _MEET * scale:
+            break
+        hull.add_points(reached)
+    return upper
 
 
 def _polygon(spins: Array, plane: Array, passive: Array) -> tuple[Array, float]:

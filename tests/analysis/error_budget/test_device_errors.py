@@ -116,6 +116,7 @@ def test_eddy_currents_take_the_share_of_a_turning_force_that_the_device_file_sa
     assert not [source for source in still.sources if source.name.startswith("eddy")]
 
 
+@pytest.mark.slow
 def test_a_pose_from_field_sensors_is_off_as_the_tracker_itself_is() -> None:
     exact = replace(OMNI, hall=replace(OMNI.hall, step=0.0, errors=SensorErrors()))
     model = tool_errors(exact, 0.07, "hall")

@@ -129,6 +129,7 @@ def database() -> Iterator[str]:
         yield place
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(bool(explain_absence()), reason=explain_absence())
 def test_two_optimisers_on_one_database_do_not_disturb_each_other(design: Path, database: str) -> None:
     both = [start(design, database, seed=seed) for seed in (1, 2)]

@@ -28,6 +28,7 @@ def _ask(url: str, path: str, body: Any = None) -> Any:
         return json.load(answer)
 
 
+@pytest.mark.slow
 def test_a_chosen_design_runs_with_its_coils_off_until_the_program_is_interrupted(tmp_path: Path) -> None:
     results = make_results(tmp_path / "r.sqlite", 60)
     with subprocess.Popen([*COMMAND, str(results), "--port", "0"], stderr=subprocess.PIPE, text=True) as program:

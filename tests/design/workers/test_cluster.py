@@ -100,6 +100,7 @@ def test_one_of_three_workers_is_killed_and_nothing_is_lost_or_doubled(design: D
     assert sum(one.valid for one in found) > COUNT // 3
 
 
+@pytest.mark.slow
 def test_workers_of_another_version_are_refused_with_both(
     design: Design, cluster: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

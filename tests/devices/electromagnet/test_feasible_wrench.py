@@ -106,3 +106,19 @@ def test_the_published_peak_lies_between_the_levels_corners():
 def test_inside_the_core_nothing_is_told():
     with pytest.raises(GeometryError, match="inside"):
         feasible_wrench(OMNI, State.at((0, 0, 0.02)))
+
+
+@pytest.mark.parametrize("name", ["omni", "omni-small-core"])
+@pytest.mark.parametrize("power", [40.0, 120.0])
+def test_a_very_weak_supply_takes_no_direction_away(name, power):
+    """Straight ahead of a coil the others give nothing; a guarantee of nothing was once told for that."""
+    device = load(name)
+    device = replace(device, supply=replace(device.supply, power=power))
+    known = device.wrench_map(state := State.at((0.0, 0.0, 0.05)), "exact")
+    hot = device.greatest_resistance
+    currents = np.random.default_rng(1).normal(size=(20_000, 3)) * np.sqrt(power / hot)
+    currents /= np.maximum(np.abs(currents / device.coils.current_limit).max(axis=1), 1.0)[:, None]
+    currents *= np.minimum(1.0, np.sqrt(power / (currents**2 @ hot)))[:, None]
+    inscribed = -ConvexHull(currents @ known.force.T + known.passive[:3]).equations[:, 3].max()
+    able = feasible_wrench(device, state)
+    assert 0.0 < inscribed <= able.guaranteed_force * (1 + 1e-9) <= 1.01 * inscribed

@@ -55,6 +55,7 @@ time_t time(time_t *out) {
 STEPS = (86_400, -86_400, 0)  #: [s]
 
 
+@pytest.mark.slow
 @pytest.mark.realtime
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 def test_a_clock_that_is_set_changes_nothing(tmp_path: Path) -> None:

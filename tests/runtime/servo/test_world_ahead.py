@@ -31,6 +31,7 @@ def cold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return kernels / COLD
 
 
+@pytest.mark.slow
 def test_a_world_is_chosen_before_its_code_is_there(cold: Path) -> None:
     with Servo("omni", "dome", record=False) as servo:
         assert not list(cold.rglob("*.nbi"))

@@ -63,6 +63,7 @@ def fresh(url: str) -> str:
     return url
 
 
+@pytest.mark.slow
 def test_two_stations_2000_trials_consistent_ordered_none_lost(fresh: str, tmp_path: Path) -> None:
     program = tmp_path / "station.py"
     program.write_text(STATION)

@@ -263,6 +263,7 @@ def test_a_trial_whose_time_is_up_before_anything_was_felt_starts_again(tmp_path
     assert set(kinds) == {"answered before this was felt"}
 
 
+@pytest.mark.slow
 @pytest.mark.realtime
 def test_a_session_at_the_command_line_with_the_real_loop(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(STUDY)

@@ -44,6 +44,7 @@ def test_two_processes_give_what_one_gives(alone: list[float]) -> None:
     assert told[-1] == (POOL, POOL)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_a_cluster_gives_what_one_process_gives(alone: list[float], cluster: str) -> None:
     assert simulate(scheduler=cluster) == alone
