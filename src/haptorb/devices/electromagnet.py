@@ -605,7 +605,8 @@ def _strongest_currents(device: SphericalElectromagnet, gains: Array) -> Array:
     ends = factors <= np.take_along_axis(cut_at, order, axis=-1)
     ended = np.take_along_axis(factors, ends.argmax(axis=-1)[:, None], axis=-1)
     factor = np.where(ends.any(axis=-1)[:, None], ended, np.inf)
-    return np.sign(gains) * np.minimum(factor * per_factor, limit)
+    currents: Array = np.sign(gains) * np.minimum(factor * per_factor, limit)
+    return currents
 
 
 def _least_support(device: SphericalElectromagnet, gains: Array, passive: Array, points: Array) -> float:
