@@ -32,9 +32,8 @@ run: $(VENV)/.run
 	@exec $(BIN)/haptorb run $(ARGS)
 
 # Style, types, import contracts and documentation are tests too (tests/checks). Kernels and tests are compiled first.
-# Then a process for each processor; what runs beside a clock (the `realtime` marker) follows in threes, then what needs
-# a browser, in twos; beside these, in what time they leave, types, documentation and other long computations
-# (`background`). One summary for all.
+# Then what runs beside a clock (the `realtime` marker) comes in threes, and what needs a browser as well, in twos; beside
+# both, in what time they leave, a process for each processor runs all that only computes. One summary for all.
 test: $(VENV)/.test packages
 	@$(BIN)/python scripts/run_tests.py --markers "not slow" --durations=10 $(ARGS)
 

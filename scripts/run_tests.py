@@ -1,11 +1,10 @@
-"""Run the tests in calls of pytest: what only computes shares the processors, what runs beside a clock comes in threes,
-and what needs a browser as well, which draws on every processor, in twos. Clocks and pages leave much of the processors
-free. What computes for long and starts nothing that has a clock (the `background` marker: types, documentation,
-the papers' numbers) uses it, in a fourth call, which gives way to everybody.
+"""Run the tests in three calls of pytest: what runs beside a clock, in threes; then what needs a browser as well, which
+draws on every processor, in twos; and beside both what only computes, which gives way to them and has the processors
+alone when they have ended.
 
     run_tests.py [--markers EXPRESSION] [pytest's arguments]
 
-Before the first call, and only if all tests are wanted, two processes compile the kernels and the tests: else every
+Before them, and only if all tests are wanted, two processes compile the kernels and the tests: else every
 process of a call would compile them for itself.
 The last line is pytest's summary of all calls together. The exit code is 0 only if none of them found a failure.
 """
@@ -32,15 +31,14 @@ SHARED = ["-n", "logical", "--maxprocesses", "4", *BY_GROUP]
 IN_THREES = ["-n", "3", *BY_GROUP]
 #: a page draws with a third of two processors, and the rest of a test waits for it; in the background, mypy is one half
 IN_TWOS = ["-n", "2", *BY_GROUP]
-#: in turn, the last one beside all but the first
+#: in turn, the last one beside all others
 CALLS: tuple[tuple[str, list[str]], ...] = (
-    ("not realtime and not background", SHARED),
     ("realtime and not browser", IN_THREES),
     ("realtime and browser", IN_TWOS),
-    ("background", IN_TWOS),
+    ("not realtime", SHARED),
 )
-#: what both processors do before the first call; each is a list of programs, one after the other
-COLLECT = [*PYTEST, "--collect-only", "-qq", "-m", CALLS[0][0]]
+#: what both processors do before all calls; each is a list of programs, one after the other
+COLLECT = [*PYTEST, "--collect-only", "-qq", "-m", CALLS[-1][0]]
 COMPILE = [sys.executable, str(Path(__file__).with_name("compile_kernels.py"))]
 PREPARATIONS = ([[*COMPILE, "omni", "planar"]], [COLLECT, [*COMPILE, "pmsm"]])
 NO_TESTS = 5  #: pytest's exit code where nothing was chosen: another call may have had something
@@ -141,10 +139,9 @@ def main(words: list[str]) -> int:
     start = time.monotonic()
     if wants_all(words):
         prepare()
-    first, *others, last = (["-m", which + markers, *how, *words] for which, how in CALLS)
-    outcomes = [show_pytest(start_pytest(first))]
+    *calls, last = (["-m", which + markers, *how, *words] for which, how in CALLS)
     with run_in_the_background(last) as background:
-        outcomes += [show_pytest(start_pytest(call)) for call in others]
+        outcomes = [show_pytest(start_pytest(call)) for call in calls]
         outcomes.append(show_pytest(background))
     counts = sum((counted for _, counted in outcomes), Counter[str]())
     print("\n" + format_summary(counts, time.monotonic() - start), flush=True)

@@ -57,9 +57,8 @@ settings.load_profile("fixed")
 #: because whoever gets one of these at the end keeps the others waiting. While one process compiles the kernels, the
 #: other tests studies, which need few; documentation and examples find the kernels compiled.
 HEAVY = (
-    *("test_result.py", "study", "test_docs_code.py", "test_examples.py"),
+    *("test_tools.py", "reproduce", "test_docs.py", "test_result.py", "study", "test_docs_code.py", "test_examples.py"),
     *("firmware", "test_safety.py", "test_console_page.py", "test_study_pages.py"),  # of those beside a clock
-    *("test_tools.py", "reproduce", "test_docs.py"),  # of those in the background
 )
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 # Each window's address bar has two pages of its own, which take a second to load and which nobody sees; the others are
@@ -97,9 +96,9 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     if not collection_path.is_relative_to(ROOT / "tests") and ">>>" not in text:
         return True
     wanted = config.option.markexpr.split(" and ")
-    if not re.search("realtime|background", wanted[0]):
+    if "realtime" not in wanted[0]:
         return None
-    for marker in ("realtime", "browser", "background"):
+    for marker in ("realtime", "browser"):
         everywhere = re.search(rf"^pytestmark = .*\bmark\.{marker}\b", text, re.MULTILINE)
         if (marker in wanted and f"mark.{marker}" not in text) or (f"not {marker}" in wanted and everywhere):
             return True

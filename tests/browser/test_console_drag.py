@@ -21,6 +21,7 @@ def benchmark_of_drags(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module("console_drag")
 
 
+@pytest.mark.slow
 def test_no_pose_trip_while_dragging_beside_a_busy_loop(benchmark_of_drags: ModuleType, browser: Any) -> None:
     # Poses last a second instead of 50 ms: the server's own pauses on an overloaded test machine are not tested here.
     found = benchmark_of_drags.measure(0.1, 1, "omni", browser, expiry=1.0)

@@ -31,6 +31,7 @@ def pull(screen: Any, dx: float, steps: int = 15) -> None:
     screen.page.wait_for_timeout(600)
 
 
+@pytest.mark.slow
 def test_pull_the_plug_turn_it_and_stop(motor):
     screen, servo = motor
     page = screen.page

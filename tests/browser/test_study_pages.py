@@ -251,6 +251,7 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     assert (folder / "seen-session-1-trial-1.mcap").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(400)
 def test_a_server_that_is_killed_is_resumed_at_the_next_trial(browser: Any, folder: Path) -> None:
     first = Run(browser, folder)

@@ -103,7 +103,7 @@ def same(typed: str, value: float) -> bool:
 
 
 def texts(slow: bool) -> tuple[str, ...]:
-    return TEXTS if slow else TEXTS[::6]
+    return TEXTS if slow else TEXTS[::12]
 
 
 AMOUNTS = [pytest.param(False, id="some"), pytest.param(True, id="all", marks=[pytest.mark.slow])]
@@ -200,6 +200,7 @@ def test_a_code(browser: Any, tmp_path: Path, everything: bool) -> None:
         page.close()
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("everything", AMOUNTS)
 def test_a_parameter_of_the_console(browser: Any, fake: Any, painting: Any, kit: Any, everything: bool) -> None:

@@ -17,8 +17,6 @@ import pytest
 
 import haptorb
 
-pytestmark = pytest.mark.background
-
 
 @cache
 def modules() -> list[ModuleType]:

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.background
-
 ROOT = Path(__file__).resolve().parents[2]
 ROOTS = {"src": ROOT / "src", "papers": ROOT / "papers", "benchmarks/haptorb_bench": ROOT / "benchmarks"}
 

@@ -7,9 +7,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import grimp
-import pytest
-
-pytestmark = pytest.mark.background
 
 
 def test_an_import_that_goes_up_is_found_at_every_layer(root: Path) -> None:

@@ -23,8 +23,6 @@ from haptorb_study.export import make_python_script
 from haptorb_study.study_file import study_of
 from haptorb_study.template import TEMPLATES, make_study_text
 
-pytestmark = pytest.mark.background
-
 PACKAGES = ("haptorb", "haptorb.worlds", "haptorb.devices", "haptorb.magnetics", "haptorb_study", "haptorb_design")
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```py(?:thon)?\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)

@@ -22,12 +22,8 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-import pytest
-
 import haptorb
 from haptorb import errors
-
-pytestmark = pytest.mark.background
 
 ROOMS = (
     *("magnetics", "thermal", "beams", "devices", "estimation", "control", "analysis", "worlds", "simulation"),

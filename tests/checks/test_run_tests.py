@@ -1,4 +1,4 @@
-"""`make test` calls pytest four times: each test runs in one of them, and the last line adds up what they found."""
+"""`make test` calls pytest three times: each test runs in one of them, and the last line adds up what they found."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from typing import Any
 
 import pytest
 
-CONFIGURATION = "[pytest]\nmarkers =\n  realtime\n  slow\n  browser\n  background\n"
+CONFIGURATION = "[pytest]\nmarkers =\n  realtime\n  slow\n  browser\n"
 ENDS = """import os
 def pytest_sessionfinish(session):
     if session.config.option.markexpr.startswith('realtime and browser') and not hasattr(session.config, 'workerinput'):
         os._exit(0)
 """
 FILES = (
-    "import os\ndef test_shared():\n    assert 'PYTEST_XDIST_WORKER' in os.environ\n",
+    "import os\ndef test_shared():\n    assert 'PYTEST_XDIST_WORKER' in os.environ and os.nice(0) == 19\n",
     "def test_fails():\n    assert False\n",
     """import os, pytest
 @pytest.mark.realtime
@@ -34,10 +34,6 @@ def test_in_twos():
 @pytest.mark.slow
 def test_slow_one():
     assert False
-@pytest.mark.background
-def test_in_the_background():
-    assert os.nice(0) == 19
-    assert os.environ['PYTEST_XDIST_WORKER_COUNT'] == '2'
 """,
 )
 
@@ -61,7 +57,7 @@ def test_all_calls_run_and_one_line_adds_them_up(root: Path, tmp_path: Path) -> 
         cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=200,
     )  # fmt: skip
     assert re.fullmatch(
-        r"=+ 1 failed, 3 passed, 1 error in [\d.]+s \(0:\d\d:\d\d\) =+", done.stdout.splitlines()[-1]
+        r"=+ 1 failed, 2 passed, 1 error in [\d.]+s \(0:\d\d:\d\d\) =+", done.stdout.splitlines()[-1]
     ), done.stdout
     assert done.returncode == 1
 

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.background
-
 
 def passes(root: Path, *command: str) -> None:
     """Run a command of the virtual environment from the project's folder; its own words are the failure's message."""

@@ -14,8 +14,6 @@ from haptorb.cli.program import app
 from haptorb.errors import PlatformError
 from haptorb.runtime.linux import WORKS_ANYWHERE, require_linux
 
-pytestmark = pytest.mark.background
-
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):

@@ -40,7 +40,7 @@ print(parts, len(compiled), *(one for one in left if not one.startswith("haptorb
 """
 
 
-@pytest.mark.parametrize("device", ["omni", "pmsm"])
+@pytest.mark.parametrize("device", ["omni", pytest.param("pmsm", marks=pytest.mark.slow)])
 def test_the_controller_is_compiled_as_the_loop_uses_it(device: str) -> None:
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, device], capture_output=True, text=True, check=True, timeout=300

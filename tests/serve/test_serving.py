@@ -96,6 +96,7 @@ class Floor(World):
 """
 
 
+@pytest.mark.slow
 def test_the_users_own_world_is_felt_beside_the_clients_and_keeps_them_when_it_is_saved(tmp_path):
     haply, file, path = check_servers(["haply:0:0"]), tmp_path / "floor.py", tmp_path / "run.mcap"
     file.write_text(OWN.format(force=0.05))

@@ -22,7 +22,7 @@ def benchmark_of_budgets(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module("error_budget")
 
 
-@pytest.mark.parametrize("name", ["omni", "pmsm"])
+@pytest.mark.parametrize("name", ["omni", pytest.param("pmsm", marks=pytest.mark.slow)])
 def test_true_errors_are_as_large_as_the_budget_says(benchmark_of_budgets: ModuleType, name: str) -> None:
     """Three components of 18 devices: their rms is known to 10 %, so that a factor of 1.35 is 3 deviations."""
     device = load(name)

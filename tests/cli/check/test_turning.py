@@ -14,8 +14,6 @@ from haptorb.devices.loader import load
 from haptorb.errors import UnknownName
 from haptorb.worlds.user_world import FunctionWorld
 
-pytestmark = pytest.mark.background
-
 OMNI = load("omni")
 
 

@@ -13,8 +13,6 @@ from haptorb.cli.check_world import Setting, boundary, draw_world, is_growing, j
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
 
-pytestmark = pytest.mark.background
-
 OMNI = load("omni")
 LATE = Setting(1000.0, 240.0, 5e-3)
 

@@ -12,8 +12,6 @@ from rich.console import Console
 from haptorb.cli.inspect import card
 from haptorb.devices.loader import load
 
-pytestmark = pytest.mark.background
-
 
 @pytest.mark.parametrize("name", ["planar", "tetrahedron"])
 def test_the_card_tells_forces_by_height(name):

@@ -16,8 +16,6 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from oracles.command import run_command
 
-pytestmark = pytest.mark.background
-
 LONGER = """
 based_on = "omni"
 name = "longer"

@@ -10,8 +10,6 @@ from rich.console import Console
 from haptorb.cli.inspect import card
 from haptorb.devices.loader import load
 
-pytestmark = pytest.mark.background
-
 OMNI = load("omni")
 
 

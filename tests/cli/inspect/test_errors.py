@@ -18,8 +18,6 @@ from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, InputError
 from oracles.command import run_command
 
-pytestmark = pytest.mark.background
-
 NARROW = """
 based_on = "omni"
 name = "narrow"

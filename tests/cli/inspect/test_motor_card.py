@@ -11,8 +11,6 @@ import haptorb
 from haptorb.cli import main
 from haptorb.cli.inspect import card
 
-pytestmark = pytest.mark.background
-
 
 @pytest.fixture(scope="module")
 def made():

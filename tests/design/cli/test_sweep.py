@@ -149,7 +149,7 @@ def test_the_limit_of_the_shell_for_files_is_named(tmp_path: Path) -> None:
 PROGRAM = "import sys; print('up', flush=True); from haptorb.cli import main; sys.exit(main())"
 
 
-@pytest.mark.parametrize("delay", [0.2, 0.4, 0.8, 1.5, 3.0])
+@pytest.mark.parametrize("delay", [0.2, 0.8, *(pytest.param(at, marks=pytest.mark.slow) for at in (0.4, 1.5, 3.0))])
 def test_interrupted_at_any_time_no_traceback_is_printed(delay: float, tmp_path: Path) -> None:
     write_design(tmp_path)
     command = ["-c", PROGRAM, "design", "optimise", "small.toml", "--evaluations", "4000", "--processes", "2"]

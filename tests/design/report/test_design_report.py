@@ -20,8 +20,6 @@ from haptorb_design.store import Results, Run, open_results, read_results
 from oracles.command import run_command
 from oracles.designs.made_designs import make_design, make_evaluations, make_results
 
-pytestmark = pytest.mark.background
-
 
 def _make_plain(table, row, reason):
     """A best design without its card and drawing, which take seconds."""

@@ -47,7 +47,7 @@ def _order(found: Iterable[Evaluation]) -> list[Evaluation]:
     return sorted((replace(one, seconds=0.0) for one in found), key=lambda one: one.number)
 
 
-@pytest.mark.parametrize("many", [1, 2])
+@pytest.mark.parametrize("many", [pytest.param(1, marks=pytest.mark.slow), 2])
 @pytest.mark.parametrize(
     ("harm", "reason"),
     [
@@ -63,8 +63,6 @@ def _order(found: Iterable[Evaluation]) -> list[Evaluation]:
 def test_a_candidate_that_harms_its_process_is_rejected_and_all_others_are_computed(
     harm: str, reason: str, many: int, tmp_path: Path
 ) -> None:
-    if many == 2 and "exit" in harm:
-        pytest.skip("as with one process")
     code = CODE.replace(
         "def reach(candidate):",
         f"def reach(candidate):\n    if candidate.device.workspace_half_angle > 1.2:\n        {harm}",

@@ -14,8 +14,6 @@ from haptorb_bench import peers
 from haptorb_bench.contest import Contest, Result, measure_fastest
 from haptorb_bench.magnetics import magnetics
 
-pytestmark = pytest.mark.background
-
 pytest.importorskip("magpylib")
 pytest.importorskip("cfsem")
 

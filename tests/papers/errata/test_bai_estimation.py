@@ -13,8 +13,6 @@ from haptorb.estimation.motor_orientation import LeastSquaresOrientation
 from haptorb.estimation.network import LinearTorque, read_networks
 from haptorb.estimation.types import Pose, Sample
 
-pytestmark = pytest.mark.background
-
 EM17 = 16
 
 

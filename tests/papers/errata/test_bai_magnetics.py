@@ -16,8 +16,6 @@ from haptorb.devices.tables import torque_table
 from haptorb.magnetics.multipole import MultipoleSource, load_published
 from haptorb.magnetics.multipole_fit import MultipoleFit, fit_multipole, shell_region
 
-pytestmark = pytest.mark.background
-
 R_PM, R_EM = 67.9e-3, 56.8e-3
 UP_PM, UP_EM = np.array([0, 0, R_PM]), np.array([0, 0, R_EM])
 PM, EM = load_published("bai2012-pm"), load_published("bai2012-em")

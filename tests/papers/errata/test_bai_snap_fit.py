@@ -14,8 +14,6 @@ from haptorb.control.linkage import Gains, ModedLinkage, RenderedWrench
 from haptorb.devices.base import State
 from haptorb.worlds import Outlet, PublishedOutlet, SnapFit
 
-pytestmark = pytest.mark.background
-
 TILT = math.radians(2.0)
 X_0 = 0.5 * 6.3e-3 * math.sin(TILT)
 ARM = 16e-3  # h, assumed

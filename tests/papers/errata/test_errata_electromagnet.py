@@ -15,8 +15,6 @@ from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.worlds import Dome
 from haptorb_study.study_file import directions, list_equal_rings, list_published
 
-pytestmark = pytest.mark.background
-
 ZARATE = "zarate2020"
 
 

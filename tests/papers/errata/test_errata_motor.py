@@ -9,8 +9,6 @@ from haptorb.devices.loader import load
 from haptorb.devices.motor_model import PartRing
 from haptorb_papers.reproduce.bai2012.table_2 import PAIRS
 
-pytestmark = pytest.mark.background
-
 BAI = "bai2012"
 
 

@@ -11,8 +11,6 @@ from haptorb.beams import TABLE_3, appendix_b, balance_face, compliance
 from haptorb.devices.base import State
 from haptorb.worlds import Outlet, SnapFit
 
-pytestmark = pytest.mark.background
-
 BAI = "bai2012"
 
 

@@ -11,8 +11,6 @@ from haptorb_papers.reproduce.zarate2020.drive import drive_course
 from haptorb_papers.reproduce.zarate2020.figure_6 import heating_course
 from haptorb_papers.reproduce.zarate2020.hall_position import placements, position_map
 
-pytestmark = pytest.mark.background
-
 OMNI = load("omni")
 
 

@@ -9,14 +9,13 @@ from haptorb.cli.program import main
 from haptorb.devices.loader import load
 from haptorb_papers.guidance import WAYS, compare_guidance
 
-pytestmark = pytest.mark.background
-
 
 @pytest.fixture(scope="module")
 def found():
     return compare_guidance(load("omni"), paths=("line",), grips=("light",), seconds=2.0, seed=1)
 
 
+@pytest.mark.slow
 def test_the_plan_keeps_a_light_hand_nearer_to_the_path_than_the_valley_does(found):
     assert {row.way for row in found.rows} == set(WAYS)
     plan, valley, none = (found.find_row("line", "light", way) for way in ("plan", "valley", "none"))

@@ -10,8 +10,6 @@ from haptorb.devices.loader import load
 from haptorb.simulation.truth import true_wrench
 from haptorb_papers.reproduce.zarate2020.inverse_error import compute_second_wrench
 
-pytestmark = pytest.mark.background
-
 OMNI = load("omni")
 
 

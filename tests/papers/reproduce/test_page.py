@@ -8,8 +8,6 @@ import pytest
 from haptorb_papers.reproduce import Item, Reproduction, ReproductionResult, report_page
 from haptorb_papers.reproduce.statement_table import describe_tolerance, format_number
 
-pytestmark = pytest.mark.background
-
 FORCE = Item("x", "bai2012", "Fig. 8", "a force", 1.04, 1.04, "N", 0.05)
 
 

@@ -26,8 +26,6 @@ from haptorb_papers.reproduce.entry import read_entry
 from haptorb_papers.reproduce.item import exempt
 from oracles.command import run_command
 
-pytestmark = pytest.mark.background
-
 FORCE = Item("x", "bai2012", "Fig. 8", "a force", 1.0, 1.04, "N", 0.05, why="as stiff as that")
 
 
@@ -264,6 +262,7 @@ def test_every_erratum_of_an_item_is_on_the_page(quick, request):
     assert missing == set()
 
 
+@pytest.mark.slow
 def test_figures_of_the_quick_ones_are_drawn(quick, tmp_path):
     drawn = 0
     for (paper, name), (_, draw) in quick.items():

@@ -53,6 +53,7 @@ def test_a_world_is_chosen_before_its_code_is_there(cold: Path) -> None:
         assert not servo.trips
 
 
+@pytest.mark.slow
 def test_a_value_that_cannot_be_is_refused_as_ever(cold: Path) -> None:
     with Servo("omni", "dome", record=False) as servo:
         with pytest.raises(InputError, match="strength"):

@@ -21,8 +21,6 @@ from haptorb_study.paper_figures import COLOURS, DASHES, MARKERS, PaperSize, dra
 from haptorb_study.simulated import rehearse
 from haptorb_study.study_file import PUBLISHED_ERRORS, study_of
 
-pytestmark = pytest.mark.background
-
 POINTS = "[set_points]\npoints = [{ number = 1, theta_deg = 0 }, { number = 2, theta_deg = 36 }]\n"
 TWO = '[[conditions]]\nname = "a"\n[[conditions]]\nname = "b"\nparameters = { moment = 0.5 }\n'
 LEVELS = "[levels]\nreference = 1.0\nvalues = [0.5, 1.0, 1.5]\nleast = 0.05\nmost = 1.0\nstart = 0.5\ntrials = 12\n"

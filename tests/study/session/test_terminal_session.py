@@ -288,6 +288,7 @@ def test_a_session_at_the_command_line_with_the_real_loop(tmp_path: Path) -> Non
     assert b"Traceback" not in again.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.realtime
 def test_nothing_is_recorded_while_stopped_and_no_lock_stays(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(STUDY)

@@ -12,8 +12,6 @@ from haptorb_study.simulated import power, power_of, simulate_value
 from haptorb_study.study_file import study_of
 from oracles.repetitions import repetitions
 
-pytestmark = pytest.mark.background
-
 TWO = """
 name = "two"
 [set_points]

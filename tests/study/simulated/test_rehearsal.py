@@ -17,8 +17,6 @@ from haptorb_study.session import StoredSession
 from haptorb_study.simulated import Participant, answer_rest, rehearse
 from haptorb_study.study_file import PUBLISHED_ERRORS, Study, study_of
 
-pytestmark = pytest.mark.background
-
 #: as in the paper, whose controller inverts point dipoles; with the set-points that participants were calibrated with
 PUBLISHED = 'name = "published"\nmodel = "published"\n[set_points]\nlayout = "1-8-8-8"'
 
