@@ -37,7 +37,8 @@ run: $(VENV)/.run
 test: $(VENV)/.test packages
 	@$(BIN)/python scripts/run_tests.py --markers "not slow" --durations=10 $(ARGS)
 
-nightly: $(VENV)/.test packages
+nightly: $(VENV)/.test
+	@sh scripts/debian-packages nightly
 	@HAPTORB_LONG_TESTS=1 $(BIN)/python scripts/run_tests.py $(ARGS)
 	@$(BIN)/python scripts/prove_promises.py --intact
 	@$(BIN)/python tests/fuzz/hostile_files.py --mutants 0 --commands 10000

@@ -1,7 +1,7 @@
 """What intervals of a psychometric function say where the answers hardly depend on the level; fixed seeds.
 
     python benchmarks/study/study_spreads.py [--studies 2000] [--groups 400] [--rows person group] [--json]
-        [--observers careful ...] [--designs 0 1 2] [--people 6 12]
+        [--observers careful ...] [--designs 0 1 2] [--people 6 12] [--seed 0]
 
 Constant stimuli at levels from 0.6 to 1.4, the same number of answers at each. The spread of the observers goes from
 0.1 to 5 times the range of the levels, and to no dependence at all. An observer is simulated trial by trial, without
@@ -19,7 +19,8 @@ always-1    key 1 in every trial: the truth is a function that does not depend o
 An interval of the spread may be closed or have an open end (a limit). It holds the truth if the true spread is inside;
 of observers who do not depend on the level, if the upper end is open. Reported in per cent, by observer and spread:
 
-Groups: 9 levels, 20 answers each; people differ by 0.15 in log spread and 0.06 of the range in threshold.
+Groups: 9 levels, 20 answers each; people differ by 0.15 in log spread and 0.06 of the range in threshold. In a reversed
+group one person takes the keys for each other, and is to be left out.
 
 holds       intervals of the spread, open ends included, that hold the truth
 closed      studies with both ends; the rest have a limit only
@@ -71,6 +72,12 @@ def answer_trials(
     return found
 
 
+def seeded(observer: str, spread: float, size: int, other: int, seed: int) -> np.random.Generator:
+    """A cell's own random numbers."""
+    words = [OBSERVERS.index(observer), SPREADS.index(spread), size, other]
+    return np.random.default_rng([*words, seed] if seed else words)
+
+
 def draw_observers(
     draw: np.random.Generator, observer: str, spread: float, people: int, levels: Numbers, each: int
 ) -> tuple[LevelCounts, Numbers]:
@@ -90,12 +97,12 @@ def draw_observers(
     return LevelCounts(levels, yes.astype(float), np.full(yes.shape, float(each))), equal
 
 
-def check_people(observer: str, spread: float, design: tuple[int, int], studies: int) -> dict[str, Any]:
+def check_people(observer: str, spread: float, design: tuple[int, int], studies: int, seed: int = 0) -> dict[str, Any]:
     """One cell: `studies` people with one kind of observer, spread and design."""
     count, each = design
     levels = np.linspace(LOW, HIGH, count)
     span = HIGH - LOW
-    draw = np.random.default_rng([OBSERVERS.index(observer), SPREADS.index(spread), count, each])
+    draw = seeded(observer, spread, count, each, seed)
     truth = np.inf if observer == "always-1" else spread * span
     rows = []
     for first in range(0, studies, _AT_ONCE):
@@ -123,12 +130,12 @@ def check_people(observer: str, spread: float, design: tuple[int, int], studies:
     }  # fmt: skip
 
 
-def check_groups(observer: str, spread: float, people: int, studies: int) -> dict[str, Any]:
+def check_groups(observer: str, spread: float, people: int, studies: int, seed: int = 0) -> dict[str, Any]:
     """One cell: `studies` groups of people who differ by 0.15 in log spread and 0.06 of the range in threshold."""
     count, each = DESIGNS[0]
     levels = np.linspace(LOW, HIGH, count)
     span = HIGH - LOW
-    draw = np.random.default_rng([OBSERVERS.index(observer), SPREADS.index(spread), people, 7])
+    draw = seeded(observer, spread, people, 7, seed)
     truth = np.inf if observer == "always-1" else spread * span
     rows = []
     for _ in range(studies):
@@ -141,7 +148,9 @@ def check_groups(observer: str, spread: float, people: int, studies: int) -> dic
         if observer == "always-1":
             absent = np.ones(people)
         favourite = 1.0 if observer in ("one-key", "always-1") else 0.5
-        yes = answer_trials(draw, equal, spreads, absent, levels, each, favourite, observer == "reversed")
+        yes = answer_trials(draw, equal, spreads, absent, levels, each, favourite)
+        if observer == "reversed":
+            yes[-1] = each - yes[-1]
         answered = LevelCounts(levels, yes.astype(float), np.full(yes.shape, float(each)))
         group = fit_group(SlopeLikelihood(answered))
         if group is None:  # nobody is left: everybody's answers fall with the level
@@ -176,6 +185,7 @@ def main() -> None:
     parser.add_argument("--observers", nargs="+", default=list(OBSERVERS), choices=OBSERVERS)
     parser.add_argument("--designs", type=int, nargs="+", default=[0, 1, 2], choices=range(len(DESIGNS)))
     parser.add_argument("--people", type=int, nargs="+", default=[6, 12])
+    parser.add_argument("--seed", type=int, default=0, help="other random numbers than those of the documentation")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     start, found = time.perf_counter(), []
@@ -193,11 +203,14 @@ def list_cells(options: argparse.Namespace) -> Iterator[tuple[Callable[..., dict
         spreads = SPREADS[-1:] if observer == "always-1" else SPREADS[:-1] if observer == "reversed" else SPREADS
         if "person" in options.rows:
             for number in options.designs:
-                yield from ((check_people, (observer, spread, DESIGNS[number], options.studies)) for spread in spreads)
-        if "group" in options.rows and observer in ("careful", "inattentive", "always-1"):
+                design = DESIGNS[number]
+                yield from (
+                    (check_people, (observer, spread, design, options.studies, options.seed)) for spread in spreads
+                )
+        if "group" in options.rows:
             for people in options.people:
                 few = [spread for spread in spreads if spread in GROUP_SPREADS]
-                yield from ((check_groups, (observer, spread, people, options.groups)) for spread in few)
+                yield from ((check_groups, (observer, spread, people, options.groups, options.seed)) for spread in few)
 
 
 def describe(one: dict[str, Any]) -> str:

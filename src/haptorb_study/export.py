@@ -101,6 +101,8 @@ def _quote_all(study: Study, begin: str, end: str) -> str:
 Replies = dict[str, dict[str, str]]  #: participant's code → question's name → the answer
 Files = dict[Path, Callable[[Path], None]]  #: place → what writes it
 
+#: what R and spreadsheets read as true and false; the words of BIDS are those of JSON
+TRUTH = ("TRUE", "FALSE")
 _MORE = ("questions.csv", "questions.json", "events.csv", "events.json")  #: ends of what may stand beside a table
 #: columns whose floats are whole numbers, but for estimated magnitudes
 _WHOLE = {"answer", "correct", "trial", "session", "set_point", "interval", "repeats"}
@@ -117,7 +119,7 @@ def write_csv(
     """
     path = Path(path)
     files: Files = {
-        path: lambda part: write_table(columns, part, ",", ""),
+        path: lambda part: write_table(columns, part, ",", "", TRUTH),
         **_companion_files(study, path),
         **_questions(study, replies, path),
         **_events(incidents, path),
@@ -154,13 +156,14 @@ def write_parquet(
     return _write_all(study, files, overwrite)
 
 
-def write_table(columns: Columns, path: Path, separator: str, nothing: str) -> None:
-    """The columns as text, one row per trial; `nothing` stands where there is no value."""
+def write_table(columns: Columns, path: Path, separator: str, nothing: str, truth: tuple[str, str]) -> None:
+    """The columns as text, one row per trial; `nothing` stands where there is no value, `truth` for true and false."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, delimiter=separator, lineterminator="\n")
         writer.writerow(COLUMNS)
         for row in zip(*(columns[name].tolist() for name in COLUMNS), strict=True):
-            writer.writerow([_cell(value, name in _WHOLE, nothing) for name, value in zip(COLUMNS, row, strict=True)])
+            cells = zip(COLUMNS, row, strict=True)
+            writer.writerow([_cell(value, name in _WHOLE, nothing, truth) for name, value in cells])
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
@@ -276,18 +279,22 @@ def _companion_files(study: Study, path: Path) -> Files:
     """What stands beside a table: the data dictionary, and scripts that read both."""
     form = "" if path.suffix == ".csv" else path.suffix.removeprefix(".")  # a folder may hold the data in both forms
     script = f"read_{path.stem}{form and '_'}{form}"
+    described = describe_columns(study)
+    if not form:
+        for name in FLAGS:
+            described[name]["Levels"] = {word.upper(): about for word, about in described[name]["Levels"].items()}
     return {
-        path.with_name(f"{path.stem}{form and '-'}{form}.json"): lambda part: write_json(part, describe_columns(study)),
+        path.with_name(f"{path.stem}{form and '-'}{form}.json"): lambda part: write_json(part, described),
         path.with_name(f"{script}.py"): lambda part: write_text(part, make_python_script(study, path.name)),
         path.with_name(f"{script}.R"): lambda part: write_text(part, make_r_script(study, path.name)),
     }
 
 
-def _cell(value: Any, whole: bool, nothing: str) -> str:
+def _cell(value: Any, whole: bool, nothing: str, truth: tuple[str, str]) -> str:
     if value is None:
         return nothing
     if isinstance(value, bool):
-        return "true" if value else "false"
+        return truth[0] if value else truth[1]
     if isinstance(value, float):
         if not math.isfinite(value):
             return nothing
@@ -420,7 +427,7 @@ def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -
         )
         place = part / f"sub-{label}" / "beh"
         place.mkdir(parents=True)
-        write_table(mine, place / f"sub-{label}_task-{task}_beh.tsv", "\t", "n/a")
+        write_table(mine, place / f"sub-{label}_task-{task}_beh.tsv", "\t", "n/a", ("true", "false"))
     text = "".join("\t".join(line) + "\n" for line in lines)
     (part / "participants.tsv").write_text(text, encoding="utf-8")
     columns_of_trials = describe_columns(study)

@@ -60,7 +60,7 @@ def test_csv_parquet_and_bids_say_the_same(identify: Study, columns: Columns, tm
     rows = read(write_csv(identify, columns, tmp_path / "t.csv")[0], ",")
     assert list(rows[0]) == list(COLUMNS)
     assert [int(row["trial"]) for row in rows] == 3 * list(range(1, 8))  # as the pages count
-    assert [row["simulated_device"] for row in rows] == 7 * ["false"] + 14 * ["true"]
+    assert [row["simulated_device"] for row in rows] == 7 * ["FALSE"] + 14 * ["TRUE"]
     assert list(json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))) == list(COLUMNS)
     table = parquet.read_table(write_parquet(identify, columns, tmp_path / "t.parquet")[0])
     assert table.column("answer").to_pylist() == [int(row["answer"]) for row in rows]
@@ -219,7 +219,7 @@ def test_the_command_counts_trials_lists_codes_and_names_force(
     assert command("export", "s.db", "pilot.csv", "--data", "pilot") == 0
     assert "SIMULATED DEVICE" in capsys.readouterr().err
     assert {row["participant"] for row in read(tmp_path / "pilot.csv", ",")} == {"vp-7", "Ä3"}
-    assert {row["pilot"] for row in read(tmp_path / "pilot.csv", ",")} == {"true"}
+    assert {row["pilot"] for row in read(tmp_path / "pilot.csv", ",")} == {"TRUE"}
     assert command("export", "s.db", "t.csv") == 2
     assert "--force" in capsys.readouterr().err
     assert command("export", "s.db", "t.csv", "--force") == 0

@@ -1,14 +1,16 @@
-"""Exports as programs of others read them: the official BIDS validator, pandas, DuckDB, and a spreadsheet's rules."""
+"""Exports as programs of others read them: the official BIDS validator, pandas, DuckDB, R and LibreOffice (nightly)."""
 
 from __future__ import annotations
 
 import csv
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -148,7 +150,7 @@ def test_a_spreadsheets_rules_find_the_columns_and_no_formula(data: tuple[Any, .
 
 
 def test_the_rules_of_rs_read_csv_find_the_same_numbers(data: tuple[Any, ...], tmp_path: Path) -> None:
-    """R is no part of the tests: its rules for fields, names and types are those of the manual of read.csv."""
+    """Where R is not installed: its rules for fields, names and types, from the manual of read.csv."""
     import pandas
 
     study, columns, replies = data
@@ -162,7 +164,7 @@ def test_the_rules_of_rs_read_csv_find_the_same_numbers(data: tuple[Any, ...], t
     for at, name in enumerate(names):
         known = columns[name].tolist()
         if any(isinstance(one, bool) for one in known):
-            assert {row[at] for row in rows} <= {"TRUE", "FALSE", "True", "False", "true", "false", "T", "F", "", "NA"}
+            assert {row[at] for row in rows} <= {"TRUE", "FALSE", "T", "F", "", "NA"}
         elif any(isinstance(one, int | float) for one in known):
             assert all(number.fullmatch(row[at]) for row in rows), name
             read = [float(row[at]) if row[at] not in ("", "NA") else None for row in rows]
@@ -170,3 +172,88 @@ def test_the_rules_of_rs_read_csv_find_the_same_numbers(data: tuple[Any, ...], t
         assert [None if pandas.isna(one) or one == "" else one for one in frame[name]] == [
             None if one is None or one == "" or one != one else one for one in known
         ], name
+
+
+#: R's own reader, and what it found: a line of types, then the table as R writes it
+IN_R = """
+arguments <- commandArgs(trailingOnly = TRUE)
+found <- read.csv(arguments[1], encoding = "UTF-8")
+cat(vapply(found, function(one) class(one)[1], ""), sep = "\\n")
+write.csv(found, arguments[2], row.names = FALSE, na = "", fileEncoding = "UTF-8")
+"""
+
+
+@pytest.mark.slow
+def test_r_itself_finds_the_same_numbers_and_words(data: tuple[Any, ...], tmp_path: Path) -> None:
+    if (r := shutil.which("Rscript")) is None:
+        pytest.skip("Rscript is not installed; `make nightly` installs it where it may")
+    study, columns, replies = data
+    path, script, again = tmp_path / "t.csv", tmp_path / "read.R", tmp_path / "again.csv"
+    write_csv(study, columns, path, replies=replies)
+    script.write_text(IN_R, encoding="utf-8")
+    done = subprocess.run([r, str(script), str(path), str(again)], capture_output=True, text=True, check=True)
+    types = done.stdout.split()
+    names, *rows = csv.reader(again.read_text(encoding="utf-8").splitlines(keepends=True), strict=True)
+    assert names == list(COLUMNS)
+    for at, name in enumerate(names):
+        for known, row in zip(columns[name].tolist(), rows, strict=True):
+            if known is None or known == "" or known != known:
+                assert row[at] == "", name
+            elif isinstance(known, bool):
+                assert (types[at], row[at]) == ("logical", str(known).upper())
+            elif isinstance(known, int | float):
+                assert types[at] in ("integer", "numeric"), name
+                assert float(row[at]) == pytest.approx(known, rel=1e-14)  # R writes 15 digits
+            else:
+                assert row[at] == str(known)
+
+
+NAMES = "{urn:oasis:names:tc:opendocument:xmlns:%s:1.0}"
+TABLE, OFFICE, TEXT = (NAMES % name for name in ("table", "office", "text"))
+
+
+def read_words(part: ElementTree.Element) -> str:
+    """The text of a paragraph; tabs and rows of spaces are elements."""
+    between = {f"{TEXT}tab": "\t", f"{TEXT}s": " " * int(part.get(f"{TEXT}c", "1"))}.get(part.tag, "")
+    return between + (part.text or "") + "".join(read_words(one) + (one.tail or "") for one in part)
+
+
+def read_cells(path: Path) -> list[list[str | float | bool]]:
+    """The rows of a flat OpenDocument: numbers, truth values, and words; no empty cell at a row's end."""
+    rows = []
+    for row in ElementTree.parse(path).iter(f"{TABLE}table-row"):
+        cells: list[str | float | bool] = []
+        for cell in row.iter(f"{TABLE}table-cell"):
+            assert cell.get(f"{TABLE}formula") is None
+            kind, value = cell.get(f"{OFFICE}value-type"), cell.get(f"{OFFICE}value", "nan")
+            words = "\n".join(read_words(part) for part in cell.iter(f"{TEXT}p"))
+            found = float(value) if kind == "float" else words
+            cells += [found] * int(cell.get(f"{TABLE}number-columns-repeated", "1"))
+        while cells and cells[-1] == "":
+            cells.pop()
+        rows.append(cells)
+    return rows
+
+
+@pytest.mark.slow
+def test_libreoffice_shows_the_same_table_without_a_formula(data: tuple[Any, ...], tmp_path: Path) -> None:
+    """Read with commas and UTF-8, as its dialog proposes, and saved with the type of each cell."""
+    if (office := shutil.which("soffice")) is None:
+        pytest.skip("LibreOffice is not installed; `make nightly` installs it where it may")
+    study, columns, replies = data
+    for path in write_csv(study, columns, tmp_path / "t.csv", replies=replies):
+        if path.suffix != ".csv":
+            continue
+        words = ["--headless", "--infilter=CSV:44,34,76,1,,1033,false,true", "--convert-to", "fods"]
+        home = f"-env:UserInstallation={(tmp_path / 'office').as_uri()}"
+        subprocess.run([office, home, *words, "--outdir", str(tmp_path), str(path)], capture_output=True, check=True)
+        shown = read_cells(path.with_suffix(".fods"))
+        written = list(csv.reader(path.read_text(encoding="utf-8").splitlines(keepends=True), strict=True))
+        for cells, row in zip(shown, written, strict=False):
+            while row and row[-1] == "":
+                row.pop()
+            row = [cell.replace("\t", "") if "\n" in cell else cell for cell in row]  # LibreOffice drops these tabs
+            assert [one if isinstance(one, str) else pytest.approx(one, rel=1e-15) for one in cells] == [
+                float(one) if isinstance(cell, float) else one for cell, one in zip(cells, row, strict=True)
+            ]
+        assert not any(shown[len(written) :])
