@@ -24,6 +24,8 @@ group one person takes the keys for each other, and is to be left out.
 
 holds       intervals of the spread, open ends included, that hold the truth
 closed      studies with both ends; the rest have a limit only
+possible    the most that can be closed above: the power (2.5 %, one side) of the best test between the observer's own
+            function, lapses and point of equality known, and one that does not depend on the level
 threshold   the same of the threshold, point of equality (observers who have one)
 reversed    studies in which the answers are called reversed
 """
@@ -37,6 +39,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
 from haptorb_study.psychometric import LevelCounts, SlopeLikelihood, fit_group
 
@@ -97,6 +100,24 @@ def draw_observers(
     return LevelCounts(levels, yes.astype(float), np.full(yes.shape, float(each))), equal
 
 
+def most_closed(observer: str, spread: float, design: tuple[int, int], people: int = 2000) -> float:
+    """Power of the likelihood ratio between each observer's true function and its mean, as if both were known; the
+    ratio's logarithm is a sum over the levels, nearly normal."""
+    count, each = design
+    levels = np.linspace(LOW, HIGH, count)
+    draw = seeded(observer, spread, count, each, 99)
+    span = HIGH - LOW
+    place = np.full(people, 0.8) if observer == "biased" else draw.uniform(0.2, 0.8, people)
+    absent = np.full(people, 0.2) if observer in ("inattentive", "one-key") else 2 * draw.beta(2, 98, people)
+    middle = (LOW + span * place)[:, None]
+    stronger = (1 - absent[:, None]) * ndtr((levels - middle) / (spread * span)) + 0.5 * absent[:, None]
+    flat = stronger.mean(axis=1, keepdims=True)
+    weight = np.log(stronger / flat) - np.log((1 - stronger) / (1 - flat))
+    moved = each * (weight * (stronger - flat)).sum(axis=1)
+    under, true = (np.sqrt(each * (weight**2 * p * (1 - p)).sum(axis=1)) for p in (flat, stronger))
+    return float(ndtr((moved - ndtri(0.975) * under) / true).mean())
+
+
 def check_people(observer: str, spread: float, design: tuple[int, int], studies: int, seed: int = 0) -> dict[str, Any]:
     """One cell: `studies` people with one kind of observer, spread and design."""
     count, each = design
@@ -127,6 +148,7 @@ def check_people(observer: str, spread: float, design: tuple[int, int], studies:
         "closed_holds": float(table[table[:, 2] > 0, 1].mean()) if table[:, 2].any() else None,
         "threshold_holds": None if flat else float(table[given, 3].mean()),
         "threshold_closed": float(table[:, 4].mean()), "reversed": float(table[:, 5].mean()),
+        "possible": None if flat else most_closed(observer, spread, design),
     }  # fmt: skip
 
 
@@ -225,7 +247,8 @@ def describe(one: dict[str, Any]) -> str:
         f"given {percent(one['given'])} "
         f"holds {percent(one['holds'])} closed {percent(one['closed'])} closed holds {percent(one['closed_holds'])} "
         f"threshold {percent(one['threshold_holds'])} "
-        f"closed {percent(one['threshold_closed'])} reversed {percent(one['reversed'])}"
+        f"closed {percent(one['threshold_closed'])} reversed {percent(one['reversed'])} "
+        f"possible {percent(one.get('possible'))}"
     )
 
 
