@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -89,6 +92,39 @@ def test_commands_run_as_another_user_without_a_home(command: str, tmp_path: Pat
     assert done.returncode in (0, 1), done.stderr
     assert "Traceback" not in done.stderr
     assert done.stdout
+
+
+#: what is mounted before `haptorb run`; $1 is an empty folder
+MEMORY = {
+    "tiny": "mount -t tmpfs -o size=64k tmpfs /dev/shm",
+    "full": "mount -t tmpfs -o size=8m tmpfs /dev/shm; head -c 9M /dev/zero >/dev/shm/full 2>/dev/null || true",
+    "read-only": "mount -t tmpfs -o ro tmpfs /dev/shm",
+    "none anywhere": (
+        "mount -t tmpfs -o size=64k tmpfs /dev/shm; mount -t tmpfs -o size=256k tmpfs $1; export TMPDIR=$1; cd $1"
+    ),
+}
+
+
+@needs_root
+@scratch
+@pytest.mark.slow
+@pytest.mark.parametrize("memory", MEMORY)
+def test_a_start_finds_memory_or_says_where_none_is(memory: str, tmp_path: Path) -> None:
+    command = f"{MEMORY[memory]}; {HAPTORB} run omni --headless --duration 0.5 --json; "
+    command += "code=$?; ls -A /dev/shm | grep haptorb; ls -A $PWD | grep haptorb; exit $code"
+    began = time.monotonic()
+    done = subprocess.run(
+        ["unshare", "-m", "sh", "-c", command, "sh", str(tmp_path)],
+        cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    if memory == "none anywhere":
+        assert done.returncode == 2
+        assert re.fullmatch(r"haptorb: no room for \d+ MB in /dev/shm or\s\S+; free some\n", done.stderr)
+        assert done.stdout == "", "nothing is left behind"
+        assert time.monotonic() - began < 5.0 + 15.0  # its own 5 s, and loading on a busy computer
+        return
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["ticks"] > 300
 
 
 def test_an_account_without_a_home_is_recognised(monkeypatch: pytest.MonkeyPatch) -> None:
