@@ -225,6 +225,7 @@ def feel_with_console(
     live: LiveSession, choice: DesignChoice, device: str, scale: TrueScale, port: int, browser: bool, where: PageAddress
 ) -> int:
     """Designs felt and rated in page and terminal until the session is finished; the signal's number, or 0."""
+    from haptorb.runtime.linux import hold_signals
     from haptorb.runtime.world_change import name_of
     from haptorb.web.console import Console
     from haptorb.web.server import freeze_garbage
@@ -257,21 +258,25 @@ def feel_with_console(
     threads = [Thread(target=work, name=f"haptorb-{work.__name__}") for work in (collect, listen, judge)]
     if where.warning:
         say(where.warning)
-    with Console(servo, port, designs=DesignPanel(live), where=where) as console, freeze_garbage(), servo:
-        live.join(servo)
-        live.notify = say
-        say(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")
-        for thread in threads:
-            thread.start()
-        try:
-            ended_by = console.serve(open_browser=browser, until=lambda: live.finished)
-            servo.check_end()
-        finally:
-            servo.end_loop()
-            ended.set()
-            check.close()
+    try:
+        with Console(servo, port, designs=DesignPanel(live), where=where) as console, freeze_garbage(), servo:
+            live.join(servo)
+            live.notify = say
+            say(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")
             for thread in threads:
-                thread.join()
-            live.collect()
-    live.close()
+                thread.start()
+            try:
+                ended_by = console.serve(open_browser=browser, until=lambda: live.finished)
+                servo.check_end()
+            finally:
+                with hold_signals():  # another Ctrl-C must not cost what was felt last
+                    servo.end_loop()
+                    ended.set()
+                    check.close()
+                    for thread in threads:
+                        thread.join()
+                    live.collect()
+    finally:
+        with hold_signals():
+            live.close()
     return ended_by or 0

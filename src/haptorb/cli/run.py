@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from haptorb.errors import InputError
-from haptorb.runtime.linux import Termination
+from haptorb.runtime.linux import Termination, hold_signals
 from haptorb.terminal import print_json, say
 
 if TYPE_CHECKING:
@@ -338,9 +338,7 @@ def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> I
         servo.open(standby)
         serving.start()
     except BaseException:
-        servo.end_loop()
-        serving.end()
-        servo.close()
+        _close(servo, serving)
         raise
     finally:
         hint.cancel()
@@ -353,11 +351,19 @@ def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> I
             say(line)
         yield
     finally:
-        servo.end_loop()
-        serving.end()
-        servo.close()
+        _close(servo, serving)
         if servo.report()["coil_state"] == "unknown":
             say("COIL STATE UNKNOWN: the device did not confirm that its coils are off. Switch off its supply.")
+
+
+def _close(servo: Servo, serving: Serving) -> None:
+    """The loop first. A signal meanwhile has its effect when both are closed: each would raise it at its end."""
+    with hold_signals():
+        servo.end_loop()
+        try:
+            serving.end()
+        finally:
+            servo.close()
 
 
 def _driver_text(servo: Servo) -> str:

@@ -122,6 +122,25 @@ def test_a_second_signal_while_it_tidies_up_leaves_nothing_behind():
         host.end()
 
 
+def test_ctrl_c_while_servers_end_leaves_no_servo_behind(monkeypatch, tmp_path):
+    """Ending them takes seconds where one hangs; what is to be closed after them was once left out."""
+    from haptorb.cli import main
+    from haptorb.runtime import shared_memory
+    from haptorb.runtime.linux import hold_signals
+    from haptorb.serve.base import Serving
+
+    def interrupted_end(serving):
+        with hold_signals():
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(shared_memory, "folders", lambda: [tmp_path])
+    monkeypatch.setattr(Serving, "end", interrupted_end)
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "omni", "--headless", "--duration", "0.2", "--json"])
+    assert ended.value.code == 130
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_program_that_survives_its_signal_has_a_trip_and_engages_again():
     with Servo("omni", record=False) as servo:
         servo.hold((0.0, 0.0, 0.051))
