@@ -308,17 +308,16 @@ class Program:
             raise LostRun("the coils were off already")
         if self._emulator is not None:
             self._emulator.forget()
-            if self.case.end != "duration":
-                self._emulator.tell("mark")
+            self._emulator.tell("mark")
         assert self.memory is not None
         cursor = self.memory.words[Word.ROWS]
-        before = time.monotonic()
+        before, early = time.monotonic(), 0.0
         if self.case.end == "duration":
             if before > over:
                 raise LostRun("its time was over already")
-            before = over
+            before, early = over, over - before
         act()
-        return self._wait_for_board(before) if self._emulator is not None else self._wait_for_row(before, cursor)
+        return self._wait_for_board(early) if self._emulator is not None else self._wait_for_row(before, cursor)
 
     def _prepare_end(self) -> Callable[[], object]:
         if self.case.end in SIGNALS:
@@ -369,15 +368,14 @@ class Program:
             time.sleep(0.0005)
         return float("inf")
 
-    def _wait_for_board(self, before: float) -> float:
+    def _wait_for_board(self, early: float) -> float:
+        """[ms] from the end, which came `early` [s] after the mark; the emulator may lag, so by its own time."""
         assert self._emulator is not None
         try:
             said = dict(re.findall(r"(\w+)=([-\d.]+)", self._emulator.expect_line("@off", 10.0)))
         except DriverError:
             return float("inf")
-        if self.case.end == "duration":  # the emulator does not know when it was over
-            return 1e3 * (time.monotonic() - before)
-        return float(said["since_mark_ms"])
+        return float(said["since_mark_ms"]) - 1e3 * early
 
     def tidy(self) -> list[str]:
         """What hung continues; the program ends, by SIGINT if it still runs. What it left behind."""
