@@ -14,6 +14,7 @@ import threading
 from abc import abstractmethod
 from base64 import b64encode
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict
 from functools import cached_property, partial
 from importlib import import_module
@@ -864,20 +865,21 @@ class Servo(ServoContext):
         A signal meanwhile has its effect afterwards; Ctrl-C while the recorder takes long ends it at once.
         """
         self.end_loop()
-        with hold_signals() as interrupted:
+        with hold_signals() as interrupted, ExitStack() as last:
+            # The last one first: each is done, though one before it fails.
+            if self._claim is not None:
+                last.callback(self._claim.close)
+            if self._folder is not None:
+                last.callback(shutil.rmtree, self._folder, ignore_errors=True)
+            if self._shared is not None:
+                last.callback(self._shared.unlink)
+            if self._signals is not None:
+                last.callback(self._signals.close)
+            last.callback(self._end_hand)
+            if self._children is not None:
+                last.callback(self._children.end, interrupted)
             if self._watcher is not None:
                 self._watcher.end()
-            if self._children is not None:
-                self._children.end(interrupted)
-            self._end_hand()
-            if self._signals is not None:
-                self._signals.close()
-            if self._shared is not None:
-                self._shared.unlink()
-            if self._folder is not None:
-                shutil.rmtree(self._folder, ignore_errors=True)
-            if self._claim is not None:
-                self._claim.close()
 
     @property
     def _memory_or_none(self) -> SharedMemory | None:
