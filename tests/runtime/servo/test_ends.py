@@ -141,6 +141,23 @@ def test_ctrl_c_while_servers_end_leaves_no_servo_behind(monkeypatch, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_what_fails_while_a_servo_is_closed_leaves_nothing(monkeypatch, tmp_path):
+    from haptorb.runtime import shared_memory
+    from haptorb.runtime.process_group import ProcessGroup
+
+    end = ProcessGroup.end
+
+    def failing_end(group, *given):
+        end(group, *given)
+        raise RuntimeError("broken")
+
+    monkeypatch.setattr(shared_memory, "folders", lambda: [tmp_path])
+    monkeypatch.setattr(ProcessGroup, "end", failing_end)
+    with pytest.raises(RuntimeError, match="broken"), Servo("omni", record=False) as servo:
+        servo.run(0.1)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_program_that_survives_its_signal_has_a_trip_and_engages_again():
     with Servo("omni", record=False) as servo:
         servo.hold((0.0, 0.0, 0.051))
