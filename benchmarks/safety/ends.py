@@ -43,6 +43,7 @@ from haptorb.runtime.linux import start
 from haptorb.runtime.shared_memory import Phase, SharedMemory, Word
 
 LIMIT = 20.0  #: [ms]
+EARLY = 2.0  #: the board's clock and this program's agree so far about the end of a duration [ms]
 BUILD = Path(__file__).resolve().parents[2] / "firmware" / "build"
 SIGNALS = {"SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM, "SIGHUP": signal.SIGHUP}
 ENDS = (*SIGNALS, "duration", "exception", "with", "page")
@@ -317,7 +318,10 @@ class Program:
                 raise LostRun("its time was over already")
             before, early = over, over - before
         act()
-        return self._wait_for_board(early) if self._emulator is not None else self._wait_for_row(before, cursor)
+        took = self._wait_for_board(early) if self._emulator is not None else self._wait_for_row(before, cursor)
+        if took < -EARLY:
+            raise LostRun(f"the coils were off {-took:.1f} ms before the end")
+        return took
 
     def _prepare_end(self) -> Callable[[], object]:
         if self.case.end in SIGNALS:

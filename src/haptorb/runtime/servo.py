@@ -342,7 +342,7 @@ class ServoObserver(Commands):
         cursor : int
             Cursor of the last call; 0: from the oldest row.
         most : int, optional
-            The newest ones of this many, if more are new. All 8191 take 10 to 30 ms to copy.
+            Only the newest of this many, where more are new: copying all 8191 takes longer than a tick.
 
         Returns
         -------
