@@ -81,18 +81,26 @@ def seeded(observer: str, spread: float, size: int, other: int, seed: int) -> np
     return np.random.default_rng([*words, seed] if seed else words)
 
 
+def draw_places(draw: np.random.Generator, observer: str, people: int) -> Numbers:
+    """(people,) points of equality over the range of the levels."""
+    return np.full(people, 0.8) if observer == "biased" else draw.uniform(0.2, 0.8, people)
+
+
+def draw_absent(draw: np.random.Generator, observer: str, people: int) -> Numbers:
+    """(people,) share of trials without attention."""
+    absent = 2 * draw.beta(2, 98, people)
+    if observer in ("inattentive", "one-key"):
+        return np.full(people, 0.2)
+    return np.ones(people) if observer == "always-1" else absent
+
+
 def draw_observers(
     draw: np.random.Generator, observer: str, spread: float, people: int, levels: Numbers, each: int
 ) -> tuple[LevelCounts, Numbers]:
     """Counted answers of `people` alike, and each one's point of equality; `spread` in ranges of the levels."""
     span = levels[-1] - levels[0]
-    place = np.full(people, 0.8) if observer == "biased" else draw.uniform(0.2, 0.8, people)
-    equal = levels[0] + span * place
-    absent = 2 * draw.beta(2, 98, people)
-    if observer in ("inattentive", "one-key"):
-        absent = np.full(people, 0.2)
-    if observer == "always-1":
-        absent = np.ones(people)
+    equal = levels[0] + span * draw_places(draw, observer, people)
+    absent = draw_absent(draw, observer, people)
     favourite = 1.0 if observer in ("one-key", "always-1") else 0.5
     yes = answer_trials(
         draw, equal, np.full(people, spread * span), absent, levels, each, favourite, observer == "reversed"
@@ -107,9 +115,8 @@ def most_closed(observer: str, spread: float, design: tuple[int, int], people: i
     levels = np.linspace(LOW, HIGH, count)
     draw = seeded(observer, spread, count, each, 99)
     span = HIGH - LOW
-    place = np.full(people, 0.8) if observer == "biased" else draw.uniform(0.2, 0.8, people)
-    absent = np.full(people, 0.2) if observer in ("inattentive", "one-key") else 2 * draw.beta(2, 98, people)
-    middle = (LOW + span * place)[:, None]
+    middle = (LOW + span * draw_places(draw, observer, people))[:, None]
+    absent = draw_absent(draw, observer, people)
     stronger = (1 - absent[:, None]) * ndtr((levels - middle) / (spread * span)) + 0.5 * absent[:, None]
     flat = stronger.mean(axis=1, keepdims=True)
     weight = np.log(stronger / flat) - np.log((1 - stronger) / (1 - flat))
@@ -164,11 +171,7 @@ def check_groups(observer: str, spread: float, people: int, studies: int, seed: 
         middle = (0.8 if observer == "biased" else 0.5) * span + LOW
         equal = middle + GROUP_SD[1] * span * draw.standard_normal(people)
         spreads = spread * span * np.exp(GROUP_SD[0] * draw.standard_normal(people))
-        absent = 2 * draw.beta(2, 98, people)
-        if observer in ("inattentive", "one-key"):
-            absent = np.full(people, 0.2)
-        if observer == "always-1":
-            absent = np.ones(people)
+        absent = draw_absent(draw, observer, people)
         favourite = 1.0 if observer in ("one-key", "always-1") else 0.5
         yes = answer_trials(draw, equal, spreads, absent, levels, each, favourite)
         if observer == "reversed":
