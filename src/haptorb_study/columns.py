@@ -39,9 +39,9 @@ __all__ = [
 #: column → what it is; the data dictionary of every export
 COLUMNS = {
     "participant": "pseudonymous code",
-    "simulated": "true: a simulated participant, not a person",
-    "simulated_device": "true: on the SIMULATED DEVICE, nobody felt a force; empty: unknown, from an older haptorb",
-    "pilot": "true: pilot data, on the SIMULATED DEVICE or begun as a pilot",
+    "simulated": "whether the participant is simulated, not a person",
+    "simulated_device": "whether it was on the SIMULATED DEVICE, where nobody felt a force; empty: unknown, from an older haptorb",
+    "pilot": "whether these are pilot data: on the SIMULATED DEVICE, or begun as a pilot",
     "session": "number of the session in the database",
     "trial": "number of the trial in its session, from 1, as on the pages",
     "phase": "practice (left out of every analysis) or main",
