@@ -40,7 +40,7 @@ __all__ = [
 COLUMNS = {
     "participant": "pseudonymous code",
     "simulated": "whether the participant is simulated, not a person",
-    "simulated_device": "whether it was on the SIMULATED DEVICE, where nobody felt a force; empty: unknown, from an older haptorb",
+    "simulated_device": "whether on the SIMULATED DEVICE: nobody felt a force; empty: unknown, from older haptorb",
     "pilot": "whether these are pilot data: on the SIMULATED DEVICE, or begun as a pilot",
     "session": "number of the session in the database",
     "trial": "number of the trial in its session, from 1, as on the pages",
