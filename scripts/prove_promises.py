@@ -207,6 +207,7 @@ BREAKS = (
         Break("What changes who commands", "python benchmarks/safety/client_forces.py", change, "--events 2000")
         for change in ("client-force-rate", "clients-pass-zero")
     ),
+    Break("What changes who commands", "python benchmarks/safety/client_forces.py", "clients-flow-at-their-rate"),
     Break("Only the client that holds", "pytest tests/serve/test_handover.py", "holder-maps"),
     Break(
         "Another account of the computer can neither",

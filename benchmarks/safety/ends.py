@@ -67,10 +67,11 @@ def push(state):
     return np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.0])
 """
 #: The program: the command itself, or a `with` block. Beside that it only opens the pipe in place of the recording,
-#: has a compiler run where none is needed, and notes when its duration is over.
+#: has a compiler run where none is needed, notes when its duration is over, and says where it hangs if it does not end.
 HOST = """
-import json, os, signal, sys, time
+import faulthandler, json, os, signal, sys, time
 from pathlib import Path
+faulthandler.register(signal.SIGUSR1)
 given = json.loads(sys.argv[1])
 from haptorb.runtime.linux import die_with_parent
 die_with_parent(signal.SIGTERM)
@@ -154,6 +155,10 @@ class LostRun(Exception):
     """The coils were not on when the run was to end: it is repeated."""
 
 
+class Left(Exception):
+    """A program did not end, or its memory stayed."""
+
+
 class Lane:
     """One run after another, with a folder, a port and an emulated board of its own."""
 
@@ -186,9 +191,8 @@ class Lane:
             with measuring:
                 took = program.end()
         finally:
-            left = program.tidy()
-        if left:
-            raise SystemExit(f"{case}: left behind: {left}")
+            if left := program.tidy():
+                raise Left(f"{case}: left behind: {left}\n{program.said()}")
         return took
 
 
@@ -203,6 +207,7 @@ class Program:
         self._noted, self._errors = folder / f"noted-{number}", folder / f"errors-{number}"
         self._pipe = -1
         self._stopped: list[int] = []
+        self._asked = False  #: to end, by what this case is about
         self._pages = ExitStack()
         self.memory: SharedMemory | None = None
         pipe = folder / f"pipe-{number}"
@@ -318,6 +323,7 @@ class Program:
                 raise LostRun("its time was over already")
             before, early = over, over - before
         act()
+        self._asked = True
         took = self._wait_for_board(early) if self._emulator is not None else self._wait_for_row(before, cursor)
         if took < -EARLY:
             raise LostRun(f"the coils were off {-took:.1f} ms before the end")
@@ -381,6 +387,10 @@ class Program:
             return float("inf")
         return float(said["since_mark_ms"]) - 1e3 * early
 
+    def said(self) -> str:
+        """The end of what it printed; where it hung, if it did not end."""
+        return self._errors.read_text()[-4000:]
+
     def tidy(self) -> list[str]:
         """What hung continues; the program ends, by SIGINT if it still runs. What it left behind."""
         for pid in self._stopped:
@@ -394,13 +404,16 @@ class Program:
                     pass
             if self.host.poll() is not None or time.monotonic() > end:
                 break
-            if time.monotonic() > asked + 1.0 and self.case.end not in (*SIGNALS, "duration"):
+            ends_itself = self._asked and self.case.end in (*SIGNALS, "duration")
+            if time.monotonic() > asked + 1.0 and not ends_itself:
                 self.host.send_signal(signal.SIGINT)
                 asked = time.monotonic()
             time.sleep(0.01)
         left = []
         if self.host.poll() is None:
             left.append("the program")
+            self.host.send_signal(signal.SIGUSR1)
+            time.sleep(1.0)
             self.host.kill()
         self.host.wait()
         with suppress(Exception):  # a page's connection ends with its server
@@ -416,7 +429,8 @@ class Program:
 
 def measure(count: int, lanes: int, boards: Sequence[str], tell: Callable[[str], None]) -> list[tuple[Case, float]]:
     """`count` ends: each with the time for which the coils stayed on [ms]."""
-    todo, found, lost = list(cases(count, boards)), list[tuple[Case, float]](), list[str]()
+    todo, found = list(cases(count, boards)), list[tuple[Case, float]]()
+    lost, left = list[str](), list[str]()
     taking, measuring, failures = threading.Lock(), threading.Lock(), list[BaseException]()
 
     def work(lane: Lane) -> None:
@@ -438,6 +452,10 @@ def measure(count: int, lanes: int, boards: Sequence[str], tell: Callable[[str],
                     with taking:
                         todo.append(case)
                     continue
+                except Left as why:
+                    left.append(str(why))
+                    tell(f"LEFT BEHIND: {why}")
+                    continue
                 found.append((case, took))
                 if took > LIMIT or len(found) % 25 == 0:
                     tell(f"{len(found)} of {count}: {case.end} beside {case.fault} on {case.board}: {took:.1f} ms")
@@ -458,6 +476,8 @@ def measure(count: int, lanes: int, boards: Sequence[str], tell: Callable[[str],
     if failures:
         raise failures[0]
     tell(f"{len(lost)} runs repeated: their coils were off before the end")
+    if left:
+        tell(f"{len(left)} of {count} left something behind")
     return found
 
 
@@ -480,6 +500,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--boards", nargs="*", default=BOARDS, choices=BOARDS)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
+    # A shell has what it starts in the background ignore Ctrl-C, and so would the programs that are to be ended by it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if "emulated" in options.boards and not (BUILD / "emulator").exists():
         raise SystemExit(f"there is no {BUILD / 'emulator'}: make firmware && make -C firmware emulator")
     found = measure(options.ends, options.lanes, options.boards, lambda text: print(text, file=sys.stderr, flush=True))

@@ -287,6 +287,20 @@ def limit_wrench(g: Record) -> None:
     for i in range(3):
         wrench[i] *= f
         wrench[3 + i] *= t
+    _free_own(g)
+
+
+@kernel
+def _free_own(g: Record) -> None:
+    """What no client commands may change what flows at once: g.free (2,) grows by its change of force and torque."""
+    for k in range(2):
+        change = 0.0
+        for i in range(3 * k, 3 * k + 3):
+            own = g.asked[i] - g.gain * g.client[i]
+            change += (own - g.own[i]) ** 2
+            g.own[i] = own
+            g.followed = g.followed or g.client[i] != 0.0
+        g.free[k] += np.sqrt(change)
 
 
 @kernel
@@ -304,17 +318,17 @@ def check_readings(coils: Records) -> int:
 
 
 @kernel
-def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array) -> None:
-    """`held` of `coils` (m,) becomes what may flow of `wanted` (m,) [A]: within limits and slew, derated when warm,
-    zero when it is off."""
+def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array, pushes: bool, turns: bool) -> None:
+    """`held` of `coils` (m,) becomes what may flow of `wanted` (m,) [A]: within limits and slew, derated when warm, at
+    the rate of a client's force, zero when it is off. pushes, turns: whether force and torque are rendered."""
     if g.restarted:
-        _clear_currents(coils)
+        _clear_currents(g, coils)
         g.restarted = False
     hottest = heat.hottest
     if not hottest < heat.stop:  # safety: hot-coils-trip
         trip(g, _OVERHEATED)
     if g.state == _OFF or (g.state == _TRIPPED and g.gain == 0.0):
-        _clear_currents(coils)
+        _clear_currents(g, coils)
         return
     share = 1.0
     if hottest > heat.derate:
@@ -326,22 +340,26 @@ def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array) -> No
     for j in range(wanted.size):
         if not np.isfinite(wanted[j]):  # safety: nan-currents-trip
             trip(g, _CURRENTS)
-            _clear_currents(coils)
+            _clear_currents(g, coils)
             return
-    _hold(g, coils, wanted, share)  # safety: warm-coils-are-derated
+    scale = _hold(g, coils, wanted, share)  # safety: warm-coils-are-derated
+    if g.followed and g.state != _TRIPPED:  # a fade is never held back
+        _follow(g, coils, wanted, scale, pushes, turns)  # safety: clients-flow-at-their-rate
 
 
 @kernel
-def _clear_currents(coils: Records) -> None:
+def _clear_currents(g: Record, coils: Records) -> None:
+    g.free[:] = 0.0
+    g.followed = False
     for j in range(coils.size):
         coils[j].held = 0.0
 
 
 @kernel
-def _hold(g: Record, coils: Records, wanted: Array, share: float) -> None:
+def _hold(g: Record, coils: Records, wanted: Array, share: float) -> float:
     """Scale `share` of `wanted` (m,) [A] into the limits of coils and supply, then its change into the slew's.
 
-    Directions are kept. What is held is then within the supply's power too: it lies between two currents that are.
+    Returns the scale. Directions are kept. What is held is then within the supply's power too: it lies between two currents that are.
     """
     scale, step = share, g.slew * g.dt
     for j in range(wanted.size):
@@ -358,6 +376,55 @@ def _hold(g: Record, coils: Records, wanted: Array, share: float) -> None:
     slewed = 1.0 if largest <= step else step / largest  # safety: current-slews
     for j in range(wanted.size):
         coils[j].held += slewed * (scale * wanted[j] - coils[j].held)
+    return scale
+
+
+@kernel
+def _moved(coils: Records, k: int, wanted: Array, scale: float) -> tuple[float, float]:
+    """How far `held` is from what flows, and `scale` of `wanted` (m,) [A] from `held`: the first and the second as
+    force [N], k = 0, or torque [N·m], k = 1, at this pose."""
+    step, behind = 0.0, 0.0
+    for i in range(3 * k, 3 * k + 3):
+        a, b = 0.0, 0.0
+        for j in range(coils.size):
+            c = coils[j]
+            a += c.wrench[i] * (c.held - c.driven)
+            b += c.wrench[i] * (scale * wanted[j] - c.held)
+        step += a * a
+        behind += b * b
+    return np.sqrt(step), np.sqrt(behind)
+
+
+@kernel
+def _follow(g: Record, coils: Records, wanted: Array, scale: float, pushes: bool, turns: bool) -> None:
+    """Shorten the way from what flows to `held`, until a client's force changes at its rate at most.
+
+    What is asked keeps to that rate already; but where limits or slew held the currents back, they would make up for it
+    all at once. What no client commands is not limited: it may go as far as it has changed since the coils last were
+    where they should be. A shorter way is within all limits, as both its ends are.
+    """
+    share = 1.0
+    for k in range(2):
+        if turns if k == 1 else pushes:
+            allowed = (g.torque_rate if k == 1 else g.force_rate) * g.dt + g.free[k]
+            step, _ = _moved(coils, k, wanted, scale)
+            if step > allowed:
+                share = min(share, allowed / step)
+    if share < 1.0:
+        for j in range(coils.size):
+            c = coils[j]
+            c.held = c.driven + share * (c.held - c.driven)
+    silent = True
+    for k in range(2):
+        _, behind = _moved(coils, k, wanted, scale)
+        if behind < g.free[k]:
+            g.free[k] = behind
+        if turns if k == 1 else pushes:
+            silent = silent and behind <= (g.torque_rate if k == 1 else g.force_rate) * g.dt
+    for i in range(6):
+        silent = silent and g.client[i] == 0.0
+    if silent:
+        g.followed = False
 
 
 # --------------------------------------------------------------------------------------------------
@@ -409,6 +476,9 @@ GUARD = fields(
     ("leaving", "?"),  # another world takes over: the wrench goes to zero
     ("arriving", "?"),  # and then to what the world gives now
     ("wanted", "f8", (6,)),  # both together [N, N·m]
+    ("own", "f8", (6,)),  # part of `asked` that no client commands [N, N·m]
+    ("free", "f8", (2,)),  # force [N] and torque [N·m] by which it may change what flows
+    ("followed", "?"),  # a client's wrench flows, so that changes of the currents are limited to its rates
 )
 
 HEAT = fields(

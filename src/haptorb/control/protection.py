@@ -90,7 +90,7 @@ def protect_currents(
             trip(g, reason)
         elif not plausible:  # safety: current-mismatch-trips
             trip(g, _MISMATCH)
-    limit_currents(g, heat, coils, wanted)
+    limit_currents(g, heat, coils, wanted, s.passivity.pushes, s.passivity.arm > 0.0)
     s.drive.dt = max(clock.elapsed, clock.period)
     if g.gain > 0.0:  # safety: off-means-zero-duties
         choose_duties(s.drive, coils)

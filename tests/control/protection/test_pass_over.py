@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from control.protection.protected import DT, OMNI, Loop
+from control.protection.protected import DT, FRESH, OMNI, Loop
 from haptorb.control.trips import Trip
+from haptorb.devices.base import WrenchMap
 from haptorb.worlds.dynamic import make_client_force
 
 RATE = OMNI.limits.force_rate
@@ -136,3 +139,58 @@ def test_the_torque_that_a_client_causes_has_a_rate_of_its_own():
     torques = np.array([rig.loop.ask(commanded)[3:] for _ in range(20)])
     assert torques[0] == pytest.approx([OMNI.limits.torque_rate * DT, 0, 0])
     assert torques[-1] == pytest.approx([0.05, 0, 0])
+
+
+PULL = WrenchMap(np.vstack([0.1 * np.eye(3), np.zeros((3, 3))]), np.zeros(6))  #: 0.1 N/A along each axis
+HELD_BACK = replace(FRESH, wrench_map=PULL)
+
+
+def jump(rig, wanted, force, *, estimate=HELD_BACK, world=NOTHING):
+    """By how much the coils' force changes [N] in a tick in which `wanted` (3,) [A] is allocated for `force`."""
+    before = rig.loop.held
+    rig.ask(force, world=world)
+    rig.loop.drive(wanted, estimate=estimate)
+    return 0.1 * np.linalg.norm(rig.loop.held - before)
+
+
+@pytest.fixture
+def held_back():
+    """A client pushes with 0.3 N, but nothing flows yet: slew and limits of the coils let nothing through before."""
+    rig = Commanded()
+    rig.loop.unlimit()
+    rig.loop.protection.state["guard"]["force"] = OMNI.limits.force
+    for _ in range(5):
+        jump(rig, np.zeros(3), (0.3, 0.0, 0.0))
+    return rig
+
+
+def test_coils_that_were_held_back_make_up_for_it_at_the_rate_of_a_clients_force(held_back):
+    steps = [jump(held_back, np.array([3.0, 0.0, 0.0]), (0.3, 0.0, 0.0)) for _ in range(4)]
+    assert steps == pytest.approx([RATE * DT, RATE * DT, 0.0, 0.0])
+    assert held_back.loop.held == pytest.approx([3.0, 0.0, 0.0])
+
+
+def test_a_client_that_is_gone_leaves_at_its_rate_and_limits_nothing_afterwards(held_back):
+    for _ in range(4):
+        jump(held_back, np.array([3.0, 0.0, 0.0]), (0.3, 0.0, 0.0))
+    held_back.loop.protection.state["guard"]["slew"] = 200.0
+    slow = [jump(held_back, np.zeros(3), (0.0, 0.0, 0.0)) for _ in range(4)]
+    held_back.loop.unlimit()
+    assert slow == pytest.approx([0.02] * 4)
+    assert jump(held_back, np.zeros(3), (0.0, 0.0, 0.0)) == pytest.approx(RATE * DT)
+    jump(held_back, np.zeros(3), (0.0, 0.0, 0.0))
+    assert jump(held_back, np.array([3.0, 0.0, 0.0]), (0.0, 0.0, 0.0)) == pytest.approx(0.3)
+
+
+def test_a_contact_beside_a_client_flows_at_once_and_where_it_was_held_back_too(held_back):
+    contact = np.array([0.0, 0.8, 0.0, 0.0, 0.0, 0.0])
+    assert jump(held_back, np.array([0.0, 8.0, 0.0]), (0.3, 0.0, 0.0), world=contact) == pytest.approx(0.8)
+    assert jump(held_back, np.array([0.0, 4.0, 0.0]), (0.3, 0.0, 0.0), world=NOTHING) == pytest.approx(0.4)
+    assert jump(held_back, np.zeros(3), (0.3, 0.0, 0.0), world=NOTHING) == pytest.approx(RATE * DT)
+
+
+def test_what_fades_after_a_trip_is_not_held_back(held_back):
+    for _ in range(4):
+        jump(held_back, np.array([3.0, 0.0, 0.0]), (0.3, 0.0, 0.0))
+    held_back.loop.protection.trip(Trip.POSE_EXPIRED)
+    assert jump(held_back, np.zeros(3), (0.3, 0.0, 0.0)) == pytest.approx(0.3)
