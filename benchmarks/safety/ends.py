@@ -388,8 +388,9 @@ class Program:
         return float(said["since_mark_ms"]) - 1e3 * early
 
     def said(self) -> str:
-        """The end of what it printed; where it hung, if it did not end."""
-        return self._errors.read_text()[-4000:]
+        """Beginning and end of what it printed; where it hung, if it did not end."""
+        text = self._errors.read_text()
+        return text if len(text) < 6000 else f"{text[:2000]}\n...\n{text[-4000:]}"
 
     def tidy(self) -> list[str]:
         """What hung continues; the program ends, by SIGINT if it still runs. What it left behind."""

@@ -167,7 +167,7 @@ def _find_toml(raw: Mapping[str, Any]) -> FileKind | None:
 def _find_database(path: Path) -> FileKind:
     """By the names of its tables, read without a lock and without a change of the file or of anything beside it."""
     names: set[str] = set()
-    with suppress(sqlite3.Error, ValueError):
+    with suppress(sqlite3.Error, ValueError, MemoryError):  # the last one is what SQLite says of some damaged files
         place = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
         with closing(sqlite3.connect(place, uri=True)) as connection:
             end = monotonic() + _PATIENCE

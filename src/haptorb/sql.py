@@ -10,6 +10,7 @@ import sqlite3
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import sleep
 from types import TracebackType
@@ -17,7 +18,7 @@ from typing import Any, Self, final
 
 from sqlalchemy import Connection, MetaData, Table, create_engine, event, inspect, select, text
 from sqlalchemy.engine import Connection as engine_Connection
-from sqlalchemy.engine import Engine, make_url
+from sqlalchemy.engine import Engine, ExceptionContext, make_url
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 
 from haptorb.errors import RecordingError, quote
@@ -77,6 +78,7 @@ def make_engine(place: str | Path) -> Engine:
         ) from cause
     if engine.dialect.name == "sqlite":
         event.listen(engine, "connect", _set_pragmas)
+        event.listen(engine, "handle_error", partial(_explain_damage, place))
     return engine
 
 
@@ -135,8 +137,18 @@ def _set_pragmas(connection: Any, record: Any) -> None:
         "foreign_keys = ON",
         f"busy_timeout = {BUSY}",
     ):
-        cursor.execute(f"PRAGMA {pragma}")
+        try:
+            cursor.execute(f"PRAGMA {pragma}")
+        except (UnicodeDecodeError, MemoryError) as cause:  # the name of a table, in SQLite's own message about it
+            raise sqlite3.DatabaseError("malformed database schema") from cause
     cursor.close()
+
+
+def _explain_damage(place: str | Path, context: ExceptionContext) -> None:
+    """RecordingError, whoever asks, for what SQLite says of a damaged file, or Python of a text in it."""
+    cause = context.original_exception
+    if type(cause) is sqlite3.DatabaseError or isinstance(cause, UnicodeDecodeError | MemoryError):
+        raise RecordingError(f"database {mask_password(place)} is damaged: {cause or 'malformed'}") from cause
 
 
 # --------------------------------------------------------------------------------------------------

@@ -225,7 +225,7 @@ def feel_with_console(
     live: LiveSession, choice: DesignChoice, device: str, scale: TrueScale, port: int, browser: bool, where: PageAddress
 ) -> int:
     """Designs felt and rated in page and terminal until the session is finished; the signal's number, or 0."""
-    from haptorb.runtime.linux import hold_signals
+    from haptorb.runtime.linux import complete
     from haptorb.runtime.world_change import name_of
     from haptorb.web.console import Console
     from haptorb.web.server import freeze_garbage
@@ -256,6 +256,15 @@ def feel_with_console(
             live.set_limits(find_limits(scale, live.designs, margin))
 
     threads = [Thread(target=work, name=f"haptorb-{work.__name__}") for work in (collect, listen, judge)]
+
+    def end(_: Event) -> None:  # another Ctrl-C must not cost what was felt last
+        servo.end_loop()
+        ended.set()
+        check.close()
+        for thread in threads:
+            thread.join()
+        live.collect()
+
     if where.warning:
         say(where.warning)
     try:
@@ -269,14 +278,7 @@ def feel_with_console(
                 ended_by = console.serve(open_browser=browser, until=lambda: live.finished)
                 servo.check_end()
             finally:
-                with hold_signals():  # another Ctrl-C must not cost what was felt last
-                    servo.end_loop()
-                    ended.set()
-                    check.close()
-                    for thread in threads:
-                        thread.join()
-                    live.collect()
+                complete(end)
     finally:
-        with hold_signals():
-            live.close()
+        complete(lambda _: live.close())
     return ended_by or 0

@@ -4,12 +4,20 @@ that hangs for longer, or is hidden, loses the mover."""
 from __future__ import annotations
 
 import importlib
+import os
+import re
+import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
+
+from firmware.make_firmware import make_firmware
+from haptorb.runtime.drivers.board_emulator import Emulator
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
@@ -120,3 +128,58 @@ def test_programs_that_are_connected_are_on_the_page_and_see_its_buttons(staged:
                   ("pointermove", "pen", 35), ("pointermove", "pen", 33), ("pointercancel", "pen", 33)):  # fmt: skip
         screen.page.evaluate(f"(event) => ({pen})(...event)", event)
     expect_presses(screen, fake, ("a",), ("a", "b"), ("b",), ())
+
+
+PUSH = "import numpy as np\n\n\ndef push(state):\n    return np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.0])\n"
+
+
+@pytest.mark.slow
+def test_a_browser_that_is_killed_in_a_drag_leaves_no_current_in_a_boards_coils(tmp_path: Path, chromium: str) -> None:
+    """The whole program on the emulated board; the pointer is the tool's tracker, and the browser gets SIGKILL."""
+    built = make_firmware("all", "emulator")
+    (tmp_path / "world.py").write_text(PUSH)
+    errors = tmp_path / "errors"
+    # In a process of its own: Playwright waits for its browser, and another test has one already.
+    with Emulator(built, tmp_path / "board") as board, errors.open("wb") as said:
+        board.set_pace(1.0)
+        run = subprocess.Popen(
+            [sys.executable, "-P", "-m", "haptorb", "run", "omni", "--driver", f"serial:{board.port}", "--tracker",
+             "pointer", "--world", f"{tmp_path / 'world.py'}:push", "--port", "0"],
+            stdout=subprocess.DEVNULL, stderr=said,
+        )  # fmt: skip
+        try:
+            page = subprocess.Popen(
+                [sys.executable, Path(__file__).with_name("dragging_browser.py"), chromium, wait_for_address(errors)],
+                stdout=subprocess.PIPE, text=True,
+            )  # fmt: skip
+            assert page.stdout is not None
+            browser = int(page.stdout.readline())  # it holds the stylus now
+            wait_until(lambda: board.status()["on"] == "1")
+            time.sleep(0.5)
+            assert board.status()["on"] == "1", errors.read_text()
+            board.forget()
+            board.tell("mark")
+            os.kill(browser, signal.SIGKILL)
+            off = dict(re.findall(r"(\w+)=([-\d.]+)", board.expect_line("@off", 10.0)))
+            assert float(off["since_mark_ms"]) < 350.0
+            time.sleep(1.0)
+            assert board.status()["on"] == "0", "what was lost stays off until a person engages"
+            page.kill()
+            page.communicate()
+        finally:
+            run.send_signal(signal.SIGINT)
+            run.wait(30)
+
+
+def wait_until(condition: Any, seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def wait_for_address(errors: Path) -> str:
+    """The page's address, as the program prints it."""
+    found: list[str] = []
+    wait_until(lambda: found.extend(re.findall(r"http://127\.0\.0\.1:\d+/#\S+", errors.read_text())) or found)
+    return found[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import random
 import sys
 from importlib.resources import files
 from pathlib import Path
@@ -14,12 +15,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fuzz.hostile_commands import craft_files, make_ground, try_files
+from fuzz.good_files import NAMES
+from fuzz.hostile_commands import COMMANDS, GOOD, craft_files, make_ground, try_files
 from haptorb import worlds
 from haptorb.devices.loader import load, parse
 from haptorb.devices.quantity import si
 from haptorb.errors import CalibrationError, DeviceError, InputError, RecordingError, UnknownName
 from haptorb.estimation.calibration import Calibration, write_calibration
+from haptorb.file_kind import FileKind
 from haptorb.json_file import numbers, parse_document
 from haptorb.recording import destination as recording_file
 from haptorb.recording.recording import Recording
@@ -62,12 +65,54 @@ def test_a_few_hundred_of_each(hostile: ModuleType, tmp_path: Path, kind: str) -
     assert find_faults(hostile, kind, FEWER.get(kind, 200), tmp_path).wrong == []
 
 
-def test_crafted_files_do_nothing_in_the_commands(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def ground(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Good files and canaries; the files are written anew for each try."""
+    return make_ground(tmp_path_factory.mktemp("ground") / "ground")
+
+
+def test_crafted_files_do_nothing_in_the_commands(ground: tuple[Path, Path]) -> None:
     """A tenth of them; `python tests/fuzz/hostile_files.py --only crafted` tries all."""
-    inside, outside = make_ground(tmp_path / "ground")
+    inside, outside = ground
     found = try_files(list(craft_files(inside, outside))[::10], inside, outside)
     assert found.wrong == []
     assert found.refused > 5
+
+
+def test_every_command_reads_a_good_file_and_refuses_mutants_in_words(
+    hostile: ModuleType, ground: tuple[Path, Path]
+) -> None:
+    """A few of each kind; `python tests/fuzz/hostile_files.py --mutants 0` tries more."""
+    inside, outside = ground
+    chance, tasks = random.Random(4), []
+    for kind, commands in COMMANDS.items():
+        good = (inside / NAMES[kind]).read_bytes()
+        text = kind.name not in ("RECORDING", "RESULTS", "STUDY_DATABASE")
+        for command in commands:
+            tasks.append((GOOD, command, NAMES[kind], good))
+            tasks += [
+                (f"{kind.name} {n}", command, NAMES[kind], hostile.mutant(good, chance, text=text)) for n in range(4)
+            ]
+    found = try_files(tasks, inside, outside)
+    assert found.wrong == []
+    assert found.refused > found.files // 4
+
+
+def test_a_database_with_any_page_damaged_is_read_or_refused(ground: tuple[Path, Path]) -> None:
+    """SQLite finds it late, and says it in words that may not be UTF-8, or as a lack of memory."""
+    inside, outside = ground
+    tasks = []
+    for kind in (FileKind.STUDY_DATABASE, FileKind.RESULTS):
+        good = (inside / NAMES[kind]).read_bytes()
+        page = int.from_bytes(good[16:18], "big")
+        damaged = [good.replace(b"CREATE TABLE ", b"CREATE TABLE \xff", 1), good.replace(b"INTEGER", b"\xff\xfeTEGER")]
+        damaged += [good[:at] + b"\xff" * 64 + good[at + 64 :] for at in range(page, len(good), page)]
+        damaged += [good[:at] + bytes(page) + good[at + page :] for at in range(page, len(good), page)]
+        command = COMMANDS[kind][0]
+        tasks += [(f"{kind.name} {n}", command, NAMES[kind], one) for n, one in enumerate(damaged)]
+    found = try_files(tasks, inside, outside)
+    assert found.wrong == []
+    assert found.refused > 10
 
 
 @pytest.mark.slow

@@ -1,7 +1,9 @@
-"""One good file of each kind that haptorb reads or writes."""
+"""One good file of each kind that haptorb reads or writes: small ones, and ones that commands go through to the end."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import shutil
 import sqlite3
 from importlib.resources import files
@@ -9,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from haptorb.cli import main
 from haptorb.devices.loader import load
 from haptorb.estimation.calibration import Calibration
 from haptorb.estimation.network import Perceptron, Scaling, TrainedNetworks, write_networks
@@ -20,8 +23,9 @@ from haptorb.worlds.scene_physics import find_scene_file
 from haptorb_design.store import open_database
 from haptorb_study.database import database
 from haptorb_study.feel.designs import load_designs
+from oracles.recorded_chain import record_chain
 
-__all__ = ["NAMES", "fill"]
+__all__ = ["NAMES", "fill", "fill_whole"]
 
 K = FileKind
 NAMES = {
@@ -32,6 +36,46 @@ NAMES = {
     K.NETWORK: "pmsm.network", K.TABLE: "run.csv", K.ARRAYS: "run.npz", K.PARQUET: "run.parquet", K.PAGE: "report.html",
     K.PICTURE: "picture.png",
 }  # fmt: skip
+
+_THERMAL = ",".join(
+    ["t_s", *(f"{what}_{coil}_{unit}" for what, unit in (("power", "w"), ("winding", "degc"), ("boundary", "degc"))
+              for coil in "xyz")]
+)  # fmt: skip
+_HEATING = "\n".join(f"{t},3.5,3.5,3.5," + ",".join([f"{25 + t / 10}"] * 3 + [f"{25 + t / 30}"] * 3) for t in range(40))
+_STUDY = """name = "one"
+procedure = "identification"
+[plan]
+participants = 12
+[[plan.tests]]
+measure = "upward-bias"
+smallest_effect = 2.0
+"""
+
+
+def fill_whole(folder: Path) -> None:
+    """The same files, but a recording that can be replayed, a study with answers and results of a search."""
+    fill(folder)
+    record_chain(folder / NAMES[K.RECORDING], ticks=40)
+    (folder / NAMES[K.TABLE]).write_text(f"{_THERMAL}\n{_HEATING}\n")
+    (folder / NAMES[K.STUDY]).write_text(_STUDY)
+    for name in (K.RESULTS, K.STUDY_DATABASE, K.REGISTRATION):
+        (folder / NAMES[name]).unlink()
+    study, search, registration = (str(folder / NAMES[kind]) for kind in (K.STUDY, K.DESIGN, K.REGISTRATION))
+    for words in (
+        ["study", "check", study, "--register", registration],
+        ["study", "simulate", study, "--db", str(folder / NAMES[K.STUDY_DATABASE]), "--participants", "1"],
+        ["design", "sweep", search, "--into", str(folder / NAMES[K.RESULTS]), "--count", "2"],
+    ):
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            try:
+                code: object = main(words)
+            except SystemExit as end:
+                code = end.code or 0
+        if code:
+            raise AssertionError(f"{words} did not make a good file")
+    for name in (K.RESULTS, K.STUDY_DATABASE):  # whole in one file: else the answers lie in the log beside it
+        with contextlib.closing(sqlite3.connect(folder / NAMES[name])) as made:
+            made.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
 
 def fill(folder: Path) -> None:

@@ -2,13 +2,15 @@
 
 A child takes one file after the other through `haptorb.cli.main`. An audit hook of Python sees what it opens,
 imports and starts; the parent sees how it ends. Wrong is: an exit code other than 0, 1 and 2, a traceback, the end of
-the interpreter, more than 2 s of the processor, a canary file that is opened, a canary module that is imported or run,
-a program that is started, a socket that is connected, a file that is written elsewhere.
+the interpreter, 2 s of the processor more than for a good file, a canary file that is opened, a canary module that is
+imported or run, a program that is started, a socket that is connected, a file that is written elsewhere, a good file
+that is refused.
 """
 
 from __future__ import annotations
 
 import contextlib
+import gc
 import gzip
 import io
 import json
@@ -22,6 +24,7 @@ import sqlite3
 import struct
 import sys
 import traceback
+import warnings
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -31,15 +34,17 @@ from typing import Any
 import lz4.frame
 import zstandard
 
-from fuzz.good_files import NAMES, fill
+from fuzz.good_files import NAMES, fill_whole
 from haptorb.file_kind import FileKind
 from haptorb.worlds.scene_physics import load_engine
 
 __all__ = ["COMMANDS", "Watched", "craft_files", "make_ground", "try_commands", "try_files"]
 
 K = FileKind
-SLOW = 2.0  #: of the processor for one file [s]
-HUNG = 60  #: by the clock [s]
+SLOW = 2.0  #: of the processor for one file, more than for a good one [s]
+HUNG = 30.0  #: of the processor [s]: a busy computer is no fault of a file
+WAITED = 900  #: by the clock [s], for what uses no processor
+GOOD = "a good file"  #: the title of a file that may not be refused: a command that reads none tries nothing
 
 #: kind of file → the commands that read it
 COMMANDS: dict[FileKind, tuple[str, ...]] = {
@@ -53,13 +58,13 @@ COMMANDS: dict[FileKind, tuple[str, ...]] = {
     K.DEVICE: ("inspect FILE --json",),
     K.CALIBRATION: ("run omni --headless --duration 0.1 --calibration FILE",),
     K.FRAME: ("run omni --headless --duration 0.1 --tracker osc:9000 --frame FILE",),
-    K.DESIGN: ("design sweep FILE --into new.sqlite --count 0",),
-    K.RESULTS: ("design report FILE -o out.html",),
+    K.DESIGN: ("DESIGN FILE",),
+    K.RESULTS: ("design report FILE -o out.html --best 1",),
     K.STUDY: ("study check FILE",),
     K.REGISTRATION: ("study analyse study.db --registration FILE",),
-    K.STUDY_DATABASE: ("study participants FILE --json", "study export FILE out.csv --force"),
+    K.STUDY_DATABASE: ("study participants FILE --json", "study export FILE trials.csv --force"),
     K.SCENE: ("check omni --scene FILE",),
-    K.TABLE: ("calibrate omni --out n.json --thermal FILE",),
+    K.TABLE: ("THERMAL FILE",),
     K.FELT_DESIGNS: ("FEEL FILE",),
 }
 
@@ -73,6 +78,7 @@ class Watched:
     read: int = 0  #: exit code 0 or 1
     refused: int = 0
     slowest: float = 0.0
+    usual: dict[str, float] = field(default_factory=dict)  #: command → what a good file takes of the processor [s]
 
 
 def make_ground(folder: Path) -> tuple[Path, Path]:
@@ -80,7 +86,7 @@ def make_ground(folder: Path) -> tuple[Path, Path]:
     inside, outside = folder / "inside", folder / "outside"
     inside.mkdir(parents=True)
     outside.mkdir()
-    fill(inside)
+    fill_whole(inside)
     for name in ("canary.toml", "canary.xml", "canary.obj", "canary.mcap", "canary.png"):
         (outside / name).write_text("name = 'canary'\n")
     mark = outside / "RAN"
@@ -122,24 +128,36 @@ class _Watch:
 def try_commands(
     kind: FileKind, mutants: int, seed: int, folder: Path, mutate: Callable[[bytes, random.Random], bytes]
 ) -> Watched:
-    """So many damaged files of `kind` through each of its commands, on the ground in `folder`."""
+    """The good file of `kind`, which must be read, and so many damaged ones through each of its commands, on the ground
+    in `folder`."""
     inside, outside = make_ground(folder)
     good = (inside / NAMES[kind]).read_bytes()
     chance = random.Random(f"{kind.name} {seed}")
     contents = [good, *(mutate(good, chance) for _ in range(mutants))]
-    return try_files([(f"{kind.name} {n}", command, NAMES[kind], content) for command in COMMANDS[kind]
-                      for n, content in enumerate(contents)], inside, outside)  # fmt: skip
+    titles = [GOOD if n == 0 else f"{kind.name} {n}" for n in range(len(contents))]
+    return try_files([(title, command, NAMES[kind], content) for command in COMMANDS[kind]
+                      for title, content in zip(titles, contents, strict=True)], inside, outside)  # fmt: skip
 
 
 def try_files(tasks: Sequence[tuple[str, str, str, bytes]], inside: Path, outside: Path) -> Watched:
     """Each (title, command, name of the file, its content) in a forked process; the next one starts where one ended."""
     found, start = Watched(), 0
     load_engine()
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        for command in dict.fromkeys(command for _, command, _, _ in tasks if "FILE" in command):
-            _run(command.replace("FILE", str(inside / "nothing")))  # loads what it needs, once for all children
+    with (
+        contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()), warnings.catch_warnings(),
+    ):  # fmt: skip
+        warnings.simplefilter("ignore", ResourceWarning)  # a command leaves to the end of its process what it has open
+        for kind, commands in COMMANDS.items():  # loads what they need, once for all children
+            if {command for _, command, _, _ in tasks} & set(commands):
+                with contextlib.chdir(inside):
+                    for command in commands:
+                        _run(command.replace("FILE", NAMES[kind]))
+        gc.collect()
+    good = {name: (inside / name).read_bytes() for _, _, name, _ in tasks if (inside / name).is_file()}
     while start < len(tasks):
         start = _try_part(tasks, start, inside, outside, found)
+    for name, content in good.items():
+        _put(inside / name, content)
     if (outside / "RAN").exists():
         found.wrong.append("a canary was run")
     return found
@@ -167,6 +185,12 @@ def _try_part(
             found.read += one["code"] in (0, 1)
             found.refused += one["code"] == 2
             found.wrong += [f"{title} ({command}): {what}" for what in one["wrong"]]
+            if title == GOOD:
+                found.usual[command] = one["seconds"]
+            if one["seconds"] > SLOW + found.usual.get(command, 0.0):
+                found.wrong.append(f"{title} ({command}): {one['seconds']:.1f} s")
+            if title == GOOD and one["code"] == 2:
+                found.wrong.append(f"{title} ({command}): refused: {one['said']}")
     status = os.waitpid(pid, 0)[1]
     if done < end:
         found.wrong.append(f"{tasks[done][0]} ({tasks[done][1]}): the interpreter ended with status {status}")
@@ -183,18 +207,26 @@ def _work(tasks: Sequence[tuple[str, str, str, bytes]], inside: Path, outside: P
         os.chdir(inside)
         watch = _Watch(inside, outside)
         sys.addaudithook(watch)
+        warnings.resetwarnings()  # as in a program: a test's would raise them
         for _, command, name, content in tasks:
-            (inside / name).write_bytes(content)
-            for end in ("-wal", "-shm"):
-                (inside / f"{name}{end}").unlink(missing_ok=True)
-            signal.alarm(HUNG)
+            _put(inside / name, content)
+            signal.setitimer(signal.ITIMER_PROF, HUNG)
+            signal.alarm(WAITED)
             line = json.dumps(_try_one(command.replace("FILE", name), watch)) + "\n"
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
             signal.alarm(0)
             os.write(writing, line.encode())
     except BaseException:
         traceback.print_exc()
         os._exit(3)
     os._exit(0)
+
+
+def _put(path: Path, content: bytes) -> None:
+    """A new file: SQLite remembers one that it has open by its number."""
+    for end in ("", "-wal", "-shm"):
+        path.with_name(f"{path.name}{end}").unlink(missing_ok=True)
+    path.write_bytes(content)
 
 
 def _try_one(command: str, watch: _Watch) -> dict[str, Any]:
@@ -213,9 +245,7 @@ def _try_one(command: str, watch: _Watch) -> dict[str, Any]:
         wrong.append(f"code {code}: {text[-900:]}")
     if any(ord(letter) < 32 and letter not in "\n\t" for letter in text):
         wrong.append(f"control characters: {text[-300:]!a}")
-    if took > SLOW:
-        wrong.append(f"{took:.1f} s")
-    return {"code": code, "seconds": took, "wrong": wrong}
+    return {"code": code, "seconds": took, "wrong": wrong, "said": text[-300:]}
 
 
 def _run(command: str) -> int:
@@ -232,6 +262,17 @@ def _run(command: str) -> int:
             from haptorb_study.feel.designs import load_designs
 
             load_designs(words[0])
+        elif name == "DESIGN":
+            from haptorb.cli.own_code import announce_code
+            from haptorb_design.design_file import load_design
+            from haptorb_design.sampling import sample
+
+            sample(load_design(words[0], announce_code), "sobol", 1, 0)
+        elif name == "THERMAL":
+            from haptorb.cli.calibration_dialog import thermal_record
+            from haptorb.devices.loader import load
+
+            thermal_record(words[0], load("omni"))
         elif "--calibration" in words or "--frame" in words:
             from haptorb.devices.loader import load
             from haptorb.estimation.calibration import read_calibration, read_frame

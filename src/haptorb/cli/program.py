@@ -9,8 +9,9 @@ from __future__ import annotations
 import errno
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Annotated, Any
 
@@ -88,6 +89,12 @@ for point in entry_points(group="haptorb.commands"):
         _register_missing(point, missing)
 
 
+@cache
+def _command() -> Callable[..., Any]:
+    """All commands with their options, put together once a process: it takes longer than most commands."""
+    return typer.main.get_command(app)
+
+
 @contextmanager
 def report_damage() -> Iterator[None]:
     """Say on standard error, wherever a command opens a damaged recording, what is missing of it."""
@@ -129,7 +136,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with raise_termination(), report_damage():
             check_secrets(sys.argv[1:] if arguments is None else arguments)
-            app(args=arguments)
+            _command()(args=arguments)
     except HaptorbError as mistake:
         say(f"haptorb: {mistake.command_message}")
         return 2

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from haptorb.errors import InputError
-from haptorb.runtime.linux import Termination, hold_signals
+from haptorb.runtime.linux import Termination, complete
 from haptorb.terminal import print_json, say
 
 if TYPE_CHECKING:
@@ -358,12 +358,15 @@ def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> I
 
 def _close(servo: Servo, serving: Serving) -> None:
     """The loop first. A signal meanwhile has its effect when both are closed: each would raise it at its end."""
-    with hold_signals():
+
+    def close(_: Event) -> None:
         servo.end_loop()
         try:
             serving.end()
         finally:
             servo.close()
+
+    complete(close)
 
 
 def _driver_text(servo: Servo) -> str:

@@ -359,7 +359,8 @@ def _clear_currents(g: Record, coils: Records) -> None:
 def _hold(g: Record, coils: Records, wanted: Array, share: float) -> float:
     """Scale `share` of `wanted` (m,) [A] into the limits of coils and supply, then its change into the slew's.
 
-    Returns the scale. Directions are kept. What is held is then within the supply's power too: it lies between two currents that are.
+    Returns the scale. Directions are kept. What is held is then within the supply's power too: it lies between two
+    currents that are.
     """
     scale, step = share, g.slew * g.dt
     for j in range(wanted.size):

@@ -11,7 +11,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -32,6 +32,7 @@ __all__ = [
     "Termination",
     "TickTimeout",
     "claim",
+    "complete",
     "die_with_parent",
     "end_group",
     "end_process",
@@ -42,6 +43,7 @@ __all__ = [
     "prepare_thread",
     "raise_priority",
     "raise_termination",
+    "repeat_signal",
     "request_real_time",
     "require_linux",
     "start",
@@ -422,11 +424,19 @@ def raise_termination() -> Iterator[None]:
     """SIGTERM and SIGHUP raise Termination meanwhile, so that what is open is closed; one that is ignored (`nohup`)
     stays so. In the main thread; elsewhere nothing changes."""
 
-    def end(number: int, frame: FrameType | None) -> None:
-        raise Termination(number)
-
-    with _handle(dict.fromkeys(END_SIGNALS[1:], end)):
+    with _handle(dict.fromkeys(END_SIGNALS[1:], _terminate)):
         yield
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise Termination(number)
+
+
+def repeat_signal(number: int) -> None:
+    """The signal has its effect again, if that is to raise KeyboardInterrupt or Termination. For one that had none:
+    Python drops what is raised within a finalizer."""
+    if signal.getsignal(number) in (signal.default_int_handler, _terminate):
+        signal.raise_signal(number)
 
 
 @contextmanager
@@ -446,16 +456,44 @@ def hold_signals() -> Iterator[threading.Event]:
         signal.raise_signal(held[0])
 
 
+def complete(act: Callable[[threading.Event], None]) -> None:
+    """Do `act` to its end under `hold_signals`, whose event it is given: also where a signal comes just before it is
+    held, which then has its effect afterwards. In the main thread; elsewhere `act` is done."""
+    early: BaseException | None = None
+    held = False
+    while not held:
+        try:
+            with hold_signals() as event:
+                held = True
+                if early is not None:
+                    event.set()
+                act(event)
+        except BaseException as cause:
+            if held:  # its own, or what the signal raises that was held
+                raise
+            early = cause
+    if early is not None:
+        raise early
+
+
 @contextmanager
 def _handle(handlers: dict[signal.Signals, object]) -> Iterator[None]:
     before: dict[signal.Signals, object] = {}
-    if threading.current_thread() is threading.main_thread():
-        for number, handler in handlers.items():
-            if (now := signal.getsignal(number)) not in (signal.SIG_IGN, None):  # None: not from Python, stays
-                before[number] = now
-                signal.signal(number, handler)  # type: ignore[arg-type]
+    late: BaseException | None = None
     try:
+        if threading.current_thread() is threading.main_thread():
+            for number, handler in handlers.items():
+                if (now := signal.getsignal(number)) not in (signal.SIG_IGN, None):  # None: not from Python, stays
+                    before[number] = now
+                    signal.signal(number, handler)  # type: ignore[arg-type]
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)  # type: ignore[arg-type]
+        while before:
+            try:
+                for number in list(before):
+                    signal.signal(number, before[number])  # type: ignore[arg-type]
+                    del before[number]
+            except BaseException as cause:  # raised by a handler that is back already
+                late = cause
+        if late is not None:
+            raise late

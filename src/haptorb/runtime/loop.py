@@ -21,7 +21,7 @@ from haptorb.runtime.black_box import StateKeeper
 from haptorb.runtime.clock import Clock
 from haptorb.runtime.linux import TickTimeout, is_parent_gone
 from haptorb.runtime.liveness import LATE, HostHeartbeat, ProcessorWait, state_of
-from haptorb.runtime.shared_memory import BINS, COUNTS, Phase, SharedMemory, Word, engage_stops, has_end_signal
+from haptorb.runtime.shared_memory import BINS, COUNTS, Phase, SharedMemory, Word, engage_stops, find_end_signal
 from haptorb.runtime.tick import Chain
 from haptorb.runtime.tick_log import NO_TICK
 from haptorb.runtime.tick_state import TickState
@@ -229,7 +229,7 @@ class Loop:
             if engage_stops(engage) == stops & 0xFFFF_FFFF:  # safety: engage-void
                 # Engaged, a world that fails again in the very next tick is another trip.
                 self._tripped = not self._chain.engage() and self._tripped
-        if self._shared.signals[0] and has_end_signal(self._shared.signals):  # safety: signal-read
+        if self._shared.signals[0] and find_end_signal(self._shared.signals):  # safety: signal-read
             self._chain.stop()
             self._quiet = self._ticks + int(_QUIET * self._rate)
         if words[Word.MODE] != self._mode:

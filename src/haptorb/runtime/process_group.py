@@ -7,6 +7,7 @@ half a second later the process is killed. A stalled recorder is reported, and t
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -21,11 +22,11 @@ from typing import final
 from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.runtime.black_box import BlackBox
 from haptorb.runtime.first_start import CATALOGUE, CONTROLLER
-from haptorb.runtime.linux import END_SIGNALS, end_process, raise_priority, wait_for_end
+from haptorb.runtime.linux import END_SIGNALS, end_process, raise_priority, repeat_signal, wait_for_end
 from haptorb.runtime.liveness import HangWatch, MemoryGrowth, StallTime, StarvedTime, state_of
 from haptorb.runtime.prestart import WANTED, PrestartedProcess, start_module
 from haptorb.runtime.report import count_recorded
-from haptorb.runtime.shared_memory import Phase, SharedMemory, Word, has_end_signal
+from haptorb.runtime.shared_memory import Phase, SharedMemory, Word, find_end_signal
 from haptorb.runtime.world_output import OutputReader, show
 
 __all__ = ["CompilerProcess", "ProcessGroup", "SignalStop"]
@@ -41,6 +42,9 @@ __all__ = ["CompilerProcess", "ProcessGroup", "SignalStop"]
 # between.
 
 
+_LOST = 0.5  #: after a signal: what it raises has left every wait of the servo's interface by then [s]
+
+
 @final
 class SignalStop:
     """From its creation in the main thread until `close`. Elsewhere, and where the program uses the descriptor for
@@ -52,6 +56,7 @@ class SignalStop:
     def __init__(self, shared: SharedMemory, stop: Callable[[], None]) -> None:
         self._shared, self._stop = shared, stop
         self._descriptor = -1
+        self._last = (0, -math.inf)  #: signal, when it was seen [s]
         if threading.current_thread() is not threading.main_thread():
             return
         descriptor = os.open(shared.path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -70,10 +75,18 @@ class SignalStop:
         """Make room for the next signals; to be called some times a second, from any thread."""
         if self._descriptor < 0 or not self._shared.signals[0]:
             return
-        if has_end_signal(self._shared.signals):
+        if number := find_end_signal(self._shared.signals):
             self._stop()  # first: the loop must not find neither
+            self._last = number, monotonic()
         self._shared.signals[0] = 0
         os.lseek(self._descriptor, self._shared.signals_at, os.SEEK_SET)
+
+    def repeat_lost(self, since: float) -> None:
+        """Repeat a signal that came after `since` [s] and should have raised something long ago; in the main thread."""
+        number, seen = self._last
+        if since < seen < monotonic() - _LOST and threading.current_thread() is threading.main_thread():
+            self._last = 0, -math.inf
+            repeat_signal(number)
 
     def close(self) -> None:
         """Signals are the program's alone again. May be called twice, from any thread."""

@@ -56,7 +56,7 @@ from haptorb.runtime.assembly import (
 from haptorb.runtime.black_box import BlackBox, TripRecord
 from haptorb.runtime.clock import check_rate
 from haptorb.runtime.commands import Commands
-from haptorb.runtime.linux import hold_signals, require_linux
+from haptorb.runtime.linux import complete, require_linux
 from haptorb.runtime.prestart import PrestartedProcess
 from haptorb.runtime.process_group import ProcessGroup, SignalStop
 from haptorb.runtime.report import (
@@ -512,10 +512,12 @@ class ServoContext(ServoObserver):
         InputError
             If the path of the hand fails, or `seconds` is negative or not finite.
         """
-        end = monotonic() + _check_seconds(seconds)
+        begun = monotonic()
+        end = begun + _check_seconds(seconds)
         try:
             while (left := self._check_all(end)) > 0:
                 sleep(min(left, _LOOK))
+                self._repeat_lost_signal(begun)
         except BaseException as cause:
             if not isinstance(cause, Exception):
                 self.close()
@@ -561,6 +563,9 @@ class ServoContext(ServoObserver):
             self._check_all(0.0)
             yield self.latest()
             await asyncio.sleep(pause)
+
+    def _repeat_lost_signal(self, since: float) -> None:
+        """A signal that came after `since` [s] and whose exception was lost has its effect now."""
 
     def _check_all(self, end: float) -> float:
         """Time until `end` [s]; raises if something is wrong."""
@@ -864,8 +869,17 @@ class Servo(ServoContext):
 
         A signal meanwhile has its effect afterwards; Ctrl-C while the recorder takes long ends it at once.
         """
-        self.end_loop()
-        with hold_signals() as interrupted, ExitStack() as last:
+        try:
+            self.end_loop()
+        finally:
+            complete(self._tidy)
+
+    def _repeat_lost_signal(self, since: float) -> None:
+        if self._signals is not None:
+            self._signals.repeat_lost(since)
+
+    def _tidy(self, interrupted: threading.Event) -> None:
+        with ExitStack() as last:
             # The last one first: each is done, though one before it fails.
             if self._claim is not None:
                 last.callback(self._claim.close)

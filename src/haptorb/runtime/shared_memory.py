@@ -58,7 +58,7 @@ __all__ = [
     "Word",
     "engage_request",
     "engage_stops",
-    "has_end_signal",
+    "find_end_signal",
     "slots_size",
     "split_snapshot",
     "state_room",
@@ -682,9 +682,9 @@ def engage_stops(word: int) -> int:
     return word & 0xFFFF_FFFF
 
 
-def has_end_signal(signals: memoryview) -> bool:
-    """Whether one of the numbers in `signals`, a word of eight bytes, is of a signal that ends programs."""
-    return any(number in _END_NUMBERS for number in signals.tobytes())
+def find_end_signal(signals: memoryview) -> int:
+    """The first of the numbers in `signals`, a word of eight bytes, that is of a signal that ends programs; 0: none."""
+    return next((number for number in signals.tobytes() if number in _END_NUMBERS), 0)
 
 
 @final

@@ -28,7 +28,7 @@ from haptorb.arrays import Array, record
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, HaptorbError, InputError, UnknownName
 from haptorb.runtime.commands import BUTTONS
-from haptorb.runtime.linux import end_process, hold_signals, is_parent_gone
+from haptorb.runtime.linux import complete, end_process, is_parent_gone
 from haptorb.runtime.liveness import HangWatch
 from haptorb.runtime.plan import pack
 from haptorb.runtime.prestart import start_module
@@ -479,23 +479,25 @@ class Serving:
     def end(self) -> None:
         """End all servers, by force if they do not end by themselves. May be called twice."""
         self._ending.set()
-        with hold_signals():
-            if self._watcher is not None:
-                self._watcher.join(_FINISH)
-                self._watcher = None
-            running = [one for one in self._servers if one.process is not None and one.process.poll() is None]
-            for one in running:
-                one.process.terminate()  # type: ignore[union-attr]
-            deadline = monotonic() + _FINISH
-            for one in running:
-                if not end_process(one.process, max(deadline - monotonic(), 0.0)):
-                    kind, number = one.choice.kind, one.process.pid  # type: ignore[union-attr]
-                    show(f"--serve {kind} cannot be ended: the kernel holds its process {number}\n")
-            for one in self._servers:
-                one.preparation.close()
-            if self._folder is not None:
-                shutil.rmtree(self._folder, ignore_errors=True)
-                self._folder = None
+        complete(self._end_all)
+
+    def _end_all(self, _: threading.Event) -> None:
+        if self._watcher is not None:
+            self._watcher.join(_FINISH)
+            self._watcher = None
+        running = [one for one in self._servers if one.process is not None and one.process.poll() is None]
+        for one in running:
+            one.process.terminate()  # type: ignore[union-attr]
+        deadline = monotonic() + _FINISH
+        for one in running:
+            if not end_process(one.process, max(deadline - monotonic(), 0.0)):
+                kind, number = one.choice.kind, one.process.pid  # type: ignore[union-attr]
+                show(f"--serve {kind} cannot be ended: the kernel holds its process {number}\n")
+        for one in self._servers:
+            one.preparation.close()
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder = None
 
     def __enter__(self) -> Self:
         return self

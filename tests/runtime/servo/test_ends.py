@@ -42,6 +42,18 @@ finally:
 IN_C = "import hashlib; hashlib.pbkdf2_hmac('sha256', b'', b'', 6_000_000); time.sleep(60)"
 #: tidies up at length, and is interrupted in that
 LEAVES = "servo._watcher = type('Slow', (), {'end': lambda self: time.sleep(1.0)})(); sys.stdin.readline()"
+#: a finalizer runs when the signal comes: what the signal raises is lost there
+FINALIZES = """
+class Slow:
+    def __del__(self):
+        time.sleep(1.0)
+check = servo.check
+def check_once():
+    servo.check = check
+    Slow()
+servo.check = check_once
+servo.run(60)
+"""
 TWICE = "servo._watcher = type('Slow', (), {'end': lambda self: time.sleep(1.0)})(); time.sleep(60)"
 
 
@@ -111,6 +123,18 @@ def test_leaving_the_block_switches_off_first():
         host.end()
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_whose_exception_is_lost_ends_the_run_nevertheless(number):
+    host = Host("from haptorb.runtime.linux import raise_termination\nwith raise_termination():\n"
+                + "".join(f"    {line}\n" for line in FINALIZES.strip().splitlines()))  # fmt: skip
+    try:
+        time.sleep(0.3)
+        assert host.off_after(number) <= LIMIT
+        assert "tidied" in host.close()
+    finally:
+        host.end()
+
+
 def test_a_second_signal_while_it_tidies_up_leaves_nothing_behind():
     host = Host(TWICE)
     try:
@@ -139,6 +163,53 @@ def test_ctrl_c_while_servers_end_leaves_no_servo_behind(monkeypatch, tmp_path):
         main(["run", "omni", "--headless", "--duration", "0.2", "--json"])
     assert ended.value.code == 130
     assert list(tmp_path.iterdir()) == []
+
+
+def interrupt_at(monkeypatch, name):
+    """Ctrl-C comes with the next call of a function of `signal`."""
+    real, once = getattr(signal, name), [True]
+
+    def interrupted(*given):
+        if once:
+            once.clear()
+            signal.raise_signal(signal.SIGINT)
+        return real(*given)
+
+    monkeypatch.setattr(signal, name, interrupted)
+
+
+def test_a_signal_just_before_the_end_holds_it_leaves_nothing(monkeypatch, tmp_path):
+    from haptorb.runtime import shared_memory
+
+    monkeypatch.setattr(shared_memory, "folders", lambda: [tmp_path])
+    servo = Servo("omni", record=False)
+    servo.open()
+    interrupt_at(monkeypatch, "getsignal")
+    with pytest.raises(KeyboardInterrupt):
+        servo.close()
+    assert list(tmp_path.iterdir()) == []
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("moment", ["getsignal", "signal"])
+def test_what_is_completed_is_done_once_and_leaves_the_handlers_as_they_were(monkeypatch, moment):
+    from haptorb.runtime.linux import END_SIGNALS, complete
+
+    before, done = [signal.getsignal(number) for number in END_SIGNALS], []
+    interrupt_at(monkeypatch, moment)
+    with pytest.raises(KeyboardInterrupt):
+        complete(lambda interrupted: done.append(interrupted.is_set()))
+    assert done == [True]
+    assert [signal.getsignal(number) for number in END_SIGNALS] == before
+
+
+def test_a_signal_while_the_handlers_are_put_back_leaves_them_as_they_were(monkeypatch):
+    from haptorb.runtime.linux import END_SIGNALS, complete
+
+    before = [signal.getsignal(number) for number in END_SIGNALS]
+    with pytest.raises(KeyboardInterrupt):
+        complete(lambda _: interrupt_at(monkeypatch, "signal"))
+    assert [signal.getsignal(number) for number in END_SIGNALS] == before
 
 
 def test_what_fails_while_a_servo_is_closed_leaves_nothing(monkeypatch, tmp_path):
