@@ -40,6 +40,8 @@ finally:
 #: for two seconds and more, between two instructions of Python; the heart beats meanwhile. No call of the system: a
 #: signal would end it.
 IN_C = "import hashlib; hashlib.pbkdf2_hmac('sha256', b'', b'', 6_000_000); time.sleep(60)"
+#: for a second and more, one call of C, which lets no other thread of the program run
+HOLDS = "print('holds', flush=True); sum(range(100_000_000))"
 #: tidies up at length, and is interrupted in that
 LEAVES = "servo._watcher = type('Slow', (), {'end': lambda self: time.sleep(1.0)})(); sys.stdin.readline()"
 #: a finalizer runs when the signal comes: what the signal raises is lost there
@@ -110,6 +112,18 @@ def test_a_signal_in_the_middle_of_other_code_is_a_stop_within_ticks(number):
         if number is signal.SIGINT:
             assert host.process.poll() is None  # still in there
             assert "tidied" in host.close()
+    finally:
+        host.end()
+
+
+def test_a_signal_in_code_that_lets_no_thread_run_is_a_stop_within_ticks():
+    """Not even the heart, which hears signals too: the loop itself reads them, long before it misses the heart."""
+    host = Host(HOLDS)
+    try:
+        assert host.process.stdout.readline() == "holds\n"
+        time.sleep(0.02)
+        assert host.off_after(signal.SIGINT) <= LIMIT
+        assert "tidied" in host.close()
     finally:
         host.end()
 
