@@ -183,7 +183,7 @@ RULES = [
         "signal-read",
         "the loop obeys a signal of its host",
         "never",
-        f"{END_TESTS}::test_a_signal_in_code_that_lets_no_thread_run_is_a_stop_within_ticks",
+        f"{END_TESTS}::test_a_signal_in_the_middle_of_code_that_lets_no_thread_run_is_a_stop",
     ),
     (
         "absence-trips",

@@ -116,7 +116,7 @@ def test_a_signal_in_the_middle_of_other_code_is_a_stop_within_ticks(number):
         host.end()
 
 
-def test_a_signal_in_code_that_lets_no_thread_run_is_a_stop_within_ticks():
+def test_a_signal_in_the_middle_of_code_that_lets_no_thread_run_is_a_stop():
     """Not even the heart, which hears signals too: the loop itself reads them, long before it misses the heart."""
     host = Host(HOLDS)
     try:
