@@ -284,6 +284,7 @@ RULES = [
     ("client-force-rate", "a client's force changes at the device's rate", "replace value.args[3] by 1e9", PASS_TESTS),
     ("client-torque-rate", "so does the torque that it causes", "replace value.args[3] by 1e9", PASS_TESTS),
     ("clients-flow-at-their-rate", "coils held back make up for it at the same rate", "drop", PASS_TESTS),
+    ("fades-are-free", "a fade after a trip is not held back", "without 2", PASS_TESTS),
     ("contacts-are-free", "a world's own contact has no rate limit", "never", PASS_TESTS),
     ("worlds-pass-zero", "another world is felt after zero", "replace value by False", PASS_TESTS),
     ("waited-is-stale", "a command that waited for its server is not felt", "never", HANDOVER_TESTS),

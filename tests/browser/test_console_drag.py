@@ -147,11 +147,13 @@ def test_a_browser_that_is_killed_in_a_drag_leaves_no_current_in_a_boards_coils(
              "pointer", "--world", f"{tmp_path / 'world.py'}:push", "--port", "0"],
             stdout=subprocess.DEVNULL, stderr=said,
         )  # fmt: skip
+        pages = []
         try:
             page = subprocess.Popen(
                 [sys.executable, Path(__file__).with_name("dragging_browser.py"), chromium, wait_for_address(errors)],
                 stdout=subprocess.PIPE, text=True,
             )  # fmt: skip
+            pages.append(page)
             assert page.stdout is not None
             browser = int(page.stdout.readline())  # it holds the stylus now
             wait_until(lambda: board.status()["on"] == "1")
@@ -164,9 +166,10 @@ def test_a_browser_that_is_killed_in_a_drag_leaves_no_current_in_a_boards_coils(
             assert float(off["since_mark_ms"]) < 350.0
             time.sleep(1.0)
             assert board.status()["on"] == "0", "what was lost stays off until a person engages"
-            page.kill()
-            page.communicate()
         finally:
+            for page in pages:
+                page.kill()
+                page.communicate()
             run.send_signal(signal.SIGINT)
             run.wait(30)
 

@@ -429,9 +429,8 @@ def try_all_commands(mutants: int, seed: int, only: list[str] | None) -> int:
                 found = try_files(list(craft_files(inside, outside)), inside, outside)
             else:
                 ground = Path(place, "ground")
-                count = (
-                    mutants // 10 if kind.name == "RESULTS" else mutants
-                )  # a page with cards and drawings of designs
+                # Of results a page with cards and drawings of designs is made.
+                count = mutants // 10 if kind.name == "RESULTS" else mutants
                 found = try_commands(kind, count, seed, ground, partial(mutant, text=text))
         wrong += len(found.wrong)
         print(
@@ -461,7 +460,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         for kind in kinds(folder):
-            if given.only and kind.name not in given.only:
+            if given.mutants < 1 or (given.only and kind.name not in given.only):
                 continue
             mutants = given.mutants // 10 if kind.name in ("motor", "variant") else given.mutants
             found = try_mutants(kind, mutants, given.seed, folder)

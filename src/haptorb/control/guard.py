@@ -343,7 +343,7 @@ def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array, pushe
             _clear_currents(g, coils)
             return
     scale = _hold(g, coils, wanted, share)  # safety: warm-coils-are-derated
-    if g.followed and g.state != _TRIPPED:  # a fade is never held back
+    if g.followed and g.state != _TRIPPED:  # safety: fades-are-free
         _follow(g, coils, wanted, scale, pushes, turns)  # safety: clients-flow-at-their-rate
 
 

@@ -19,8 +19,8 @@ NOTHING = np.zeros(6)
 class Commanded:
     """A loop in which a client commands a part of the wrench; the guard lets everything through."""
 
-    def __init__(self) -> None:
-        self.loop = Loop().run()
+    def __init__(self, arm: float = 0.0) -> None:
+        self.loop = Loop(arm=arm).run()
         self.client = make_client_force()
         self._protect = self.loop.protection.protect_wrench
         self.loop.protection.protect_wrench = self._with_client
@@ -194,3 +194,25 @@ def test_what_fades_after_a_trip_is_not_held_back(held_back):
         jump(held_back, np.array([3.0, 0.0, 0.0]), (0.3, 0.0, 0.0))
     held_back.loop.protection.trip(Trip.POSE_EXPIRED)
     assert jump(held_back, np.zeros(3), (0.3, 0.0, 0.0)) == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("arm", "steps"), [(0.05, [1.0, 1.0, 0.0]), (0.0, [2.0, 0.0, 0.0])])
+def test_coils_that_were_held_back_make_up_for_a_torque_at_its_rate_where_one_is_rendered(arm, steps):
+    """The torque that comes along with a tool's force is not rendered, and limits nothing."""
+    rig = Commanded(arm)
+    rig.loop.unlimit()
+    step = OMNI.limits.torque_rate * DT
+    turning = replace(FRESH, wrench_map=WrenchMap(np.vstack([np.zeros((3, 3)), 0.01 * np.eye(3)]), np.zeros(6)))
+    commanded = np.array([0.0, 0.0, 0.0, 2.0 * step, 0.0, 0.0])
+    rig.client["session"] = 1.0
+    rig.loop.protection.commanded[:] = commanded
+    for _ in range(5):
+        rig.loop.ask(commanded)
+        rig.loop.drive(np.zeros(3), estimate=turning)
+    found = []
+    for _ in steps:
+        before = rig.loop.held
+        rig.loop.ask(commanded)
+        rig.loop.drive(np.array([200.0 * step, 0.0, 0.0]), estimate=turning)
+        found.append(0.01 * np.linalg.norm(rig.loop.held - before) / step)
+    assert found == pytest.approx(steps)
