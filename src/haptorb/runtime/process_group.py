@@ -369,6 +369,8 @@ class ProcessGroup:
             if wait_for_end(self._servo, patience):
                 break
             self._servo.send_signal(force)
+        else:
+            wait_for_end(self._servo, _FINISH)  # killed: soon, unless the kernel holds it
         self._end_group()
         self.compiler.end()
         self._output.end()
