@@ -148,7 +148,10 @@ def _explain_damage(place: str | Path, context: ExceptionContext) -> None:
     """RecordingError, whoever asks, for what SQLite says of a damaged file, or Python of a text in it."""
     cause = context.original_exception
     if type(cause) is sqlite3.DatabaseError or isinstance(cause, UnicodeDecodeError | MemoryError):
-        raise RecordingError(f"database {mask_password(place)} is damaged: {cause or 'malformed'}") from cause
+        raise RecordingError(
+            f"database {mask_password(place)} is damaged: {cause or 'malformed'}; use a backup, or what SQLite's own "
+            "program saves of it (sqlite3 FILE .recover)"
+        ) from cause
 
 
 # --------------------------------------------------------------------------------------------------
