@@ -225,7 +225,7 @@ def feel_with_console(
     live: LiveSession, choice: DesignChoice, device: str, scale: TrueScale, port: int, browser: bool, where: PageAddress
 ) -> int:
     """Designs felt and rated in page and terminal until the session is finished; the signal's number, or 0."""
-    from haptorb.runtime.linux import complete
+    from haptorb.runtime.linux import run_uninterrupted
     from haptorb.runtime.world_change import name_of
     from haptorb.web.console import Console
     from haptorb.web.server import freeze_garbage
@@ -278,7 +278,7 @@ def feel_with_console(
                 ended_by = console.serve(open_browser=browser, until=lambda: live.finished)
                 servo.check_end()
             finally:
-                complete(end)
+                run_uninterrupted(end)
     finally:
-        complete(lambda _: live.close())
+        run_uninterrupted(lambda _: live.close())
     return ended_by or 0

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from haptorb.errors import InputError
-from haptorb.runtime.linux import Termination, complete
+from haptorb.runtime.linux import Termination, run_uninterrupted
 from haptorb.terminal import print_json, say
 
 if TYPE_CHECKING:
@@ -366,7 +366,7 @@ def _close(servo: Servo, serving: Serving) -> None:
         finally:
             servo.close()
 
-    complete(close)
+    run_uninterrupted(close)
 
 
 def _driver_text(servo: Servo) -> str:

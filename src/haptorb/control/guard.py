@@ -287,20 +287,20 @@ def limit_wrench(g: Record) -> None:
     for i in range(3):
         wrench[i] *= f
         wrench[3 + i] *= t
-    _free_own(g)
+    _note_uncommanded(g)
 
 
 @kernel
-def _free_own(g: Record) -> None:
-    """What no client commands may change what flows at once: g.free (2,) grows by its change of force and torque."""
+def _note_uncommanded(g: Record) -> None:
+    """What no client commands may step: g.allowance (2,) grows by its change of force and torque."""
     for k in range(2):
         change = 0.0
         for i in range(3 * k, 3 * k + 3):
             own = g.asked[i] - g.gain * g.client[i]
-            change += (own - g.own[i]) ** 2
-            g.own[i] = own
-            g.followed = g.followed or g.client[i] != 0.0
-        g.free[k] += np.sqrt(change)
+            change += (own - g.uncommanded[i]) ** 2
+            g.uncommanded[i] = own
+            g.client_flows = g.client_flows or g.client[i] != 0.0
+        g.allowance[k] += np.sqrt(change)
 
 
 @kernel
@@ -343,14 +343,14 @@ def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array, pushe
             _clear_currents(g, coils)
             return
     scale = _hold(g, coils, wanted, share)  # safety: warm-coils-are-derated
-    if g.followed and g.state != _TRIPPED:  # safety: fades-are-free
-        _follow(g, coils, wanted, scale, pushes, turns)  # safety: clients-flow-at-their-rate
+    if g.client_flows and g.state != _TRIPPED:  # safety: fades-are-free
+        _limit_client_rate(g, coils, wanted, scale, pushes, turns)  # safety: clients-flow-at-their-rate
 
 
 @kernel
 def _clear_currents(g: Record, coils: Records) -> None:
-    g.free[:] = 0.0
-    g.followed = False
+    g.allowance[:] = 0.0
+    g.client_flows = False
     for j in range(coils.size):
         coils[j].held = 0.0
 
@@ -381,9 +381,9 @@ def _hold(g: Record, coils: Records, wanted: Array, share: float) -> float:
 
 
 @kernel
-def _moved(coils: Records, k: int, wanted: Array, scale: float) -> tuple[float, float]:
-    """How far `held` is from what flows, and `scale` of `wanted` (m,) [A] from `held`: the first and the second as
-    force [N], k = 0, or torque [N·m], k = 1, at this pose."""
+def _find_steps(coils: Records, k: int, wanted: Array, scale: float) -> tuple[float, float]:
+    """From the driven currents to `held`, and from `held` to `scale` of `wanted` (m,) [A]: both as force [N], k = 0, or
+    torque [N·m], k = 1, at this pose."""
     step, behind = 0.0, 0.0
     for i in range(3 * k, 3 * k + 3):
         a, b = 0.0, 0.0
@@ -397,18 +397,18 @@ def _moved(coils: Records, k: int, wanted: Array, scale: float) -> tuple[float, 
 
 
 @kernel
-def _follow(g: Record, coils: Records, wanted: Array, scale: float, pushes: bool, turns: bool) -> None:
-    """Shorten the way from what flows to `held`, until a client's force changes at its rate at most.
+def _limit_client_rate(g: Record, coils: Records, wanted: Array, scale: float, pushes: bool, turns: bool) -> None:
+    """Shorten the step from the driven currents to `held` until a client's force changes at its rate at most.
 
-    What is asked keeps to that rate already; but where limits or slew held the currents back, they would make up for it
-    all at once. What no client commands is not limited: it may go as far as it has changed since the coils last were
-    where they should be. A shorter way is within all limits, as both its ends are.
+    The asked wrench keeps to that rate already; but where slew or limits held the currents back, they would catch up in
+    one step. What no client commands is not limited: it may step as far as it has changed since the coils last gave
+    what was wanted. A shorter step is within all limits, as both its ends are.
     """
     share = 1.0
     for k in range(2):
         if turns if k == 1 else pushes:
-            allowed = (g.torque_rate if k == 1 else g.force_rate) * g.dt + g.free[k]
-            step, _ = _moved(coils, k, wanted, scale)
+            allowed = (g.torque_rate if k == 1 else g.force_rate) * g.dt + g.allowance[k]
+            step, _ = _find_steps(coils, k, wanted, scale)
             if step > allowed:
                 share = min(share, allowed / step)
     if share < 1.0:
@@ -417,15 +417,15 @@ def _follow(g: Record, coils: Records, wanted: Array, scale: float, pushes: bool
             c.held = c.driven + share * (c.held - c.driven)
     silent = True
     for k in range(2):
-        _, behind = _moved(coils, k, wanted, scale)
-        if behind < g.free[k]:
-            g.free[k] = behind
+        _, behind = _find_steps(coils, k, wanted, scale)
+        if behind < g.allowance[k]:
+            g.allowance[k] = behind
         if turns if k == 1 else pushes:
             silent = silent and behind <= (g.torque_rate if k == 1 else g.force_rate) * g.dt
     for i in range(6):
         silent = silent and g.client[i] == 0.0
     if silent:
-        g.followed = False
+        g.client_flows = False
 
 
 # --------------------------------------------------------------------------------------------------
@@ -477,9 +477,9 @@ GUARD = fields(
     ("leaving", "?"),  # another world takes over: the wrench goes to zero
     ("arriving", "?"),  # and then to what the world gives now
     ("wanted", "f8", (6,)),  # both together [N, N·m]
-    ("own", "f8", (6,)),  # part of `asked` that no client commands [N, N·m]
-    ("free", "f8", (2,)),  # force [N] and torque [N·m] by which it may change what flows
-    ("followed", "?"),  # a client's wrench flows, so that changes of the currents are limited to its rates
+    ("uncommanded", "f8", (6,)),  # part of `asked` that no client commands [N, N·m]
+    ("allowance", "f8", (2,)),  # step of force [N] and torque [N·m] that this part may still need
+    ("client_flows", "?"),  # a client's wrench is in the currents: their change is limited to its rates
 )
 
 HEAT = fields(

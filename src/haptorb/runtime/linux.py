@@ -32,7 +32,6 @@ __all__ = [
     "Termination",
     "TickTimeout",
     "claim",
-    "complete",
     "die_with_parent",
     "end_group",
     "end_process",
@@ -46,6 +45,7 @@ __all__ = [
     "repeat_signal",
     "request_real_time",
     "require_linux",
+    "run_uninterrupted",
     "start",
     "start_python",
     "wait_for_end",
@@ -456,7 +456,7 @@ def hold_signals() -> Iterator[threading.Event]:
         signal.raise_signal(held[0])
 
 
-def complete(act: Callable[[threading.Event], None]) -> None:
+def run_uninterrupted(act: Callable[[threading.Event], None]) -> None:
     """Do `act` to its end under `hold_signals`, whose event it is given: also where a signal comes just before it is
     held, which then has its effect afterwards. In the main thread; elsewhere `act` is done."""
     early: BaseException | None = None

@@ -56,7 +56,7 @@ from haptorb.runtime.assembly import (
 from haptorb.runtime.black_box import BlackBox, TripRecord
 from haptorb.runtime.clock import check_rate
 from haptorb.runtime.commands import Commands
-from haptorb.runtime.linux import complete, require_linux
+from haptorb.runtime.linux import require_linux, run_uninterrupted
 from haptorb.runtime.prestart import PrestartedProcess
 from haptorb.runtime.process_group import ProcessGroup, SignalStop
 from haptorb.runtime.report import (
@@ -564,6 +564,7 @@ class ServoContext(ServoObserver):
             yield self.latest()
             await asyncio.sleep(pause)
 
+    @abstractmethod
     def _repeat_lost_signal(self, since: float) -> None:
         """A signal that came after `since` [s] and whose exception was lost has its effect now."""
 
@@ -872,7 +873,7 @@ class Servo(ServoContext):
         try:
             self.end_loop()
         finally:
-            complete(self._tidy)
+            run_uninterrupted(self._tidy)
 
     def _repeat_lost_signal(self, since: float) -> None:
         if self._signals is not None:

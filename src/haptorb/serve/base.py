@@ -28,7 +28,7 @@ from haptorb.arrays import Array, record
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, HaptorbError, InputError, UnknownName
 from haptorb.runtime.commands import BUTTONS
-from haptorb.runtime.linux import complete, end_process, is_parent_gone
+from haptorb.runtime.linux import end_process, is_parent_gone, run_uninterrupted
 from haptorb.runtime.liveness import HangWatch
 from haptorb.runtime.plan import pack
 from haptorb.runtime.prestart import start_module
@@ -479,7 +479,7 @@ class Serving:
     def end(self) -> None:
         """End all servers, by force if they do not end by themselves. May be called twice."""
         self._ending.set()
-        complete(self._end_all)
+        run_uninterrupted(self._end_all)
 
     def _end_all(self, _: threading.Event) -> None:
         if self._watcher is not None:

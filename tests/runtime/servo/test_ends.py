@@ -207,22 +207,22 @@ def test_a_signal_just_before_the_end_holds_it_leaves_nothing(monkeypatch, tmp_p
 
 @pytest.mark.parametrize("moment", ["getsignal", "signal"])
 def test_what_is_completed_is_done_once_and_leaves_the_handlers_as_they_were(monkeypatch, moment):
-    from haptorb.runtime.linux import END_SIGNALS, complete
+    from haptorb.runtime.linux import END_SIGNALS, run_uninterrupted
 
     before, done = [signal.getsignal(number) for number in END_SIGNALS], []
     interrupt_at(monkeypatch, moment)
     with pytest.raises(KeyboardInterrupt):
-        complete(lambda interrupted: done.append(interrupted.is_set()))
+        run_uninterrupted(lambda interrupted: done.append(interrupted.is_set()))
     assert done == [True]
     assert [signal.getsignal(number) for number in END_SIGNALS] == before
 
 
 def test_a_signal_while_the_handlers_are_put_back_leaves_them_as_they_were(monkeypatch):
-    from haptorb.runtime.linux import END_SIGNALS, complete
+    from haptorb.runtime.linux import END_SIGNALS, run_uninterrupted
 
     before = [signal.getsignal(number) for number in END_SIGNALS]
     with pytest.raises(KeyboardInterrupt):
-        complete(lambda _: interrupt_at(monkeypatch, "signal"))
+        run_uninterrupted(lambda _: interrupt_at(monkeypatch, "signal"))
     assert [signal.getsignal(number) for number in END_SIGNALS] == before
 
 
