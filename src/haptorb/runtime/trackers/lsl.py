@@ -39,7 +39,7 @@ level = -2
 """
 
 _SEARCH = 3.0  #: how long a stream is looked for [s]
-_OTHERS = 0.7  #: and how long, once there is one, others of the same name answer [s]
+_OTHERS = 1.6  #: and how long, once there is one, others of the same name answer: two of the layer's calls [s]
 _LOOK = 0.5  #: between two looks at what was found meanwhile [s]
 _FORGET = 2.0  #: a stream that no longer answers is forgotten after [s]
 _MANY = 64  #: streams of one name that are looked at
