@@ -93,7 +93,7 @@ BREAKS = (
         "pytest tests/web/console/test_pointer_relay.py tests/browser/test_console_drag.py",
         "pointer-bridged",
     ),
-    Break("Console: a page that hangs", "pytest -m slow tests/browser/test_console_drag.py", "pointer-bridged"),
+    Break("Console: a page that hangs", "pytest -m slow tests/browser/test_console_drag.py", "stale-poses-trip"),
     Break("Study: a Stop from any page", STUDY_STOP, "study-stop-first", "--states running --repetitions 1 --lock 3"),
     *(
         Break(
