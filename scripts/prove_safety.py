@@ -558,6 +558,12 @@ RULES = [
         "without 2 of test.operand",
         "tests/control/protection/test_current_check.py",
     ),
+    (
+        "alternating-currents-are-followed",
+        "a sensor that reads too little of an alternating current is found",
+        "never",
+        "tests/control/protection/test_current_check.py",
+    ),
     ("world-failure-trips", "a world that fails trips", "drop", TICK_TESTS),
     ("memory-finite", "a memory that is not finite trips", "never", MEMORY_TESTS),
     ("failed-memory-restarts", "a memory that failed begins anew when somebody engages", "never", MEMORY_TESTS),

@@ -607,6 +607,8 @@ COIL = fields(
     ("residual", "f8"),  # smoothed difference of measured and model [A]
     ("level", "f8"),  # smoothed magnitude of the current [A]
     ("change", "f8"),  # smoothed change of the current per tick [A]
+    ("square", "f8"),  # smoothed square of the model's current when it was measured [A²]
+    ("product", "f8"),  # smoothed product of that current and the measured one [A²]
 )
 
 

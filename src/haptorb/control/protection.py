@@ -216,7 +216,8 @@ class Protection(Stateful):
         g["gain"] = 0.0  # safety: engaging-ramps-from-zero
         # What the check learned before may belong to a sensor that was repaired meanwhile.
         coils["ratio"] = 1.0
-        coils["residual"] = coils["level"] = coils["change"] = 0.0
+        for name in ("residual", "level", "change", "square", "product"):
+            coils[name] = 0.0
         return True
 
     def start(self, estimate: Estimate) -> None:

@@ -105,6 +105,26 @@ def test_tolerances_and_delays_are_no_fault(coil, gain, offset, age):
     assert ticks_until_found(lambda i: gain * i + offset + next(counter), coil, duties, 4000, 0, age) is None
 
 
+@pytest.mark.parametrize("hertz", [40.0, 90.0, 140.0, 250.0])
+@pytest.mark.parametrize("change", [lambda i: 0.0, lambda i: 0.1 * i, lambda i: -i], ids=["zero", "tenth", "reversed"])
+def test_a_sensor_that_lies_about_an_alternating_current_is_found_within_50_ms(change, hertz):
+    found = ticks_until_found(one(change), duties=lambda n: 0.7 * np.sin(2 * np.pi * hertz * n * DT) * np.ones(3))
+    assert found is not None
+    assert found <= 50
+
+
+@pytest.mark.parametrize("late", [0.1, 0.3])
+def test_alternating_currents_read_a_little_late_are_no_fault(late):
+    last = np.zeros(3)
+
+    def delay(i):
+        nonlocal last
+        read, last = i + late * (last - i), i
+        return read
+
+    assert ticks_until_found(delay, Coil(1.08, 1.3, 0.95), lambda n: np.full(3, 0.9 * (-1.0) ** n), 2000, 0) is None
+
+
 def test_a_moving_mover_induces_and_is_no_fault():
     coil, check = Coil(), Check()
     emf = np.array([6.0, 0.0, 0.0])  # half of the supply: far beyond any tool
