@@ -4,7 +4,7 @@
 
 First the driver on simulated chips in simulated time: open, push, rest, over-current, engage, push, close. At one
 transfer of it the bus begins to refuse (what was being written arrives in part) or to hang (every transfer for 10 ms,
-which is what the driver asks of the kernel), for 0.1 ms to 10 s. Measured is the time from the bus's first answer until
+which is what the driver asks of the kernel), or the PWM chip to acknowledge without obeying, for 0.1 ms to 10 s. Measured is the time from the bus's first answer until
 the registers read zero and the driver says OFF; OFF said with a register not zero is a failure. Where `close` has given
 up, the guardian's own loop goes on. "at the pins": until the monostable has disabled the outputs, counted from the
 beginning of the fault. Then a real guardian process is stopped or killed while a driver ticks at 1 kHz: when does the
@@ -44,6 +44,7 @@ from oracles.chips import ChipBus, Thermometers
 
 LIMIT = 0.020  #: from the first answer of the bus to registers that read zero; for noticing the guardian's end [s]
 HANG = 0.010  #: what one transfer takes that hangs [s]
+PWM = 0x60  #: the PWM chip's address
 TICK = 1e-3
 SOME = np.array([0.25, -0.125, 0.0625])
 NONE = np.zeros(3)
@@ -75,7 +76,7 @@ class FaultyBus:
         self.count = 0
         self.fault_start: float | None = None
         self.pins: float | None = None  #: from the first failure to pins that are low [s]
-        self._at, self._lasts, self._hangs = at, lasts, kind == "hang"
+        self._at, self._lasts, self._kind = at, lasts, kind
         self._random = random.Random(seed)
 
     @property
@@ -98,11 +99,14 @@ class FaultyBus:
         if self.over is None or self.now >= self.over:
             return self.chips.transfer(messages)
         address, what = messages[0]
+        if self._kind == "deaf":
+            heard = [(a, w) for a, w in messages if not (a == PWM and isinstance(w, bytes) and len(w) > 1)]
+            return self.chips.transfer(heard) if heard else []
         if isinstance(what, bytes) and len(what) > 1:
             with suppress(OSError):
                 self.chips.transfer([(address, what[: self._random.randint(1, len(what) - 1)])])
-        self.chips.now += HANG if self._hangs else 50e-6
-        raise OSError(110 if self._hangs else 121, "the bus fails")
+        self.chips.now += HANG if self._kind == "hang" else 50e-6
+        raise OSError(110 if self._kind == "hang" else 121, "the bus fails")
 
     def close(self) -> None:
         """The chips stay."""
@@ -166,7 +170,12 @@ class Session:
         if not self.all_of(steps):
             self.recover()
             return
-        self.found = self.found or "over-current was not noticed"
+        if self.bus.pwm.duties().any():  # perhaps only from the last tick on: the chip may not have obeyed before
+            if not self.all_of([(3, SOME, 200.0)]):
+                self.recover()
+                return
+            self.found = self.found or "over-current was not noticed"
+        self.shut()
 
     def all_of(self, steps: list[tuple[int, Any, float]]) -> bool:
         """Tick through `steps`; False as soon as the driver complains."""
@@ -250,7 +259,7 @@ def faults(count: int, seed: int = 1) -> dict[str, Any]:
     for number in range(count):
         at = where[number % len(where)]
         lasts = 10.0 ** draw.uniform(-4.0, 1.0)
-        kind = draw.choice(("nack", "hang"))
+        kind = draw.choice(("nack", "hang", "deaf"))
         bus = FaultyBus(at, lasts, kind, number)
         session = Session(bus)
         session.run()

@@ -2,12 +2,12 @@
 
     python benchmarks/safety/other_accounts.py [--attempts N]        (as root: it starts a process of the account 65534)
 
-`haptorb run` runs with console, the servers `haply`, `osc` and `foxglove`, and a tracker `osc`: once with everything on
-loopback, once with the tracker open to the network, so that there is a token. A program of this account sends poses and
-watches through `haply`. A process that has given up this account for good tries in turn: WebSockets of `haply`,
-`foxglove` and console; requests of `haply` over HTTP; forces, subscriptions, parameters and worlds by OSC; poses and
-losses for the tracker; the arguments and environments of all processes, shared memory and temporary files, where it
-looks for the tokens. Every attempt that is answered with more than a refusal counts, and so does a session that holds
+`haptorb run` renders clients' forces with console, the servers `haply`, `osc` and `foxglove`, and a tracker `osc`: with everything on
+loopback, without any token and with one, and with the tracker open to the network. A program of this account watches
+through `haply` and sends poses, in some of the runs only until the attack begins. A process that has given up this
+account for good tries in turn: WebSockets of `haply`, `foxglove` and console; requests of `haply` over HTTP; forces,
+subscriptions, parameters and worlds by OSC; poses and losses for the tracker; the arguments and environments of all
+processes, shared memory and temporary files, where it looks for the tokens. Every attempt that is answered with more than a refusal counts, and so does a session that holds
 the device, a force, or a pose that is not the sender's.
 """
 
@@ -39,6 +39,11 @@ COMMAND = "from haptorb.cli import main; raise SystemExit(main())"
 PLACE = (0.001, 0.002, 0.055)
 ELSEWHERE = (0.02, 0.0, 0.06)
 MOVED = 2e-3  #: of the pose, that no noise makes [m]
+#: where the tracker listens, whether servers and tracker ask for tokens, whether this account goes on sending poses
+RUNS = (
+    ("127.0.0.1", False, True), ("127.0.0.1", False, False), ("127.0.0.1", True, True), ("0.0.0.0", True, True),
+    ("0.0.0.0", True, False),
+)  # fmt: skip
 START = 240.0  #: for a run whose code must be compiled first [s]
 UPGRADE = (
     "GET {path} HTTP/1.1\r\nHost: localhost:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
@@ -74,7 +79,7 @@ class Stranger:
             lambda: self.datagrams("tracker", osc("/haptorb/pose", *ELSEWHERE, 0.0, 0.0, 0.0, 1.0)),
             lambda: self.datagrams("tracker", osc("/haptorb/lost")),
             lambda: self.datagrams("tracker", osc("/haptorb/pose", "token", *ELSEWHERE, 0.0, 0.0, 0.0, 1.0)),
-            self.read_processes, self.read_files,
+            self.lead, self.read_processes, self.read_files,
         ]  # fmt: skip
 
     def _exchange(self, port: int, data: str) -> bytes:
@@ -100,6 +105,16 @@ class Stranger:
             with suppress(OSError):
                 if not sender.recv(4096).startswith(b"/haptorb/error"):
                     return f"an answer of {name}"
+        return ""
+
+    def lead(self) -> str:
+        """Poses from one port for 2.5 s: whoever replaces a sender is believed after a moment."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for _ in range(250):
+                sender.sendto(
+                    osc("/haptorb/pose", *ELSEWHERE, 0.0, 0.0, 0.0, 1.0), ("127.0.0.1", self.ports["tracker"])
+                )
+                time.sleep(0.01)
         return ""
 
     def read_processes(self) -> str:
@@ -139,14 +154,16 @@ def attack(count: int, ports: dict[str, int], tokens: list[str], write: int) -> 
 class Run:
     """A run of haptorb, a program of this account that sends poses, and one that watches."""
 
-    def __init__(self, tracker_host: str) -> None:
+    def __init__(self, tracker_host: str, tokens: bool) -> None:
         names = ("console", "haply", "events", "osc", "foxglove", "tracker")
         self.ports = {name: free_port() for name in names}
-        self.tokens = {name: secrets.token_urlsafe(16) for name in ("HAPTORB_TOKEN", "HAPTORB_TRACKER_TOKEN")}
+        names = ("HAPTORB_TOKEN", "HAPTORB_TRACKER_TOKEN") if tokens else ()
+        self.tokens = {name: secrets.token_urlsafe(16) for name in names}
+        self.silent = False  #: nobody else says where the tool is
         self.beyond = tracker_host != "127.0.0.1"
         ports = self.ports
         command = [
-            sys.executable, "-c", COMMAND, "run", "omni", "--port", str(ports["console"]),
+            sys.executable, "-c", COMMAND, "run", "omni", "--world", "remote", "--port", str(ports["console"]),
             "--serve", f"haply:{ports['haply']}:{ports['events']}", "--serve", f"osc:{ports['osc']}",
             "--serve", f"foxglove:{ports['foxglove']}", "--tracker", f"osc:{tracker_host}:{ports['tracker']}",
         ]  # fmt: skip
@@ -175,7 +192,8 @@ class Run:
         data = osc("/haptorb/pose", *token, *PLACE, 0.0, 0.0, 0.0, 1.0)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             while not self.over.wait(0.005):
-                sender.sendto(data, ("127.0.0.1", self.ports["tracker"]))
+                if not self.silent:
+                    sender.sendto(data, ("127.0.0.1", self.ports["tracker"]))
 
     def watch(self) -> None:
         first: list[float] | None = None
@@ -225,13 +243,14 @@ def main() -> int:
         print("only root can start a process of another account; run this as root")
         return 2
     tried, got = 0, Counter[str]()
-    for host in ("127.0.0.1", "0.0.0.0"):
-        with Run(host) as run:
+    for host, tokens, sends in RUNS:
+        with Run(host, tokens) as run:
+            run.silent = not sends
             read, write = os.pipe()
             number = os.fork()
             if number == 0:
                 try:
-                    attack(count // 2, run.ports, list(run.tokens.values()), write)
+                    attack(count // len(RUNS), run.ports, list(run.tokens.values()), write)
                 finally:
                     os._exit(0)
             os.close(write)
@@ -242,7 +261,7 @@ def main() -> int:
             got.update(found["got"])
             got.update(run.faults)
             print(
-                f"tracker at {host}: {found['tried']} attempts, {sum(found['got'].values())} got something; "
+                f"tracker at {host}, {'with' if tokens else 'no'} tokens, this account {'sends' if sends else 'does not send'} poses: {found['tried']} attempts, {sum(found['got'].values())} got something; "
                 f"{run.looks} looks at the device by this account"
             )
             if not run.looks:
@@ -250,7 +269,7 @@ def main() -> int:
     for what, times in got.items():
         print(f"{times} times: {what}")
     print(f"{sum(got.values())} of {tried} attempts of another account moved a coil, read a pose or a token")
-    kept = not got and tried == count // 2 * 2
+    kept = not got and tried == count // len(RUNS) * len(RUNS)
     print("kept" if kept else "BROKEN")
     return 0 if kept else 1
 

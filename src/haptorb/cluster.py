@@ -255,10 +255,13 @@ def count_cores() -> int:
 # therefore started with `-P`; one that needs nothing of the user's with `-I`, which leaves out PYTHONPATH too.
 
 
-#: An isolated process finds this package, and what it needs, where this process found them.
+#: An isolated process finds this package, and what it needs, where this process found them: the package before another
+#: version of it that is installed, and after Python's own modules.
 _ISOLATED = (
-    f"import sys; folders, module = sys.argv[1].split({os.pathsep!r}), sys.argv[2]; del sys.argv[1:3]; "
-    "sys.path += [one for one in folders if one not in sys.path]; "
+    "import sys; root, user, module = sys.argv[1:4]; del sys.argv[1:4]; "
+    "at = next((n for n, one in enumerate(sys.path) if one.endswith('-packages')), len(sys.path)); "
+    "sys.path[at:at] = [root] * (root not in sys.path[:at + 1]); "
+    "sys.path += [user] * (user != '' and user not in sys.path); "
     "import runpy; runpy.run_module(module, run_name='__main__', alter_sys=True)"
 )
 
@@ -271,13 +274,13 @@ def python_command(module: str, *arguments: str, isolated: bool = False) -> list
     if not isolated:
         return [sys.executable, "-P", "-m", module, *arguments]  # safety: no-current-folder
     # safety: isolated-child
-    return [sys.executable, "-I", "-c", _ISOLATED, os.pathsep.join(_own_folders()), module, *arguments]
+    return [sys.executable, "-I", "-c", _ISOLATED, *_own_folders(), module, *arguments]
 
 
-def _own_folders() -> list[str]:
-    """Where this package lies, and the account's own packages if this process uses them."""
+def _own_folders() -> tuple[str, str]:
+    """Where this package lies, and the account's own packages if this process uses them, else nothing."""
     root = str(Path(__file__).resolve().parents[1])
-    return [root, site.getusersitepackages()] if site.ENABLE_USER_SITE else [root]
+    return root, site.getusersitepackages() if site.ENABLE_USER_SITE else ""
 
 
 def environment(more: Mapping[str, str] | None = None) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor
@@ -57,6 +58,22 @@ def test_an_isolated_child_runs_nothing_from_the_users_path_either(poisoned: Pat
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=found)
     assert not poisoned.exists(), poisoned.read_text()
     assert "invalid literal for int() with base 10: 'nothing'" in done.stderr  # it is that program
+
+
+def test_an_isolated_child_runs_the_version_of_the_process_that_starts_it(tmp_path: Path) -> None:
+    """One version is installed, another one, a checkout, runs by way of PYTHONPATH."""
+    shutil.copytree(SOURCES / "haptorb", tmp_path / "haptorb", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "colorsys.py").write_text("raise SystemExit('not the one of Python')")
+    (tmp_path / "haptorb" / "which.py").write_text("import colorsys, haptorb; print(haptorb.__file__)")
+    host = (
+        "import subprocess; from haptorb.cluster import python_command; "
+        "subprocess.run(python_command('haptorb.which', isolated=True))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", host], capture_output=True, text=True, check=False, cwd=tmp_path,
+        env={**environment(), "PYTHONPATH": str(tmp_path)}, timeout=60,
+    )  # fmt: skip
+    assert done.stdout.strip() == str(tmp_path / "haptorb" / "__init__.py"), done.stderr
 
 
 def test_an_empty_entry_of_the_path_is_not_the_current_folder(poisoned: Path, monkeypatch: pytest.MonkeyPatch) -> None:
