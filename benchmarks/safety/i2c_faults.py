@@ -4,11 +4,11 @@
 
 First the driver on simulated chips in simulated time: open, push, rest, over-current, engage, push, close. At one
 transfer of it the bus begins to refuse (what was being written arrives in part) or to hang (every transfer for 10 ms,
-which is what the driver asks of the kernel), or the PWM chip to acknowledge without obeying, for 0.1 ms to 10 s. Measured is the time from the bus's first answer until
-the registers read zero and the driver says OFF; OFF said with a register not zero is a failure. Where `close` has given
-up, the guardian's own loop goes on. "at the pins": until the monostable has disabled the outputs, counted from the
-beginning of the fault. Then a real guardian process is stopped or killed while a driver ticks at 1 kHz: when does the
-driver notice?
+which is what the driver asks of the kernel), or the PWM chip to acknowledge without obeying, for 0.1 ms to 10 s.
+Measured is the time from the bus's first answer until the registers read zero and the driver says OFF; OFF said with a
+register not zero is a failure. Where `close` has given up, the guardian's own loop goes on. "at the pins": until the
+monostable has disabled the outputs, counted from the beginning of the fault. Then a real guardian process is stopped or
+killed while a driver ticks at 1 kHz: when does the driver notice?
 """
 
 from __future__ import annotations

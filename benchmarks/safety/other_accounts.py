@@ -2,13 +2,14 @@
 
     python benchmarks/safety/other_accounts.py [--attempts N]        (as root: it starts a process of the account 65534)
 
-`haptorb run` renders clients' forces with console, the servers `haply`, `osc` and `foxglove`, and a tracker `osc`: with everything on
-loopback, without any token and with one, and with the tracker open to the network. A program of this account watches
-through `haply` and sends poses, in some of the runs only until the attack begins. A process that has given up this
-account for good tries in turn: WebSockets of `haply`, `foxglove` and console; requests of `haply` over HTTP; forces,
-subscriptions, parameters and worlds by OSC; poses and losses for the tracker; the arguments and environments of all
-processes, shared memory and temporary files, where it looks for the tokens. Every attempt that is answered with more than a refusal counts, and so does a session that holds
-the device, a force, or a pose that is not the sender's.
+`haptorb run` renders clients' forces with console, the servers `haply`, `osc` and `foxglove`, and a tracker `osc`: with
+everything on loopback, without any token and with one, and with tracker and OSC server open to the network. A program
+of this account watches through `haply` and sends poses, in some of the runs only until the attack begins. A process
+that has given up this account for good tries in turn: WebSockets of `haply`, `foxglove` and console; requests of
+`haply` over HTTP; forces, subscriptions, parameters and worlds by OSC; poses and losses for the tracker; the arguments
+and environments of all processes, shared memory and temporary files, where it looks for the tokens. Every attempt that
+is answered with more than a refusal counts, and so does a session that holds the device, a force, or a pose that is not
+the sender's.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ COMMAND = "from haptorb.cli import main; raise SystemExit(main())"
 PLACE = (0.001, 0.002, 0.055)
 ELSEWHERE = (0.02, 0.0, 0.06)
 MOVED = 2e-3  #: of the pose, that no noise makes [m]
-#: where the tracker listens, whether servers and tracker ask for tokens, whether this account goes on sending poses
+#: where tracker and OSC server listen, whether there are tokens, whether this account goes on sending poses
 RUNS = (
     ("127.0.0.1", False, True), ("127.0.0.1", False, False), ("127.0.0.1", True, True), ("0.0.0.0", True, True),
     ("0.0.0.0", True, False),
@@ -154,18 +155,18 @@ def attack(count: int, ports: dict[str, int], tokens: list[str], write: int) -> 
 class Run:
     """A run of haptorb, a program of this account that sends poses, and one that watches."""
 
-    def __init__(self, tracker_host: str, tokens: bool) -> None:
+    def __init__(self, host: str, tokens: bool) -> None:
         names = ("console", "haply", "events", "osc", "foxglove", "tracker")
         self.ports = {name: free_port() for name in names}
         names = ("HAPTORB_TOKEN", "HAPTORB_TRACKER_TOKEN") if tokens else ()
         self.tokens = {name: secrets.token_urlsafe(16) for name in names}
         self.silent = False  #: nobody else says where the tool is
-        self.beyond = tracker_host != "127.0.0.1"
+        self.beyond = host != "127.0.0.1"
         ports = self.ports
         command = [
             sys.executable, "-c", COMMAND, "run", "omni", "--world", "remote", "--port", str(ports["console"]),
-            "--serve", f"haply:{ports['haply']}:{ports['events']}", "--serve", f"osc:{ports['osc']}",
-            "--serve", f"foxglove:{ports['foxglove']}", "--tracker", f"osc:{tracker_host}:{ports['tracker']}",
+            "--serve", f"haply:{ports['haply']}:{ports['events']}", "--serve", f"osc:{host}:{ports['osc']}",
+            "--serve", f"foxglove:{ports['foxglove']}", "--tracker", f"osc:{host}:{ports['tracker']}",
         ]  # fmt: skip
         self.process = subprocess.Popen(
             command, env={**os.environ, **self.tokens}, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
@@ -261,8 +262,9 @@ def main() -> int:
             got.update(found["got"])
             got.update(run.faults)
             print(
-                f"tracker at {host}, {'with' if tokens else 'no'} tokens, this account {'sends' if sends else 'does not send'} poses: {found['tried']} attempts, {sum(found['got'].values())} got something; "
-                f"{run.looks} looks at the device by this account"
+                f"tracker and OSC server at {host}, {'with' if tokens else 'no'} tokens, this account "
+                f"{'sends' if sends else 'does not send'} poses: {found['tried']} attempts, "
+                f"{sum(found['got'].values())} got something; {run.looks} looks at the device by this account"
             )
             if not run.looks:
                 got["this account could not watch"] += 1

@@ -154,8 +154,9 @@ def check_currents(clock: Record, coils: Records, age: float) -> bool:
         allowed = _SHARE_OF_LIMIT * c.limit + _SHARE_OF_CURRENT * c.level + _SHARE_OF_CHANGE * c.change
         if not (abs(c.residual) <= allowed and _LOWEST <= c.ratio <= _HIGHEST):  # safety: low-sensor-is-found
             plausible = False
-        large = c.square > (_FOLLOWED * c.limit) ** 2
-        if large and not _LEAST * c.square <= c.product <= _MOST * c.square:  # safety: alternating-currents-are-followed
+        small = c.square <= (_FOLLOWED * c.limit) ** 2
+        # safety: alternating-currents-are-followed
+        if not (small or _LEAST * c.square <= c.product <= _MOST * c.square):
             plausible = False
         c.model_before, c.model_end, c.model_time = c.model, end, elapsed
         c.model = now
