@@ -651,8 +651,12 @@ def try_tests(proof: Proof, folder: Path) -> str:
 def _run_tests(tests: str, folder: Path, which: str) -> int:
     environment = {**os.environ, "PYTHONPATH": str(folder / "src"), "XDG_CACHE_HOME": str(folder / "cache")}
     environment.pop("NUMBA_CACHE_DIR", None)
+    once = ["-p", "no:rerunfailures"] if which == "--cache-clear" else []  # what is broken stays so
     run = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-x", which, "-o", f"cache_dir={folder / 'tests'}", "-o", _LIMIT, tests],
+        [
+            *(sys.executable, "-m", "pytest", "-q", "-x", which, "-o", f"cache_dir={folder / 'tests'}", "-o", _LIMIT),
+            *(*once, tests),
+        ],
         cwd=ROOT,
         env=environment,
         capture_output=True,
