@@ -419,6 +419,12 @@ RULES = [
         "uncaught",
         f"{STOP_TESTS}::test_a_fault_that_a_message_meets_takes_no_stop_from_its_page",
     ),
+    (
+        "web-message",
+        "a message that is no JSON is refused in a sentence",
+        "uncaught",
+        "tests/web/server/test_hostile_messages.py",
+    ),
     ("study-answer-off", "no answer counts while the device is off", "never", TERMINAL_TESTS),
     ("export-own-folder", "an export replaces no folder but an earlier export", "never", EXPORT_TESTS),
     ("export-own-study", "an export replaces no folder of another study or version", "never", EXPORT_TESTS),

@@ -17,6 +17,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_two_that_share_a_processor_wait_for_each_other_and_a_sleeper_does_not() -> None:
     one = min(os.sched_getaffinity(0))
     program = f"import os; os.sched_setaffinity(0, {{{one}}})\nwhile True: pass"
+    start = time.monotonic()
     busy = [subprocess.Popen([sys.executable, "-S", "-c", program]) for _ in range(3)]
     sleeper = subprocess.Popen([sys.executable, "-S", "-c", "import time; time.sleep(60)"])
     try:
@@ -26,8 +27,8 @@ def test_two_that_share_a_processor_wait_for_each_other_and_a_sleeper_does_not()
         while (waited := starved.look() - before) < 0.5 and time.monotonic() < begin + 30.0:
             hung = hang.look()
             time.sleep(0.05)
-        passed = time.monotonic() - begin
-        assert 0.5 <= waited < 1.1 * passed
+        # The kernel adds a wait when it is over: a part may have begun before the first look.
+        assert 0.5 <= waited < time.monotonic() - start
         assert idle.look() - resting < 0.5 * waited
         assert hung < 1.0
     finally:

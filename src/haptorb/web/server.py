@@ -438,7 +438,7 @@ def command(text: str) -> dict[str, Any]:
         raise InputError(f"a command must have at most {_LONGEST} characters; got {len(text)}")
     try:
         found = json.loads(text, parse_int=_parse_whole, parse_float=_parse_real, parse_constant=_constant)
-    except (ValueError, RecursionError) as mistake:
+    except (ValueError, RecursionError) as mistake:  # safety: web-message
         raise InputError(f"a command must be JSON: {mistake}") from mistake
     if not isinstance(found, dict):
         raise InputError("a command must be a JSON object")

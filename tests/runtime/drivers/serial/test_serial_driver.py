@@ -196,7 +196,7 @@ def test_who_waits_for_an_answer_goes_on_talking(made: Make) -> None:
 def test_a_late_answer_is_as_good_as_that_to_the_last_question(made: Make) -> None:
     board, driver = made(patience=0.5)
     ticks(driver, SOME, 3)
-    driver._patience, board.late = 0.06, 0.012  # later than a question is asked again
+    driver._patience, board.late = 0.4, 0.012  # later than a question is asked again
     assert len(ticks(driver, SOME, 6)) == 6
     assert driver._lost == 0
     board.late = 0.0
