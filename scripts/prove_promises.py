@@ -335,7 +335,10 @@ def run_command(command: str, tree: Path, *, retry: bool = True) -> tuple[bool, 
         )
     except subprocess.TimeoutExpired:
         return False, f"did not end within {TIMEOUT:g} s"
-    return run.returncode == 0, (run.stdout + run.stderr)[-1500:]
+    said = (run.stdout + run.stderr)[-1500:]
+    if "pytest" in words and run.returncode not in (0, 1):
+        raise SystemExit(f"{command}: pytest could not run its tests\n{said}")
+    return run.returncode == 0, said
 
 
 def prove(one: Break, tree: Path, intact: dict[str, tuple[bool, str]]) -> str:

@@ -135,10 +135,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         skips["firmware"] = f"no {', '.join(lacking)} on this machine{_why_missing()}"
     groups = {item: _group(item.nodeid) for item in items}
     items.sort(key=lambda item: HEAVY.index(groups[item]) if groups[item] in HEAVY else len(HEAVY))
+    retries = bool(items) and items[0].config.pluginmanager.hasplugin("rerunfailures")  # not where a rule is broken
     for item in items:
         beside_a_clock = item.get_closest_marker("realtime")
         # Three times at the most, and the summary counts every further try.
-        if beside_a_clock and beside_a_clock.kwargs.get("retry", True):
+        if beside_a_clock and beside_a_clock.kwargs.get("retry", True) and retries:
             item.add_marker(pytest.mark.flaky(reruns=2, reruns_delay=3))
         for marker, reason in skips.items():
             if item.get_closest_marker(marker):
