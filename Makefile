@@ -33,7 +33,7 @@ run: $(VENV)/.run
 
 # Style, types, import contracts and documentation are tests too (tests/checks). Kernels and tests are compiled first.
 # Then what runs beside a clock (the `realtime` marker) comes in threes, and what needs a browser as well, in twos; beside
-# both, in what time they leave, a process for each processor runs all that only computes. One summary for all.
+# both, in what time they leave, a process for each processor and one more run all that only computes. One summary for all.
 test: $(VENV)/.test packages
 	@$(BIN)/python scripts/run_tests.py --markers "not slow" --durations=10 $(ARGS)
 

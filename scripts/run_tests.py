@@ -25,8 +25,9 @@ from pathlib import Path
 
 PYTEST = [sys.executable, "-m", "pytest", "--continue-on-collection-errors"]
 BY_GROUP = ["--dist", "loadscope", "--no-loadscope-reorder"]
-#: four processes at the most; a file's tests stay together, in the order of tests/conftest.py
-SHARED = ["-n", "logical", "--maxprocesses", "4", *BY_GROUP]
+#: one more than processors, because a quarter of the time of these tests is waiting, and four at the most; a file's tests
+#: stay together, in the order of tests/conftest.py
+SHARED = ["-n", str(min((os.cpu_count() or 1) + 1, 4)), *BY_GROUP]
 #: loops at 1 kHz, and one emulated board at a time: each needs a fraction of a processor and mostly waits
 IN_THREES = ["-n", "3", *BY_GROUP]
 #: a page draws with a third of two processors, and the rest of a test waits for it; in the background, mypy is one half

@@ -132,7 +132,7 @@ def test_no_torn_rows(shared: SharedMemory, capacity: int) -> None:
     ring = small(shared)
     with _writing(shared, write):
         cursor, lost, seen, last = 0, 0, 0, 0.0
-        while seen < 20_000:
+        while seen < (20_000 if capacity > 5 else 4_000):  # most rows of five are lost
             before = cursor
             cursor, rows = ring.read_since(cursor)
             lost += cursor - before - len(rows)
