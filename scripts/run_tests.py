@@ -25,8 +25,8 @@ from pathlib import Path
 
 PYTEST = [sys.executable, "-m", "pytest", "--continue-on-collection-errors"]
 BY_GROUP = ["--dist", "loadscope", "--no-loadscope-reorder"]
-#: one more than processors, because a quarter of the time of these tests is waiting, and four at the most; a file's tests
-#: stay together, in the order of tests/conftest.py
+#: one more than processors, because a quarter of the time of these tests is waiting, and four at the most; the tests of
+#: a file stay together, in the order of tests/conftest.py
 SHARED = ["-n", str(min((os.cpu_count() or 1) + 1, 4)), *BY_GROUP]
 #: loops at 1 kHz, and one emulated board at a time: each needs a fraction of a processor and mostly waits
 IN_THREES = ["-n", "3", *BY_GROUP]
