@@ -287,12 +287,17 @@ def environment(more: Mapping[str, str] | None = None) -> dict[str, str]:
     """This process's environment for a child, and `more` that it has not set itself.
 
     An empty entry of PYTHONPATH, which an `export PYTHONPATH=$PYTHONPATH:...` leaves, means the current folder: it is
-    left out.
+    left out. A package that is not installed, because the program found it by a `sys.path` of its own, comes first: the
+    child would run another version, or none.
     """
     found = {**(more or {}), **os.environ}
     if "PYTHONPATH" in found:
         # safety: no-empty-entry
         found["PYTHONPATH"] = os.pathsep.join(one for one in found["PYTHONPATH"].split(os.pathsep) if one)
+    root, _ = _own_folders()
+    folders = [one for one in found.get("PYTHONPATH", "").split(os.pathsep) if one]
+    if root not in folders and not root.endswith("-packages"):
+        found["PYTHONPATH"] = os.pathsep.join([root, *folders])
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import shutil
 import subprocess
 import sys
@@ -60,18 +61,23 @@ def test_an_isolated_child_runs_nothing_from_the_users_path_either(poisoned: Pat
     assert "invalid literal for int() with base 10: 'nothing'" in done.stderr  # it is that program
 
 
-def test_an_isolated_child_runs_the_version_of_the_process_that_starts_it(tmp_path: Path) -> None:
-    """One version is installed, another one, a checkout, runs by way of PYTHONPATH."""
+@pytest.mark.parametrize("found", ["by PYTHONPATH", "by sys.path"])
+@pytest.mark.parametrize("isolated", [True, False])
+def test_a_child_runs_the_version_of_the_process_that_starts_it(tmp_path: Path, found: str, isolated: bool) -> None:
+    """One version is installed, another one, a checkout, runs by way of PYTHONPATH or of the program's `sys.path`."""
     shutil.copytree(SOURCES / "haptorb", tmp_path / "haptorb", ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "colorsys.py").write_text("raise SystemExit('not the one of Python')")
+    (tmp_path / "colorsys.py").write_text("raise SystemExit('not the one of Python')" if isolated else "")
     (tmp_path / "haptorb" / "which.py").write_text("import colorsys, haptorb; print(haptorb.__file__)")
     host = (
-        "import subprocess; from haptorb.cluster import python_command; "
-        "subprocess.run(python_command('haptorb.which', isolated=True))"
+        f"import subprocess, sys; sys.path.insert(0, {str(tmp_path)!r} if {found == 'by sys.path'} else sys.path[0]); "
+        "from haptorb.cluster import environment, python_command; "
+        f"subprocess.run(python_command('haptorb.which', isolated={isolated}), env=environment())"
     )
+    path = {"PYTHONPATH": str(tmp_path)} if found == "by PYTHONPATH" else {}
+    without = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     done = subprocess.run(
         [sys.executable, "-P", "-c", host], capture_output=True, text=True, check=False, cwd=tmp_path,
-        env={**environment(), "PYTHONPATH": str(tmp_path)}, timeout=60,
+        env={**without, **path}, timeout=60,
     )  # fmt: skip
     assert done.stdout.strip() == str(tmp_path / "haptorb" / "__init__.py"), done.stderr
 
