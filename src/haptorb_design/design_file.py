@@ -24,12 +24,10 @@ from haptorb.errors import HaptorbError, InputError, UnknownName, quote
 from haptorb.file_kind import FileKind
 from haptorb.files import parse_toml, read_text
 from haptorb.own_code import find_imports, list_modules
-from haptorb_design.evaluate import compute_quantity, find_base
 from haptorb_design.problem import (
     WHOLE,
     Bound,
     Design,
-    DesignCandidate,
     DesignGoal,
     DesignParameter,
     DesignQuantity,
@@ -518,10 +516,12 @@ def _find_quantity(
 def _make_bound(design: Design, name: str, section: BoundSection, quantity: DesignQuantity) -> Bound:
     where, base = f"constraints.{name}", None
     if is_base_share(section.at_least) or is_base_share(section.at_most):
-        device = find_base(design)
-        base, reason = compute_quantity(quantity, DesignCandidate(device, device, design.options))
-        if reason:
-            raise InputError(f"{where}: the base device has no number for it: {reason}")
+        from haptorb_design.workers import compute_base_quantities
+
+        found = compute_base_quantities(design, {name: quantity})[name]
+        if isinstance(found, str):
+            raise InputError(f"{where}: the base device has no number for it: {found}")
+        base = found
     low, high = (
         None if value is None else read_bound(value, quantity.unit, f"{where}.{key}", base)
         for key, value in (("at_least", section.at_least), ("at_most", section.at_most))

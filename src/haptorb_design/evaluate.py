@@ -20,7 +20,6 @@ from haptorb_design.problem import Bound, Design, DesignCandidate, DesignQuantit
 __all__ = [
     "DEVICE",
     "OBJECTIVE",
-    "compute_base_values",
     "compute_quantity",
     "describe_base_forces",
     "evaluate",
@@ -150,17 +149,6 @@ def _shorten(text: str) -> str:
 
 # --------------------------------------------------------------------------------------------------
 # The base device's own numbers, beside which candidates are shown.
-
-
-def compute_base_values(design: Design) -> dict[str, float]:
-    """Of the base device, "objectives.NAME" and "constraints.NAME" → number [SI]; what it has no number for is left
-    out."""
-    base = find_base(design)
-    candidate = DesignCandidate(base, base, design.options)
-    quantities = {f"objectives.{goal.name}": goal.quantity for goal in design.goals}
-    quantities |= {f"constraints.{bound.name}": bound.quantity for bound in design.bounds}
-    found = {name: compute_quantity(one, candidate) for name, one in quantities.items()}
-    return {name: value for name, (value, reason) in found.items() if not reason}
 
 
 def describe_base_forces(design: Design, values: Mapping[str, Value]) -> str:

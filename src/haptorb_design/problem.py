@@ -28,6 +28,7 @@ __all__ = [
     "build_device",
     "change_tables",
     "check_key",
+    "is_own_code",
     "list_entries",
     "split_key",
     "write_device_text",
@@ -180,6 +181,12 @@ class DesignGoal:
             object.__setattr__(self, "name", self.quantity.name)
 
 
+def is_own_code(quantity: DesignQuantity) -> bool:
+    """Whether `quantity` is computed by a function of the user's own."""
+    module = getattr(quantity.compute, "__module__", None) or type(quantity.compute).__module__
+    return module.partition(".")[0] not in ("haptorb", "haptorb_design", "functools")
+
+
 @dataclass(frozen=True)
 class Bound:
     """A constraint of a design: `low` ≤ quantity ≤ `high`, SI; None where there is no bound."""
@@ -243,9 +250,8 @@ class Design:
     @property
     def has_own_code(self) -> bool:
         """Whether an objective or constraint is a function of the user's own, which may end its process."""
-        found = [goal.quantity.compute for goal in self.goals] + [bound.quantity.compute for bound in self.bounds]
-        modules = [getattr(one, "__module__", None) or type(one).__module__ for one in found]
-        return any(name.partition(".")[0] not in ("haptorb", "haptorb_design", "functools") for name in modules)
+        quantities = [goal.quantity for goal in self.goals] + [bound.quantity for bound in self.bounds]
+        return any(is_own_code(one) for one in quantities)
 
     def parameter(self, name: str) -> DesignParameter:
         """The parameter of that name; UnknownName for another."""

@@ -24,7 +24,6 @@ from haptorb.errors import InputError, RecordingError, quote
 from haptorb.file_kind import FileKind
 from haptorb.sql import ProgramLock, TableSet, explain_error, lock_database, mask_password, path_of
 from haptorb.version import __version__
-from haptorb_design.evaluate import compute_base_values
 from haptorb_design.problem import (
     Bound,
     Design,
@@ -36,6 +35,7 @@ from haptorb_design.problem import (
     ParameterPlace,
     Value,
 )
+from haptorb_design.workers import compute_base_values
 
 __all__ = [
     "FAMILY",

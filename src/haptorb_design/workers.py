@@ -9,6 +9,7 @@ import threading
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import replace
 from functools import lru_cache
 from multiprocessing import parent_process
 from multiprocessing.connection import wait
@@ -19,8 +20,16 @@ from typing import Any, Protocol, final
 from haptorb.cluster import count_cores, count_threads, open_cluster, run_jobs, spawn_context
 from haptorb.errors import InputError
 from haptorb.own_code import pickle_with_code
-from haptorb_design.evaluate import OBJECTIVE, evaluate
-from haptorb_design.problem import Design, Evaluation, Value
+from haptorb_design.evaluate import OBJECTIVE, compute_quantity, evaluate, find_base
+from haptorb_design.problem import (
+    Bound,
+    Design,
+    DesignCandidate,
+    DesignQuantity,
+    Evaluation,
+    Value,
+    is_own_code,
+)
 
 __all__ = [
     "ClusterWorkers",
@@ -28,6 +37,8 @@ __all__ = [
     "LocalWorker",
     "ProcessWorkers",
     "Workers",
+    "compute_base_quantities",
+    "compute_base_values",
     "describe_end",
     "evaluate_part",
     "measure_memory",
@@ -107,6 +118,44 @@ def open_processes(design: Design, processes: int | None = None, limit: float = 
         workers.kill()
         raise
     workers.close()
+
+
+def compute_base_quantities(
+    design: Design, quantities: Mapping[str, DesignQuantity], limit: float = _LIMIT
+) -> dict[str, float | str]:
+    """Of the base device of `design`, each of `quantities` by its name: the number [SI], or why there is none.
+
+    A function of the user's own is computed in another process, as for a candidate: it may end the process, or never
+    end.
+    """
+    device = find_base(design)
+    candidate = DesignCandidate(device, device, design.options)
+    own = {name: one for name, one in quantities.items() if is_own_code(one)}
+    found: dict[str, float | str] = {}
+    for name, one in quantities.items():
+        if name not in own:
+            value, reason = compute_quantity(one, candidate)
+            found[name] = reason or value
+
+    def compute(some: Mapping[str, DesignQuantity]) -> Evaluation:
+        bounds = tuple(Bound(name, one) for name, one in some.items())
+        with open_processes(replace(design, parameters=(), goals=(), bounds=bounds), 1, limit) as workers:
+            return next(iter(workers.evaluate([(0, {})])))
+
+    found |= compute(own).constraints if own else {}
+    for name, one in own.items():
+        if name not in found:  # one of them failed, and perhaps ended the process with the numbers of all others
+            alone = compute({name: one})
+            found[name] = alone.constraints.get(name, alone.reason)
+    return found
+
+
+def compute_base_values(design: Design) -> dict[str, float]:
+    """Of the base device, "objectives.NAME" and "constraints.NAME" → number [SI]; what it has no number for is left
+    out."""
+    quantities = {f"objectives.{goal.name}": goal.quantity for goal in design.goals}
+    quantities |= {f"constraints.{bound.name}": bound.quantity for bound in design.bounds}
+    return {name: one for name, one in compute_base_quantities(design, quantities).items() if not isinstance(one, str)}
 
 
 class _Process:

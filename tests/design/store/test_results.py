@@ -17,9 +17,10 @@ import pytest
 
 from haptorb.errors import RecordingError
 from haptorb_design import store as results
-from haptorb_design.evaluate import compute_base_values, evaluate
+from haptorb_design.evaluate import evaluate
 from haptorb_design.problem import Design, Evaluation, build_device, write_device_text
 from haptorb_design.store import open_results, read_results
+from haptorb_design.workers import compute_base_values
 from oracles.designs.small_design import TEXT, make_design, write_design
 
 

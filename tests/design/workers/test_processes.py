@@ -17,8 +17,8 @@ from haptorb.errors import InputError
 from haptorb_design.problem import Evaluation
 from haptorb_design.sampling import sample
 from haptorb_design.search import Optimiser, optimise
-from haptorb_design.workers import LocalWorker, open_processes
-from oracles.designs.small_design import CODE, make_design
+from haptorb_design.workers import LocalWorker, compute_base_values, open_processes
+from oracles.designs.small_design import CODE, TEXT, make_design
 
 SLOW = CODE.replace("def reach(candidate):", "def reach(candidate):\n    import time\n    time.sleep(0.01)")
 
@@ -76,6 +76,20 @@ def test_a_candidate_that_harms_its_process_is_rejected_and_all_others_are_compu
     assert [one.number for one in found if one.refused_by == "objective"] == [1, 4]
     assert all(reason in one.reason for one in found if not one.valid)
     assert sum(one.valid for one in found) == 4
+
+
+def test_a_function_that_ends_its_process_at_the_base_device_costs_its_number_there_and_no_more(
+    tmp_path: Path,
+) -> None:
+    """The base device is not a candidate: it is computed for the report, and for bounds that are shares of it."""
+    harm = "import os; os.kill(os.getpid(), 9)"
+    code = CODE.replace("def reach(candidate):", f"def reach(candidate):\n    {harm}")
+    values = compute_base_values(make_design(tmp_path, code=code))
+    assert values == {"objectives.cost": pytest.approx(0.032), "constraints.room": pytest.approx(0.03)}
+    text = TEXT.replace('at_most = "31 mm"', 'at_most = "1.1 base"')
+    code = CODE.replace("def room(candidate):", f"def room(candidate):\n    {harm}")
+    with pytest.raises(InputError, match=r"base device has no number for it: its process ended 2 times: .*SIGKILL"):
+        make_design(tmp_path, text, code)
 
 
 def test_a_process_that_ends_once_by_itself_costs_no_candidate(tmp_path: Path) -> None:
