@@ -52,11 +52,11 @@ def test_many_that_mean_no_good_take_neither_place_nor_control(console, servo, h
         holding.start()
         hearing.start()
         try:
-            answers = hostile.attack(console.port, 100, 3.0, console.token, 150)
+            answers = hostile.attack(console.port, 400, 3.0, console.token, 100)
         finally:
             over.set()
             holding.join()
-        assert sum(answers.values()) == 250
+        assert sum(answers.values()) == 500
         assert max(at_once) <= 2 * connection.MOST + PAGES + 8
         assert not [call for call in servo.calls if call[0] in ("stop", "engage", "world", "release")]
         page.send('{"do": "engage"}')  # it still has the control
