@@ -68,8 +68,8 @@ class Break:
 INTERLEAVINGS = "python tests/fuzz/stop_interleavings.py"
 TICK = "pytest tests/runtime/tick/test_tick.py"
 HOSTILE_WORLDS = "python tests/fuzz/hostile_worlds.py"
-#: a world that no signal ends
-DEAF = '--worlds "blocks all signals" --crashes 0 --stops 0 --busy 0'
+#: of hostile_worlds: only a world that blocks all signals
+BLOCKING_SIGNALS = '--worlds "blocks all signals" --crashes 0 --stops 0 --busy 0'
 I2C_FAULTS = "python benchmarks/safety/i2c_faults.py"
 HOSTILE_WEB = "python tests/fuzz/hostile_web.py"
 TICK_PERIODS = "python benchmarks/safety/tick_periods.py"
@@ -147,12 +147,12 @@ BREAKS = (
         "--hours 0.01 --faults 20",
     ),
     Break("No false trip", "python benchmarks/safety/false_trips.py", "host-computing", "--minutes 0.5"),
-    Break("A world that does not return", HOSTILE_WORLDS, "world-hung", DEAF),
+    Break("A world that does not return", HOSTILE_WORLDS, "world-hung", BLOCKING_SIGNALS),
     Break(
         "A servo does not outlive its host",
         HOSTILE_WORLDS,
         "servo-hung",
-        DEAF,
+        BLOCKING_SIGNALS,
     ),
     Break(
         "The coils of a stopped host",

@@ -29,7 +29,7 @@ from haptorb.runtime.black_box import TripRecord
 from haptorb.runtime.servo import Servo
 
 EVERY, COMPUTING = 10.0, 0.3  #: so often, and so long, the program computes in C [s]
-SILENT = 0.48  #: a host that is held up for so long may count as ended: half a second less two heartbeats [s]
+SILENT = 0.48  #: a host that is held up for so long may count as ended: half a second less one heartbeat [s]
 
 
 def compute() -> None:

@@ -99,7 +99,7 @@ class FaultyBus:
         if self.over is None or self.now >= self.over:
             return self.chips.transfer(messages)
         address, what = messages[0]
-        if self._kind == "deaf":
+        if self._kind == "disobeys":
             heard = [(a, w) for a, w in messages if not (a == PWM and isinstance(w, bytes) and len(w) > 1)]
             return self.chips.transfer(heard) if heard else []
         if isinstance(what, bytes) and len(what) > 1:
@@ -259,7 +259,7 @@ def faults(count: int, seed: int = 1) -> dict[str, Any]:
     for number in range(count):
         at = where[number % len(where)]
         lasts = 10.0 ** draw.uniform(-4.0, 1.0)
-        kind = draw.choice(("nack", "hang", "deaf"))
+        kind = draw.choice(("nack", "hang", "disobeys"))
         bus = FaultyBus(at, lasts, kind, number)
         session = Session(bus)
         session.run()
@@ -271,7 +271,9 @@ def faults(count: int, seed: int = 1) -> dict[str, Any]:
             late.append(session.off)
             if session.off > LIMIT:
                 wrong.append(f"transfer {at}, {kind} for {1e3 * lasts:.1f} ms: off after {1e3 * session.off:.1f} ms")
-        if bus.pins is not None and session.off is not None and kind != "deaf":  # the driver keeps triggering that one
+        if (
+            bus.pins is not None and session.off is not None and kind != "disobeys"
+        ):  # the driver keeps triggering that one
             pins.append(bus.pins)
     return {
         "faults": count,

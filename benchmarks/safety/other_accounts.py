@@ -80,7 +80,7 @@ class Stranger:
             lambda: self.datagrams("tracker", osc("/haptorb/pose", *ELSEWHERE, 0.0, 0.0, 0.0, 1.0)),
             lambda: self.datagrams("tracker", osc("/haptorb/lost")),
             lambda: self.datagrams("tracker", osc("/haptorb/pose", "token", *ELSEWHERE, 0.0, 0.0, 0.0, 1.0)),
-            self.lead, self.read_processes, self.read_files,
+            self.send_poses, self.read_processes, self.read_files,
         ]  # fmt: skip
 
     def _exchange(self, port: int, data: str) -> bytes:
@@ -108,7 +108,7 @@ class Stranger:
                     return f"an answer of {name}"
         return ""
 
-    def lead(self) -> str:
+    def send_poses(self) -> str:
         """Poses from one port for 2.5 s: whoever replaces a sender is believed after a moment."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             for _ in range(250):

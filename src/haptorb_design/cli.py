@@ -66,13 +66,15 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @contextmanager
-def open_run(into: str, design: Design, method: str, seed: int, settings: Mapping[str, Any]) -> Iterator[ResultsWriter]:
-    """The run in the results `into`; says so where the base device's own numbers take long."""
+def open_run(
+    into: str, design: Design, method: str, seed: int, settings: Mapping[str, Any], limit: float
+) -> Iterator[ResultsWriter]:
+    """The run in the results `into`; says so where the base device's numbers, each at most `limit` [s], take long."""
     from haptorb_design.store import open_results
 
     with ExitStack() as stack:
         with announce_wait("Reading the results and computing the base device"):
-            writer = stack.enter_context(open_results(into, design, method, seed, settings=settings))
+            writer = stack.enter_context(open_results(into, design, method, seed, settings=settings, limit=limit))
         yield writer
 
 
@@ -153,7 +155,7 @@ def optimise(
     design = load_design(file, announce_code)
     optimiser = Optimiser(design, seed=seed, population=population)
     with (
-        open_run(into, design, optimiser.method, seed, {"population": population}) as writer,
+        open_run(into, design, optimiser.method, seed, {"population": population}, time_limit) as writer,
         open_workers(design, processes, scheduler, time_limit) as workers,
     ):
         found = evaluate_generations(optimiser, workers.evaluate, writer.list_known(), total)
@@ -258,7 +260,7 @@ def sweep(
     design = load_design(file, announce_code)
     values = sample(design, method, count, seed)
     with (
-        open_run(into, design, method, seed, list_settings(method, values)) as writer,
+        open_run(into, design, method, seed, list_settings(method, values), time_limit) as writer,
         open_workers(design, processes, scheduler, time_limit) as workers,
     ):
         found = evaluate_sample(values, workers.evaluate, writer.list_known())

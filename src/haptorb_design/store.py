@@ -35,7 +35,7 @@ from haptorb_design.problem import (
     ParameterPlace,
     Value,
 )
-from haptorb_design.workers import compute_base_values
+from haptorb_design.workers import LIMIT, compute_base_values
 
 __all__ = [
     "FAMILY",
@@ -60,8 +60,9 @@ __all__ = [
 # A Design as results keep it: with its base device, so that they can be read without any other file.
 
 
-def write_record(design: Design) -> str:
-    """JSON of everything but the file's text and its digest, with the base device's own numbers, which are computed."""
+def write_record(design: Design, limit: float = LIMIT) -> str:
+    """JSON of everything but the file's text and its digest, with the base device's own numbers, which are computed,
+    each within `limit` of processor time [s]."""
     tables = design.base_tables
     return json.dumps({
         "title": design.title,
@@ -78,7 +79,7 @@ def write_record(design: Design) -> str:
         "goals": [{"name": goal.name, "sense": goal.sense, **_write_quantity(goal.quantity)} for goal in design.goals],
         "bounds": [{"name": one.name, "low": one.low, "high": one.high, **_write_quantity(one.quantity)}
                    for one in design.bounds],
-        "base_values": compute_base_values(design),
+        "base_values": compute_base_values(design, limit),
     }, default=str)  # fmt: skip
 
 
@@ -388,7 +389,7 @@ class ResultsWriter:
 @contextmanager
 def open_results(
     where: str | Path, design: Design, method: str, seed: int, *, settings: Mapping[str, Any] | None = None,
-    resume: bool = True,
+    resume: bool = True, limit: float = LIMIT,
 ) -> Iterator[ResultsWriter]:  # fmt: skip
     """Open a run of a design in a results file, until the `with` block ends; an existing run continues.
 
@@ -406,6 +407,8 @@ def open_results(
         Further settings that determine the candidates.
     resume : bool
         False: refuse a run that exists.
+    limit : float
+        Processor time after which a number of the base device is left out [s].
 
     Yields
     ------
@@ -422,7 +425,7 @@ def open_results(
     engine = open_database(where, make=True)
     try:
         run, resumed = _find_run(
-            engine, place, design, (method, seed, json.dumps(dict(settings or {}), sort_keys=True))
+            engine, place, design, (method, seed, json.dumps(dict(settings or {}), sort_keys=True)), limit
         )
         conflict = RecordingError(
             f"results {place}: another program is writing run {run.id} ({method}, seed {seed}): end that one first, or "
@@ -484,12 +487,14 @@ def read_results(where: str | Path) -> Results:
         engine.dispose()
 
 
-def _find_run(engine: Engine, place: str, design: Design, key: tuple[str, int, str]) -> tuple[Run, bool]:
+def _find_run(engine: Engine, place: str, design: Design, key: tuple[str, int, str], limit: float) -> tuple[Run, bool]:
     """The run, and whether it was there already."""
     method, seed, settings = key
     with engine.connect() as connection:
         is_there = connection.execute(select(designs.c.digest)).first() is not None
-    record = "" if is_there else write_record(design)  # computes the base device: not while others wait for the lock
+    record = (
+        "" if is_there else write_record(design, limit)
+    )  # computes the base device: not while others wait for the lock
     with engine.begin() as connection:
         lock_database(connection, FAMILY)
         row = connection.execute(select(designs.c.digest, designs.c.name)).first()

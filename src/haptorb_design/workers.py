@@ -32,6 +32,7 @@ from haptorb_design.problem import (
 )
 
 __all__ = [
+    "LIMIT",
     "ClusterWorkers",
     "Job",
     "LocalWorker",
@@ -86,7 +87,7 @@ class LocalWorker:
 
 _AHEAD = 2  #: candidates that a process has at most: the one that it computes, and the next
 _DEATHS = 2  #: of processes, until a candidate is rejected
-_LIMIT = 600.0  #: processor time of one candidate [s]
+LIMIT = 600.0  #: processor time of one candidate [s]
 _WAITING = 4.0  #: times as long by the clock for one that waits instead of computing
 _LOOK = 0.5  #: between two looks at the time that candidates take [s]
 #: one thread each: the processes are as many as the cores
@@ -95,7 +96,7 @@ _READY = "ready"
 
 
 @contextmanager
-def open_processes(design: Design, processes: int | None = None, limit: float = _LIMIT) -> Iterator[Workers]:
+def open_processes(design: Design, processes: int | None = None, limit: float = LIMIT) -> Iterator[Workers]:
     """So many processes for the candidates of `design`, one per core by default, until the block ends.
 
     limit  processor time after which a candidate is rejected [s]
@@ -121,12 +122,12 @@ def open_processes(design: Design, processes: int | None = None, limit: float = 
 
 
 def compute_base_quantities(
-    design: Design, quantities: Mapping[str, DesignQuantity], limit: float = _LIMIT
+    design: Design, quantities: Mapping[str, DesignQuantity], limit: float = LIMIT
 ) -> dict[str, float | str]:
     """Of the base device of `design`, each of `quantities` by its name: the number [SI], or why there is none.
 
-    A function of the user's own is computed in another process, as for a candidate: it may end the process, or never
-    end.
+    A function of the user's own is computed in another process, as for a candidate: it may end the process, or take
+    longer than `limit` of processor time [s].
     """
     device = find_base(design)
     candidate = DesignCandidate(device, device, design.options)
@@ -150,12 +151,13 @@ def compute_base_quantities(
     return found
 
 
-def compute_base_values(design: Design) -> dict[str, float]:
-    """Of the base device, "objectives.NAME" and "constraints.NAME" → number [SI]; what it has no number for is left
-    out."""
+def compute_base_values(design: Design, limit: float = LIMIT) -> dict[str, float]:
+    """Of the base device, "objectives.NAME" and "constraints.NAME" → number [SI]; what it has no number for, and what
+    takes longer than `limit` of processor time [s], is left out."""
     quantities = {f"objectives.{goal.name}": goal.quantity for goal in design.goals}
     quantities |= {f"constraints.{bound.name}": bound.quantity for bound in design.bounds}
-    return {name: one for name, one in compute_base_quantities(design, quantities).items() if not isinstance(one, str)}
+    found = compute_base_quantities(design, quantities, limit)
+    return {name: one for name, one in found.items() if not isinstance(one, str)}
 
 
 class _Process:
@@ -400,7 +402,7 @@ def _wait_for_parent() -> None:
 
 
 def open_workers(
-    design: Design, processes: int | None = None, scheduler: str | None = None, limit: float = _LIMIT
+    design: Design, processes: int | None = None, scheduler: str | None = None, limit: float = LIMIT
 ) -> AbstractContextManager[Workers]:
     """Start processes that evaluate candidates, until the `with` block ends.
 

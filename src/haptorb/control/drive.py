@@ -96,7 +96,8 @@ def lag_of(resistance: Array, inductance: Array, dt: float) -> float:
 # observed, the resistance that is learned, the limit that is kept. So the readings are compared with a model of the
 # coil that does not come from them: resistance at the observed winding temperature, inductance, applied voltage,
 # induced voltage. What remains of a difference after 10 ms of smoothing must stay small. Where the current changes its
-# sign meanwhile, a difference cancels itself: so the readings must follow the model, too, in sign and size.
+# sign meanwhile, a difference cancels itself: so the gain of the readings over the model, by least squares over 5 ms,
+# must be plausible too.
 #
 # A supply that sags and a wire that was forgotten look like a little more resistance. That is learned, slowly, and
 # trusted up to a quarter: beyond it the sensor, or the coil, is not what the device file says.
@@ -109,8 +110,8 @@ _SHARE_OF_LIMIT = 0.04  #: of the greatest current: what noise and offset of a s
 _SHARE_OF_CURRENT = 0.10  #: of the present current: what gain of a sensor and resistance may be off at once
 _SHARE_OF_CHANGE = 0.3  #: of the change per tick: what an unknown delay of the reading may be off
 _TRUSTED = 0.1  #: of the greatest current, from which on the resistance is learned
-_FOLLOWED = 0.1  #: of the greatest current, rms, from which on the readings must follow the model
-_LEAST, _MOST = 0.25, 4.0  #: reading times model over the model squared; a delay of 0.3 ticks makes at worst 0.4 of it
+_JUDGED = 0.1  #: of the greatest current, rms, from which on the gain of the readings is judged
+_LOWEST_GAIN, _HIGHEST_GAIN = 0.25, 4.0  #: of the readings over the model; a delay of 0.3 ticks makes at worst 0.4 of 1
 _LOWEST, _HIGHEST = 0.75, 1.0 / 0.75  #: learned over expected resistance
 
 
@@ -122,7 +123,7 @@ def check_currents(clock: Record, coils: Records, age: float) -> bool:
     now on) and winding are read.
     """
     elapsed, restart = clock.elapsed, clock.restart
-    keep, slow, some = np.exp(-elapsed / _SMOOTH), np.exp(-elapsed / _LEARN), np.exp(-elapsed / _SMOOTH_PRODUCT)
+    keep, slow, fast = np.exp(-elapsed / _SMOOTH), np.exp(-elapsed / _LEARN), np.exp(-elapsed / _SMOOTH_PRODUCT)
     plausible = True
     for j in range(coils.size):
         c = coils[j]
@@ -146,17 +147,17 @@ def check_currents(clock: Record, coils: Records, age: float) -> bool:
         c.residual = keep * c.residual + (1.0 - keep) * (i - then)
         c.level = keep * c.level + (1.0 - keep) * abs(now)
         c.change = keep * c.change + (1.0 - keep) * abs(now - c.model)
-        c.square = some * c.square + (1.0 - some) * then * then
-        c.product = some * c.product + (1.0 - some) * i * then
+        c.square = fast * c.square + (1.0 - fast) * then * then
+        c.product = fast * c.product + (1.0 - fast) * i * then
         if abs(i) > _TRUSTED * c.limit and abs(now - end) < 0.05 * abs(end) and abs(then - end) < 0.05 * abs(end):
             ratio = min(max(volts / (i * expected), 0.0), 4.0)
             c.ratio = slow * c.ratio + (1.0 - slow) * ratio
         allowed = _SHARE_OF_LIMIT * c.limit + _SHARE_OF_CURRENT * c.level + _SHARE_OF_CHANGE * c.change
         if not (abs(c.residual) <= allowed and _LOWEST <= c.ratio <= _HIGHEST):  # safety: low-sensor-is-found
             plausible = False
-        small = c.square <= (_FOLLOWED * c.limit) ** 2
+        small = c.square <= (_JUDGED * c.limit) ** 2
         # safety: alternating-currents-are-followed
-        if not (small or _LEAST * c.square <= c.product <= _MOST * c.square):
+        if not (small or _LOWEST_GAIN * c.square <= c.product <= _HIGHEST_GAIN * c.square):
             plausible = False
         c.model_before, c.model_end, c.model_time = c.model, end, elapsed
         c.model = now

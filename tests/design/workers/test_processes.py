@@ -86,6 +86,8 @@ def test_a_function_that_ends_its_process_at_the_base_device_costs_its_number_th
     code = CODE.replace("def reach(candidate):", f"def reach(candidate):\n    {harm}")
     values = compute_base_values(make_design(tmp_path, code=code))
     assert values == {"objectives.cost": pytest.approx(0.032), "constraints.room": pytest.approx(0.03)}
+    code = CODE.replace("def reach(candidate):", "def reach(candidate):\n    while True: pass")
+    assert compute_base_values(make_design(tmp_path, code=code), 1.0) == values
     text = TEXT.replace('at_most = "31 mm"', 'at_most = "1.1 base"')
     code = CODE.replace("def room(candidate):", f"def room(candidate):\n    {harm}")
     with pytest.raises(InputError, match=r"base device has no number for it: its process ended 2 times: .*SIGKILL"):
