@@ -172,7 +172,6 @@ class Lane:
         self.emulator: Emulator | None = None
         if "emulated" in boards:
             self.emulator = self._stack.enter_context(Emulator(BUILD, folder / "board"))
-            self.emulator.set_pace(1.0)
         self._tracker = free_port(socket.SOCK_DGRAM)
         self._stack.enter_context(sending_poses(self._tracker))
         self._number = 0
@@ -232,6 +231,7 @@ class Program:
             "driver": driver, "tracker": f"osc:{tracker}", "record": recording, "serve": serve,
         }  # fmt: skip
         if self._emulator is not None:
+            self._emulator.set_pace()  # it takes a processor at full pace, and nobody talks to it yet
             self._emulator.forget()
         with self._errors.open("wb") as errors:
             self.host = start(
@@ -250,6 +250,8 @@ class Program:
                 raise LostRun(f"no coils on after {START:g} s, guard {self._guard()}: {said}")
             if self.memory is None:
                 self.memory = self._find_memory()
+                if self.memory is not None and self._emulator is not None:
+                    self._emulator.set_pace(1.0)  # the loop's process begins, and will open it
             elif self._on() and self._has_started():
                 return
             elif self._is_tripped():

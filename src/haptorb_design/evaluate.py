@@ -12,12 +12,14 @@ from functools import lru_cache
 from threadpoolctl import ThreadpoolController
 
 from haptorb.devices.base import Device
+from haptorb.devices.build_checks import BuildError
 from haptorb.devices.loader import build_tables
 from haptorb.display import format_quantity
 from haptorb.errors import HaptorbError
 from haptorb_design.problem import Bound, Design, DesignCandidate, DesignQuantity, Evaluation, Value, build_device
 
 __all__ = [
+    "BUILD",
     "DEVICE",
     "OBJECTIVE",
     "compute_quantity",
@@ -28,6 +30,7 @@ __all__ = [
 
 
 DEVICE = "device"  #: `refused_by` of values that make no device
+BUILD = "build"  #: `refused_by` begins so for a device that cannot be built; the key of how far it is from that
 OBJECTIVE = "objective"  #: `refused_by` of a design that an objective has no finite number for
 _MOST_BASES = 8
 _bases: dict[str, Device] = {}  # by the text of their files
@@ -82,6 +85,12 @@ def _evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evalu
     by, reason = "", ""
     try:
         candidate = DesignCandidate(build_device(design, values), find_base(design), design.options)
+    except BuildError as cause:
+        by, reason = DEVICE, _shorten(_tell_device(cause))
+        if cause.failures:
+            worst = max(cause.failures, key=lambda check: check.miss)
+            by, reason = f"{BUILD}: {worst.condition}", _shorten(worst.explain())
+            constraints[BUILD] = sum(check.miss for check in cause.failures)
     except (HaptorbError, ArithmeticError, ValueError) as cause:
         by, reason = DEVICE, _shorten(_tell_device(cause))
     else:

@@ -12,7 +12,7 @@ from haptorb.arrays import Array, cap_directions
 from haptorb.devices import tables
 from haptorb.devices.base import Device, State, require, rotation_to_axis
 from haptorb.devices.coil_array import CoilArray, find_farthest, find_spacing
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet import GREATEST_LEAN, SphericalElectromagnet
 from haptorb.devices.electromagnet_model import Windings
 from haptorb.devices.motor import SphericalMotor
 from haptorb.devices.motor_model import Layout
@@ -842,8 +842,8 @@ def _gap(candidate: DesignCandidate) -> float:
 
 def _air(candidate: DesignCandidate) -> float:
     device, windings = electromagnet_of(candidate), windings_of(candidate)
-    corners = np.hypot(windings.outer_radius, windings.length / 2)
-    return float(min(device.dome_radius - corners.max(), windings.inner_radius.min() - device.core_radius))
+    free = device.dome_radius - device.dome_wall
+    return float(min(free - windings.corners.max(), windings.inner_radius.min() - device.core_radius))
 
 
 def _spacing(candidate: DesignCandidate) -> float:
@@ -864,12 +864,19 @@ def _neighbours(layout: Layout, radius: float, length: float) -> float:
 
 
 def _nesting(candidate: DesignCandidate) -> float:
-    """How far each winding stays inside the next: as far as its corner, where the two cross, leaves room; negative
-    where a wire of the outer one must go over the edge of the inner one."""
+    """How far each winding stays inside the next: as far as its corner, where the two cross, leaves room."""
     windings = windings_of(candidate)
     order = np.argsort(windings.inner_radius)
-    corners = np.hypot(windings.outer_radius, windings.length / 2)[order]
+    corners = windings.corners[order]
     return float((windings.inner_radius[order][1:] - corners[:-1]).min())
+
+
+def _moment_error(candidate: DesignCandidate) -> float:
+    """The greatest, over the coils, relative difference of the moments of windings and core and of those stated."""
+    device = electromagnet_of(candidate)
+    made = windings_of(candidate).moment_per_current(device.core)
+    stated = np.linalg.norm(device.moment_per_current, axis=0)
+    return float(np.abs(np.linalg.norm(made, axis=0) / stated - 1).max())
 
 
 _BOTH = "of the copper, from resistance and dimensions of the windings."
@@ -887,7 +894,7 @@ PARTS_QUANTITIES = (
         "m",
         "maximise",
         "Gap between rotor and stator; of a spherical electromagnet, smallest gap between windings and core or "
-        "dome; "
+        "the dome's wall; "
         "of a coil array also plate.",
         {_PARTS_MOTOR: _gap, _PARTS_ELECTROMAGNET: _air, _PARTS_ARRAY: array_air},
     ),
@@ -898,6 +905,14 @@ PARTS_QUANTITIES = (
         "Gap between neighbouring parts: of magnets or coils on their spheres, at the inner rims; of nested "
         "windings, where two cross. Negative: they overlap. Of a coil array, smallest gap between two windings.",
         {_PARTS_MOTOR: _spacing, _PARTS_ELECTROMAGNET: _nesting, _PARTS_ARRAY: array_spacing},
+    ),
+    describe(
+        "moment_error",
+        "1",
+        "minimise",
+        "Largest relative difference, over the coils, between the moment per ampere of windings and core and that "
+        "of the device file.",
+        {_PARTS_ELECTROMAGNET: _moment_error},
     ),
     describe(
         "magnet_volume",
@@ -947,7 +962,6 @@ _SENSING_MOTOR, _SENSING_ELECTROMAGNET = "spherical-motor", "spherical-electroma
 _LAYERS, _DIRECTIONS = 4, 16
 _SENSING_ORIENTATIONS = 100
 _PEN = 7e-3  #: radius of the pen around the tool's magnet [m]
-_LEAN = np.radians(15.0)  #: of the pen against the radius, at most
 _CHIP = 3e-3  #: from a sensor's centre to the farthest edge of its chip, with air [m]
 
 
@@ -1012,7 +1026,7 @@ def _room(candidate: DesignCandidate) -> float:
     at = device.hall.positions
     chip = option(candidate, "chip", _CHIP)
     dome = np.linalg.norm(at, axis=1) - device.dome_radius
-    pen = pen_distance(device, at, option(candidate, "lean", _LEAN)) - option(candidate, "pen", _PEN)
+    pen = pen_distance(device, at, option(candidate, "lean", GREATEST_LEAN)) - option(candidate, "pen", _PEN)
     apart = np.linalg.norm(at[:, None] - at[None], axis=2) + np.diag(np.full(len(at), np.inf))
     return float(min(dome.min() - chip, pen.min() - chip, apart.min() - 2 * chip))
 

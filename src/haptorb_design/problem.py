@@ -9,7 +9,7 @@ from difflib import get_close_matches
 from typing import Any, Literal, TypeVar, final
 
 from haptorb.devices.base import Device, DeviceText, kind_of_name
-from haptorb.devices.loader import DeviceTables, build_tables, lay_over, read_tables
+from haptorb.devices.loader import DeviceTables, build_tables, lay_over_base, read_tables
 from haptorb.devices.schema import find_key
 from haptorb.errors import InputError, UnknownName, quote
 
@@ -424,7 +424,7 @@ def change_tables(design: Design, values: Mapping[str, Value], name: str = "cand
     own, file = _format(design, values, changes), None
     if base.file is not None:
         file = DeviceText(own, {design.base: base.file.own, **base.file.bases})
-    return DeviceTables(name, lay_over(base.values, changes), base.text + own, file)
+    return DeviceTables(name, lay_over_base(base.values, changes), base.text + own, file)
 
 
 def write_device_text(design: Design, values: Mapping[str, Value], name: str) -> str:

@@ -17,7 +17,7 @@ from haptorb.display import format_number, format_quantity, scale_unit
 from haptorb.terminal import make_progress
 from haptorb_design.analysis import Pick, choose_best, find_front
 from haptorb_design.design_file import read_number
-from haptorb_design.evaluate import DEVICE, OBJECTIVE, describe_base_forces
+from haptorb_design.evaluate import BUILD, DEVICE, OBJECTIVE, describe_base_forces
 from haptorb_design.problem import Design, DesignGoal, DesignParameter, Evaluation, Value, split_key
 from haptorb_design.search_space import measure_miss
 from haptorb_design.store import Results, ResultsWriter, Run
@@ -297,6 +297,8 @@ class Tally:
         share = f"{count} of {self.count} designs"
         if name == OBJECTIVE:
             what, remedy = f"an objective is not a number for {share}", "Correct the objective, or change the ranges"
+        elif name.startswith(BUILD):
+            what, remedy = f"{share} cannot be built: {name.removeprefix(f'{BUILD}: ')}", "Change the ranges"
         elif name == DEVICE:
             what, remedy = f"the values of {share} do not form a valid device", "Change the ranges"
         else:

@@ -73,10 +73,14 @@ def measure_violation(evaluation: Evaluation, bounds: Sequence[Bound]) -> float:
     """0 for a valid candidate; otherwise the sum over the constraints, each from 0 (kept) to 1 (not computed).
 
     A constraint that misses its bound by d counts d / (d + |bound|), or d / (d + 1) where the bound is 0. One that was
-    not computed counts 1, and so does a device that cannot be built or an objective without a finite number.
+    not computed counts 1, and so does an objective without a finite number. A device that cannot be built misses all
+    of them, and is the nearer the less its parts lack of their limits; values that form no device are the farthest.
     """
     if evaluation.valid:
         return 0.0
+    lacks = evaluation.constraints.get("build")
+    if lacks is not None:
+        return len(bounds) + lacks / (lacks + 1.0)
     total = sum(measure_miss(evaluation.constraints.get(bound.name), bound) for bound in bounds)
     named = any(bound.name == evaluation.refused_by for bound in bounds)
     return total + (0.0 if named and total > 0.0 else 1.0)

@@ -44,7 +44,7 @@ def test_the_digest_is_of_file_functions_and_base_device(tmp_path: Path) -> None
             (TEXT, CODE),
             (TEXT + "\n# remark\n", CODE),
             (TEXT, CODE + "\n"),
-            (TEXT.replace('"omni"', '"omni-fingertip"'), CODE),
+            (TEXT.replace('"bare.toml"', '"omni-fingertip"'), CODE),
         ]
     ):
         folder = tmp_path / str(number)
@@ -68,7 +68,7 @@ def test_the_digest_is_of_what_a_function_imports_from_beside_it_too(tmp_path: P
 
 def test_a_base_device_beside_the_file(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text('based_on = "omni"\nname = "mine"\n[dome]\nfriction = 0.2\n')
-    design = make_design(tmp_path, TEXT.replace('"omni"', '"mine.toml"'))
+    design = make_design(tmp_path, TEXT.replace('"bare.toml"', '"mine.toml"'))
     assert evaluate(design, 0, {"radius": 30.0, "angle": 60.0, "shell": "thin"}).valid
     assert design.base == str(tmp_path / "mine.toml")
 
@@ -76,9 +76,9 @@ def test_a_base_device_beside_the_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ('base = "omni"', 'base = "omi"', "did you mean 'omni'"),
-        ('"dome.radius"', '"dome.radus"', "device 'omni' has no key 'dome.radus'; did you mean 'dome.radius'?"),
-        ('"dome.radius"', '"hall.positions.12.1"', "hall.positions of device 'omni' has 9 entries"),
+        ('base = "bare.toml"', 'base = "omi"', "did you mean 'omni'"),
+        ('"dome.radius"', '"dome.radus"', "has no key 'dome.radus'; did you mean 'dome.radius'?"),
+        ('"dome.radius"', '"hall.positions.12.1"', "has 9 entries"),
         ('"dome.radius"', '"name"', "identifies the device"),
         ('"dome.radius"', '"dome.shell_thickness"', "is also written by 'radius'"),
         ('"dome.radius"', '"a b"', "parameters.radius.places must be a key"),

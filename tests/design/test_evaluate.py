@@ -32,8 +32,8 @@ def test_a_broken_constraint_refuses_before_objectives_are_computed(tmp_path: Pa
 
 
 def test_values_that_make_no_device(tmp_path: Path) -> None:
-    design = make_design(tmp_path, TEXT.replace('low = "26 mm"', 'low = "16 mm"'))
-    found = evaluate(design, 0, {**GOOD, "radius": 17.0})
+    design = make_design(tmp_path, TEXT.replace('low = "26 mm"', 'low = "12 mm"'))
+    found = evaluate(design, 0, {**GOOD, "radius": 14.0})
     assert found.refused_by == "device"
     assert "\n" not in found.reason
     assert found.reason

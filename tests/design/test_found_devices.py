@@ -34,7 +34,7 @@ def ratio(name, base, found):
 def test_the_motor_takes_1_6_times_less_heat_with_no_more_magnet_copper_and_room():
     pair = ("pmsm", "pmsm-three-rings")
     assert ratio("heat_per_torque_squared", *pair) < 1 / 1.6
-    assert 0.01 * quantity("heat_per_torque_squared").compute(both(*pair)[1]) < 5.50 / 1.6  # the page's 5.50 W
+    assert 0.01 * quantity("heat_per_torque_squared").compute(both(*pair)[1]) < 5.89 / 1.6  # the page's 5.89 W
     for name in ("envelope_radius", "magnet_volume", "copper"):
         assert ratio(name, *pair) <= 1
     for name in ("clearance", "spacing", "peak_torque", "continuous_torque"):
@@ -65,8 +65,8 @@ def test_no_orientation_of_a_dense_grid_takes_more_heat():
     assert worst <= quantity("heat_per_torque_squared").compute(candidate) * 1.02
 
 
-def test_the_core_pulls_half_and_no_continuous_force_is_less():
-    """Forces of windings and core at their true size: the base's are those that its file assumes.
+def test_the_core_pulls_half_for_a_tenth_of_the_continuous_force():
+    """Forces of windings and core at their true size: the base's are those of its file.
 
     The shell's capability of the card is not compared: it takes dipoles, whose forces differ by up to a quarter from
     those of these wide windings.
@@ -75,10 +75,10 @@ def test_the_core_pulls_half_and_no_continuous_force_is_less():
     wound = replace(omni, moment_per_current=omni.predict_moments(), moments_from="windings")
     before, after = (DesignCandidate(one, omni, {}) for one in (wound, found))
     assert ratio("core_pull", "omni", "omni-small-core") <= 0.5
-    for name in ("continuous_force", "continuous_radial_force", "peak_force"):
-        assert quantity(name).compute(after) >= 1.2 * quantity(name).compute(before)
-    for name in ("clearance", "spacing"):
-        assert ratio(name, "omni", "omni-small-core") == pytest.approx(1.0, abs=0.01)
+    for name, share in (("continuous_force", 0.88), ("continuous_radial_force", 1.0), ("peak_force", 0.9)):
+        assert quantity(name).compute(after) >= share * quantity(name).compute(before)
+    assert quantity("clearance").compute(after) > 0.5e-3
+    assert quantity("spacing").compute(after) > 0.1e-3
     assert found.dome_radius == omni.dome_radius
 
 
@@ -107,9 +107,16 @@ def test_the_tracker_finds_the_tool_better_with_the_ring():
         (
             "omni-core",
             {
-                "core": 12.3, "inner": 14.51, "first_edge": 18.0, "second_edge": 21.44, "outer": 24.49,
-                "length_x": 17.19, "length_y": 17.66, "length_z": 26.29, "turns_x": 123, "turns_y": 109,
-                "turns_z": 120, "fill": "0.74",
+                "core": 12.3, "inner_x": 12.9, "inner_y": 17.3, "inner_z": 22.0, "length_x": 14.3, "length_y": 15.3,
+                "length_z": 26.8, "turns_x": 84, "turns_y": 73, "turns_z": 75, "wire_x": "0.63 mm",
+                "wire_y": "0.75 mm", "wire_z": "0.8 mm",
+            },
+        ),
+        (
+            "omni-windings",
+            {
+                "inner_y": 19.9, "inner_z": 24.4, "length_x": "15.6 mm", "length_y": "16.6 mm",
+                "length_z": "18.8 mm", "turns_x": 96, "turns_y": 89, "turns_z": 77,
             },
         ),
         (

@@ -44,25 +44,28 @@ def test_windings_of_omni_are_those_of_the_file():
     coils = select_parts(geometry(haptorb.load("omni")), "coil")
     assert [coil.name for coil in coils] == ["x", "y", "z"]
     sizes = np.array([[coil.inner_radius, coil.outer_radius, coil.length] for coil in coils])
-    assert sizes == pytest.approx(1e-3 * np.array([[20.3, 22.3, 18], [22.3, 24.3, 18], [24.3, 26.3, 18]]), abs=1e-12)
+    assert sizes == pytest.approx(
+        1e-3 * np.array([[15.6, 18.2, 15.6], [19.9, 22.8, 16.6], [24.4, 26.6, 18.8]]), abs=1e-12
+    )
     assert all(coil.stated for coil in coils)
 
 
 def test_a_changed_winding_and_a_changed_core_change_their_parts():
     device = change(
-        OMNI, ("[20.3, 22.3, 24.3]", "[17.0, 22.3, 24.3]"), ("[18.0, 18.0, 18.0]", "[18.0, 12.5, 18.0]"),
+        OMNI, ("[15.6, 19.9, 24.4]", "[15.3, 19.9, 24.4]"), ("[15.6, 16.6, 18.8]", "[15.6, 17.1, 18.8]"),
         ('core_radius = "15 mm"', 'core_radius = "13 mm"'),
     )  # fmt: skip
     found = geometry(device)
     coils = select_parts(found, "coil")
-    assert coils[0].inner_radius == pytest.approx(0.017, abs=1e-12)
-    assert coils[1].length == pytest.approx(0.0125, abs=1e-12)
+    assert coils[0].inner_radius == pytest.approx(0.0153, abs=1e-12)
+    assert coils[1].length == pytest.approx(0.0171, abs=1e-12)
     assert found.balls[0].radius == pytest.approx(0.013, abs=1e-12)
 
 
 def test_without_windings_a_coil_is_marked_and_stays_between_core_and_dome():
     before, after = OMNI.split("[windings]")
-    device = parse(before + after[after.index("[dome]") :], "bare.toml")
+    coils = 'inductance = ["0.4 mH", "0.4 mH", "0.4 mH"]\ncurrent_limit ='
+    device = parse(before + after[after.index("[dome]") :].replace("current_limit =", coils), "bare.toml")
     found = geometry(device)
     for coil in select_parts(found, "coil"):
         assert not coil.stated

@@ -16,6 +16,7 @@ from haptorb.analysis.error_budget import COVERAGE, ErrorBudget, Report, WrenchB
 from haptorb.arrays import Array
 from haptorb.control.capability import array_capability, map_contact, motor_capability
 from haptorb.devices.base import Device, State, endurance, rotation_to_axis
+from haptorb.devices.build_checks import BuildCheck, format_bound
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import (
     FORCE_JND,
@@ -127,7 +128,7 @@ def common_quantities(device: Device) -> list[Quantity]:
     loads = endurance(device, (1.0, 0.5))
     return [
         Quantity("channels", "", device.channels),
-        Quantity("peak current", "A", float(coils.current_limit.max())),
+        Quantity("peak current", "A", float(device.driven_current.max())),
         Quantity("continuous current", "A", float(device.sustained_current.min())),
         Quantity("continuous current, all coils warm", "A", float(device.sustained_current_together.min())),
         Quantity("resistance, least", "Ω", float(coils.resistance.min())),
@@ -217,6 +218,19 @@ def facts(device: Device) -> dict[str, Any]:
             "force_rate_n_per_s": device.limits.force_rate,
             "torque_rate_nm_per_s": device.limits.torque_rate,
         },
+        "build_checks": [
+            {
+                "condition": check.condition,
+                "of": check.name,
+                "unit": check.unit,
+                "value": check.value,
+                "limit": check.limit,
+                "margin": check.margin,
+                "holds": check.holds,
+                "note": check.note,
+            }
+            for check in device.build_checks
+        ],
         "remarks": list(device.remarks),
         "assumed": dict(device.assumed),
     }
@@ -227,8 +241,13 @@ def print_card(device: Device, console: Console, more: Iterable[tuple[str, str]]
     coils, limits = device.coils, device.limits
     print_text(console, device.title, "bold")
     print_text(console, f"{device.source} · file {device.digest[:12]}\n", "dim")
-    same = len(set(coils.current_limit)) == 1
-    amperes = f"{coils.current_limit[0]:g}" if same else ", ".join(f"{a:g}" for a in coils.current_limit)
+    peak, hot = device.driven_current, device.supply.voltage / device.greatest_resistance
+    same = np.ptp(peak) < 1e-9 * peak[0]
+    amperes = f"{peak[0]:.3g} A" if same else ", ".join(f"{a:.3g}" for a in peak) + " A"
+    if (hot < peak).any():
+        amperes += f" peak at 20 °C, {hot.min():.3g} A hot"
+    else:
+        amperes += " peak"
     names = ", ".join(coils.names) if device.channels <= 6 else f"{coils.names[0]} … {coils.names[-1]}"
     torque = f"{limits.torque * 1e3:g} mN·m" if limits.torque < 1 else f"{limits.torque:g} N·m"
     guard = f"{limits.force:g} N, {torque}, {limits.slew / 1e3:g} A/ms, poses expire after {limits.expiry * 1e3:g} ms"
@@ -238,7 +257,7 @@ def print_card(device: Device, console: Console, more: Iterable[tuple[str, str]]
     power = "" if np.isinf(device.supply.power) else f", {device.supply.power:g} W for all coils"
     facts = [
         ("channels", f"{device.channels} ({names})"),
-        ("current", f"{amperes} A peak, {lasting}"),
+        ("current", f"{amperes}, {lasting}"),
         ("coils", f"{coils.resistance.min():.3g} Ω at {coils.reference_temperature - 273.15:.0f} °C"),
         ("supply", f"{device.supply.voltage:g} V{power}, {device.supply.duty_bits}-bit duty"),
         ("guard", guard),
@@ -246,6 +265,29 @@ def print_card(device: Device, console: Console, more: Iterable[tuple[str, str]]
     print_facts(console, [*facts, *more])
     for remark in device.remarks:
         print_text(console, f"\n{remark[:1].upper()}{remark[1:]}.", "bold red")
+
+
+def print_build_checks(device: Device, console: Console) -> None:
+    """What must hold for `device` to be buildable: of each condition the part with the least margin."""
+    nearest: dict[str, BuildCheck] = {}
+    for check in device.build_checks:
+        known = nearest.setdefault(check.condition, check)
+        if check.margin / (abs(check.limit) or 1.0) < known.margin / (abs(known.limit) or 1.0):
+            nearest[check.condition] = check
+    holds = all(check.holds for check in nearest.values())
+    table = TextTable(
+        (
+            Column("condition", kind="key"), Column("value"), Column("limit"), Column("margin"),
+            Column("part", kind="note"),
+        ),
+        f"{'Can it be built' if holds else 'It cannot be built'}: of each condition the part with the least margin",
+    )  # fmt: skip
+    for condition, check in nearest.items():
+        limit = f"{'≥' if check.at_least else '≤'} {format_bound(check.limit, check.unit)}"
+        margin = format_bound(max(check.margin, 0.0), check.unit) if check.holds else "NOT KEPT"
+        table.add_row(condition, format_bound(check.value, check.unit), limit, margin, check.name)
+    print_text(console)
+    print_table(console, table)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -329,6 +371,7 @@ class CoilArrayCard(Card):
             ("core", "none" if device.core is None else f"soft sphere of {device.core.radius * 1e3:g} mm"),
         ]
         print_card(device, console, more)
+        print_build_checks(device, console)
         print_text(console)
         columns = (
             Column("above contact", "mm", "key"), *(Column(f"peak {axis}", "mN") for axis in _COIL_ARRAY_AXES),
@@ -870,6 +913,7 @@ class ElectromagnetCard(Card):
         if device.sensors > 1:
             more.append(("by field sensors", summarize_sensing(device)))
         print_card(device, console, more)
+        print_build_checks(device, console)
         print_text(console)
         coupled = device.coils.heat.coupling is not None
         print_force_tables(console, capability.layers, device.supply.power, coupled=coupled)
@@ -1353,6 +1397,7 @@ class MotorCard(Card):
             ),
         ]
         print_card(device, console, more)
+        print_build_checks(device, console)
         for finding in device.findings:
             print_text(console, f"overridden: {finding}", "bold red")
         print_text(console)

@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, check_finite, record, rotation, vectors
+from haptorb.devices.build_checks import BuildCheck
 from haptorb.display import Presentable, facts_html, format_number, format_quantity, format_vector, table_html
 from haptorb.errors import InputError, UnknownName
 from haptorb.thermal import ThermalNetwork, TwoNode
 
 __all__ = [
     "FARTHEST",
+    "ROOM",
     "Coils",
     "Device",
     "DeviceKind",
@@ -555,6 +557,10 @@ class Heat:
         return ThermalNetwork.of_coils(self.coil, coupling.winding_to_core, coupling.core_capacity)
 
 
+_SURPLUS = 1.25  #: a current limit that far above what the supply drives is within tolerances and warmth
+ROOM = 293.15  #: temperature at which a supply is held against a resistance [K]
+
+
 @dataclass(frozen=True)
 class Coils:
     """Electrical data of the channels; arrays have one entry per channel."""
@@ -702,6 +708,27 @@ class Device(Presentable, ABC):
     def rest_position(self) -> Array:
         """(3,) rest position of the mover: a position at which every model of the device is valid [m]."""
         return np.zeros(3)
+
+    @property
+    def build_checks(self) -> tuple[BuildCheck, ...]:
+        """What must hold for this device to be buildable, with values and margins.
+
+        Of any device: that its supply drives about the currents that it is limited to. Peaks in capabilities are those
+        that it does drive (`driven_current`).
+        """
+        coils, supply = self.coils, self.supply
+        cold = coils.resistance_at(np.full(self.channels, ROOM))
+        worst = int(np.argmax(coils.current_limit * cold))
+        driven = format_quantity(float(supply.voltage / cold[worst]), "A")
+        hot = format_quantity(float(supply.voltage / self.greatest_resistance[worst]), "A")
+        return (
+            BuildCheck(
+                "current limits that the supply can drive", f"coil {coils.names[worst]}, coils.current_limit",
+                float(coils.current_limit[worst]), _SURPLUS * float(supply.voltage / cold[worst]), "A",
+                "leave coils.current_limit out (in a variant: drop it), or reduce it or the resistance",
+                note=f"the supply drives {driven} at 20 °C, {hot} at the stop temperature",
+            ),
+        )  # fmt: skip
 
     @abstractmethod
     def wrench_map(self, state: State, model: str) -> WrenchMap:

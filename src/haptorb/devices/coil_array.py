@@ -11,6 +11,7 @@ import numpy as np
 from haptorb.arrays import Array, Record, Records, fields
 from haptorb.compiled import kernel
 from haptorb.devices.base import Coils, Device, DeviceKind, Shell, State, WrenchMap, rotation_to_axis
+from haptorb.devices.build_checks import BuildCheck, check_wire
 from haptorb.devices.electromagnet import DomeContact, Hand
 from haptorb.devices.geometry import Ball, Geometry, Reach, Rod, RoundPart, list_assumed
 from haptorb.devices.schema import list_limit_remarks
@@ -29,6 +30,7 @@ from haptorb.magnetics.soft_sphere import (
     weigh_charges,
 )
 from haptorb.magnetics.source import PlacedSource
+from haptorb.magnetics.wire import overall_diameter, wire_diameter
 
 __all__ = [
     "COIL_ARRAY",
@@ -298,6 +300,23 @@ class PlacedCoils:
         share: Array = np.array([one.resistance(1.0, COPPER_RESISTIVITY * warm) for one in made]) / coils.resistance
         return share
 
+    def check_wires(self, coils: Coils) -> list[BuildCheck]:
+        """Whether the wire that gives the resistances of `coils` fits in layers in each winding; one check for all that
+        are alike."""
+        warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
+        kinds: dict[tuple[float, ...], list[str]] = {}
+        for size, resistance, name in zip(self._sizes, coils.resistance.tolist(), coils.names, strict=True):
+            kinds.setdefault((*map(float, size), resistance), []).append(name)
+        found = []
+        for names in kinds.values():
+            number = coils.names.index(names[0])
+            coil = self.coil(number)
+            copper = wire_diameter(coil, float(coils.resistance[number]), COPPER_RESISTIVITY * warm)
+            name = f"coil {names[0]}" if len(names) == 1 else f"coils {names[0]} to {names[-1]}"
+            origin = ", the wire that gives coils.resistance"
+            found.append(check_wire(name, coil, copper, overall_diameter(copper), origin)[0])
+        return found
+
     @property
     def placed(self) -> Records:
         """(m,) PLACED_COIL."""
@@ -521,6 +540,11 @@ class CoilArray(Device):
         core = 1.0 if self.core is None else 3.0
         torque = core * MU0 * moment * moments / (2 * np.pi * away**3)
         return float((3 * torque / away).sum()), float(torque.sum())
+
+    @property
+    def build_checks(self) -> tuple[BuildCheck, ...]:
+        """What must hold for this device to be buildable: the wire in each winding."""
+        return (*super().build_checks, *self.windings.check_wires(self.coils))
 
     def wrench_map(self, state: State, model: str) -> WrenchMap:
         """(6, m) per ampere and (6,) passive, torque about the mover's origin; GeometryError in a coil or the core."""

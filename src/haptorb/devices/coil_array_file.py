@@ -13,17 +13,20 @@ from haptorb.arrays import Array
 from haptorb.devices import quantity as q
 from haptorb.devices import schema as m
 from haptorb.devices.base import rotation_to_axis
+from haptorb.devices.build_checks import refuse_unbuildable
 from haptorb.devices.coil_array import ArrayMover, BuildTolerance, CoilArray, MoverMagnet, PlacedCoils, Surface
 from haptorb.devices.electromagnet import DomeContact, Hand
 from haptorb.devices.electromagnet_file import DomeSection, HandSection
 from haptorb.devices.schema import (
     BasedOn,
     CommonFile,
+    Drop,
     Point,
     Positive,
     Section,
     ThermometerSection,
     check_wall,
+    limit_currents,
     list_limit_mistakes,
 )
 from haptorb.devices.uncertainty import ArrayUncertainty
@@ -295,6 +298,7 @@ class CoilArrayFile(CommonFile):
 
     kind: Annotated[Literal["coil-array"], m.Meaning("kind of device")]
     based_on: BasedOn = None
+    drop: Drop = ()
     windings: Annotated[PlacedCoilsSection, m.Meaning("position, axis and winding of every coil")]
     core: Annotated[
         SoftCoreSection | None, m.Meaning("a soft-magnetic sphere about the origin"), m.Without("no core")
@@ -341,18 +345,20 @@ class CoilArrayFile(CommonFile):
         )
         if surface.is_dome and surface.dome_radius <= core:
             wrong.append(f"dome.radius ({surface.dome_radius * 1e3:g} mm) must be greater than core.radius")
-        if override:
-            wrong = []
-        wrong += list_limit_mistakes(device.coils, device.supply, device.limits, *device.greatest_wrench)
+        if not override:
+            refuse_unbuildable(self.name, device.build_checks, wrong)
+        wrong = list_limit_mistakes(device.coils, device.supply, device.limits, *device.greatest_wrench)
         if wrong:
             raise DeviceError("\n".join(f"device '{self.name}': {line}" for line in wrong))
         return device
 
     def _build(self, assumed: dict[str, str], digest: str) -> CoilArray:
-        common, windings = self.common(), self.windings.build(len(self.coils.names))
+        common = self.common(computed=self.windings.fill is not None)
+        windings = self.windings.build(len(self.coils.names))
         core = None if self.core is None else SoftSphere(self.core.radius, self.core.permeability)
         if self.windings.fill is not None:
             common["coils"] = windings.complete(common["coils"], core, self.windings.fill)
+        common["coils"] = limit_currents(common["coils"], common["supply"])
         return CoilArray(
             **common,
             assumed=assumed,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import ClassVar
 
@@ -13,6 +13,7 @@ from numpy import ascontiguousarray
 
 from haptorb.arrays import Array, cap_directions
 from haptorb.devices.base import Coils, Device, DeviceKind, Shell, State, WrenchMap, endurance, require
+from haptorb.devices.build_checks import BuildCheck, check_wire
 from haptorb.devices.electromagnet_model import (
     CoreDynamics,
     PassivePull,
@@ -37,6 +38,7 @@ from haptorb.magnetics.soft_sphere import SoftSphere
 __all__ = [
     "ELECTROMAGNET",
     "FORCE_JND",
+    "GREATEST_LEAN",
     "DomeContact",
     "FeasibleWrench",
     "Hand",
@@ -44,6 +46,7 @@ __all__ = [
     "ShellCapability",
     "SphericalElectromagnet",
     "Tool",
+    "check_windings",
     "electromagnet",
     "electromagnet_geometry",
     "feasible_wrench",
@@ -85,26 +88,24 @@ ELECTROMAGNET = DeviceKind(
 
 FORCE_JND = 0.07  #: just-noticeable difference of a force, lower end of the published 7 to 10 %
 _COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
-_MOST_FILL = np.pi / np.sqrt(12)  #: share of a section that round wires fill side by side
+_CERTAIN = 2.0  #: standard uncertainties within which two statements agree
+GREATEST_LEAN = np.radians(15.0)  #: of a tool against the radius, at most, in tests of what stands in its way
 
 
 def list_remarks(
     coils: Coils, core: SoftSphere, windings: Windings | None, moments: Array, moments_from: str
 ) -> tuple[str, ...]:
-    """Sentences about a device whose `moments` (3, 3) [m²] per ampere come from `moments_from`; none is a pass."""
-    if windings is None:
+    """Sentences about a device whose `moments` (3, 3) [m²] per ampere come from `moments_from`; none is a pass.
+
+    One where they differ in size by what a hand can feel from those of `windings` and core: a force goes with the
+    moment.
+    """
+    if windings is None or moments_from == "windings":
         return ()
-    return (*_moments(coils.names, windings.moment_per_current(core), moments, moments_from), *_copper(coils, windings))
-
-
-def _moments(names: tuple[str, ...], predicted: Array, moments: Array, moments_from: str) -> list[str]:
-    """One line where they differ in size by what a hand can feel: a force goes with the moment."""
-    if moments_from == "windings":
-        return []
-    sizes = (np.linalg.norm(matrix, axis=0).tolist() for matrix in (moments, predicted))
-    pairs = list(zip(names, *sizes, strict=True))
+    sizes = (np.linalg.norm(matrix, axis=0).tolist() for matrix in (moments, windings.moment_per_current(core)))
+    pairs = list(zip(coils.names, *sizes, strict=True))
     if not any(abs(computed / used - 1) > FORCE_JND for _, used, computed in pairs):
-        return []
+        return ()
     differences = "; ".join(
         f"coil {name}: {used:.4f} m², windings and core give {computed:.4f} m² ({100 * (computed / used - 1):+.0f} %)"
         for name, used, computed in pairs
@@ -112,23 +113,65 @@ def _moments(names: tuple[str, ...], predicted: Array, moments: Array, moments_f
     origin, remedy = "moment_per_current", "correct one of them, or state windings.fill to use [windings]"
     if moments_from == "calibration":
         origin, remedy = "the calibration", "correct [windings]"
-    return [f"moments differ: {differences}. Forces follow {origin}, so [windings] have no effect on them; {remedy}"]
+    return (f"moments differ: {differences}. Forces follow {origin}, so [windings] have no effect on them; {remedy}",)
 
 
-def _copper(coils: Coils, windings: Windings) -> list[str]:
+# --------------------------------------------------------------------------------------------------
+# What must hold for an electromagnet to be buildable: wire in its section, windings inside each other and the dome.
+
+
+def check_windings(
+    windings: Windings, coils: Coils, core_radius: float, free_radius: float, spread: float
+) -> list[BuildCheck]:
+    """Of windings around a core of `core_radius` [m], inside a wall of radius `free_radius` [m].
+
+    spread: relative standard uncertainty of the coils' resistance.
+    """
     warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
-    fill = windings.fill(coils.resistance, COPPER_RESISTIVITY * warm)
-    coils_below = [
-        f"coil {name}: {windings.turns[k]:g} turns of copper in its section have at least "
-        f"{coils.resistance[k] * fill[k] / _MOST_FILL:.2g} Ω, coils.resistance says {coils.resistance[k]:g} Ω"
-        for k, name in enumerate(coils.names)
-        if fill[k] > _MOST_FILL
-    ]
-    if not coils_below:
-        return []
-    return [
-        f"resistance too low: {'; '.join(coils_below)}. Correct coils.resistance, or the turns or sizes of [windings]"
-    ]
+    resistivity = COPPER_RESISTIVITY * warm
+    wires = windings.wires(coils.resistance, resistivity)
+    found = []
+    origin = "" if windings.wire is not None else ", the wire that gives coils.resistance"
+    for k, (name, (copper, overall)) in enumerate(zip(coils.names, wires.tolist(), strict=True)):
+        found.append(
+            BuildCheck(
+                "windings outside the core", f"coil {name}, its inner radius",
+                float(windings.inner_radius[k]), core_radius, "m",
+                "increase windings.inner_radius or reduce electromagnet.core_radius", at_least=True,
+            )
+        )  # fmt: skip
+        check, layers = check_wire(f"coil {name}", windings.coils[k], copper, overall, origin)
+        found.append(check)
+        if layers is not None and windings.wire is not None:
+            made, stated = layers.resistance(copper, resistivity), float(coils.resistance[k])
+            found.append(
+                BuildCheck(
+                    "wire with the stated resistance", f"coil {name}, relative difference of the two",
+                    abs(made / stated - 1), _CERTAIN * spread, "1",
+                    "correct coils.resistance, turns or wire, or increase uncertainty.resistance",
+                    note=f"{layers.wire_length:.3g} m of wire: {made:.3g} Ω instead of {stated:g} Ω",
+                )
+            )  # fmt: skip
+    order, corners = np.argsort(windings.inner_radius).tolist(), windings.corners.tolist()
+    for inside, outside in pairwise(order):
+        found.append(
+            BuildCheck(
+                "windings that cross without touching",
+                f"coil {coils.names[inside]} inside coil {coils.names[outside]}",
+                corners[inside], float(windings.inner_radius[outside]), "m",
+                "nest them: increase windings.inner_radius of the outer one, or make the inner one shorter or thinner",
+                note="from the centre to the corner of the inner winding",
+            )
+        )  # fmt: skip
+    last = int(np.argmax(corners))
+    found.append(
+        BuildCheck(
+            "windings inside the dome", f"coil {coils.names[last]}", corners[last], free_radius, "m",
+            "reduce windings.outer_radius or windings.length, or dome.wall, or increase dome.radius",
+            note="from the centre to the corner of the winding",
+        )
+    )  # fmt: skip
+    return found
 
 
 #: Tabulated once for all copies of a device with the same tool and core: a calibration or an error analysis makes
@@ -192,6 +235,8 @@ class SphericalElectromagnet(Device):
         Relative permeability of the core [1]; may be infinite.
     dome_radius : float
         Outer radius of the dome [m].
+    dome_wall : float
+        Thickness of the dome's wall [m].
     shell_thickness : float
         Height above contact up to which forces are rendered [m].
     workspace_half_angle : float
@@ -240,6 +285,7 @@ class SphericalElectromagnet(Device):
     hall: FieldSensors
     thermometer_step: float
     thermometer_noise: float
+    dome_wall: float = 0.0
     windings: Windings | None = None
     moments_from: str = "device file"
     core_dynamics: CoreDynamics = field(default_factory=CoreDynamics)
@@ -297,7 +343,25 @@ class SphericalElectromagnet(Device):
         """Whether the coils' sizes are known and they lie within the dome, as `wound_map` needs."""
         if self.windings is None:
             return False
-        return float(np.hypot(self.windings.outer_radius, self.windings.length / 2).max()) < self.dome_radius
+        return float(self.windings.corners.max()) < self.dome_radius
+
+    @property
+    def build_checks(self) -> tuple[BuildCheck, ...]:
+        """What must hold for this device to be buildable."""
+        tool, coils = self.tool, self.coils
+        # a leaning tool's magnet touches the dome with the rim of its lower face
+        lean = float(np.arctan2(tool.tip_distance - tool.length / 2, tool.outer_radius))
+        found = [
+            *super().build_checks,
+            BuildCheck(
+                "magnet above the dome", "lean of the tool at which its magnet touches it", lean, GREATEST_LEAN, "rad",
+                "increase tool.tip_distance, or make the magnet shorter or thinner", at_least=True,
+            )
+        ]  # fmt: skip
+        if self.windings is not None:
+            free, spread = self.dome_radius - self.dome_wall, self.uncertainty.resistance
+            found += check_windings(self.windings, coils, self.core_radius, free, spread)
+        return tuple(found)
 
     def predict_moments(self) -> Array | None:
         """(3, 3) [m²] m_e per ampere from the coils' sizes and the core, to be held against `moment_per_current`; None
@@ -543,7 +607,7 @@ def feasible_wrench(device: SphericalElectromagnet, state: State, model: str = "
     ((8, 3), 6, [0.0, 0.0, 1.0])
     """
     known = device.wrench_map(state, model)
-    limit = device.coils.current_limit
+    limit = device.driven_current
     rank, lost, plane = _torque_plane(known.torque * limit, state)
     if device.supply.power < device.greatest_resistance @ limit**2:
         return _with_supply(device, known, lost, plane if rank == 2 else None)
@@ -574,7 +638,7 @@ def _with_supply(device: SphericalElectromagnet, known: WrenchMap, lost: Array, 
 
     grid = np.linspace(-1.0, 1.0, _GRID)
     box = np.array([u for u in product(grid, repeat=device.channels) if max(map(abs, u)) == 1.0])
-    currents = box * device.coils.current_limit
+    currents = box * device.driven_current
     power = currents**2 @ device.greatest_resistance
     currents *= np.minimum(1.0, np.sqrt(device.supply.power / power))[:, None]
     wrench = currents @ known.matrix.T + known.passive
@@ -592,7 +656,7 @@ def _with_supply(device: SphericalElectromagnet, known: WrenchMap, lost: Array, 
 def _strongest_currents(device: SphericalElectromagnet, gains: Array) -> Array:
     """(n, m) the currents within the coils' limits and the supply's power that make the most of `gains` (n, m) @
     currents: each is its gain over its resistance by one factor, cut at its limit."""
-    limit, resistance, power = device.coils.current_limit, device.greatest_resistance, device.supply.power
+    limit, resistance, power = device.driven_current, device.greatest_resistance, device.supply.power
     per_factor = np.maximum(np.abs(gains) / resistance, 1e-30)
     # Coil after coil reaches its limit as the factor grows; the supply ends that at one of these factors, or before.
     cut_at = limit / per_factor
@@ -742,7 +806,7 @@ def shell_capability(device: Device | str | Path, distances: Array | None = None
 
 
 def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -> Layer:
-    most = np.array([device.coils.current_limit, device.sustained_current, device.sustained_current_together])
+    most = np.array([device.driven_current, device.sustained_current, device.sustained_current_together])
     radial, tangential, pulls, errors = [], [], [], []
     wound: list[float] | None = [] if device.has_sizes else None
     for direction in directions:

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from haptorb.devices import quantity as q
 from haptorb.devices import schema as m
+from haptorb.devices.build_checks import refuse_unbuildable
 from haptorb.devices.electromagnet import DomeContact, Hand, SphericalElectromagnet, Tool, list_geometry_mistakes
 from haptorb.devices.electromagnet_model import CoreDynamics, Windings
 from haptorb.devices.field_sensors import FieldSensors
@@ -18,18 +19,21 @@ from haptorb.devices.schema import (
     RIGHT_ANGLE,
     BasedOn,
     CommonFile,
+    Drop,
     FieldSensorsSection,
     Positive,
     Section,
     ThermalSection,
     ThermometerSection,
     check_wall,
+    limit_currents,
     list_limit_mistakes,
 )
 from haptorb.devices.touch_points import MarksSection
 from haptorb.devices.uncertainty import ToolUncertainty
 from haptorb.errors import DeviceError
 from haptorb.magnetics.soft_sphere import SoftSphere
+from haptorb.magnetics.wire import overall_diameter, wind
 
 __all__ = ["ElectromagnetFile", "WindingsSection"]
 
@@ -54,14 +58,25 @@ class WindingsSection(Section):
         m.Form("above core_radius"),
     ]
     outer_radius: Annotated[
-        tuple[Annotated[q.Length, Positive], ...],
-        Len(3, 3),
+        Annotated[tuple[Annotated[q.Length, Positive], ...], Len(3, 3)] | None,
         m.Meaning("outer radius of each winding"),
         m.Form("between inner_radius and dome.radius"),
-    ]
+        m.Without("as many layers of wire as turns and length need"),
+    ] = None
     length: Annotated[
         tuple[Annotated[q.Length, Positive], ...], Len(3, 3), m.Meaning("length of each winding along its own axis")
     ]
+    wire: Annotated[
+        Annotated[tuple[Annotated[q.Length, Positive], ...], Len(3, 3)] | None,
+        m.Meaning("diameter of each winding's wire, without enamel; the wire's resistance must be coils.resistance"),
+        m.Without("that with which the winding has coils.resistance"),
+    ] = None
+    wire_overall: Annotated[
+        Annotated[tuple[Annotated[q.Length, Positive], ...], Len(3, 3)] | None,
+        m.Meaning("greatest diameter of each winding's wire over its enamel"),
+        m.Form("above wire"),
+        m.Without("of a wire with enamel of grade 1 by IEC 60317-0-1"),
+    ] = None
     fill: Annotated[
         q.Number | None,
         Field(gt=0, le=_MOST_FILL),
@@ -73,9 +88,40 @@ class WindingsSection(Section):
         m.Without("those of the file"),
     ] = None
 
+    @model_validator(mode="after")
+    def _check_wire(self) -> WindingsSection:
+        if self.outer_radius is None and self.wire is None:
+            raise ValueError("outer_radius is missing: give it, or wire to compute it from")
+        if self.wire is not None and self.fill is not None:
+            raise ValueError("has wire and fill: give the wire, or the share of the section that is copper, not both")
+        if self.wire_overall is not None:
+            if self.wire is None:
+                raise ValueError("has wire_overall but no wire: give both, or neither")
+            for bare, overall in zip(self.wire, self.wire_overall, strict=True):
+                if overall <= bare:
+                    raise ValueError(
+                        f"wire_overall ({overall * 1e3:g} mm) must be greater than wire ({bare * 1e3:g} mm): it is the "
+                        "diameter over the enamel"
+                    )
+        return self
+
     def build(self) -> Windings:
-        """As the device has it."""
-        return Windings(*(np.array(part) for part in (self.turns, self.inner_radius, self.outer_radius, self.length)))
+        """As the device has it; ValueError for wire that does not fit between the flanges."""
+        wire = None if self.wire is None else np.array(self.wire)
+        overall = None if self.wire_overall is None else np.array(self.wire_overall)
+        turns, inner, length = (np.array(part) for part in (self.turns, self.inner_radius, self.length))
+        if self.outer_radius is not None:
+            return Windings(turns, inner, np.array(self.outer_radius), length, wire, overall)
+        assert self.wire is not None
+        thick = np.array([overall_diameter(one) for one in self.wire]) if overall is None else overall
+        outer = []
+        for k, rows in enumerate(map(wind, turns.tolist(), inner.tolist(), length.tolist(), thick.tolist())):
+            if rows is None:
+                raise ValueError(
+                    f"windings.length ({length[k] * 1e3:g} mm) is too short for a turn of {thick[k] * 1e3:.3g} mm wire"
+                )
+            outer.append(inner[k] + rows.depth)
+        return Windings(turns, inner, np.array(outer), length, wire, overall)
 
 
 Row3 = Annotated[tuple[q.MomentPerCurrent, ...], Len(3, 3)]
@@ -122,6 +168,9 @@ class DomeSection(Section):
     """[dome]"""
 
     radius: Annotated[q.Length, Positive, m.Meaning("outer radius of the dome that the tool touches")]
+    wall: Annotated[
+        q.Length, Field(ge=0), m.Meaning("thickness of the dome's wall, inside which core and coils must fit")
+    ] = 0.0
     shell_thickness: Annotated[q.Length, Positive, m.Meaning("height above contact up to which forces are rendered")]
     workspace_half_angle: Annotated[
         q.Angle, Field(gt=0, le=RIGHT_ANGLE), m.Meaning("maximum angle of the tool from the summit")
@@ -181,6 +230,7 @@ class ElectromagnetFile(CommonFile):
 
     kind: Annotated[Literal["spherical-electromagnet"], m.Meaning("kind of device")]
     based_on: BasedOn = None
+    drop: Drop = ()
     electromagnet: Annotated[ElectromagnetSection, m.Meaning("core, and moments of the coils")]
     dome: Annotated[DomeSection, m.Meaning("the dome over coils and core, and the space where forces are rendered")]
     tool: Annotated[ToolSection, m.Meaning("the stylus with its ring magnet")]
@@ -215,20 +265,6 @@ class ElectromagnetFile(CommonFile):
     ]
 
     @model_validator(mode="after")
-    def _clear(self) -> ElectromagnetFile:
-        if self.windings is None:
-            return self
-        core, dome = self.electromagnet.core_radius, self.dome.radius
-        sizes = zip(self.coils.names, self.windings.inner_radius, self.windings.outer_radius, strict=True)
-        for name, inner, outer in sizes:
-            if not core < inner < outer < dome:
-                raise ValueError(
-                    f"windings of coil '{name}' reach from {inner * 1e3:g} to {outer * 1e3:g} mm; they must lie "
-                    f"between the core ({core * 1e3:g} mm) and the dome ({dome * 1e3:g} mm), the inner radius first"
-                )
-        return self
-
-    @model_validator(mode="after")
     def _check_sizes(self) -> ElectromagnetFile:
         if len(self.coils.names) != 3:
             raise ValueError(f"coils.names must be three for a spherical electromagnet; got {len(self.coils.names)}")
@@ -237,6 +273,12 @@ class ElectromagnetFile(CommonFile):
                 f"dome.radius ({self.dome.radius * 1e3:g} mm) must be greater than electromagnet.core_radius "
                 f"({self.electromagnet.core_radius * 1e3:g} mm)"
             )
+        if self.dome.radius - self.dome.wall <= self.electromagnet.core_radius:
+            raise ValueError(f"dome.wall ({self.dome.wall * 1e3:g} mm) reaches into the core; it must be thinner")
+        sizes = self.windings
+        if sizes is not None and sizes.outer_radius is not None:
+            for inner, outer in zip(sizes.inner_radius, sizes.outer_radius, strict=True):
+                check_wall(inner, outer)
         given = self.electromagnet.moment_per_current
         if given is None and self.windings is None:
             raise ValueError(
@@ -250,13 +292,18 @@ class ElectromagnetFile(CommonFile):
         return self
 
     def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalElectromagnet:
-        """The device that this file describes; DeviceError with all mistakes, for any `override`."""
+        """The device that this file describes; DeviceError with all mistakes.
+
+        With `override` also one that cannot be built, for study.
+        """
         device = self._build(assumed, digest)
         names, places = ((), np.empty((0, 3))) if device.marks is None else (device.marks.names, device.marks.positions)
         wrong = list_geometry_mistakes(device.core_radius, device.dome_radius, device.hall.positions, names, places)
         wrong += list_limit_mistakes(device.coils, device.supply, device.limits, *device.greatest_wrench)
         if wrong:
             raise DeviceError("\n".join(f"device '{self.name}': {line}" for line in wrong))
+        if not override:
+            refuse_unbuildable(self.name, device.build_checks)
         return device
 
     def _build(self, assumed: dict[str, str], digest: str) -> SphericalElectromagnet:
@@ -267,13 +314,18 @@ class ElectromagnetFile(CommonFile):
         windings = None if self.windings is None else self.windings.build()
         fill = None if self.windings is None else self.windings.fill
         core = SoftSphere(self.electromagnet.core_radius, self.electromagnet.core_permeability)
-        common, coils = self.common(), self.coils.build()
-        if windings is not None and fill is not None:
-            given, coils = None, windings.complete(coils, core, fill)
+        computed = windings is not None and (fill is not None or windings.wire is not None)
+        common = self.common(computed=computed)
+        coils = common["coils"]
+        if windings is not None and computed:
+            coils = windings.complete(coils, core, fill)
+        if fill is not None:
+            given = None
         if given is not None:
             moments = np.array(given)
         elif windings is not None:
             moments = windings.moment_per_current(core)
+        coils = limit_currents(coils, common["supply"])
         common["coils"] = coils
         if self.thermal is not None:
             common["coils"] = replace(coils, heat=self.thermal.complete(coils.heat, len(coils.names)))
@@ -286,6 +338,7 @@ class ElectromagnetFile(CommonFile):
             core_radius=self.electromagnet.core_radius,
             core_permeability=self.electromagnet.core_permeability,
             dome_radius=dome.radius,
+            dome_wall=dome.wall,
             shell_thickness=dome.shell_thickness,
             workspace_half_angle=dome.workspace_half_angle,
             tool=Tool(**tool),

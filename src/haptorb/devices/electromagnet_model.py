@@ -21,6 +21,7 @@ from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing, dipole_on_charges
 from haptorb.magnetics.soft_sphere import SoftSphere, pair_sums
 from haptorb.magnetics.special import zonal
+from haptorb.magnetics.wire import overall_diameter, wind, wire_diameter
 
 __all__ = [
     "CoreDynamics",
@@ -493,6 +494,8 @@ class Windings:
     inner_radius: Array  #: (3,) [m]
     outer_radius: Array  #: (3,) [m]
     length: Array  #: (3,) along each coil's own axis [m]
+    wire: Array | None = None  #: (3,) diameter of the copper [m]; None: that which gives the coils' resistance
+    wire_overall: Array | None = None  #: (3,) diameter over the enamel [m]; None: grade 1 of the standard
 
     @cached_property
     def coils(self) -> tuple[Coil, ...]:
@@ -568,19 +571,52 @@ class Windings:
         whole: Array = own + moments**2 / per_field
         return whole
 
-    def complete(self, coils: Coils, core: SoftSphere, fill: float) -> Coils:
-        """`coils` with resistance, inductance and heat capacity of these windings, of which copper fills `fill`.
+    def complete(self, coils: Coils, core: SoftSphere, fill: float | None) -> Coils:
+        """`coils` with what they lack (NaN) of resistance, inductance and heat capacity: those of these windings.
 
+        With `fill`, the share of the section that copper fills, all three are replaced; otherwise copper is the `wire`.
         The heat capacity is the mean of the three, as a device has one for all its channels.
         """
         warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
-        capacity = float(np.mean([coil.heat_capacity(fill) for coil in self.coils]))
+        resistivity = COPPER_RESISTIVITY * warm
+        if fill is not None:
+            resistance = np.array([coil.resistance(fill, resistivity) for coil in self.coils])
+            capacity = np.array([coil.heat_capacity(fill) for coil in self.coils])
+            keep = np.zeros(3, dtype=bool)
+        else:
+            wires = self.wires(coils.resistance, resistivity).tolist()
+            layers = [wind(one.turns, one.inner_radius, one.length, thick) for one, (_, thick) in
+                      zip(self.coils, wires, strict=True)]  # fmt: skip
+            known = [(rows, copper) for rows, (copper, _) in zip(layers, wires, strict=True) if rows is not None]
+            if len(known) < len(layers):
+                raise ValueError("windings.length is too short for one turn of windings.wire")
+            resistance = np.array([rows.resistance(copper, resistivity) for rows, copper in known])
+            capacity = np.array([rows.heat_capacity(copper) for rows, copper in known])
+            keep = np.isfinite([coils.resistance[0], coils.inductance[0], coils.heat.winding_capacity])
+        mean = float(capacity.mean())
         return replace(
             coils,
-            resistance=np.array([coil.resistance(fill, COPPER_RESISTIVITY * warm) for coil in self.coils]),
-            inductance=self.inductance(core),
-            heat=replace(coils.heat, winding_capacity=capacity),
+            resistance=coils.resistance if keep[0] else resistance,
+            inductance=coils.inductance if keep[1] else self.inductance(core),
+            heat=coils.heat if keep[2] else replace(coils.heat, winding_capacity=mean),
         )
+
+    def wires(self, resistance: Array, resistivity: float) -> Array:
+        """(3, 2) [m] each coil's wire, its copper and over its enamel; where the wire is not known, that with which the
+        coil has `resistance` (3,) [Ω]."""
+        copper = self.wire
+        if copper is None:
+            known = zip(self.coils, resistance, strict=True)
+            copper = np.array([wire_diameter(coil, float(one), resistivity) for coil, one in known])
+        overall = self.wire_overall
+        if overall is None:
+            overall = np.array([overall_diameter(float(one)) for one in copper])
+        return np.stack([copper, overall], axis=1)
+
+    @property
+    def corners(self) -> Array:
+        """(3,) distance of each winding's farthest points from the centre [m]."""
+        return np.hypot(self.outer_radius, self.length / 2)
 
     def fill(self, resistance: Array, resistivity: float) -> Array:
         """(3,) share of each winding's section that conductor of `resistivity` [Ω·m] must fill for `resistance` [Ω].

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -209,6 +210,11 @@ def lay_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, An
     return merged
 
 
+def lay_over_base(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """As `lay_over`, of the tables of a base device; what `above` states in another way is no longer the base's."""
+    return lay_over(_drop_keys(below, _find_replaced(below, above)), above)
+
+
 def _lay_over_bases(content: str, name: str, bases: Mapping[str, str] | None) -> DeviceTables:
     values, whole, found = _load_with_base(content, name, bases, 0)
     return DeviceTables(name, values, whole, DeviceText(content, found))
@@ -224,7 +230,10 @@ def _load_with_base(
     except ValueError as cause:
         raise DeviceError(f"device '{name}': not a TOML file: {cause}") from cause
     base = raw.get("based_on")
+    drop = raw.pop("drop", [])
     if base is None:
+        if drop:
+            raise DeviceError(f"device '{name}': drop is for a device that is based on another one; it has no based_on")
         return raw, content, {}
     if not isinstance(base, str) or depth > 8:
         raise DeviceError(f"device '{name}': based_on must name another device, without a cycle; got {quote(base)}")
@@ -236,7 +245,43 @@ def _load_with_base(
             "that it is based on: recordings and calibrations refer to a device by its name"
         )
     raw.setdefault("title", f"{below.get('title')} ({raw['name']})")
-    return lay_over(below, raw), whole + content, {base: text, **found}
+    try:
+        below = _drop_keys(below, drop)
+    except ValueError as cause:
+        raise DeviceError(f"device '{name}': {cause}") from cause
+    return lay_over_base(below, raw), whole + content, {base: text, **found}
+
+
+def _find_replaced(below: Mapping[str, Any], above: Mapping[str, Any]) -> list[str]:
+    """Keys of the base `below` in whose place `above` states an alternative: two ways to say the same do not add."""
+    ours, theirs = above.get("windings"), below.get("windings")
+    if not isinstance(ours, Mapping) or not isinstance(theirs, Mapping):
+        return []
+    wire = ("wire", "wire_overall")
+    replaced = wire if "fill" in ours else ("fill",) if "wire" in ours else ()
+    return [f"windings.{key}" for key in replaced if key in theirs and key not in ours]
+
+
+def _drop_keys(values: Mapping[str, Any], drop: Any) -> dict[str, Any]:
+    """A copy of `values` without the keys that `drop` lists, dotted. ValueError for one that is not there.
+
+    >>> _drop_keys({"hall": {"noise": 0.1, "step": 0.2}}, ["hall.noise"])
+    {'hall': {'step': 0.2}}
+    """
+    if not isinstance(drop, list) or not all(isinstance(key, str) for key in drop):
+        raise ValueError(
+            f"drop must be a list of keys of the base device, such as ['windings.wire']; got {quote(drop)}"
+        )
+    kept = copy.deepcopy(dict(values))
+    for key in drop:
+        *path, last = key.split(".")
+        table: Any = kept
+        for part in path:
+            table = table.get(part) if isinstance(table, dict) and "value" not in table else None
+        if not isinstance(table, dict) or "value" in table or last not in table:
+            raise ValueError(f"drop: the base device has no key {quote(key)}")
+        del table[last]
+    return kept
 
 
 def _read_base(base: str, name: str, bases: Mapping[str, str] | None) -> tuple[str, str]:

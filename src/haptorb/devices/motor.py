@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from haptorb.arrays import Array, check_finite, rotation, vectors
 from haptorb.compiled import kernel
 from haptorb.devices.base import Device, DeviceKind, State, WrenchMap, check_distance, require
+from haptorb.devices.build_checks import BuildCheck, check_wire
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.geometry import Geometry, Reach, Rod, RoundPart, Spot, list_assumed
 from haptorb.devices.loader import find_device
@@ -36,8 +37,9 @@ from haptorb.devices.motor_model import (
 from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.uncertainty import MotorUncertainty
 from haptorb.errors import GeometryError, InputError
-from haptorb.magnetics.coil import Coil
+from haptorb.magnetics.coil import COPPER_RESISTIVITY, Coil
 from haptorb.magnetics.magnets import CylinderMagnet
+from haptorb.magnetics.wire import overall_diameter, wire_diameter
 from haptorb.rotations import rotation_from_euler
 
 if TYPE_CHECKING:
@@ -269,6 +271,19 @@ class SphericalMotor(Device):
         """(n, p, 3) flux density of the rotor's magnets [T] at `points` (p, 3) [m], stator frame, exact model."""
         return exact_field(self, R, points)
 
+    @property
+    def build_checks(self) -> tuple[BuildCheck, ...]:
+        """What must hold for this device to be buildable: the wire in an electromagnet's section."""
+        coil, coils = self.electromagnet, self.coils
+        warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
+        in_series = float(np.abs(self.groups).sum(axis=0)[0])
+        copper = wire_diameter(coil, float(coils.resistance[0]) / in_series, COPPER_RESISTIVITY * warm)
+        origin = ", the wire that gives its resistance"
+        return (
+            *super().build_checks,
+            check_wire("electromagnets", coil, copper, overall_diameter(copper), origin)[0],
+        )
+
     def wrench_map(self, state: State, model: str) -> WrenchMap:
         """(6, m) per channel: torque only, as the bearing carries every force; passive: regulator and gravity."""
         matrix = np.zeros((6, self.channels))
@@ -482,6 +497,7 @@ def grouping(groups: Sequence[Sequence[int]], count: int, winding: str) -> tuple
 
 
 WORST_CONDITION = 100.0  #: a motor that is a hundred times weaker about some axis cannot be used there
+_COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
 _CHORDS = 2048  #: steps of a table of the pair's torque between no chord and a diameter
 
 

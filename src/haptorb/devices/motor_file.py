@@ -13,6 +13,7 @@ from haptorb.arrays import Array
 from haptorb.devices import quantity as q
 from haptorb.devices import schema as m
 from haptorb.devices.base import Coils
+from haptorb.devices.build_checks import refuse_unbuildable
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.motor import (
     EndStop,
@@ -30,6 +31,7 @@ from haptorb.devices.schema import (
     RIGHT_ANGLE,
     BasedOn,
     Count,
+    Drop,
     HeatSection,
     LimitsSection,
     Name,
@@ -40,6 +42,7 @@ from haptorb.devices.schema import (
     Text,
     ThermometerSection,
     check_wall,
+    limit_currents,
     list_limit_mistakes,
 )
 from haptorb.devices.uncertainty import MotorUncertainty
@@ -320,11 +323,12 @@ class ChannelsSection(Section):
     """[coils]: what an electrician sees of a channel, all alike."""
 
     current_limit: Annotated[
-        q.Current,
+        q.Current | None,
         Positive,
         m.Meaning("maximum commanded current in a channel"),
-        m.Form("> 0, at most 10 times what the supply drives"),
-    ]
+        m.Form("> 0, at most 1.25 times what the supply drives at 20 °C"),
+        m.Without("what the supply drives at 20 °C"),
+    ] = None
     temperature_coefficient: Annotated[
         q.InverseKelvin, m.Meaning("relative change of resistance per kelvin; copper: 3.93e-3 / K")
     ]
@@ -342,6 +346,7 @@ class MotorFile(Section):
     title: Annotated[Text, m.Meaning("title of the device")]
     source: Annotated[Text, m.Meaning("where the values come from")]
     based_on: BasedOn = None
+    drop: Drop = ()
     magnets: Annotated[MagnetsSection, m.Meaning("the rotor's magnets")]
     electromagnets: Annotated[ElectromagnetsSection, m.Meaning("the stator's coils")]
     sensors: Annotated[SensorsSection, m.Meaning("field sensors of the stator")]
@@ -378,10 +383,8 @@ class MotorFile(Section):
             single = motor.torque_characteristic(workspace_sample(motor.workspace_tilt, 3, 24), "dipole")
             motor = replace(motor, groups=match_winding(groups, single))
         found = findings(motor, members, antipodal=self.groups.antipodal)
-        if found and not override:
-            lines = "\n".join(f"device '{self.name}': {line}" for line in found)
-            text = f"{lines}\ncorrect the file, or study it as it is"
-            raise DeviceError(f"{text}: override=True", command=f"{text}: `haptorb inspect DEVICE --override`")
+        if not override:
+            refuse_unbuildable(self.name, motor.build_checks, found)
         if not found:  # a motor whose coils cancel has no torque to compare with
             wrong = list_limit_mistakes(motor.coils, motor.supply, motor.limits, 0.0, motor.greatest_torque)
         if wrong:
@@ -425,15 +428,16 @@ class MotorFile(Section):
         """Series resistance and inductance; the coils of a group are too far apart to share flux worth counting."""
         in_series = np.abs(groups).sum(axis=0)
         many = len(in_series)
-        return Coils(
+        channels = Coils(
             names=tuple(f"u{number}" for number in range(1, many + 1)),
             resistance=in_series * coil.resistance(self.electromagnets.fill),
             inductance=in_series * coil.inductance,
-            current_limit=np.full(many, self.coils.current_limit),
+            current_limit=np.full(many, self.coils.current_limit or np.nan),
             temperature_coefficient=self.coils.temperature_coefficient,
             reference_temperature=self.coils.reference_temperature,
             heat=self.coils.heat.build(),
         )
+        return limit_currents(channels, self.supply.build())
 
     def _regulator(self) -> Regulator | None:
         if self.regulator is None:

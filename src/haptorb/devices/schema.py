@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic.fields import FieldInfo
 
 from haptorb.devices import quantity as q
-from haptorb.devices.base import CONTACT_RATE, HANDOVER, Coils, Heat, HeatCoupling, Limits, Supply
+from haptorb.devices.base import CONTACT_RATE, HANDOVER, ROOM, Coils, Heat, HeatCoupling, Limits, Supply
 from haptorb.devices.field_sensors import SensorErrors
 from haptorb.devices.quantity import QuantityKind
 from haptorb.devices.units import convert, usual_units
@@ -28,6 +28,7 @@ __all__ = [
     "CommonFile",
     "Count",
     "CouplingSection",
+    "Drop",
     "FieldSensorsSection",
     "Form",
     "HeatSection",
@@ -50,6 +51,7 @@ __all__ = [
     "explain_mistakes",
     "find_key",
     "find_table",
+    "limit_currents",
     "list_keys",
     "list_limit_mistakes",
     "list_limit_remarks",
@@ -165,6 +167,12 @@ BasedOn = Annotated[
     Form("name in the catalogue, or path of a device file"),
     Without("none"),
 ]
+Drop = Annotated[
+    tuple[str, ...],
+    Meaning("keys of the base device that do not hold for this one: as if its file did not have them"),
+    Form('dotted keys, such as "electromagnet.moment_per_current"'),
+    Without("none"),
+]
 
 
 def check_wall(inner_radius: float, outer_radius: float) -> None:
@@ -181,10 +189,22 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+def _require(path: str, section: Section, keys: tuple[str, ...], *, computed: bool) -> None:
+    """ValueError for the first of `keys` that `section` lacks, unless they are computed from the windings."""
+    missing = [key for key in keys if getattr(section, key) is None]
+    if missing and not computed:
+        raise ValueError(f"{path}.{missing[0]} is missing: give it, or windings.wire to compute it from")
+
+
 class HeatSection(Section):
     """[coils.heat]"""
 
-    winding_capacity: Annotated[q.HeatCapacity, Positive, Meaning("heat capacity of one channel's winding")]
+    winding_capacity: Annotated[
+        q.HeatCapacity | None,
+        Positive,
+        Meaning("heat capacity of one channel's winding"),
+        Without("required, unless windings.wire or windings.fill gives the mass of the copper"),
+    ] = None
     body_capacity: Annotated[
         q.HeatCapacity, Positive, Meaning("heat capacity of the parts around the winding: former, core, housing")
     ]
@@ -216,9 +236,10 @@ class HeatSection(Section):
             raise ValueError("must have ambient < warn < derate < stop")
         return self
 
-    def build(self) -> Heat:
-        """As the device has it."""
-        return Heat(**self.model_dump())
+    def build(self, *, computed: bool = False) -> Heat:
+        """As the device has it; what is `computed` later is NaN until then. ValueError for what is missing."""
+        _require("coils.heat", self, ("winding_capacity",), computed=computed)
+        return Heat(**{**self.model_dump(), "winding_capacity": self.winding_capacity or np.nan})
 
 
 class CoilsSection(Section):
@@ -231,17 +252,21 @@ class CoilsSection(Section):
         Form("1 to 40 characters each, all different"),
     ]
     resistance: Annotated[
-        tuple[Annotated[q.Resistance, Positive], ...],
+        tuple[Annotated[q.Resistance, Positive], ...] | None,
         Meaning("resistance of each coil at the reference temperature, one per name"),
-    ]
+        Without("required, unless windings.wire or windings.fill gives it"),
+    ] = None
     inductance: Annotated[
-        tuple[Annotated[q.Inductance, Positive], ...], Meaning("inductance of each coil, one per name")
-    ]
+        tuple[Annotated[q.Inductance, Positive], ...] | None,
+        Meaning("inductance of each coil, one per name"),
+        Without("required, unless windings.wire or windings.fill is given: then that of the windings"),
+    ] = None
     current_limit: Annotated[
-        tuple[Annotated[q.Current, Positive], ...],
+        tuple[Annotated[q.Current, Positive], ...] | None,
         Meaning("maximum commanded current in each coil, one per name"),
-        Form("> 0, at most 10 times what the supply drives"),
-    ]
+        Form("> 0, at most 1.25 times what the supply drives at 20 °C"),
+        Without("what the supply drives at 20 °C"),
+    ] = None
     temperature_coefficient: Annotated[
         q.InverseKelvin, Meaning("relative change of resistance per kelvin; copper: 3.93e-3 / K")
     ]
@@ -253,24 +278,34 @@ class CoilsSection(Section):
     @model_validator(mode="after")
     def _check_lengths(self) -> CoilsSection:
         for key in ("resistance", "inductance", "current_limit"):
-            count = len(getattr(self, key))
+            values = getattr(self, key)
+            count = len(self.names) if values is None else len(values)
             if count != len(self.names):
                 raise ValueError(f"has {len(self.names)} names but {count} values of {key}")
         if len(set(self.names)) != len(self.names):
             raise ValueError("has a duplicate name")
         return self
 
-    def build(self) -> Coils:
-        """As the device has it."""
+    def build(self, *, computed: bool = False) -> Coils:
+        """As the device has it; what is `computed` later is NaN until then. ValueError for what is missing."""
+        _require("coils", self, ("resistance", "inductance"), computed=computed)
+        unknown = (np.nan,) * len(self.names)
         return Coils(
             names=self.names,
-            resistance=np.array(self.resistance),
-            inductance=np.array(self.inductance),
-            current_limit=np.array(self.current_limit),
+            resistance=np.array(self.resistance or unknown),
+            inductance=np.array(self.inductance or unknown),
+            current_limit=np.array(self.current_limit or unknown),
             temperature_coefficient=self.temperature_coefficient,
             reference_temperature=self.reference_temperature,
-            heat=self.heat.build(),
+            heat=self.heat.build(computed=computed),
         )
+
+
+def limit_currents(coils: Coils, supply: Supply) -> Coils:
+    """`coils` with a current limit where none is given (NaN): what the supply drives through the coil at 20 °C."""
+    cold = coils.resistance_at(np.full(len(coils.names), ROOM))
+    given = coils.current_limit
+    return replace(coils, current_limit=np.where(np.isnan(given), supply.voltage / cold, given))
 
 
 class SupplySection(Section):
@@ -353,13 +388,13 @@ class CommonFile(Section):
     supply: Annotated[SupplySection, Meaning("supply of the coils")]
     limits: Annotated[LimitsSection, Meaning("limits that the guard enforces")]
 
-    def common(self) -> dict[str, Any]:
-        """The parts that every Device takes."""
+    def common(self, *, computed: bool = False) -> dict[str, Any]:
+        """The parts that every Device takes; `computed` as for `CoilsSection.build`."""
         return {
             "name": self.name,
             "title": self.title,
             "source": self.source,
-            "coils": self.coils.build(),
+            "coils": self.coils.build(computed=computed),
             "supply": self.supply.build(),
             "limits": self.limits.build(),
         }
@@ -601,14 +636,13 @@ def _list_keys(model: type[BaseModel], path: list[Any]) -> list[str]:
 #
 # Refused: a force or torque more than a hundred times what is possible, which is a wrong unit (N for mN), a current ten
 # times what the supply drives, and one at which a winding passes its stop temperature before the coils of a stopped
-# computer are off. Remarked: a force or torque ten times what is possible, and a current that the supply cannot drive;
-# a design may be there while it is made.
+# computer are off. Remarked: a force or torque ten times what is possible; a design may be there while it is made. A
+# current that the supply cannot drive at 20 °C is one of the device's `build_checks`.
 
 
 _WRONG_UNIT = 100.0
 _NO_LIMIT = 10.0
 _UNREACHABLE = 10.0  #: the supply's voltage over a resistance is no estimate
-_SURPLUS = 1.25  #: a current limit that far above what the supply drives is within a coil's tolerances and warmth
 _COILS_OFF = 0.1  #: after which a board's watchdog has switched off at the latest when the computer stops [s]
 
 
@@ -658,20 +692,11 @@ def list_limit_remarks(coils: Coils, supply: Supply, limits: Limits, force: floa
         for key, unit, limit, most in _wrenches(limits, force, torque)
         if limit > _NO_LIMIT * most
     ]
-    driven = supply.voltage / coils.resistance
     most = _greatest_power(coils, supply)
     if supply.power < most:
         found.append(
             f"supply.power is {supply.power:g} W, but one coil at its current limit takes {most:.3g} W: the limit is "
             "never reached, and the supply limits the peak forces"
-        )
-    over = np.flatnonzero(coils.current_limit > _SURPLUS * driven)
-    if len(over):
-        k = int(over[0])
-        found.append(
-            f"coils.current_limit of coil {coils.names[k]} is {coils.current_limit[k]:g} A, but {supply.voltage:g} V "
-            f"drive {driven[k]:.3g} A through its {coils.resistance[k]:.3g} Ω: peak forces here are too high by "
-            f"{100 * (coils.current_limit[k] / driven[k] - 1):.0f} %"
         )
     return found
 

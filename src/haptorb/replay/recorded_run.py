@@ -205,7 +205,8 @@ class RecordedRun:
         text, name, digest = DeviceText.from_note(noted), noted.get("name", ""), noted.get("digest", "")
         try:
             if text:
-                device = parse(text.own, f"the device in {self._path}", bases=text.bases)
+                # what was recorded did run, whatever is checked today
+                device = parse(text.own, f"the device in {self._path}", bases=text.bases, override=True)
             elif name in catalogue():
                 device = load(name)
             else:

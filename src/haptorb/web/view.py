@@ -83,7 +83,8 @@ def find_device(path: Path, note: Mapping[str, str], name: str | None) -> tuple[
         )
     if text := DeviceText.from_note(note):
         try:
-            return parse(text.own, note.get("name", "of the recording"), bases=text.bases), ""
+            # what was recorded did run, whatever is checked today
+            return parse(text.own, note.get("name", "of the recording"), bases=text.bases, override=True), ""
         except HaptorbError as cause:
             if note.get("name", "") not in catalogue():
                 raise InputError(

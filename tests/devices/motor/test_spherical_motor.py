@@ -210,7 +210,7 @@ def test_upright_nothing_pulls(pmsm):
 def test_winding_follows_from_turns_section_and_fill(pmsm):
     section = 7.62e-3 * (15.88e-3 - 4.764e-3)
     mean = np.pi * (15.88e-3 + 4.764e-3)
-    expected = 2 * 1.7241e-8 * mean * 1000**2 / (0.6 * section)
+    expected = 2 * 1.7241e-8 * mean * 1000**2 / (0.58 * section)
     np.testing.assert_allclose(pmsm.coils.resistance, expected, rtol=1e-12)
     assert pmsm.coils.resistance.shape == (12,)
     assert 5e-3 < pmsm.coils.inductance[0] < 5e-2

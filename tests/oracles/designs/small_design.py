@@ -7,11 +7,20 @@ from pathlib import Path
 from haptorb_design.design_file import load_design
 from haptorb_design.problem import Design
 
-__all__ = ["CODE", "TEXT", "make_design", "write_design"]
+__all__ = ["BARE", "CODE", "TEXT", "make_design", "write_design"]
+
+#: The base: an Omni whose coils have no sizes, so that a small dome does not meet them
+BARE = """
+based_on = "omni"
+name = "bare"
+drop = ["windings"]
+[coils]
+inductance = ["0.4 mH", "0.4 mH", "0.4 mH"]
+"""
 
 TEXT = """
 name = "small"
-base = "omni"
+base = "bare.toml"
 
 [parameters.radius]
 low = "26 mm"
@@ -58,6 +67,7 @@ def room(candidate):
 def write_design(folder: Path, text: str = TEXT, code: str = CODE) -> Path:
     """The design's files in `folder`; the path of the design file."""
     (folder / "own.py").write_text(code, encoding="utf-8")
+    (folder / "bare.toml").write_text(BARE, encoding="utf-8")
     path = folder / "small.toml"
     path.write_text(text, encoding="utf-8")
     return path

@@ -1,0 +1,108 @@
+"""What must hold for a device to be buildable: each condition with its value, its limit and its margin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptorb.display import format_quantity
+from haptorb.errors import DeviceError
+from haptorb.magnetics.coil import Coil
+from haptorb.magnetics.wire import WireLayers, wind
+
+__all__ = ["BuildCheck", "BuildError", "check_wire", "format_bound", "refuse_unbuildable"]
+
+
+def format_bound(value: float, unit: str) -> str:
+    """`value` as people read it: angles in degrees, shares in per cent.
+
+    >>> format_bound(0.0198, "m"), format_bound(np.pi / 6, "rad"), format_bound(0.0357, "1")
+    ('19.8 mm', '30°', '3.57 %')
+    """
+    if value == 0.0:
+        return "0"
+    if unit == "rad":
+        return f"{np.degrees(value):.3g}°"
+    return f"{100 * value:.3g} %" if unit == "1" else format_quantity(value, unit, 4)
+
+
+@dataclass(frozen=True)
+class BuildCheck:
+    """One condition: `value` must be at most (or at least) `limit`, both in `unit`."""
+
+    condition: str  #: what must hold, in a few words; the same for all parts that are alike
+    name: str  #: which part, and what of it is compared
+    value: float
+    limit: float
+    unit: str
+    remedy: str  #: what to change where it does not hold
+    at_least: bool = False
+    note: str = ""  #: what the value consists of
+
+    @property
+    def margin(self) -> float:
+        """How far the value is on the right side of the limit; negative: it does not hold."""
+        return self.value - self.limit if self.at_least else self.limit - self.value
+
+    @property
+    def holds(self) -> bool:
+        """Sizes that were computed from each other may differ in the last digits."""
+        return bool(self.margin >= -1e-9 * max(abs(self.value), abs(self.limit)))
+
+    @property
+    def miss(self) -> float:
+        """How far it is from holding, relative to the limit, below 1; 0 if it holds."""
+        short = max(-self.margin, 0.0)
+        return 0.0 if self.holds else short / (short + (abs(self.limit) or 1.0))
+
+    def explain(self) -> str:
+        """The sentence for a device in which it does not hold."""
+        value, limit = (format_bound(one, self.unit) for one in (self.value, self.limit))
+        note = f" ({self.note})" if self.note else ""
+        bound = "at least" if self.at_least else "at most"
+        return f"cannot be built: {self.name}: {value}{note}, {bound} {limit} is possible: {self.remedy}"
+
+
+class BuildError(DeviceError):
+    """A device that cannot be built; `failures` are the checks that do not hold."""
+
+    failures: tuple[BuildCheck, ...] = ()
+
+
+def refuse_unbuildable(name: str, checks: Iterable[BuildCheck], findings: Iterable[str] = ()) -> None:
+    """BuildError if a check of device `name` does not hold, or there are `findings` against it, as sentences.
+
+    The message tells how to study it all the same.
+    """
+    failures = tuple(check for check in checks if not check.holds)
+    told = [*findings, *(check.explain() for check in failures)]
+    if told:
+        lines = "\n".join(f"device '{name}': {line}" for line in told)
+        text = f"{lines}\ncorrect the file, or study it as it is"
+        error = BuildError(f"{text}: override=True", command=f"{text}: `haptorb inspect DEVICE --override`")
+        error.failures = failures
+        raise error
+
+
+def check_wire(
+    name: str, coil: Coil, copper: float, overall: float, origin: str = ""
+) -> tuple[BuildCheck, WireLayers | None]:
+    """Whether the turns of `coil` fit in layers in its section, of a wire `copper` [m] thick, `overall` [m] with its
+    enamel; and its layers. `origin`: where the wire comes from, if the file does not state it."""
+    section = coil.outer_radius - coil.inner_radius
+    layers = wind(coil.turns, coil.inner_radius, coil.length, overall)
+    wire = f"{copper * 1e3:.3g} mm, {overall * 1e3:.3g} mm over the enamel{origin}"
+    if layers is None:
+        check = BuildCheck(
+            "wire that fits between the flanges", name, overall, coil.length, "m",
+            "increase the winding's length, or reduce the wire", note=wire,
+        )  # fmt: skip
+        return check, None
+    check = BuildCheck(
+        "wire that fits in layers in its section", f"{name}, depth of its wire", layers.depth, section, "m",
+        "increase the winding's outer radius or length, or reduce the turns or the wire",
+        note=f"{coil.turns:g} turns of {wire}: {layers.layers} layers of {layers.per_layer}",
+    )  # fmt: skip
+    return check, layers

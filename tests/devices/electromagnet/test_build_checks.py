@@ -1,0 +1,170 @@
+"""Only what can be built is loaded: windings against points drawn in them, and each condition broken once."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptorb.cli import main
+from haptorb.devices.build_checks import BuildError
+from haptorb.devices.electromagnet import ELECTROMAGNET
+from haptorb.devices.loader import catalogue, load, parse
+from haptorb.errors import DeviceError
+from haptorb.rotations import rotation_from_euler
+
+CROSSING = Path(__file__).parent / "files" / "crossing.toml"
+
+
+def variant(text, *, drop=(), override=False):
+    dropped = f"drop = {list(drop)}".replace("'", '"')
+    return parse(f'based_on = "omni"\nname = "mine"\n{dropped}\n{text}', "mine", override=override)
+
+
+def failing(text, drop=()):
+    with pytest.raises(BuildError) as refused:
+        variant(text, drop=drop)
+    return {check.condition for check in refused.value.failures}, str(refused.value)
+
+
+def points_in(device, k, count, draw):
+    """(count, 3) points in winding k, evenly in its volume, about its axis."""
+    w = device.windings
+    rho = np.sqrt(draw.uniform(w.inner_radius[k] ** 2, w.outer_radius[k] ** 2, count))
+    phi, z = draw.uniform(0, 2 * np.pi, count), draw.uniform(-w.length[k] / 2, w.length[k] / 2, count)
+    own = np.stack([rho * np.cos(phi), rho * np.sin(phi), z], axis=1)
+    axis = device.moment_per_current[:, k] / np.linalg.norm(device.moment_per_current[:, k])
+    across = np.linalg.svd(axis[None])[2][1:]
+    return own @ np.vstack([across, axis])
+
+
+def inside(device, k, points):
+    w = device.windings
+    axis = device.moment_per_current[:, k] / np.linalg.norm(device.moment_per_current[:, k])
+    z = points @ axis
+    rho = np.sqrt((points**2).sum(axis=1) - z**2)
+    return (rho > w.inner_radius[k]) & (rho < w.outer_radius[k]) & (np.abs(z) < w.length[k] / 2)
+
+
+@pytest.mark.parametrize("name", [name for name in catalogue() if name.startswith("omni")])
+def test_no_point_of_a_winding_lies_in_another_in_the_core_or_in_the_dome(name):
+    """Drawn in each winding about its own, tilted axis; the check itself compares corners."""
+    device, draw = load(name), np.random.default_rng(1)
+    for k in range(3):
+        points = points_in(device, k, 200_000, draw)
+        away = np.linalg.norm(points, axis=1)
+        assert away.min() > device.core_radius
+        assert away.max() < device.dome_radius - device.dome_wall
+        assert not any(inside(device, other, points).any() for other in range(3) if other != k)
+
+
+def test_the_windings_that_crossed_do_so_and_are_refused():
+    device, draw = load(CROSSING, override=True), np.random.default_rng(2)
+    assert inside(device, 1, points_in(device, 0, 200_000, draw)).any()
+    with pytest.raises(BuildError) as refused:
+        load(CROSSING)
+    found = [(check.name, 1e3 * check.value, 1e3 * check.limit) for check in refused.value.failures]
+    assert ("coil x inside coil y", pytest.approx(24.05, abs=0.005), pytest.approx(22.3)) in found
+    assert ("coil y inside coil z", pytest.approx(25.91, abs=0.005), pytest.approx(24.3)) in found
+    assert sum("depth" in name for name, *_ in found) == 3  # and 80 turns of enamelled wire do not fit
+
+
+def test_tilted_coils_meet_where_the_check_says():
+    """The greatest distance of a tilted ring's points from the other axis is that of its corner from the centre."""
+    device = load("omni")
+    draw = np.random.default_rng(3)
+    for angle in (0.05, 0.3, 0.8):
+        axis = rotation_from_euler(angle, 0.2, 0.0) @ np.array([1.0, 0.0, 0.0])
+        points = points_in(device, 1, 400_000, draw)
+        if abs(axis @ np.array([0.0, 1.0, 0.0])) > 0.7:
+            continue
+        away = np.sqrt((points**2).sum(axis=1) - (points @ axis) ** 2)
+        corner = float(device.windings.corners[1])
+        assert corner * 0.995 < away.max() <= corner
+
+
+@pytest.mark.parametrize(
+    ("text", "drop", "condition", "says"),
+    [
+        ('[electromagnet]\ncore_radius = "15.7 mm"', (), "windings outside the core", "windings.inner_radius"),
+        (
+            "[windings]\nturns = [120, 89, 77]", ("coils.resistance",), "wire that fits in layers in its section",
+            "5 layers of 24",
+        ),
+        (
+            '[windings]\nturns = [90, 89, 77]\nwire = ["0.71 mm", "0.67 mm", "0.67 mm"]', (),
+            "wire with the stated resistance", "instead of 0.6 Ω",
+        ),
+        (
+            '[windings]\nouter_radius = ["18.5 mm", "22.8 mm", "26.6 mm"]', (),
+            "windings that cross without touching", "coil x inside coil y",
+        ),
+        ('[dome]\nwall = "2 mm"', (), "windings inside the dome", "dome.wall"),
+        (
+            '[coils]\ncurrent_limit = ["26 A", "20 A", "20 A"]', (), "current limits that the supply can drive",
+            "drop it",
+        ),
+        ('[tool]\ntip_distance = "13 mm"', (), "magnet above the dome", "tip_distance"),
+    ],
+)  # fmt: skip
+def test_each_condition_is_refused_with_numbers_and_what_to_change(text, drop, condition, says):
+    conditions, message = failing(text, drop)
+    assert condition in conditions
+    assert says in message
+    assert "override=True" in message
+    assert variant(text, drop=drop, override=True).name == "mine"  # for study
+
+
+def test_a_winding_narrower_than_its_wire_is_refused():
+    for drop in ((), ("windings.outer_radius",)):
+        with pytest.raises(DeviceError, match=r"windings\.length"):
+            variant('[windings]\nlength = ["15.6 mm", "0.5 mm", "18.8 mm"]', drop=drop)
+
+
+def test_what_a_wire_gives_needs_not_be_stated():
+    """Resistance by the copper's length, current by the supply, inductance and moments by the windings."""
+    dropped = ("coils.resistance", "coils.current_limit", "electromagnet.moment_per_current")
+    device = variant("", drop=dropped)
+    length = 2 * np.pi * 24 * sum(15.6e-3 + 0.6484e-3 * (n + 0.5) for n in range(4))
+    assert device.coils.resistance[0] == pytest.approx(1.7241e-8 * length / (np.pi * 0.3e-3**2), rel=2e-3)
+    assert device.coils.current_limit == pytest.approx(12.0 / device.coils.resistance)
+    assert device.moments_from == "windings"
+
+
+def test_omni_has_the_printed_moments_and_resistance():
+    device = load("omni")
+    assert np.diag(device.predict_moments()) == pytest.approx(
+        np.linalg.norm(device.moment_per_current, axis=0), rel=0.007
+    )
+    assert device.coils.resistance == pytest.approx(0.6)
+    assert (device.dome_radius, device.core_radius) == (0.03, 0.015)
+
+
+def test_the_card_shows_every_condition_with_its_margin(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["inspect", "omni", "--json"])
+    out = capsys.readouterr().out
+    device = load("omni")
+    for condition in {check.condition for check in device.build_checks}:
+        assert condition in out
+    with pytest.raises(SystemExit, match="0"):
+        main(["inspect", str(CROSSING), "--override"])
+    assert "NOT KEPT" in capsys.readouterr().out
+
+
+def test_a_variant_drops_only_keys_that_its_base_has():
+    with pytest.raises(DeviceError, match=r"'windings\.wires'"):
+        variant("", drop=("windings.wires",))
+    with pytest.raises(DeviceError, match="list of keys"):
+        parse('based_on = "omni"\nname = "mine"\ndrop = "windings"', "mine")
+    with pytest.raises(DeviceError, match="no based_on"):
+        parse(f'kind = "{ELECTROMAGNET.name}"\nname = "mine"\ndrop = ["windings"]', "mine")
+    assert variant("", drop=("marks",)).marks is None
+
+
+def test_a_fill_takes_the_place_of_the_bases_wire():
+    """Files of variants that stated it go on working: the wire of the base is not theirs."""
+    device = variant("[windings]\nfill = 0.65", drop=("coils.current_limit",))
+    assert device.windings.wire is None
+    assert device.coils.resistance == pytest.approx([coil.resistance(0.65) for coil in device.windings.coils], rel=1e-3)
+    with pytest.raises(DeviceError, match="wire and fill"):
+        variant('[windings]\nfill = 0.65\nwire = ["0.6 mm", "0.67 mm", "0.67 mm"]')
