@@ -10,6 +10,7 @@ SLOW = {"bai2012 figure 4", "bai2012 figure 8"}  #: parts that take minutes
 
 #: Physics files that no reproduced row stands on, and why
 REASONS = {
+    "magnetics/wire.py": "the papers print no wire; catalogues of wire and counted turns are in its tests",
     "magnetics/multipole_fit.py": "the papers print the strengths of their models, but neither the points nor the "
     "weights of the fit that gave them; fits of ours are in `haptorb fit-multipole`",
     "magnetics/soft_sphere.py": "the papers print no pull of the core but 'small', which is contradicted (E18): "

@@ -10,18 +10,18 @@ import numpy as np
 
 from haptorb.arrays import Array, cap_directions
 from haptorb.devices import tables
-from haptorb.devices.base import Device, State, require, rotation_to_axis
+from haptorb.devices.base import Device, State, require
 from haptorb.devices.coil_array import CoilArray, find_farthest, find_spacing
-from haptorb.devices.electromagnet import GREATEST_LEAN, SphericalElectromagnet
+from haptorb.devices.electromagnet import GREATEST_LEAN, SphericalElectromagnet, find_sensor_field
 from haptorb.devices.electromagnet_model import Windings
 from haptorb.devices.motor import SphericalMotor
 from haptorb.devices.motor_model import Layout
 from haptorb.devices.table_cache import load_field_table, load_torque_table
 from haptorb.devices.tables import PairTable, series_torque_table
 from haptorb.errors import GeometryError, InputError, UnknownName
-from haptorb.estimation.hall_fit import coil_field, position_accuracy
+from haptorb.estimation.hall_fit import position_accuracy
 from haptorb.magnetics.coil import COPPER_DENSITY, COPPER_RESISTIVITY, CentredCoil, Coil
-from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet, dipole_on_charges
+from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, dipole_on_charges
 from haptorb.magnetics.soft_sphere import add_answers, answer_to_charges, harmonic_sums, weigh_charges
 from haptorb.rotations import rotation_from_euler
 from haptorb_design.problem import DesignCandidate, DesignQuantity, Sense
@@ -1032,19 +1032,7 @@ def _room(candidate: DesignCandidate) -> float:
 
 
 def _field(candidate: DesignCandidate) -> float:
-    device = electromagnet_of(candidate)
-    tool, angle = device.tool, device.workspace_half_angle
-    magnet = RingMagnet(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence)
-    azimuth = np.arctan2(device.hall.positions[:, 1], device.hall.positions[:, 0])
-    edge = np.column_stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth),
-                            np.full(len(azimuth), np.cos(angle))])  # fmt: skip
-    greatest = np.zeros(device.sensors)
-    for axis in np.vstack([edge, cap_directions(angle, _DIRECTIONS)]):
-        R = rotation_to_axis(axis)
-        own = (device.hall.positions - device.contact_distance * axis) @ R
-        greatest = np.maximum(greatest, np.abs(magnet.field(own) @ R.T).max(axis=1))
-    coils = np.abs(coil_field(device)).max(axis=1) @ device.driven_current
-    return float((greatest + coils).max())
+    return float(find_sensor_field(electromagnet_of(candidate)).max())
 
 
 SENSING_QUANTITIES = (
@@ -1060,9 +1048,8 @@ SENSING_QUANTITIES = (
              "to a pen (radius: pen) tilted from the radius by up to lean [rad] anywhere in the workspace.",
              {_SENSING_ELECTROMAGNET: _room}),
     describe("sensor_field", "T", "minimise",
-             "Upper bound of the reading of one axis of a field sensor: a radial tool in contact anywhere, and all "
-             "coils at full "
-             "current.", {_SENSING_ELECTROMAGNET: _field}),
+             "Upper bound of the reading of one axis of a field sensor: a tool in contact anywhere, leaning up to 15°, "
+             "and all coils at the current that the supply drives.", {_SENSING_ELECTROMAGNET: _field}),
 )  # fmt: skip
 
 

@@ -55,7 +55,7 @@ def test_the_list_is_that_of_the_reader(
         for one in found
         if one["default"] == "required" and one["section"] == 'kind = "spherical-electromagnet"'
     }
-    assert len(listed) >= 8
+    assert len(listed) >= 7
     path = tmp_path_factory.mktemp("device") / "mine.toml"
     for key in sorted(listed):
         lines = [line for line in text.splitlines() if not line.strip().startswith(f"{key} ")]

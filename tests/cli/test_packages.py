@@ -97,7 +97,7 @@ def test_a_command_without_its_extra_says_which(
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    example = Path(__file__).parents[2] / "examples" / "design" / "omni-core.toml"
+    example = Path(__file__).parents[2] / "examples" / "design" / "omni-sensors.toml"
     Path("small.toml").write_text(example.read_text(encoding="utf-8"))
     Path("mine.db").touch()
     for name in [

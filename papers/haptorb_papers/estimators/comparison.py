@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -57,11 +57,10 @@ class Disturbance:
         halls = make_halls(
             motor.sensor_layout.frames,
             draw_sensors(SensorErrors(self.gain, self.offset, self.gain), motor.sensors, seed),
-            motor.hall.noise if self.noise is None else self.noise,
-            0.0 if ideal else motor.hall.step,
+            motor.hall if self.noise is None else replace(motor.hall, noise=self.noise, step=0.0),
         )
         if ideal:
-            halls["reach"] = greatest_reading(motor.hall.step)
+            halls["reach"] = greatest_reading(motor.hall)
         if self.failed:
             halls["failure"][self.failed - 1] = FAILURES[self.failure]
         noise = seed_noise(seed)

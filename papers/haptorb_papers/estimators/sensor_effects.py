@@ -158,9 +158,7 @@ def _readings(motor: SphericalMotor, case: _Case, R: Array, ideal: Array, specim
     """(n, k, 3) [T], stator frame: what the sensors of device `specimen` say at R (n, 3, 3)."""
     drawn = draw_sensors(case.errors, motor.sensors, specimen)
     frames = motor.sensor_layout.frames
-    halls = make_halls(
-        frames, drawn, motor.hall.noise if case.noise else 0.0, motor.hall.step if case.noise else 0.0
-    )  # fmt: skip
+    halls = make_halls(frames, drawn, motor.hall if case.noise else replace(motor.hall, noise=0.0, step=0.0))
     chosen = np.random.default_rng([specimen, seed]).choice(motor.sensors, case.dead, replace=False)
     halls["failure"][chosen] = FAILURES["dead"]
     if drawn.placement.any():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,22 +68,30 @@ class BuildCheck:
 class BuildError(DeviceError):
     """A device that cannot be built; `failures` are the checks that do not hold."""
 
-    failures: tuple[BuildCheck, ...] = ()
+    def __init__(self, name: str, told: Sequence[str], failures: Sequence[BuildCheck]) -> None:
+        lines = "\n".join(f"device '{name}': {line}" for line in told)
+        text = f"{lines}\ncorrect the file, or study it as it is"
+        super().__init__(f"{text}: override=True", command=f"{text}: `haptorb inspect DEVICE --override`")
+        self.failures = tuple(failures)
+        self._name, self._told = name, tuple(told)
+
+    def __reduce__(self) -> tuple[type[BuildError], tuple[object, ...]]:
+        return BuildError, (self._name, self._told, self.failures)
+
+    def rename(self, name: str) -> BuildError:
+        """The same of the device, or file, called `name`."""
+        return BuildError(name, self._told, self.failures)
 
 
 def refuse_unbuildable(name: str, checks: Iterable[BuildCheck], findings: Iterable[str] = ()) -> None:
-    """BuildError if a check of device `name` does not hold, or there are `findings` against it, as sentences.
+    """Refuse device `name` if a check does not hold, or there are `findings` against it, as sentences.
 
-    The message tells how to study it all the same.
+    Raises BuildError, whose message tells how to study the device all the same.
     """
-    failures = tuple(check for check in checks if not check.holds)
+    failures = [check for check in checks if not check.holds]
     told = [*findings, *(check.explain() for check in failures)]
     if told:
-        lines = "\n".join(f"device '{name}': {line}" for line in told)
-        text = f"{lines}\ncorrect the file, or study it as it is"
-        error = BuildError(f"{text}: override=True", command=f"{text}: `haptorb inspect DEVICE --override`")
-        error.failures = failures
-        raise error
+        raise BuildError(name, told, failures)
 
 
 def check_wire(

@@ -12,7 +12,17 @@ import numpy as np
 from numpy import ascontiguousarray
 
 from haptorb.arrays import Array, cap_directions
-from haptorb.devices.base import Coils, Device, DeviceKind, Shell, State, WrenchMap, endurance, require
+from haptorb.devices.base import (
+    Coils,
+    Device,
+    DeviceKind,
+    Shell,
+    State,
+    WrenchMap,
+    endurance,
+    require,
+    rotation_to_axis,
+)
 from haptorb.devices.build_checks import BuildCheck, check_wire
 from haptorb.devices.electromagnet_model import (
     CoreDynamics,
@@ -50,6 +60,7 @@ __all__ = [
     "electromagnet",
     "electromagnet_geometry",
     "feasible_wrench",
+    "find_sensor_field",
     "list_geometry_mistakes",
     "list_remarks",
     "shell_capability",
@@ -171,6 +182,40 @@ def check_windings(
             note="from the centre to the corner of the winding",
         )
     )  # fmt: skip
+    return found
+
+
+_DIRECTIONS, _SIDES = 16, 8  #: places of a tool over the workspace, and sides to which it leans
+
+
+def find_sensor_field(device: SphericalElectromagnet) -> Array:
+    """(k,) upper bound of the reading of an axis of each field sensor [T].
+
+    Of a tool in contact anywhere in the workspace, radial or leaning by GREATEST_LEAN to any side, and all coils at the
+    current that the supply drives: the magnet by charges on its faces, the coils as dipoles.
+    """
+    tool, at = device.tool, device.hall.positions
+    azimuth = np.arctan2(at[:, 1], at[:, 0])
+    half = device.workspace_half_angle
+    edge = np.stack([np.sin(half) * np.cos(azimuth), np.sin(half) * np.sin(azimuth), np.full(len(at), np.cos(half))], 1)
+    rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, radial=3, azimuth=12).rows
+    greatest = np.zeros(len(at))
+    for radial in np.vstack([edge, cap_directions(half, _DIRECTIONS)]):
+        first, second = rotation_to_axis(radial)[:, :2].T
+        sides = 2 * np.pi * np.arange(_SIDES) / _SIDES
+        away = np.outer(np.cos(sides), first) + np.outer(np.sin(sides), second)
+        leaning = np.cos(GREATEST_LEAN) * radial + np.sin(GREATEST_LEAN) * away
+        for axis in np.vstack([radial, leaning]):
+            middle = device.dome_radius * radial + tool.tip_distance * axis
+            apart = at[:, None] - (middle + rows[:3].T @ rotation_to_axis(axis).T)  # (k, charges, 3)
+            size = np.linalg.norm(apart, axis=2)
+            field = MU0 / (4 * np.pi) * np.einsum("n,kni->ki", rows[3], apart / size[..., None] ** 3)
+            greatest = np.maximum(greatest, np.abs(field).max(axis=1))
+    away = np.linalg.norm(at, axis=1)[:, None, None]
+    unit = at / away[:, 0]
+    dyad = 3 * unit[:, :, None] * unit[:, None, :] - np.eye(3)
+    per_ampere = MU0 / (4 * np.pi) * dyad / away**3 @ device.moment_per_current
+    found: Array = greatest + np.abs(per_ampere).max(axis=1) @ device.driven_current
     return found
 
 
@@ -358,6 +403,16 @@ class SphericalElectromagnet(Device):
                 "increase tool.tip_distance, or make the magnet shorter or thinner", at_least=True,
             )
         ]  # fmt: skip
+        if self.hall.range is not None and self.sensors:
+            fields = find_sensor_field(self)
+            worst = int(np.argmax(fields))
+            found.append(
+                BuildCheck(
+                    "fields within the sensors' range", f"sensor {worst + 1}, tool and coils together",
+                    float(fields[worst]), self.hall.range, "T",
+                    "move the sensor away from tool and coils, or take one with a greater range (hall.range)",
+                )
+            )  # fmt: skip
         if self.windings is not None:
             free, spread = self.dome_radius - self.dome_wall, self.uncertainty.resistance
             found += check_windings(self.windings, coils, self.core_radius, free, spread)

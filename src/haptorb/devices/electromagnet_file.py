@@ -345,7 +345,7 @@ class ElectromagnetFile(CommonFile):
             hand=Hand(**self.hand.model_dump()),
             contact=DomeContact(dome.stiffness, dome.damping, dome.friction),
             hall=FieldSensors(
-                np.array(hall.positions).reshape(-1, 3), hall.noise, hall.step, hall.errors(), hall.warming
+                np.array(hall.positions).reshape(-1, 3), hall.noise, hall.step, hall.errors(), hall.warming, hall.range
             ),
             core_dynamics=CoreDynamics() if self.core_dynamics is None else self.core_dynamics.build(),
             thermometer_step=self.thermometer.step,

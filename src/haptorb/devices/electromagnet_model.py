@@ -575,7 +575,8 @@ class Windings:
         """`coils` with what they lack (NaN) of resistance, inductance and heat capacity: those of these windings.
 
         With `fill`, the share of the section that copper fills, all three are replaced; otherwise copper is the `wire`.
-        The heat capacity is the mean of the three, as a device has one for all its channels.
+        The heat capacity is the mean of the three, as a device has one for all its channels. ValueError for a wire that
+        does not fit between the flanges.
         """
         warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
         resistivity = COPPER_RESISTIVITY * warm

@@ -115,4 +115,5 @@ class FieldSensors:
     step: float  #: quantum of one reading [T]
     errors: SensorErrors = dataclass_field(default_factory=SensorErrors)  #: how the sensors differ from ideal ones
     warming: float = 0.0  #: their temperature rise as a share of the coils' rise at the boundary
+    range: float | None = None  #: greatest field that an axis can read [T]; None: that of 16 bits of `step`
     correction: SensorCorrection | None = None  #: what a calibration found; `positions` are then the calibrated ones

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.devices.base import Device, DeviceText, kind_names, kind_of_name
+from haptorb.devices.build_checks import BuildError
 from haptorb.devices.schema import explain_mistakes
 from haptorb.errors import DeviceError, InputError, UnknownName, quote
 from haptorb.file_kind import FileKind, find_kind
@@ -165,6 +166,8 @@ def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
             file = file_class.model_validate(plain)
             digest = hashlib.sha256(tables.text.encode()).hexdigest()
             device: Device = replace(file.build(assumed, digest, override=override), text=tables.file)
+    except BuildError as cause:  # whose device knows its name, but not the file that the person wrote
+        raise cause.rename(name) from cause
     except ValidationError as cause:
         lines = [f"device '{name}': {line}" for line in explain_mistakes(cause.errors(), file_class)]
         raise DeviceError("\n".join(lines)) from cause

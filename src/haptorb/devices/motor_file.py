@@ -410,7 +410,7 @@ class MotorFile(Section):
             electromagnets=layout(e.distance, e.rings),
             electromagnet=coil,
             sensor_layout=sensors,
-            hall=FieldSensors(sensors.positions, s.noise, s.step, s.errors(), s.warming),
+            hall=FieldSensors(sensors.positions, s.noise, s.step, s.errors(), s.warming, s.range),
             groups=groups,
             magnet_model=None if m.multipole is None else m.multipole.build(m.radius, m.length),
             coil_model=None if e.multipole is None else e.multipole.build(e.outer_radius, e.length),

@@ -721,6 +721,12 @@ class SensorQualitySection(Section):
 
     noise: Annotated[q.Polarization, Ge(0), Meaning("standard deviation of one reading, each axis")]
     step: Annotated[q.Polarization, Ge(0), Meaning("resolution of a reading")]
+    range: Annotated[
+        q.Polarization | None,
+        Gt(0),
+        Meaning("greatest field that an axis can read, either way"),
+        Without("that of a converter of 16 bits with `step`; it is not checked against the fields that occur"),
+    ] = None
     gain: Annotated[q.Number, Ge(0), Meaning("standard deviation of the relative gain error from sensor to sensor")] = (
         0.0
     )

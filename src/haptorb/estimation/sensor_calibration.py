@@ -248,8 +248,8 @@ def without_errors(device: SphericalElectromagnet) -> SphericalElectromagnet:
     >>> without_errors(load("omni")).hall.errors.offset
     0.0
     """
-    hall = device.hall
-    return replace(device, hall=FieldSensors(hall.positions, hall.noise, hall.step), core_dynamics=CoreDynamics())
+    hall = replace(device.hall, errors=SensorErrors(), warming=0.0, correction=None)
+    return replace(device, hall=hall, core_dynamics=CoreDynamics())
 
 
 def pose_covariance(

@@ -28,6 +28,8 @@ def overall_diameter(copper: float) -> float:
 
     Between the standard's sizes the enamel grows linearly; beyond them it is in proportion to the wire.
 
+    Raises InputError unless `copper` is a positive length.
+
     >>> round(overall_diameter(0.63e-3) * 1e3, 3), round(overall_diameter(0.67e-3) * 1e3, 4)
     (0.679, 0.7205)
     """

@@ -385,7 +385,7 @@ class SimulatedElectromagnet(CoilSimulation):
         self._per_ampere = np.array(device.moment_per_current, dtype=np.float64, order="C")
         nominal = np.array(hall.positions, dtype=np.float64, order="C").reshape(-1, 3)
         drawn = draw_sensors(hall.errors, len(nominal), specimen)
-        self._halls = make_halls(np.tile(np.eye(3), (len(nominal), 1, 1)), drawn, hall.noise, hall.step)
+        self._halls = make_halls(np.tile(np.eye(3), (len(nominal), 1, 1)), drawn, hall)
         self._state["core"] = make_core(device.core_dynamics.draw(specimen))
         positions = np.ascontiguousarray(nominal + drawn.placement)
         sphere = SoftSphere(device.core_radius, device.core_permeability)

@@ -451,7 +451,7 @@ class SimulatedMotor(CoilSimulation):
         self._state["generator"] = seed_noise(seed)
         device, hall = self.device, self.device.hall
         specimen = draw_sensors(self._quality, device.sensors, seed)
-        self._halls = make_halls(device.sensor_layout.frames, specimen, hall.noise, hall.step)
+        self._halls = make_halls(device.sensor_layout.frames, specimen, hall)
         self._halls["failure"] = self._failures
         draw = np.random.Generator(np.random.PCG64([seed, 1]))
         polarity = np.array(device.polarity, dtype=np.float64)

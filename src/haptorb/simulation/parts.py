@@ -20,7 +20,7 @@ from haptorb.compiled import kernel, tick_kernel
 from haptorb.devices.base import Device, State
 from haptorb.devices.coil_array import ArrayMover
 from haptorb.devices.electromagnet import DomeContact, Hand, Tool
-from haptorb.devices.field_sensors import SensorSpecimen
+from haptorb.devices.field_sensors import FieldSensors, SensorSpecimen
 from haptorb.errors import InputError, UnknownName
 from haptorb.thermal import heat_step, network_step
 
@@ -291,18 +291,20 @@ HALL = fields(
 )
 
 
-def greatest_reading(step: float) -> float:
-    """Of an axis of a converter of 16 bits with quantum `step` [T]; inf for an ideal one."""
-    return 32767 * step if step > 0 else np.inf
+def greatest_reading(sensors: FieldSensors) -> float:
+    """Of an axis [T]: its range; where the file states none, that of a converter of 16 bits, inf for an ideal one."""
+    if sensors.range is not None:
+        return sensors.range
+    return 32767 * sensors.step if sensors.step > 0 else np.inf
 
 
-def make_halls(frames: Array, specimen: SensorSpecimen, noise: float, step: float) -> Records:
+def make_halls(frames: Array, specimen: SensorSpecimen, sensors: FieldSensors) -> Records:
     """(k,) HALL with `frames` (k, 3, 3) and the lasting errors of `specimen`; none fails. Fields in [T]."""
     made = np.zeros(len(frames), dtype=HALL)
     made["frame"] = frames
     for name in ("mixing", "offset", "gain_drift", "offset_drift"):
         made[name] = getattr(specimen, name)
-    made["noise"], made["step"], made["reach"] = noise, step, greatest_reading(step)
+    made["noise"], made["step"], made["reach"] = sensors.noise, sensors.step, greatest_reading(sensors)
     return made
 
 

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from haptorb.cli import main
+from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.build_checks import BuildError
-from haptorb.devices.electromagnet import ELECTROMAGNET
+from haptorb.devices.electromagnet import ELECTROMAGNET, find_sensor_field
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import DeviceError
+from haptorb.magnetics.magnets import RingMagnet
 from haptorb.rotations import rotation_from_euler
+from haptorb.simulation.base import simulate
 
 CROSSING = Path(__file__).parent / "files" / "crossing.toml"
 
@@ -118,6 +121,56 @@ def test_a_winding_narrower_than_its_wire_is_refused():
     for drop in ((), ("windings.outer_radius",)):
         with pytest.raises(DeviceError, match=r"windings\.length"):
             variant('[windings]\nlength = ["15.6 mm", "0.5 mm", "18.8 mm"]', drop=drop)
+
+
+@pytest.mark.parametrize("name", ["omni", "omni-sensor-ring"])
+def test_no_leaning_tool_and_no_current_takes_a_sensor_out_of_its_range(name):
+    """The ring in closed form at 3000 drawn poses in contact; the coils' dipoles as gradients of their potential."""
+    device, draw = load(name), np.random.default_rng(4)
+    magnet = RingMagnet(device.tool.outer_radius, device.tool.inner_radius, device.tool.length, device.tool.remanence)
+    at, most = device.hall.positions, np.zeros(device.sensors)
+    for _ in range(3000):
+        polar, azimuth = np.arccos(draw.uniform(np.cos(device.workspace_half_angle), 1)), draw.uniform(0, 2 * np.pi)
+        u = np.array([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
+        away = np.cross(u, draw.normal(size=3))
+        lean = draw.uniform(0, np.radians(15))
+        axis = np.cos(lean) * u + np.sin(lean) * away / np.linalg.norm(away)
+        R = rotation_to_axis(axis)
+        own = (at - device.dome_radius * u - device.tool.tip_distance * axis) @ R
+        most = np.maximum(most, np.abs(magnet.field(own) @ R.T).max(axis=1))
+
+    def potential(points, m):
+        return 1e-7 * (points @ m) / np.linalg.norm(points, axis=1) ** 3
+
+    step = 1e-5
+    for k in range(3):
+        m = 20.0 * device.moment_per_current[:, k]
+        slope = [(potential(at + d, m) - potential(at - d, m)) / (2 * step) for d in step * np.eye(3)]
+        most += np.abs(slope).max(axis=0)
+    bound = find_sensor_field(device)
+    assert (most <= 1.02 * bound).all()
+    assert most.max() > 0.8 * bound.max()  # few of the drawn poses are at the edge, leaning to a sensor
+    assert bound.max() <= device.hall.range == 0.04
+
+
+def test_sensors_too_near_for_their_range_are_refused():
+    """The ring that a search once found: 51 mm, 11 mm above the centre."""
+    ring = [[51e-3 * np.cos(a), 51e-3 * np.sin(a), 11e-3] for a in np.radians(40.0 * np.arange(9))]
+    rows = [[f"{1e3 * x:.4f} mm" for x in point] for point in ring]
+    conditions, message = failing("[hall]\npositions = " + str(rows).replace("'", '"'))
+    assert conditions == {"fields within the sensors' range"}
+    assert "hall.range" in message
+    wide = '[hall]\nrange = "70 mT"\npositions = ' + str(rows).replace("'", '"')
+    assert variant(wide).hall.range == pytest.approx(0.07)
+
+
+def test_a_simulated_sensor_reads_no_more_than_its_range():
+    """The tool's field at the sensors is twice that; quantised, noisy and with an offset it still is."""
+    near = variant('[hall]\nrange = "0.5 mT"', override=True)
+    simulated = simulate(near, 0)
+    simulated.place(np.array([0.0, 0.0, near.contact_distance]), np.array([0.0, 0.0, 0.0, 1.0]))
+    readings = np.abs(simulated.sample(0.0, 0.0, True).field)
+    assert readings.max() == pytest.approx(0.5e-3, abs=1e-5)
 
 
 def test_what_a_wire_gives_needs_not_be_stated():
