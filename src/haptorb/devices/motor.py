@@ -273,16 +273,27 @@ class SphericalMotor(Device):
 
     @property
     def build_checks(self) -> tuple[BuildCheck, ...]:
-        """What must hold for this device to be buildable: the wire in an electromagnet's section."""
+        """What must hold for this device to be buildable: wire in its section, and a regulator that nothing stops."""
         coil, coils = self.electromagnet, self.coils
         warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
         in_series = float(np.abs(self.groups).sum(axis=0)[0])
         copper = wire_diameter(coil, float(coils.resistance[0]) / in_series, COPPER_RESISTIVITY * warm)
         origin = ", the wire that gives its resistance"
-        return (
-            *super().build_checks,
-            check_wire("electromagnets", coil, copper, overall_diameter(copper), origin)[0],
-        )
+        found = [*super().build_checks, check_wire("electromagnets", coil, copper, overall_diameter(copper), origin)[0]]
+        if self.regulator is not None:
+            nearest, room = _measure_ring(self)
+            found += [
+                BuildCheck(
+                    "rotor's ring clear of what stands", "ring of the regulator, from coils and sensors", nearest, _AIR,
+                    "m", "move regulator.rotor away from coils and sensors, or reduce workspace.tilt", at_least=True,
+                    note="at every tilt of the workspace, its corners included; negative: inside",
+                ),
+                BuildCheck(
+                    "room for the column that carries the stator", "its radius inside the rotor's ring", room, _COLUMN,
+                    "m", "increase regulator.rotor.inner_radius, or reduce workspace.tilt", at_least=True,
+                ),
+            ]  # fmt: skip
+        return tuple(found)
 
     def wrench_map(self, state: State, model: str) -> WrenchMap:
         """(6, m) per channel: torque only, as the bearing carries every force; passive: regulator and gravity."""
@@ -567,6 +578,49 @@ def _list_not_facing(layout: Layout, groups: Sequence[Sequence[int]]) -> list[st
     if not pairs:
         return []
     return [f"groups.coils: pairs that do not face each other across the centre: {', '.join(pairs)}"]
+
+
+_AIR = 0.5e-3  #: between parts that move past each other [m]
+_COLUMN = 5e-3  #: radius of a column that carries the stator and its leads [m]
+_EDGE, _AROUND = 6, 36  #: tilts along an edge of the workspace, and points around a ring
+
+
+def _measure_ring(motor: SphericalMotor) -> tuple[float, float]:
+    """How near the regulator's ring on the rotor comes to coils and sensors, and to the axis below the motor [m].
+
+    At the tilts on the border of the workspace, where it comes nearest; of points on its four edges and faces, to the
+    coils as full cylinders. Negative: inside a coil; 0 as the distance from the axis: the ring covers it.
+    """
+    assert motor.regulator is not None
+    ring, height = motor.regulator.rotor_ring, motor.regulator.rotor_height
+    phi = 2 * np.pi * np.arange(_AROUND) / _AROUND
+    radii = np.array([ring.inner_radius, (ring.inner_radius + ring.outer_radius) / 2, ring.outer_radius])
+    rho, z, turn = (one.ravel() for one in np.meshgrid(radii, height + ring.length / 2 * np.array([-1, 0, 1]), phi))
+    own = np.stack([rho * np.cos(turn), rho * np.sin(turn), z], axis=1)
+    edge = np.linspace(-motor.workspace_tilt, motor.workspace_tilt, _EDGE + 1)
+    ends = np.full_like(edge, motor.workspace_tilt)
+    psi, lam = np.concatenate([edge, edge, ends, -ends]), np.concatenate([ends, -ends, edge, edge])
+    at = np.einsum("nij,pj->npi", rotation_from_euler(psi, lam, np.zeros_like(psi)), own).reshape(-1, 3)
+    coil, coils, sensors = motor.electromagnet, motor.electromagnets, motor.sensor_layout.positions
+    square = (at**2).sum(axis=1)[:, None]
+    along = at @ coils.directions.T - (coils.positions * coils.directions).sum(axis=1)
+    away = square - 2 * at @ coils.positions.T + (coils.positions**2).sum(axis=1)
+    over = np.abs(along) - 0.5 * coil.length
+    out = np.sqrt(np.maximum(away - along**2, 0.0)) - coil.outer_radius
+    apart = np.where((over > 0) & (out > 0), np.hypot(over, out), np.maximum(over, out))
+    to_sensors = square - 2 * at @ sensors.T + (sensors**2).sum(axis=1)
+    nearest = float(min(apart.min(), np.sqrt(np.maximum(to_sensors, 0.0)).min(initial=np.inf)))
+    below = at[at[:, 2] < 0]
+    upright = own[:, 2] < 0
+    if not upright.any():  # above the motor
+        return nearest, np.inf
+    # the column passes through the hole as long as the whole inner rim stays around the axis
+    rim = own[(rho == radii[0]) & upright]
+    tilted = np.einsum("nij,pj->npi", rotation_from_euler(psi, lam, np.zeros_like(psi)), rim)
+    angles = np.sort(np.arctan2(tilted[..., 1], tilted[..., 0]), axis=1)
+    gaps = np.diff(angles, axis=1, append=angles[:, :1] + 2 * np.pi)
+    around = bool((gaps < np.pi).all())
+    return nearest, float(np.hypot(below[:, 0], below[:, 1]).min()) if around else 0.0
 
 
 def workspace_sample(tilt: float, tilts: int, spins: int) -> Array:

@@ -7,9 +7,11 @@ import pytest
 
 import haptorb
 from haptorb.devices import loader
+from haptorb.devices.build_checks import BuildError
 from haptorb.devices.loader import parse
 from haptorb.devices.motor import grouping
 from haptorb.errors import DeviceError
+from haptorb.rotations import rotation_from_euler
 
 
 def change_text(*replacements):
@@ -187,3 +189,67 @@ def test_a_variant_changes_only_what_it_says_and_has_its_own_digest():
     np.testing.assert_array_equal(base.electromagnets.directions, variant.electromagnets.directions)
     assert not np.array_equal(base.polarity, variant.polarity)
     assert variant.assumed == base.assumed
+
+
+OLD_REGULATOR = """
+based_on = "pmsm"
+name = "old"
+[regulator]
+stator = { outer_radius = "70 mm", inner_radius = "62 mm", length = "5 mm", height = "-70 mm" }
+rotor = { outer_radius = "25 mm", inner_radius = "17 mm", length = "5 mm", height = "-55 mm" }
+"""
+
+
+def drawn_in_ring(motor, count, draw):
+    """(count, 3) points in the regulator's ring on the rotor, rotor frame."""
+    ring, height = motor.regulator.rotor_ring, motor.regulator.rotor_height
+    rho = np.sqrt(draw.uniform(ring.inner_radius**2, ring.outer_radius**2, count))
+    phi, z = draw.uniform(0, 2 * np.pi, count), height + draw.uniform(-0.5, 0.5, count) * ring.length
+    return np.stack([rho * np.cos(phi), rho * np.sin(phi), z], axis=1)
+
+
+@pytest.mark.parametrize("name", ["pmsm", "pmsm-three-rings"])
+def test_the_regulators_ring_meets_no_coil_and_leaves_room_for_the_column(name):
+    """Drawn tilts of the whole workspace, points drawn in the ring; the check takes its border and the ring's edges."""
+    motor, draw = haptorb.load(name), np.random.default_rng(5)
+    points = drawn_in_ring(motor, 4000, draw)
+    tilt = motor.workspace_tilt
+    nearest = np.inf
+    for psi, lam in [(tilt, tilt), (tilt, -tilt), (tilt, 0.0), *draw.uniform(-tilt, tilt, (60, 2))]:
+        at = points @ rotation_from_euler(psi, lam, 0.0).T
+        for frame, place in zip(motor.electromagnets.frames, motor.electromagnets.positions, strict=True):
+            own = (at - place) @ frame
+            coil = motor.electromagnet
+            full = (np.hypot(own[:, 0], own[:, 1]) < coil.outer_radius) & (np.abs(own[:, 2]) < coil.length / 2)
+            assert not full.any()
+        nearest = min(nearest, np.hypot(at[:, 0], at[:, 1]).min())
+    assert nearest > 5e-3
+
+
+def test_a_ring_that_tilts_into_a_coil_is_refused():
+    """The regulator of 5e5cc684: an audit found its ring in a coil from 17° on, and no place for the stator's column."""
+    with pytest.raises(BuildError) as refused:
+        parse(OLD_REGULATOR, "old")
+    found = {check.condition: check for check in refused.value.failures}
+    assert set(found) == {"rotor's ring clear of what stands", "room for the column that carries the stator"}
+    motor, draw = parse(OLD_REGULATOR, "old", override=True), np.random.default_rng(6)
+    coil, points = motor.electromagnet, drawn_in_ring(motor, 4000, draw)
+
+    def meets(tilt):
+        for psi, lam in draw.uniform(-tilt, tilt, (400, 2)):
+            at = points @ rotation_from_euler(psi, lam, 0.0).T
+            for frame, place in zip(motor.electromagnets.frames, motor.electromagnets.positions, strict=True):
+                own = (at - place) @ frame
+                if ((np.hypot(own[:, 0], own[:, 1]) < coil.outer_radius) & (np.abs(own[:, 2]) < coil.length / 2)).any():
+                    return True
+        return False
+
+    assert meets(np.radians(22.5))
+    assert not meets(np.radians(15.0))
+
+
+def test_the_regulator_holds_the_weight_also_where_both_tilts_are_full():
+    motor = haptorb.load("pmsm")
+    weight = motor.rotor.mass * 9.80665 * motor.rotor.centre_of_mass
+    for tilt in np.radians([1.0, 10.0, 20.0, 31.3]):
+        assert motor.regulator.torque(tilt) == pytest.approx(weight * np.sin(tilt), rel=0.13)
