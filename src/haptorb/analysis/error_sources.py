@@ -21,7 +21,7 @@ from haptorb.devices.coil_array import CoilArray, array_wrench, place_coils
 from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet, shell_capability
 from haptorb.devices.electromagnet_model import CoreDynamics, pull, ring_per_ampere
 from haptorb.devices.field_sensors import FieldSensors
-from haptorb.devices.motor import SphericalMotor
+from haptorb.devices.motor import SphericalMotor, measure_ring_pull
 from haptorb.devices.motor_model import coils_field, torque_over_sine
 from haptorb.devices.uncertainty import ChainUncertainty
 from haptorb.display import format_quantity
@@ -1028,7 +1028,13 @@ def motor_errors(
         *current_sources(device, known, known.current_offset),
     )
     most = float(motor_capability(device, 5, 20).peak.min())
-    return MotorErrors(device, choose_size(device.name, asked, most, "N·m"), sources, chosen)
+    made = MotorErrors(device, choose_size(device.name, asked, most, "N·m"), sources, chosen)
+    if device.regulator is not None:
+        made.left_out = (
+            "coils pull on the regulator's ring too, which no model counts: at most "
+            f"{100 * measure_ring_pull(device):.0f} % of a coil's greatest torque on the magnets"
+        )
+    return made
 
 
 def _motor_sources_pose_sources(device: SphericalMotor, estimator: str) -> tuple[ErrorSource[MotorTrial], ...]:

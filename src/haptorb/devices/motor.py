@@ -59,6 +59,7 @@ __all__ = [
     "grouping",
     "match_winding",
     "measure_facing",
+    "measure_ring_pull",
     "motor",
     "motor_geometry",
     "pair_opposite",
@@ -621,6 +622,29 @@ def _measure_ring(motor: SphericalMotor) -> tuple[float, float]:
     gaps = np.diff(angles, axis=1, append=angles[:, :1] + 2 * np.pi)
     around = bool((gaps < np.pi).all())
     return nearest, float(np.hypot(below[:, 0], below[:, 1]).min()) if around else 0.0
+
+
+def measure_ring_pull(motor: SphericalMotor) -> float:
+    """Greatest torque per ampere of a coil on the regulator's ring, over a coil's greatest on the magnets [1].
+
+    No model counts it. Upright, and at one and both full tilts; 0 without a regulator.
+    """
+    from haptorb.magnetics.interaction import wrench
+
+    if motor.regulator is None:
+        return 0.0
+    ring, height = motor.regulator.rotor_ring, motor.regulator.rotor_height
+    tilt, most = motor.workspace_tilt, 0.0
+    turns = rotation_from_euler(np.array([0.0, tilt, tilt]), np.array([0.0, 0.0, tilt]), np.zeros(3))
+    for R in turns:
+        for frame, place in zip(motor.electromagnets.frames, motor.electromagnets.positions, strict=True):
+            own = frame.T @ (height * R[:, 2] - place)
+            if np.linalg.norm(own) > 2.0 * motor.electromagnets.distance:
+                continue  # the far side
+            turned = frame.T @ R @ np.diag([1.0, -1.0, -1.0])
+            pull = wrench(motor.electromagnet, ring, own, turned, about=-(frame.T @ place), precision=1e-2)
+            most = max(most, float(np.linalg.norm(pull.value[3:])))
+    return most / float(np.linalg.norm(motor.torque_characteristic(turns, "exact"), axis=1).max())
 
 
 def workspace_sample(tilt: float, tilts: int, spins: int) -> Array:
