@@ -169,3 +169,10 @@ def test_a_device_knows_its_file_and_those_that_it_is_based_on(tmp_path):
         parse(f'based_on = "{mine}"\nname = "x"\n', "x", bases={})  # no file of this computer is read for a recording
     assert DeviceText.from_note({"file": "x", "bases": "[" * 9000}) == DeviceText("x")
     assert DeviceText.from_note({"file": ""}) is None
+
+
+def test_a_variant_tells_what_it_states_itself():
+    text = 'based_on = "omni"\nname = "mine"\ndrop = ["marks"]\n[tool]\nlength = { value = "20 mm", assumed = "why" }'
+    told = parse(text, "x").text.inheritance
+    assert (told.base, told.own, told.dropped) == ("omni", ("tool.length",), ("marks",))
+    assert load("omni").text.inheritance is None

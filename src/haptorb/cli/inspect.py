@@ -197,7 +197,7 @@ def card(device: Device) -> Card:
 
 def facts(device: Device) -> dict[str, Any]:
     """What all devices have, as plain JSON types."""
-    coils = device.coils
+    coils, told = device.coils, None if device.text is None else device.text.inheritance
     return {
         "name": device.name,
         "title": device.title,
@@ -218,6 +218,9 @@ def facts(device: Device) -> dict[str, Any]:
             "force_rate_n_per_s": device.limits.force_rate,
             "torque_rate_nm_per_s": device.limits.torque_rate,
         },
+        "inherited": None
+        if told is None
+        else {"from": told.base, "own": list(told.own), "dropped": list(told.dropped)},
         "build_checks": [
             {
                 "condition": check.condition,
@@ -262,9 +265,19 @@ def print_card(device: Device, console: Console, more: Iterable[tuple[str, str]]
         ("supply", f"{device.supply.voltage:g} V{power}, {device.supply.duty_bits}-bit duty"),
         ("guard", guard),
     ]
+    told = None if device.text is None else device.text.inheritance
+    if told is not None:
+        dropped = f"; not from it: {_name_some(told.dropped)}" if told.dropped else ""
+        own = f"{len(told.own)} values of its own ({_name_some(told.own)})" if told.own else "no value of its own"
+        facts.append(("based on", f"{told.base}, with {own}{dropped}; all others are its base's"))
     print_facts(console, [*facts, *more])
     for remark in device.remarks:
         print_text(console, f"\n{remark[:1].upper()}{remark[1:]}.", "bold red")
+
+
+def _name_some(keys: tuple[str, ...], most: int = 8) -> str:
+    more = f" and {len(keys) - most} more" if len(keys) > most else ""
+    return ", ".join(keys[:most]) + more
 
 
 def print_build_checks(device: Device, console: Console) -> None:

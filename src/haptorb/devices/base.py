@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, ClassVar, Final, TypeVar
@@ -16,6 +16,7 @@ from haptorb.arrays import Array, check_finite, record, rotation, vectors
 from haptorb.devices.build_checks import BuildCheck
 from haptorb.display import Presentable, facts_html, format_number, format_quantity, format_vector, table_html
 from haptorb.errors import InputError, UnknownName
+from haptorb.files import parse_toml
 from haptorb.thermal import ThermalNetwork, TwoNode
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "DeviceText",
     "Heat",
     "HeatCoupling",
+    "Inheritance",
     "Limits",
     "Part",
     "Shell",
@@ -52,6 +54,15 @@ _MOST = 1_000_000  #: letters of the files that a device is based on
 
 
 @dataclass(frozen=True)
+class Inheritance:
+    """What a variant's file states itself; every other value is that of its base device."""
+
+    base: str
+    own: tuple[str, ...]  #: dotted keys
+    dropped: tuple[str, ...]  #: keys of the base that do not hold for it
+
+
+@dataclass(frozen=True)
 class DeviceText:
     """own    the file itself
     bases  what its `based_on` says, and those of its bases → the file that this names
@@ -59,6 +70,21 @@ class DeviceText:
 
     own: str
     bases: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def inheritance(self) -> Inheritance | None:
+        """What the file states itself, if it is based on another; None if it is whole.
+
+        >>> DeviceText("based_on = 'omni'\\nname = 'a'\\n[tool]\\nlength = '20 mm'").inheritance
+        Inheritance(base='omni', own=('tool.length',), dropped=())
+        """
+        raw = parse_toml(self.own)
+        if "based_on" not in raw:
+            return None
+        base, dropped = str(raw.pop("based_on")), tuple(map(str, raw.pop("drop", ())))
+        for key in ("name", "title", "source", "kind"):
+            raw.pop(key, None)
+        return Inheritance(base, tuple(_list_leaves(raw, "")), dropped)
 
     def as_note(self) -> dict[str, str]:
         """As a recording notes it."""
@@ -81,6 +107,15 @@ class DeviceText:
             found = {}
         bases = found.items() if isinstance(found, dict) else ()
         return cls(note["file"], {key: text for key, text in bases if isinstance(text, str)})
+
+
+def _list_leaves(table: Mapping[str, Any], prefix: str) -> Iterator[str]:
+    """Dotted keys of everything in `table`; a table with a "value" is a value."""
+    for key, inner in table.items():
+        if isinstance(inner, Mapping) and "value" not in inner:
+            yield from _list_leaves(inner, f"{prefix}{key}.")
+        else:
+            yield prefix + key
 
 
 # --------------------------------------------------------------------------------------------------

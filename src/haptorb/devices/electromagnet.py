@@ -46,6 +46,7 @@ from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
 
 __all__ = [
+    "CORE_SATURATION",
     "ELECTROMAGNET",
     "FORCE_JND",
     "GREATEST_LEAN",
@@ -100,6 +101,7 @@ ELECTROMAGNET = DeviceKind(
 FORCE_JND = 0.07  #: just-noticeable difference of a force, lower end of the published 7 to 10 %
 _COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
 _CERTAIN = 2.0  #: standard uncertainties within which two statements agree
+CORE_SATURATION = 1.5  #: knee of the magnetisation curve of low-carbon steel [T]
 GREATEST_LEAN = np.radians(15.0)  #: of a tool against the radius, at most, in tests of what stands in its way
 
 
@@ -278,6 +280,8 @@ class SphericalElectromagnet(Device):
         Radius of the core [m].
     core_permeability : float
         Relative permeability of the core [1]; may be infinite.
+    core_saturation : float
+        Flux density up to which that holds [T].
     dome_radius : float
         Outer radius of the dome [m].
     dome_wall : float
@@ -331,6 +335,7 @@ class SphericalElectromagnet(Device):
     thermometer_step: float
     thermometer_noise: float
     dome_wall: float = 0.0
+    core_saturation: float = CORE_SATURATION
     windings: Windings | None = None
     moments_from: str = "device file"
     core_dynamics: CoreDynamics = field(default_factory=CoreDynamics)
@@ -414,6 +419,13 @@ class SphericalElectromagnet(Device):
                 )
             )  # fmt: skip
         if self.windings is not None:
+            found.append(
+                BuildCheck(
+                    "core below its saturation", "flux density, coils at their peak and tool in contact",
+                    self._measure_flux(self.windings), self.core_saturation, "T",
+                    "reduce turns or coils.current_limit, or increase electromagnet.core_radius",
+                )
+            )  # fmt: skip
             free, spread = self.dome_radius - self.dome_wall, self.uncertainty.resistance
             found += check_windings(self.windings, coils, self.core_radius, free, spread)
         return tuple(found)
@@ -422,6 +434,22 @@ class SphericalElectromagnet(Device):
         """(3, 3) [m²] m_e per ampere from the coils' sizes and the core, to be held against `moment_per_current`; None
         where the sizes are not known."""
         return None if self.windings is None else self.windings.moment_per_current(self.core)
+
+    def _measure_flux(self, windings: Windings) -> float:
+        """[T] in the core: three times the field that would be there without it (a soft sphere, Jackson §5.11).
+
+        Of every coil where its field in the core's place is greatest, on the core's equator (Biot and Savart over
+        filaments), and of the tool's dipole at the core's near side; all added, as if they had one direction.
+        """
+        a = self.core_radius
+        total = MU0 * self.tool.moment / (2 * np.pi * (self.contact_distance - a) ** 3)
+        phi = 2 * np.pi * (np.arange(90) + 0.5) / 90
+        for coil, current in zip(windings.coils, self.driven_current.tolist(), strict=True):
+            radii, heights, turns = (one.ravel()[:, None] for one in coil.filaments(6, 24))
+            square = a * a + radii**2 - 2 * a * radii * np.cos(phi) + heights**2
+            axial = (turns * radii * (radii - a * np.cos(phi)) / square**1.5).sum() * 2 * np.pi / len(phi)
+            total += MU0 / (4 * np.pi) * current * float(axial)
+        return 3.0 * total
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -12,7 +12,14 @@ from pydantic import Field, model_validator
 from haptorb.devices import quantity as q
 from haptorb.devices import schema as m
 from haptorb.devices.build_checks import refuse_unbuildable
-from haptorb.devices.electromagnet import DomeContact, Hand, SphericalElectromagnet, Tool, list_geometry_mistakes
+from haptorb.devices.electromagnet import (
+    CORE_SATURATION,
+    DomeContact,
+    Hand,
+    SphericalElectromagnet,
+    Tool,
+    list_geometry_mistakes,
+)
 from haptorb.devices.electromagnet_model import CoreDynamics, Windings
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.schema import (
@@ -138,6 +145,12 @@ class ElectromagnetSection(Section):
     ] = None
     core_radius: Annotated[q.Length, Positive, m.Meaning("radius of the soft-magnetic sphere inside the coils")]
     core_permeability: Annotated[q.Number, Gt(1), m.Meaning("relative permeability of the core; inf is allowed")]
+    core_saturation: Annotated[
+        q.Polarization | None,
+        Positive,
+        m.Meaning("flux density up to which the core's permeability holds"),
+        m.Without("1.5 T, of low-carbon steel"),
+    ] = None
 
 
 class CoreDynamicsSection(Section):
@@ -337,6 +350,7 @@ class ElectromagnetFile(CommonFile):
             moments_from="windings" if given is None else "device file",
             core_radius=self.electromagnet.core_radius,
             core_permeability=self.electromagnet.core_permeability,
+            core_saturation=self.electromagnet.core_saturation or CORE_SATURATION,
             dome_radius=dome.radius,
             dome_wall=dome.wall,
             shell_thickness=dome.shell_thickness,

@@ -107,6 +107,7 @@ def test_tilted_coils_meet_where_the_check_says():
             "drop it",
         ),
         ('[tool]\ntip_distance = "13 mm"', (), "magnet above the dome", "tip_distance"),
+        ('[electromagnet]\ncore_saturation = "0.5 T"', (), "core below its saturation", "core_radius"),
     ],
 )  # fmt: skip
 def test_each_condition_is_refused_with_numbers_and_what_to_change(text, drop, condition, says):
@@ -171,6 +172,19 @@ def test_a_simulated_sensor_reads_no_more_than_its_range():
     simulated.place(np.array([0.0, 0.0, near.contact_distance]), np.array([0.0, 0.0, 0.0, 1.0]))
     readings = np.abs(simulated.sample(0.0, 0.0, True).field)
     assert readings.max() == pytest.approx(0.5e-3, abs=1e-5)
+
+
+def test_the_flux_in_the_core_is_that_of_the_coils_without_it_three_times_over():
+    """Against the winding's own field, by bisected Gauss rules over its sheets; greatest on the equator."""
+    device = load("omni")
+    check = next(one for one in device.build_checks if one.condition == "core below its saturation")
+    radius, total = device.core_radius, 2e-7 * device.tool.moment / (device.contact_distance - device.core_radius) ** 3
+    for coil in device.windings.coils:
+        inside = np.linspace(0.0, 0.999 * radius, 40)
+        fields = np.linalg.norm(coil.field(np.stack([inside, 0 * inside, 0 * inside], axis=1)), axis=1)
+        assert fields.argmax() == len(fields) - 1
+        total += 20.0 * fields[-1]
+    assert check.value == pytest.approx(3 * total, rel=0.02)
 
 
 def test_what_a_wire_gives_needs_not_be_stated():
