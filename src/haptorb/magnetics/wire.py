@@ -79,7 +79,7 @@ def wind(turns: float, inner_radius: float, length: float, overall: float) -> Wi
 
     >>> layers = wind(74, 24.5e-3, 14.3e-3, 0.7205e-3)
     >>> layers.per_layer, layers.layers, round(layers.wire_length, 2)
-    (19, 4, 11.98)
+    (19, 4, 12.05)
     """
     per_layer = int((length + _ROUNDING) // overall)
     if per_layer < 1:

@@ -252,27 +252,28 @@ def test_the_regulator_holds_the_weight_also_where_both_tilts_are_full():
     motor = haptorb.load("pmsm")
     weight = motor.rotor.mass * 9.80665 * motor.rotor.centre_of_mass
     for tilt in np.radians([1.0, 10.0, 20.0, 31.3]):
-        assert motor.regulator.torque(tilt) == pytest.approx(weight * np.sin(tilt), rel=0.13)
+        assert motor.regulator.torque(tilt) == pytest.approx(weight * np.sin(tilt), rel=0.135)
 
 
 def test_what_the_coils_do_to_the_regulators_ring_is_told_and_small():
     """Against filaments of the coil in the ring's field: the torque of the nearest coil at the worst tilt."""
     motor = haptorb.load("pmsm")
     share = measure_ring_pull(motor)
-    R = rotation_from_euler(motor.workspace_tilt, motor.workspace_tilt, 0.0)
-    ring, middle = motor.regulator.rotor_ring, motor.regulator.rotor_height * R[:, 2]
+    ring, tilt = motor.regulator.rotor_ring, motor.workspace_tilt
     radii, heights, turns = motor.electromagnet.filaments(6, 4)
     phi = 2 * np.pi * (np.arange(90) + 0.5) / 90
-    most = 0.0
-    for frame, place in zip(motor.electromagnets.frames, motor.electromagnets.positions, strict=True):
-        torque = np.zeros(3)
-        for radius, height, count in zip(radii.ravel(), heights.ravel(), turns.ravel(), strict=True):
-            own = np.stack([radius * np.cos(phi), radius * np.sin(phi), np.full(90, height)], axis=1)
-            along = np.stack([-np.sin(phi), np.cos(phi), np.zeros(90)], axis=1) * 2 * np.pi * radius / 90
-            at, step = own @ frame.T + place, along @ frame.T
-            field = -ring.field((at - middle) @ R) @ R.T  # polarized along the rotor's −z
-            torque -= count * np.cross(at, np.cross(step, field)).sum(axis=0)  # on the ring: what the coil has not
-        most = max(most, np.linalg.norm(torque))
-    greatest = np.linalg.norm(motor.torque_characteristic(R[None], "exact")[0], axis=0).max()
+    most = greatest = 0.0
+    for R in (rotation_from_euler(tilt, 0.0, 0.0), rotation_from_euler(tilt, tilt, 0.0)):
+        middle = motor.regulator.rotor_height * R[:, 2]
+        for frame, place in zip(motor.electromagnets.frames, motor.electromagnets.positions, strict=True):
+            torque = np.zeros(3)
+            for radius, height, count in zip(radii.ravel(), heights.ravel(), turns.ravel(), strict=True):
+                own = np.stack([radius * np.cos(phi), radius * np.sin(phi), np.full(90, height)], axis=1)
+                along = np.stack([-np.sin(phi), np.cos(phi), np.zeros(90)], axis=1) * 2 * np.pi * radius / 90
+                at, step = own @ frame.T + place, along @ frame.T
+                field = -ring.field((at - middle) @ R) @ R.T  # polarized along the rotor's −z
+                torque -= count * np.cross(at, np.cross(step, field)).sum(axis=0)  # on the ring: what the coil has not
+            most = max(most, np.linalg.norm(torque))
+        greatest = max(greatest, np.linalg.norm(motor.torque_characteristic(R[None], "exact")[0], axis=0).max())
     assert share == pytest.approx(most / greatest, rel=0.06)
     assert 0.05 < share < 0.1

@@ -13,7 +13,7 @@ __all__ = ["BARE", "CODE", "TEXT", "make_design", "write_design"]
 BARE = """
 based_on = "omni"
 name = "bare"
-drop = ["windings"]
+drop = ["windings", "hall.range"]
 [coils]
 inductance = ["0.4 mH", "0.4 mH", "0.4 mH"]
 """

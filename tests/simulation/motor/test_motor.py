@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from haptorb.devices.field_sensors import SensorErrors
 from haptorb.devices.loader import load
 from haptorb.devices.motor import HANDLE_LOOSE, torque_characteristic
-from haptorb.devices.motor_model import torque_over_sine
 from haptorb.errors import InputError, UnknownName
+from haptorb.rotations import rotation_from_euler
 from haptorb.simulation.base import simulate
 from haptorb.simulation.motor import SimulatedMotor, pack_magnetics
 
@@ -110,8 +110,9 @@ def test_it_rests_where_nothing_pushes_it_and_falls_where_no_regulator_holds_it(
 def test_dry_friction_holds_what_is_too_weak():
     """Tilted so far that weight and regulator give half of what the bearing holds."""
     motor = SimulatedMotor(PMSM, grasp=HANDLE_LOOSE)
-    back = torque_over_sine(1.0, *PMSM.tilt_torque)
-    small = np.degrees(0.5 * PMSM.rotor.dry_friction / abs(back))
+    tilts = np.linspace(0.0, 20.0, 200)
+    pull = [np.linalg.norm(PMSM.passive(rotation_from_euler(0.0, np.radians(one), 0.0))[3:]) for one in tilts]
+    small = tilts[np.flatnonzero(np.array(pull) > 0.5 * PMSM.rotor.dry_friction)[0] - 1]
     motor.place(NOWHERE, turn_of(lam=float(small)))
     before = motor.state().R_SR
     go(motor, 0.2)
