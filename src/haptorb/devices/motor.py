@@ -38,7 +38,7 @@ from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.uncertainty import MotorUncertainty
 from haptorb.errors import GeometryError, InputError
 from haptorb.magnetics.coil import COPPER_RESISTIVITY, Coil
-from haptorb.magnetics.magnets import CylinderMagnet
+from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet
 from haptorb.magnetics.wire import overall_diameter, wire_diameter
 from haptorb.rotations import rotation_from_euler
 
@@ -627,24 +627,21 @@ def _measure_ring(motor: SphericalMotor) -> tuple[float, float]:
 def measure_ring_pull(motor: SphericalMotor) -> float:
     """Greatest torque per ampere of a coil on the regulator's ring, over a coil's greatest on the magnets [1].
 
-    No model counts it. Upright, and at one and both full tilts; 0 without a regulator.
+    No model counts it. Upright, and at one and both full tilts, by the coils' fields on charges on the ring's faces; 0
+    without a regulator.
     """
-    from haptorb.magnetics.interaction import wrench
-
     if motor.regulator is None:
         return 0.0
-    ring, height = motor.regulator.rotor_ring, motor.regulator.rotor_height
-    tilt, most = motor.workspace_tilt, 0.0
+    ring, tilt, most = motor.regulator.rotor_ring, motor.workspace_tilt, 0.0
+    rows = ChargedRing(ring.outer_radius, ring.inner_radius, ring.length, ring.polarization, radial=4, azimuth=48).rows
+    faces = rows[:3].T + np.array([0.0, 0.0, motor.regulator.rotor_height])
     turns = rotation_from_euler(np.array([0.0, tilt, tilt]), np.array([0.0, 0.0, tilt]), np.zeros(3))
     for R in turns:
+        at = faces @ R.T
         for frame, place in zip(motor.electromagnets.frames, motor.electromagnets.positions, strict=True):
-            own = frame.T @ (height * R[:, 2] - place)
-            if np.linalg.norm(own) > 2.0 * motor.electromagnets.distance:
-                continue  # the far side
-            turned = frame.T @ R @ np.diag([1.0, -1.0, -1.0])
-            pull = wrench(motor.electromagnet, ring, own, turned, about=-(frame.T @ place), precision=1e-2)
-            most = max(most, float(np.linalg.norm(pull.value[3:])))
-    return most / float(np.linalg.norm(motor.torque_characteristic(turns, "exact"), axis=1).max())
+            field = motor.electromagnet.field((at - place) @ frame) @ frame.T
+            most = max(most, float(np.linalg.norm((rows[3][:, None] * np.cross(at, field)).sum(axis=0))))
+    return most / float(np.linalg.norm(motor.torque_characteristic(turns, "table"), axis=1).max())
 
 
 def workspace_sample(tilt: float, tilts: int, spins: int) -> Array:

@@ -11,6 +11,7 @@ from oracles.command import run_command
 EXAMPLE = Path(haptorb_study.feel.__file__).parent / "example.toml"
 
 
+@pytest.mark.realtime
 def test_one_design_is_felt_rated_and_kept(capsys, tmp_path):
     folder = tmp_path / "session"
     plot = tmp_path / "comparison.png"
