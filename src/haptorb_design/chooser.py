@@ -287,7 +287,7 @@ class Chooser:
         if row == BASE:
             device = find_base(design)
         else:
-            device = build_device(design, self._table.found[row][1].values, self._table.name(row))
+            device = build_device(design, self._table.found[row][1].values, self._table.name(row), override=True)
         compute = device.kind.part("tables")
         if compute is not None and "tables" not in vars(device):
 

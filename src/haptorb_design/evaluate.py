@@ -16,10 +16,18 @@ from haptorb.devices.build_checks import BuildError
 from haptorb.devices.loader import build_tables
 from haptorb.display import format_quantity
 from haptorb.errors import HaptorbError
-from haptorb_design.problem import Bound, Design, DesignCandidate, DesignQuantity, Evaluation, Value, build_device
+from haptorb_design.problem import (
+    BUILD,
+    Bound,
+    Design,
+    DesignCandidate,
+    DesignQuantity,
+    Evaluation,
+    Value,
+    build_device,
+)
 
 __all__ = [
-    "BUILD",
     "DEVICE",
     "OBJECTIVE",
     "compute_quantity",
@@ -30,19 +38,18 @@ __all__ = [
 
 
 DEVICE = "device"  #: `refused_by` of values that make no device
-BUILD = "build"  #: `refused_by` begins so for a device that cannot be built; the key of how far it is from that
 OBJECTIVE = "objective"  #: `refused_by` of a design that an objective has no finite number for
 _MOST_BASES = 8
 _bases: dict[str, Device] = {}  # by the text of their files
 
 
 def find_base(design: Design) -> Device:
-    """The base device, built once per process."""
+    """The base device, made once per process; also one that cannot be built, as a search may mend it."""
     tables = design.base_tables
     if tables.text not in _bases:
         if len(_bases) >= _MOST_BASES:
             _bases.clear()
-        _bases[tables.text] = build_tables(tables)
+        _bases[tables.text] = build_tables(tables, override=True)
     return _bases[tables.text]
 
 
@@ -162,7 +169,7 @@ def _shorten(text: str) -> str:
 
 def describe_base_forces(design: Design, values: Mapping[str, Value]) -> str:
     """How the base device's forces are computed, if not as those of the candidate with `values`; empty if alike."""
-    base, device = find_base(design), build_device(design, values)
+    base, device = find_base(design), build_device(design, values, override=True)
     if getattr(base, "moments_from", "") == getattr(device, "moments_from", ""):  # only electromagnets have it
         return ""
     return (

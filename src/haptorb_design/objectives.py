@@ -20,7 +20,7 @@ from haptorb.devices.table_cache import load_field_table, load_torque_table
 from haptorb.devices.tables import PairTable, series_torque_table
 from haptorb.errors import GeometryError, InputError, UnknownName
 from haptorb.estimation.hall_fit import position_accuracy
-from haptorb.magnetics.coil import COPPER_DENSITY, COPPER_RESISTIVITY, CentredCoil, Coil
+from haptorb.magnetics.coil import COPPER_DENSITY, CentredCoil, Coil
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, dipole_on_charges
 from haptorb.magnetics.soft_sphere import add_answers, answer_to_charges, harmonic_sums, weigh_charges
 from haptorb.rotations import rotation_from_euler
@@ -723,7 +723,6 @@ TOOL_FORCE_QUANTITIES = (
 
 _PARTS_MOTOR, _PARTS_ELECTROMAGNET, _PARTS_ARRAY = "spherical-motor", "spherical-electromagnet", "coil-array"
 _MAGNET_DENSITY = 7.5e3  #: sintered NdFeB [kg/m³]
-_COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
 #: EUR, assumed: retail prices of small numbers in 2024; a design file's [evaluation] may say others
 _PRICES = {"magnet_price": 120.0, "copper_price": 30.0, "channel_price": 40.0, "sensor_price": 3.0}
 
@@ -773,9 +772,8 @@ def _mass(candidate: DesignCandidate, mass: float, before: float, magnets: Calla
 def _motor_copper(candidate: DesignCandidate) -> float:
     motor = motor_of(candidate)
     coil, coils = motor.electromagnet, motor.coils
-    warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
     in_series = np.abs(motor.groups).sum(axis=0)
-    fill = in_series[0] * coil.resistance(1.0, COPPER_RESISTIVITY * warm) / coils.resistance[0]
+    fill = in_series[0] * coil.resistance(1.0, coils.copper_resistivity) / coils.resistance[0]
     volume = np.pi * (coil.outer_radius**2 - coil.inner_radius**2) * coil.length
     return float(COPPER_DENSITY * fill * volume * len(motor.electromagnets))
 
@@ -783,8 +781,7 @@ def _motor_copper(candidate: DesignCandidate) -> float:
 def _winding_copper(candidate: DesignCandidate) -> float:
     device, windings = electromagnet_of(candidate), windings_of(candidate)
     coils = device.coils
-    warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
-    fill = windings.fill(coils.resistance, COPPER_RESISTIVITY * warm)
+    fill = windings.fill(coils.resistance, coils.copper_resistivity)
     volume = np.pi * (windings.outer_radius**2 - windings.inner_radius**2) * windings.length
     return float(COPPER_DENSITY * (fill * volume).sum())
 

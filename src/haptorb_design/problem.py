@@ -14,6 +14,7 @@ from haptorb.devices.schema import find_key
 from haptorb.errors import InputError, UnknownName, quote
 
 __all__ = [
+    "BUILD",
     "WHOLE",
     "Bound",
     "Design",
@@ -268,6 +269,11 @@ class Design:
 Value = float | str  #: of a parameter, in the parameter's own unit; a choice by its label
 
 
+#: `refused_by` is "build: " and a condition for a device that cannot be built; in `constraints`, by how much in all its
+#: parts miss their limits, relative
+BUILD = "build"
+
+
 @dataclass(frozen=True)
 class Evaluation:
     """Result of one candidate: one row of a results file.
@@ -283,8 +289,8 @@ class Evaluation:
     constraints : Mapping
         Constraint → number in its unit, as far as they were computed.
     refused_by : str
-        Constraint that rejected the candidate, "device" if the values make no device, "objective" if one gave no finite
-        number; empty if it is valid.
+        Constraint that rejected the candidate, "build: " and the condition that a device which cannot be built misses
+        most, "device" if the values make no device, "objective" if one gave no finite number; empty if it is valid.
     reason : str
         Reason of the rejection, in one line; empty if it is valid.
     seconds : float
@@ -409,12 +415,15 @@ def _list_keys(node: Any, prefix: str) -> Iterator[str]:
 # From a parameter's values to a device: the changed keys, the device file that says them, and the device itself.
 
 
-def build_device(design: Design, values: Mapping[str, Value], name: str = "candidate") -> Device:
+def build_device(
+    design: Design, values: Mapping[str, Value], name: str = "candidate", *, override: bool = False
+) -> Device:
     """The device that `values` (parameter → value) make of the base device; DeviceError if they make none.
 
-    It is the device that `haptorb.devices.loader.load` makes of the file `write_device_text`, digest included.
+    It is the device that `haptorb.devices.loader.load` makes of the file `write_device_text`, digest included. With
+    `override` also one that cannot be built: results of earlier versions hold some.
     """
-    return build_tables(change_tables(design, values, name))
+    return build_tables(change_tables(design, values, name), override=override)
 
 
 def change_tables(design: Design, values: Mapping[str, Value], name: str = "candidate") -> DeviceTables:

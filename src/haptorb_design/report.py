@@ -122,7 +122,7 @@ def make_best(table: ResultsTable, row: int, reason: str) -> BestDesign:
     """Everything that the report says of the design in `row`; a motor's tables are computed for its card."""
     _, found = table.found[row]
     name = table.name(row)
-    device = build_device(table.design, found.values, name)
+    device = build_device(table.design, found.values, name, override=True)
     base = find_base(table.design)
     drawn = device.kind.part("geometry") is not None and base.kind.part("geometry") is not None
     return BestDesign(

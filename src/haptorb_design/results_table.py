@@ -17,8 +17,8 @@ from haptorb.display import format_number, format_quantity, scale_unit
 from haptorb.terminal import make_progress
 from haptorb_design.analysis import Pick, choose_best, find_front
 from haptorb_design.design_file import read_number
-from haptorb_design.evaluate import BUILD, DEVICE, OBJECTIVE, describe_base_forces
-from haptorb_design.problem import Design, DesignGoal, DesignParameter, Evaluation, Value, split_key
+from haptorb_design.evaluate import DEVICE, OBJECTIVE, describe_base_forces
+from haptorb_design.problem import BUILD, Design, DesignGoal, DesignParameter, Evaluation, Value, split_key
 from haptorb_design.search_space import measure_miss
 from haptorb_design.store import Results, ResultsWriter, Run
 from haptorb_design.workers import compute_base_values

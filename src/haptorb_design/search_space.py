@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.errors import InputError
-from haptorb_design.problem import Bound, DesignParameter, Evaluation, Value
+from haptorb_design.problem import BUILD, Bound, DesignParameter, Evaluation, Value
 from haptorb_design.sampling import count_levels, pick_level, round_value
 
 __all__ = ["SearchSpace", "measure_miss", "measure_violation"]
@@ -78,7 +78,7 @@ def measure_violation(evaluation: Evaluation, bounds: Sequence[Bound]) -> float:
     """
     if evaluation.valid:
         return 0.0
-    lacks = evaluation.constraints.get("build")
+    lacks = evaluation.constraints.get(BUILD)
     if lacks is not None:
         return len(bounds) + lacks / (lacks + 1.0)
     total = sum(measure_miss(evaluation.constraints.get(bound.name), bound) for bound in bounds)

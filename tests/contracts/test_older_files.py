@@ -24,6 +24,7 @@ from haptorb_study.columns import tidy
 from haptorb_study.database import database
 from haptorb_study.study_file import read_study, study_of
 from haptorb_study.template import make_study_text
+from oracles.command import run_command
 
 OLDER = Path(__file__).with_name("older")
 
@@ -111,6 +112,21 @@ def test_design_results_keep_every_evaluation(tmp_path: Path) -> None:
     (run,) = results.runs
     assert len(run.evaluations) == 4
     assert results.design.name == "omni-core"
+
+
+def test_designs_that_nobody_can_build_are_still_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Base and found design have windings that cross: the page says so of each, and nothing that was found is lost."""
+    path = tmp_path / "older.sqlite"
+    shutil.copy(OLDER / "designs.sqlite", path)
+    made = json.dumps({goal.name: 0.05 for goal in read_results(path).design.goals})
+    with closing(sqlite3.connect(path)) as file, file:  # as a search of that time stored what it found
+        file.execute("UPDATE evaluations SET refused_by = '', reason = '', objectives = ? WHERE number = 1", (made,))
+    code, told, error = run_command(capsys, "design", "report", str(path), "-o", str(tmp_path / "r.html"))
+    assert code == 0, error
+    assert "omni-core-1.toml" in told + error
+    assert "It cannot be built" in (tmp_path / "r.html").read_text(encoding="utf-8")
+    with pytest.raises(BuildError, match="cross"):
+        load(tmp_path / "omni-core-1.toml")
 
 
 def test_every_world_that_an_older_recording_names_is_found() -> None:

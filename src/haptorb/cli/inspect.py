@@ -42,6 +42,7 @@ from haptorb.estimation.sensor_calibration import (
     shell_sample,
     without_errors,
 )
+from haptorb.magnetics.wire import wind
 from haptorb.notebook import NotebookReport
 from haptorb.rotations import rotation_from_euler
 from haptorb.terminal import Column, TextTable, print_facts, print_table, print_text
@@ -293,7 +294,7 @@ def print_build_checks(device: Device, console: Console) -> None:
             Column("condition", kind="key"), Column("value"), Column("limit"), Column("margin"),
             Column("part", kind="note"),
         ),
-        f"{'Can it be built' if holds else 'It cannot be built'}: of each condition the part with the least margin",
+        f"{'It can be built' if holds else 'It cannot be built'}: of each condition, the part with the least margin",
     )  # fmt: skip
     for condition, check in nearest.items():
         limit = f"{'≥' if check.at_least else '≤'} {format_bound(check.limit, check.unit)}"
@@ -925,6 +926,7 @@ class ElectromagnetCard(Card):
         ]
         if device.sensors > 1:
             more.append(("by field sensors", summarize_sensing(device)))
+        more += _describe_windings(device)
         print_card(device, console, more)
         print_build_checks(device, console)
         print_text(console)
@@ -1095,6 +1097,22 @@ class ElectromagnetCard(Card):
         self._polytopes(able)
         figure.suptitle(self._device.title, x=0.01, ha="left", fontweight="bold")
         return figure
+
+
+def _describe_windings(device: SphericalElectromagnet) -> list[tuple[str, str]]:
+    """How each coil is wound: name and text; nothing without [windings]."""
+    windings, coils, found = device.windings, device.coils, []
+    if windings is None:
+        return []
+    wires = windings.wires(coils.resistance, coils.copper_resistivity).tolist()
+    for name, coil, (copper, overall) in zip(coils.names, windings.coils, wires, strict=True):
+        text = f"{coil.turns:g} turns of {copper * 1e3:.3g} mm wire, {overall * 1e3:.3g} mm with its enamel"
+        layers = wind(coil.turns, coil.inner_radius, coil.length, overall)
+        if layers is not None:
+            ohms = layers.resistance(copper, coils.copper_resistivity)
+            text += f": {layers.layers} layers of {layers.per_layer}, {layers.wire_length:.3g} m, {ohms:.3g} Ω"
+        found.append((f"winding {name}", text))
+    return found
 
 
 def _feasible_wrenches(device: SphericalElectromagnet) -> list[tuple[State, FeasibleWrench]]:

@@ -17,6 +17,7 @@ from haptorb.devices.build_checks import BuildCheck
 from haptorb.display import Presentable, facts_html, format_number, format_quantity, format_vector, table_html
 from haptorb.errors import InputError, UnknownName
 from haptorb.files import parse_toml
+from haptorb.magnetics.coil import COPPER_RESISTIVITY
 from haptorb.thermal import ThermalNetwork, TwoNode
 
 __all__ = [
@@ -593,7 +594,7 @@ class Heat:
 
 
 _SURPLUS = 1.25  #: a current limit that far above what the supply drives is within tolerances and warmth
-ROOM = 293.15  #: temperature at which a supply is held against a resistance [K]
+ROOM = 293.15  #: 20 °C, of COPPER_RESISTIVITY and of a supply held against a resistance [K]
 
 
 @dataclass(frozen=True)
@@ -607,6 +608,11 @@ class Coils:
     temperature_coefficient: float  #: relative resistance change per kelvin [1/K]
     reference_temperature: float  #: [K]
     heat: Heat
+
+    @property
+    def copper_resistivity(self) -> float:
+        """Of annealed copper at the reference temperature [Ω·m], with the coils' temperature coefficient."""
+        return COPPER_RESISTIVITY * (1 + self.temperature_coefficient * (self.reference_temperature - ROOM))
 
     def resistance_at(self, temperature: Array) -> Array:
         """(m,) resistance [Ω] at winding `temperature` (m,) [K]."""

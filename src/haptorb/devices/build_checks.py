@@ -48,7 +48,7 @@ class BuildCheck:
 
     @property
     def holds(self) -> bool:
-        """Sizes that were computed from each other may differ in the last digits."""
+        """Whether the value is within the limit; sizes computed from each other may differ in the last digits."""
         return bool(self.margin >= -1e-9 * max(abs(self.value), abs(self.limit)))
 
     @property
@@ -61,8 +61,8 @@ class BuildCheck:
         """The sentence for a device in which it does not hold."""
         value, limit = (format_bound(one, self.unit) for one in (self.value, self.limit))
         note = f" ({self.note})" if self.note else ""
-        bound = "at least" if self.at_least else "at most"
-        return f"cannot be built: {self.name}: {value}{note}, {bound} {limit} is possible: {self.remedy}"
+        bound = f"at least {limit} is needed" if self.at_least else f"at most {limit} is possible"
+        return f"cannot be built ({self.condition}): {self.name}: {value}{note}, but {bound}; {self.remedy}"
 
 
 class BuildError(DeviceError):

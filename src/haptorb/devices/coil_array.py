@@ -18,7 +18,7 @@ from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.uncertainty import ArrayUncertainty
 from haptorb.display import format_quantity
 from haptorb.errors import GeometryError
-from haptorb.magnetics.coil import COPPER_RESISTIVITY, Coil, table_field, tabulate_winding
+from haptorb.magnetics.coil import Coil, table_field, tabulate_winding
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import (
@@ -245,9 +245,6 @@ def _add_core(a: ArrayMap, pose: Array, out: Array, passive: Array, status: int)
 # The coils and the mover of a coil array: sizes and places as people give them, and as compiled code takes them.
 
 
-_COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
-
-
 @final
 @dataclass(frozen=True)
 class PlacedCoils:
@@ -295,15 +292,13 @@ class PlacedCoils:
 
     def fill(self, coils: Coils) -> Array:
         """(m,) share of each winding's section that copper must fill for the resistances of `coils`."""
-        warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
         made = [self.coil(number) for number in range(len(self.position))]
-        share: Array = np.array([one.resistance(1.0, COPPER_RESISTIVITY * warm) for one in made]) / coils.resistance
+        share: Array = np.array([one.resistance(1.0, coils.copper_resistivity) for one in made]) / coils.resistance
         return share
 
     def check_wires(self, coils: Coils) -> list[BuildCheck]:
         """Whether the wire that gives the resistances of `coils` fits in layers in each winding; one check for all that
         are alike."""
-        warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
         kinds: dict[tuple[float, ...], list[str]] = {}
         for size, resistance, name in zip(self._sizes, coils.resistance.tolist(), coils.names, strict=True):
             kinds.setdefault((*map(float, size), resistance), []).append(name)
@@ -311,7 +306,7 @@ class PlacedCoils:
         for names in kinds.values():
             number = coils.names.index(names[0])
             coil = self.coil(number)
-            copper = wire_diameter(coil, float(coils.resistance[number]), COPPER_RESISTIVITY * warm)
+            copper = wire_diameter(coil, float(coils.resistance[number]), coils.copper_resistivity)
             name = f"coil {names[0]}" if len(names) == 1 else f"coils {names[0]} to {names[-1]}"
             origin = ", the wire that gives coils.resistance"
             found.append(check_wire(name, coil, copper, overall_diameter(copper), origin)[0])

@@ -40,7 +40,6 @@ from haptorb.devices.touch_points import Marks
 from haptorb.devices.uncertainty import ToolUncertainty
 from haptorb.display import format_quantity
 from haptorb.errors import GeometryError, InputError
-from haptorb.magnetics.coil import COPPER_RESISTIVITY
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
@@ -99,7 +98,6 @@ ELECTROMAGNET = DeviceKind(
 
 
 FORCE_JND = 0.07  #: just-noticeable difference of a force, lower end of the published 7 to 10 %
-_COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
 _CERTAIN = 2.0  #: standard uncertainties within which two statements agree
 CORE_SATURATION = 1.5  #: knee of the magnetisation curve of low-carbon steel [T]
 GREATEST_LEAN = np.radians(15.0)  #: of a tool against the radius, at most, in tests of what stands in its way
@@ -140,8 +138,7 @@ def check_windings(
 
     spread: relative standard uncertainty of the coils' resistance.
     """
-    warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
-    resistivity = COPPER_RESISTIVITY * warm
+    resistivity = coils.copper_resistivity
     wires = windings.wires(coils.resistance, resistivity)
     found = []
     origin = "" if windings.wire is not None else ", the wire that gives coils.resistance"
@@ -172,7 +169,7 @@ def check_windings(
                 "windings that cross without touching",
                 f"coil {coils.names[inside]} inside coil {coils.names[outside]}",
                 corners[inside], float(windings.inner_radius[outside]), "m",
-                "nest them: increase windings.inner_radius of the outer one, or make the inner one shorter or thinner",
+                "increase windings.inner_radius of the outer one, or make the inner one shorter or thinner",
                 note="from the centre to the corner of the inner winding",
             )
         )  # fmt: skip
@@ -194,7 +191,8 @@ def find_sensor_field(device: SphericalElectromagnet) -> Array:
     """(k,) upper bound of the reading of an axis of each field sensor [T].
 
     Of a tool in contact anywhere in the workspace, radial or leaning by GREATEST_LEAN to any side, and all coils at the
-    current that the supply drives: the magnet by charges on its faces, the coils as dipoles.
+    current that the supply drives: the magnet by charges on its faces, the coils and the core's answer to the magnet as
+    dipoles.
     """
     tool, at = device.tool, device.hall.positions
     azimuth = np.arctan2(at[:, 1], at[:, 0])
@@ -217,7 +215,10 @@ def find_sensor_field(device: SphericalElectromagnet) -> Array:
     unit = at / away[:, 0]
     dyad = 3 * unit[:, :, None] * unit[:, None, :] - np.eye(3)
     per_ampere = MU0 / (4 * np.pi) * dyad / away**3 @ device.moment_per_current
-    found: Array = greatest + np.abs(per_ampere).max(axis=1) @ device.driven_current
+    # the core's answer to the tool: the moment 4π a³ B/µ0 of a soft sphere, on whose axis the sensor is at worst
+    at_core = MU0 * tool.moment / (2 * np.pi * (device.contact_distance * np.cos(GREATEST_LEAN)) ** 3)
+    answer = 2.0 * at_core * (device.core_radius / away[:, 0, 0]) ** 3
+    found: Array = greatest + np.abs(per_ampere).max(axis=1) @ device.driven_current + answer
     return found
 
 

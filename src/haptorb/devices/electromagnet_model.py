@@ -16,7 +16,7 @@ from haptorb.arrays import Array, check_finite
 from haptorb.compiled import kernel, tick_kernel
 from haptorb.devices.base import Coils
 from haptorb.errors import GeometryError, InputError, PrecisionError
-from haptorb.magnetics.coil import COPPER_RESISTIVITY, CentredCoil, Coil
+from haptorb.magnetics.coil import CentredCoil, Coil
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing, dipole_on_charges
 from haptorb.magnetics.soft_sphere import SoftSphere, pair_sums
@@ -446,8 +446,6 @@ def fit_eddy_lag(
 # Coils around a soft core, from their sizes: what an ampere makes before anybody has calibrated it.
 
 
-_COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
-
 _DEGREES = np.arange(1, 16, 2)  #: of the harmonics of the core's answer that `field_error` counts
 _ZONAL = 76  #: terms of `zonal_terms` at the most
 
@@ -578,8 +576,7 @@ class Windings:
         The heat capacity is the mean of the three, as a device has one for all its channels. ValueError for a wire that
         does not fit between the flanges.
         """
-        warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
-        resistivity = COPPER_RESISTIVITY * warm
+        resistivity = coils.copper_resistivity
         if fill is not None:
             resistance = np.array([coil.resistance(fill, resistivity) for coil in self.coils])
             capacity = np.array([coil.heat_capacity(fill) for coil in self.coils])

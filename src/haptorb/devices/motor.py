@@ -37,7 +37,7 @@ from haptorb.devices.motor_model import (
 from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.uncertainty import MotorUncertainty
 from haptorb.errors import GeometryError, InputError
-from haptorb.magnetics.coil import COPPER_RESISTIVITY, Coil
+from haptorb.magnetics.coil import Coil
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet
 from haptorb.magnetics.wire import overall_diameter, wire_diameter
 from haptorb.rotations import rotation_from_euler
@@ -276,22 +276,23 @@ class SphericalMotor(Device):
     def build_checks(self) -> tuple[BuildCheck, ...]:
         """What must hold for this device to be buildable: wire in its section, and a regulator that nothing stops."""
         coil, coils = self.electromagnet, self.coils
-        warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
         in_series = float(np.abs(self.groups).sum(axis=0)[0])
-        copper = wire_diameter(coil, float(coils.resistance[0]) / in_series, COPPER_RESISTIVITY * warm)
+        copper = wire_diameter(coil, float(coils.resistance[0]) / in_series, coils.copper_resistivity)
         origin = ", the wire that gives its resistance"
         found = [*super().build_checks, check_wire("electromagnets", coil, copper, overall_diameter(copper), origin)[0]]
         if self.regulator is not None:
             nearest, room = _measure_ring(self)
             found += [
                 BuildCheck(
-                    "rotor's ring clear of what stands", "ring of the regulator, from coils and sensors", nearest, _AIR,
-                    "m", "move regulator.rotor away from coils and sensors, or reduce workspace.tilt", at_least=True,
+                    "regulator's ring on the rotor free to move",
+                    "its distance from coils, sensors and the other ring", nearest, _AIR, "m",
+                    "move regulator.rotor away from them, or reduce workspace.tilt", at_least=True,
                     note="at every tilt of the workspace, its corners included; negative: inside",
                 ),
                 BuildCheck(
-                    "room for the column that carries the stator", "its radius inside the rotor's ring", room, _COLUMN,
-                    "m", "increase regulator.rotor.inner_radius, or reduce workspace.tilt", at_least=True,
+                    "room for the column that carries the stator",
+                    "its greatest radius, inside the rotor's ring", room, _COLUMN, "m",
+                    "increase regulator.rotor.inner_radius, or reduce workspace.tilt", at_least=True,
                 ),
             ]  # fmt: skip
         return tuple(found)
@@ -509,7 +510,6 @@ def grouping(groups: Sequence[Sequence[int]], count: int, winding: str) -> tuple
 
 
 WORST_CONDITION = 100.0  #: a motor that is a hundred times weaker about some axis cannot be used there
-_COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
 _CHORDS = 2048  #: steps of a table of the pair's torque between no chord and a diameter
 
 
@@ -587,10 +587,11 @@ _EDGE, _AROUND = 6, 36  #: tilts along an edge of the workspace, and points arou
 
 
 def _measure_ring(motor: SphericalMotor) -> tuple[float, float]:
-    """How near the regulator's ring on the rotor comes to coils and sensors, and to the axis below the motor [m].
+    """How near the regulator's ring on the rotor comes to coils, sensors and the other ring, and to the axis below the
+    motor [m].
 
     At the tilts on the border of the workspace, where it comes nearest; of points on its four edges and faces, to the
-    coils as full cylinders. Negative: inside a coil; 0 as the distance from the axis: the ring covers it.
+    coils as full cylinders. Negative: inside one of them; 0 as the distance from the axis: the ring covers it.
     """
     assert motor.regulator is not None
     ring, height = motor.regulator.rotor_ring, motor.regulator.rotor_height
@@ -611,6 +612,12 @@ def _measure_ring(motor: SphericalMotor) -> tuple[float, float]:
     apart = np.where((over > 0) & (out > 0), np.hypot(over, out), np.maximum(over, out))
     to_sensors = square - 2 * at @ sensors.T + (sensors**2).sum(axis=1)
     nearest = float(min(apart.min(), np.sqrt(np.maximum(to_sensors, 0.0)).min(initial=np.inf)))
+    base, middle = motor.regulator.stator_ring, motor.regulator.stator_height
+    across = np.hypot(at[:, 0], at[:, 1])
+    beside = np.maximum(base.inner_radius - across, across - base.outer_radius)
+    above = np.abs(at[:, 2] - middle) - base.length / 2
+    to_base = np.where((beside > 0) & (above > 0), np.hypot(beside, above), np.maximum(beside, above))
+    nearest = min(nearest, float(to_base.min()))
     below = at[at[:, 2] < 0]
     upright = own[:, 2] < 0
     if not upright.any():  # above the motor

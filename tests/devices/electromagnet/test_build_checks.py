@@ -14,6 +14,7 @@ from haptorb.errors import DeviceError
 from haptorb.magnetics.magnets import RingMagnet
 from haptorb.rotations import rotation_from_euler
 from haptorb.simulation.base import simulate
+from haptorb_design.problem import BUILD
 
 CROSSING = Path(__file__).parent / "files" / "crossing.toml"
 
@@ -235,3 +236,19 @@ def test_a_fill_takes_the_place_of_the_bases_wire():
     assert device.coils.resistance == pytest.approx([coil.resistance(0.65) for coil in device.windings.coils], rel=1e-3)
     with pytest.raises(DeviceError, match="wire and fill"):
         variant('[windings]\nfill = 0.65\nwire = ["0.6 mm", "0.67 mm", "0.67 mm"]')
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_every_condition_fits_into_the_column_of_a_results_database(name):
+    """`refused_by` has 64 characters; PostgreSQL refuses more."""
+    for check in load(name, override=True).build_checks:
+        assert len(f"{BUILD}: {check.condition}") <= 64
+
+
+def test_the_card_says_how_each_coil_is_wound(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["inspect", "omni"])
+    out = " ".join(capsys.readouterr().out.split())
+    length = 2 * np.pi * 24 * sum(15.6e-3 + 0.6484e-3 * (n + 0.5) for n in range(4))
+    ohms = 1.7241e-8 * length / (np.pi * 0.3e-3**2)
+    assert f"96 turns of 0.6 mm wire, 0.648 mm with its enamel: 4 layers of 24, {length:.3g} m, {ohms:.3g} Ω" in out

@@ -231,7 +231,7 @@ def test_a_ring_that_tilts_into_a_coil_is_refused():
     with pytest.raises(BuildError) as refused:
         parse(OLD_REGULATOR, "old")
     found = {check.condition: check for check in refused.value.failures}
-    assert set(found) == {"rotor's ring clear of what stands", "room for the column that carries the stator"}
+    assert set(found) == {"regulator's ring on the rotor free to move", "room for the column that carries the stator"}
     motor, draw = parse(OLD_REGULATOR, "old", override=True), np.random.default_rng(6)
     coil, points = motor.electromagnet, drawn_in_ring(motor, 4000, draw)
 
