@@ -905,7 +905,7 @@ PARTS_QUANTITIES = (
     ),
     describe(
         "moment_error",
-        "1",
+        "",
         "minimise",
         "Largest relative difference, over the coils, between the moment per ampere of windings and core and that "
         "of the device file.",

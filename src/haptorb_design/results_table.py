@@ -298,7 +298,7 @@ class Tally:
         if name == OBJECTIVE:
             what, remedy = f"an objective is not a number for {share}", "Correct the objective, or change the ranges"
         elif name.startswith(BUILD):
-            what, remedy = f"{share} cannot be built: {name.removeprefix(f'{BUILD}: ')}", "Change the ranges"
+            what, remedy = f"{share} cannot be built, by '{name.removeprefix(f'{BUILD}: ')}'", "Change the ranges"
         elif name == DEVICE:
             what, remedy = f"the values of {share} do not form a valid device", "Change the ranges"
         else:
