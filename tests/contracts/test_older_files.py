@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from haptorb.devices.base import DeviceText
 from haptorb.devices.build_checks import BuildError
 from haptorb.devices.loader import load
 from haptorb.errors import RecordingError
 from haptorb.estimation.calibration import read_calibration
 from haptorb.recording.recording import Recording
 from haptorb.recording.row import RowLayout
+from haptorb.web.view import find_device
 from haptorb.worlds.user_world import load_noted_world, note_world
 from haptorb_design.store import read_results
 from haptorb_study.columns import read_study as find_study
@@ -44,6 +46,14 @@ def test_a_recording_opens_and_its_fields_are_found_by_the_names_of_today(tmp_pa
         _ = recording.layout
     recording.plot(tmp_path / "figure.svg")
     recording.to_csv(tmp_path / "rows.csv")
+
+
+def test_a_recording_is_drawn_with_the_device_that_it_was_made_with() -> None:
+    """Also where that could not be built: its coils are those of the recording, not of today's catalogue."""
+    text = DeviceText((OLDER / "omni.toml").read_text(encoding="utf-8"))
+    device, remark = find_device(OLDER / "omni.mcap", {"name": "omni", **text.as_note()}, None)
+    assert remark == ""
+    assert device.windings.outer_radius[2] == pytest.approx(26.3e-3)
 
 
 def test_a_recording_of_rows_with_two_contacts_and_a_coil_state_is_read_by_name() -> None:

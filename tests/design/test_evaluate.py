@@ -11,6 +11,7 @@ import pytest
 
 from haptorb_design.evaluate import evaluate
 from haptorb_design.problem import Design, Value
+from haptorb_design.search_space import measure_violation
 from oracles.designs.small_design import CODE, TEXT, make_design
 
 GOOD: dict[str, Value] = {"radius": 30.0, "angle": 60.0, "shell": "thick"}
@@ -82,3 +83,16 @@ def test_a_design_travels_with_its_functions(tmp_path: Path) -> None:
     out = subprocess.run([sys.executable, "-c", program], input=packed, capture_output=True, check=True).stdout
     assert eval(out) == evaluate(design, 0, GOOD).objectives
     assert isinstance(design, Design)
+
+
+def test_a_device_that_cannot_be_built_names_the_condition_and_is_the_nearer_the_less_it_misses(tmp_path: Path) -> None:
+    """Windings 0.3 and 2.3 mm too far out for the dome; behind both come values that form no device at all."""
+    text = TEXT.replace('"bare.toml"', '"omni"').replace('low = "26 mm"', 'low = "12 mm"')
+    design = make_design(tmp_path, text)
+    near, far, none = (evaluate(design, 0, {**GOOD, "radius": radius}) for radius in (29.4, 27.4, 14.0))
+    assert near.refused_by == far.refused_by == "build: windings inside the dome"
+    assert "28.21 mm" in near.reason
+    assert "at most 27.9 mm is possible" in near.reason
+    assert none.refused_by == "device"
+    misses = [measure_violation(one, design.bounds) for one in (near, far, none)]
+    assert len(design.bounds) < misses[0] < misses[1] < misses[2] == len(design.bounds) + 1

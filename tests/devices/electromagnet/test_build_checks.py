@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from haptorb.cli import main
-from haptorb.devices.base import rotation_to_axis
+from haptorb.devices.base import State, rotation_to_axis
 from haptorb.devices.build_checks import BuildError
-from haptorb.devices.electromagnet import ELECTROMAGNET, find_sensor_field
+from haptorb.devices.electromagnet import ELECTROMAGNET, feasible_wrench, find_sensor_field, shell_capability
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import DeviceError
 from haptorb.magnetics.magnets import RingMagnet
@@ -252,3 +252,18 @@ def test_the_card_says_how_each_coil_is_wound(capsys):
     length = 2 * np.pi * 24 * sum(15.6e-3 + 0.6484e-3 * (n + 0.5) for n in range(4))
     ohms = 1.7241e-8 * length / (np.pi * 0.3e-3**2)
     assert f"96 turns of 0.6 mm wire, 0.648 mm with its enamel: 4 layers of 24, {length:.3g} m, {ohms:.3g} Ω" in out
+
+
+def test_no_peak_is_more_than_the_supply_drives_and_the_card_shows_the_hot_current(capsys):
+    """A limit of 24 A over 12 V and 0.6 Ω: peaks are those of 20 A. Hot: 12 V / (0.6 Ω (1 + 0.00393 · 75))."""
+    loose = variant('[coils]\ncurrent_limit = ["24 A", "24 A", "24 A"]\n[supply]\npower = "2 kW"')
+    tight = variant('[supply]\npower = "2 kW"')
+    top = State.at((0.0, 0.0, 0.05))
+    assert feasible_wrench(loose, top).guaranteed_force == pytest.approx(feasible_wrench(tight, top).guaranteed_force)
+    for one, other in zip(
+        shell_capability(loose, points=5).layers, shell_capability(tight, points=5).layers, strict=True
+    ):
+        assert one.peak_radial == pytest.approx(other.peak_radial)
+    with pytest.raises(SystemExit, match="0"):
+        main(["inspect", "omni"])
+    assert f"20 A peak at 20 °C, {20 / (1 + 0.00393 * 75):.3g} A hot" in " ".join(capsys.readouterr().out.split())

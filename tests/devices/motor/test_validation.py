@@ -277,3 +277,10 @@ def test_what_the_coils_do_to_the_regulators_ring_is_told_and_small():
         greatest = max(greatest, np.linalg.norm(motor.torque_characteristic(R[None], "exact")[0], axis=0).max())
     assert share == pytest.approx(most / greatest, rel=0.06)
     assert 0.05 < share < 0.1
+
+
+def test_two_rings_of_the_regulator_that_meet_are_refused():
+    base = '[regulator.stator]\nouter_radius = "70 mm"\ninner_radius = "50 mm"\nheight = "-50 mm"\n'
+    with pytest.raises(BuildError) as refused:
+        parse(f'based_on = "pmsm"\nname = "own"\n{base}', "own")
+    assert [check.condition for check in refused.value.failures] == ["regulator's ring on the rotor free to move"]
