@@ -208,14 +208,18 @@ def _look_at_foxglove(said, loop):
         thread.join(10.0)
 
 
-def test_a_pose_that_waited_is_as_old_as_its_waiting():
+@pytest.mark.parametrize("opening", [1, 2])
+def test_a_pose_that_waited_is_as_old_as_its_waiting(opening):
+    # The kernel begins to date datagrams when the first program of the computer asks for it; it is asked anew.
+    time.sleep(0.1)
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     opened.bind(("127.0.0.1", 0))
     feed = OscFeed(opened)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sent = time.monotonic()
         sender.sendto(message("/haptorb/pose", 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0), opened.getsockname())
-        time.sleep(0.3)
+        delivered = time.monotonic()  # on loopback a datagram is there when it is sent
+        time.sleep(0.1)
         (found,) = feed.receive(1.0)
-    assert found.stamp == pytest.approx(sent, abs=0.1)
+    assert sent - 2e-3 < found.stamp < delivered + 2e-3
     feed.close()

@@ -10,7 +10,7 @@ import struct
 import sys
 from contextlib import suppress
 from functools import cache
-from time import monotonic_ns, time_ns
+from time import monotonic_ns, sleep, time_ns
 from typing import final
 
 __all__ = ["STALL", "DatagramTimes", "StreamTimes", "UdpOwners", "is_own_account", "listener_owner", "tcp_owner"]
@@ -47,9 +47,10 @@ class DatagramTimes:
 
     @staticmethod
     def watch(opened: socket.socket) -> None:
-        """Have the kernel note when each datagram of `opened` comes."""
+        """Have the kernel note when each datagram of `opened` comes, and wait until it does."""
         if sys.platform == "linux":
             opened.setsockopt(socket.SOL_SOCKET, _STAMPS, 1)
+            _wait_for_stamps()
 
     def look(self) -> None:
         """What is found from now on came since the last look, unless the kernel says when."""
@@ -65,6 +66,32 @@ class DatagramTimes:
                 seconds, nanoseconds = _TIME.unpack(data[: _TIME.size])
                 return 1e-9 * float(min(seconds * 1_000_000_000 + nanoseconds - self._shift, monotonic_ns()))
         return 1e-9 * self._looked
+
+
+def _wait_for_stamps() -> None:
+    """Return when Linux dates datagrams by when they come, after 0.1 s at the latest.
+
+    Where no other socket of the computer asked for it, it begins a moment after it was asked (`net_enable_timestamp`
+    leaves it to a worker), and dates by its reading what came before.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, _STAMPS, 1)
+        probe.settimeout(0.1)
+        probe.bind(("127.0.0.1", 0))
+        until = monotonic_ns() + 100_000_000
+        while monotonic_ns() < until:
+            probe.sendto(b"", probe.getsockname())
+            sleep(0.001)
+            read = time_ns()
+            try:
+                _, notes, *_ = probe.recvmsg(1, DatagramTimes.room)
+            except TimeoutError:
+                return
+            for level, kind, data in notes:
+                if level == socket.SOL_SOCKET and kind == _STAMPS and len(data) >= _TIME.size:
+                    seconds, nanoseconds = _TIME.unpack(data[: _TIME.size])
+                    if seconds * 1_000_000_000 + nanoseconds < read:
+                        return
 
 
 def _measure_shift() -> int:
