@@ -151,6 +151,11 @@ def sending_poses(port: int) -> Iterator[None]:
         thread.join()
 
 
+def text_frame(text: bytes) -> bytes:
+    """A WebSocket's message of a client, of less than 126 bytes (RFC 6455, 5.2); masked with zeros."""
+    return bytes((0x81, 0x80 | len(text), 0, 0, 0, 0)) + text
+
+
 class LostRun(Exception):
     """The coils were not on when the run was to end: it is repeated."""
 
@@ -351,7 +356,8 @@ class Program:
                     open_timeout=30,
                 )
             )  # fmt: skip
-            return lambda: page.send('{"do": "stop"}')
+            # One write, like a signal: the client's own `send` waits for this program's other threads.
+            return lambda: page.socket.sendall(text_frame(b'{"do": "stop"}'))
         return lambda: None
 
     def _hang(self) -> None:
