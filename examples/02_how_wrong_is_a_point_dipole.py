@@ -2,8 +2,9 @@
 How wrong is a point dipole?
 ============================
 
-The tool's magnet is a ring of 24 mm length. How much larger is the force on it than on a point dipole of the same
-moment, and from which distance is a point dipole good enough?
+The tool's magnet is a ring of 24 mm length. How much larger is the force of a dipole on it than on a point dipole of
+the same moment, and from which distance is a point dipole good enough? (The coils are no point dipole either: the model
+``exact`` has both.)
 """
 
 import matplotlib.pyplot as plt
@@ -15,9 +16,9 @@ omni = haptorb.load("omni")
 distance = np.linspace(0.045, 0.12, 76)
 force = {
     model: np.array([haptorb.wrench_map(omni, haptorb.State.at((0, 0, d)), model=model).matrix[2, 2] for d in distance])
-    for model in ("published", "exact")
+    for model in ("published", "point-coils")
 }
-excess = force["exact"] / force["published"] - 1
+excess = force["point-coils"] / force["published"] - 1
 
 figure, axes = plt.subplots(figsize=(7, 4))
 axes.plot(1e3 * distance, 100 * excess)

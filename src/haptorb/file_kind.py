@@ -92,7 +92,7 @@ _TABLES = (("haptorb_schema", FileKind.STUDY_DATABASE), ("haptorb_design_schema"
 _DATABASES = (FileKind.STUDY_DATABASE, FileKind.RESULTS)
 _STUDY_KEYS = frozenset(
     {"procedure", "set_points", "trials", "conditions", "levels", "instructions", "consent", "questions", "rating",
-     "order_version"}
+     "order_version", "model_version"}
 )  # fmt: skip
 _DEVICE_KEYS = frozenset({"kind", "based_on", "coils", "dome", "limits", "thermal", "magnets"})
 _TAG = re.compile(r"\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*<!?(\w+)", re.DOTALL)

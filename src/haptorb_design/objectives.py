@@ -13,14 +13,14 @@ from haptorb.devices import tables
 from haptorb.devices.base import Device, State, require
 from haptorb.devices.coil_array import CoilArray, find_farthest, find_spacing
 from haptorb.devices.electromagnet import GREATEST_LEAN, SphericalElectromagnet, find_sensor_field
-from haptorb.devices.electromagnet_model import Windings
+from haptorb.devices.electromagnet_model import Windings, fill_wound
 from haptorb.devices.motor import SphericalMotor
 from haptorb.devices.motor_model import Layout
 from haptorb.devices.table_cache import load_field_table, load_torque_table
 from haptorb.devices.tables import PairTable, series_torque_table
 from haptorb.errors import GeometryError, InputError, UnknownName
 from haptorb.estimation.hall_fit import position_accuracy
-from haptorb.magnetics.coil import COPPER_DENSITY, CentredCoil, Coil
+from haptorb.magnetics.coil import COPPER_DENSITY, Coil
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, dipole_on_charges
 from haptorb.magnetics.soft_sphere import add_answers, answer_to_charges, harmonic_sums, weigh_charges
 from haptorb.rotations import rotation_from_euler
@@ -48,7 +48,6 @@ __all__ = [
     "find_isotropy",
     "find_peak",
     "find_pull",
-    "find_winding_force",
     "find_worst",
     "greatest_force",
     "motor_of",
@@ -140,7 +139,7 @@ def _array_force_maps(candidate: DesignCandidate) -> tuple[Array, Array]:
 
     def compute() -> tuple[Array, Array]:
         device = array_of(candidate)
-        maps = [device.wrench_map(state, "exact") for state in _array_force_list_states(candidate)]
+        maps = [device.wrench_map(state, device.models[0]) for state in _array_force_list_states(candidate)]
         return np.stack([one.matrix for one in maps]), np.stack([one.passive for one in maps])
 
     return candidate.share("array: maps", compute)
@@ -542,10 +541,9 @@ def array_spacing(candidate: DesignCandidate) -> float:
 # --------------------------------------------------------------------------------------------------
 # Force of a spherical electromagnet on a radial tool in contact, in the worst direction and position in the workspace.
 #
-# Those of a coil array, with the same names, are in `array_force`. All use the tool's magnet at its true size and, if
-# the windings determine the moments (`windings.fill`), windings and core at theirs: in contact, their force differs by
-# up to a third from that of a point dipole with the moments of the device file. The forces {K i, |i| ≤ I} of three
-# coils fill a parallelepiped, whose greatest ball has the radius min over k of I_k/|row k of K⁻¹|.
+# Those of a coil array, with the same names, are in `array_force`. All use the tool's magnet at its true size, and
+# windings and core at theirs where these are known. The forces {K i, |i| ≤ I} of three coils fill a parallelepiped,
+# whose greatest ball has the radius min over k of I_k/|row k of K⁻¹|.
 
 
 _TOOL_FORCE_PLACES = 40
@@ -568,9 +566,8 @@ def _tool_force_maps(candidate: DesignCandidate) -> tuple[Array, Array, Array]:
 
     def compute() -> tuple[Array, Array, Array]:
         device, states = electromagnet_of(candidate), _tool_force_list_states(candidate)
-        wound = device.moments_from == "windings"
         return (
-            find_winding_force(device, states) if wound else _find_dipole_force(device, states),
+            _find_coil_force(device, states),
             np.stack([_find_core_force(device, state) for state in states[:1]]),  # the same at every place
             np.stack([device.wrench_map(state, "published").force for state in states]),
         )
@@ -586,13 +583,17 @@ def _list_charges(device: SphericalElectromagnet, azimuth: int = 8) -> Array:
     ).rows
 
 
-def _find_dipole_force(device: SphericalElectromagnet, states: Sequence[State]) -> Array:
-    """(n, 3, 3) force per ampere [N/A] of the device's own exact model, without the table of the core's pull, which
-    takes longer than the rest of a candidate."""
-    charges, per_moment = _list_charges(device), np.empty((len(states), 6, 3))
-    for state, out in zip(states, per_moment, strict=True):
-        dipole_on_charges(charges, np.ascontiguousarray(state.R_SR), np.ascontiguousarray(state.p), out)
-    force: Array = per_moment[:, :3] @ device.moment_per_current
+def _find_coil_force(device: SphericalElectromagnet, states: Sequence[State]) -> Array:
+    """(n, 3, 3) force per ampere [N/A] of the device's first model, without the table of the core's pull, which takes
+    longer than the rest of a candidate."""
+    charges, out = _list_charges(device), np.empty((len(states), 6, 3))
+    for state, matrix in zip(states, out, strict=True):
+        p, R = np.ascontiguousarray(state.p), np.ascontiguousarray(state.R_SR)
+        if device.has_sizes:
+            fill_wound(charges, *device.wound_coils, p, R, matrix)
+        else:
+            dipole_on_charges(charges, R, p, matrix)
+    force: Array = out[:, :3] if device.has_sizes else out[:, :3] @ device.moment_per_current
     return force
 
 
@@ -611,25 +612,6 @@ def _find_core_force(device: SphericalElectromagnet, state: State) -> Array:
     add_answers(sums, answers, core.radius, order, p, wrench)
     force: Array = wrench[:3, 0]
     return force
-
-
-def find_winding_force(device: SphericalElectromagnet, states: Sequence[State]) -> Array:
-    """(n, 3, 3) force per ampere [N/A] on the tool's magnet, of the device's windings and core at their true size.
-
-    InputError for a device without windings.
-    """
-    windings, tool = device.windings, device.tool
-    if windings is None:
-        raise InputError(f"device '{device.name}' has no [windings]: their sizes are needed for this quantity")
-    nearest = min(state.distance for state in states) - tool.length / 2
-    charges = _list_charges(device)
-    at = np.stack([(state.R_SR @ charges[:3]).T + state.p for state in states])
-    out = np.empty((len(states), 3, device.channels))
-    for number, coil in enumerate(windings.coils):
-        turn = np.roll(np.eye(3), 2 - number, axis=1)  # columns: the coil's axes; its z is the stator's x, y or z
-        field = CentredCoil(coil, device.core, nearest).field(at @ turn) @ turn.T
-        out[:, :, number] = (charges[3][:, None] * field).sum(axis=1)
-    return out
 
 
 def tool_force_find_heaviest(candidate: DesignCandidate) -> tuple[float, Array]:
@@ -712,7 +694,7 @@ TOOL_FORCE_QUANTITIES = (
              "Largest pull of the core on a radial tool in contact, without current.",
              {_TOOL_FORCE_ELECTROMAGNET: _pull, _TOOL_FORCE_ARRAY: find_pull}),
     describe("force_model_error", "", "minimise",
-             "Largest relative error of the published dipole model's force on a radial tool in contact.",
+             "Largest relative error of the coils' force by the published model on a radial tool in contact.",
              {_TOOL_FORCE_ELECTROMAGNET: _tool_force_model_error}),
 )  # fmt: skip
 
@@ -871,7 +853,7 @@ def _nesting(candidate: DesignCandidate) -> float:
 def _moment_error(candidate: DesignCandidate) -> float:
     """The greatest, over the coils, relative difference of the moments of windings and core and of those stated."""
     device = electromagnet_of(candidate)
-    made = windings_of(candidate).moment_per_current(device.core)
+    made = windings_of(candidate).moment_per_current(device.core, device.moments_at)
     stated = np.linalg.norm(device.moment_per_current, axis=0)
     return float(np.abs(np.linalg.norm(made, axis=0) / stated - 1).max())
 

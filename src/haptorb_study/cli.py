@@ -264,6 +264,8 @@ def keep_begun_study(engine: Engine, known: Study) -> Study:
     study = keep_older(engine, known)
     if known.order_version and not study.order_version:
         say("this study was begun with an older haptorb and keeps the order of that version")
+    if known.model_version and not study.model_version:
+        say("this study was begun with an older haptorb, which took coils for points, and keeps that model")
     if study.published_layout != known.published_layout:
         say("this study was begun with 1 + 8 + 8 + 8 set-points and keeps them (erratum E17, withdrawn)")
     return study
@@ -491,7 +493,7 @@ def run(
     def start(recording: Path | None) -> Servo:
         servo = Servo(
             known.device, "nothing", driver=driver, tracker=tracker, frame=frame, record=recording or False,
-            model=known.model or None, render=known.render or None,
+            model=known.model_on(known.load_device()), render=known.render or None,
             about={"study": known.name, "digest": known.digest, **({} if recording is None else name_parts(recording))},
         )  # fmt: skip
         if known.own_world is not None:

@@ -96,7 +96,7 @@ class DeliveredForce:
         state = State.at(direction * self._device.contact_distance)
         asked = self._world.wrench(state)
         currents = self._allocator.allocate(self._device.wrench_map(state, self._model), asked).currents
-        force: Array = self._device.wrench_map(state, "exact").wrench(currents)[:3]
+        force: Array = self._device.wrench_map(state, self._device.models[0]).wrench(currents)[:3]
         return force
 
 
@@ -200,7 +200,8 @@ class Participant:
         key = (prompt.condition, prompt.set_point or self._study.points[0].number, prompt.level)
         if key not in self._felt:
             world = self._study.make_world(key[0], key[1], prompt.level or None)
-            self._felt[key] = DeliveredForce(self._device, world, self._study.model or None, self._study.render or None)
+            model = self._study.model_on(self._device)
+            self._felt[key] = DeliveredForce(self._device, world, model, self._study.render or None)
         return self._felt[key]
 
     def _sweep_dome(self, prompt: Prompt) -> Array:
@@ -466,8 +467,9 @@ def load_squared(device: SphericalElectromagnet, study: Study, prompt: Prompt) -
     choice = tool_choice(device, study.render or None)
     allocator = choice.allocators[choice.choose_part(world)]
     squares = []
+    model = study.model_on(device) or device.models[0]
     for state in _list_states(device, point, world):
-        given = allocator.allocate(device.wrench_map(state, study.model or device.models[0]), world.wrench(state))
+        given = allocator.allocate(device.wrench_map(state, model), world.wrench(state))
         squares.append(given.currents**2)
     mean: Array = np.mean(squares, axis=0)
     return mean

@@ -457,6 +457,8 @@ class _Study(Protocol):
 
     def load_device(self) -> SphericalElectromagnet: ...
 
+    def model_on(self, device: SphericalElectromagnet) -> str | None: ...
+
     def make_world(self, condition: str, number: int = 0, level: float | None = None) -> World: ...
 
 
@@ -492,7 +494,7 @@ def check_study(study: _Study) -> None:
         )
     device = study.load_device()
     if study.model:
-        device.check_tick_model(study.model)
+        device.check_tick_model(study.model_on(device) or study.model)
     limit = device.workspace_half_angle * 180 / 3.141592653589793
     for point in study.points:
         if point.theta_deg > limit + 1e-9:
@@ -654,7 +656,10 @@ def check_plan(study: _WithConditions, plan: AnalysisPlan | None) -> None:
 
 
 #: left out of the digest where they are not used, as is no_force of a condition: studies begun before them continue
-_LATER = ("mask", "questions", "model", "render", "world_digest", "published_layout", "order_version", "hand_deg")
+_LATER = (
+    "mask", "questions", "model", "render", "world_digest", "published_layout", "order_version", "model_version",
+    "hand_deg",
+)  # fmt: skip
 _LEVELLED = ("constant", "staircase", "bayesian", "magnitude")
 
 
@@ -685,6 +690,11 @@ class Study(Part):
     order_version: Annotated[
         Literal["", "2"],
         m.Meaning("version of the rules for the order of trials; added by haptorb; without it, the older rules apply"),
+        m.Without("computed"),
+    ] = ""
+    model_version: Annotated[
+        Literal["", "2"],
+        m.Meaning('version of the models; added by haptorb; in a stored study without it "exact" is "point-coils"'),
         m.Without("computed"),
     ] = ""
     model: Annotated[
@@ -856,6 +866,12 @@ class Study(Part):
         """The device; InputError if it has no dome to find places on."""
         return electromagnet(load(self.device), "a study with set-points on a dome")
 
+    def model_on(self, device: SphericalElectromagnet) -> str | None:
+        """The controller model on `device`; None: its first. What was begun with coils that are points stays so."""
+        if not self.model_version and self.model in ("", "exact"):
+            return "point-coils"
+        return self.model or None
+
 
 # --------------------------------------------------------------------------------------------------
 # Read a study file (TOML), with what haptorb adds to it and the world's code; refused before anyone sits down.
@@ -865,6 +881,8 @@ class Study(Part):
 _PUBLISHED = "1-4-8-12"
 #: how trials are ordered today; a stored study without the key keeps the earlier order, at random by default
 _ORDER = "2"
+#: what "exact" means today; a stored study without the key ran with coils that are points
+_MODELS = "2"
 _MISTAKES = 20  #: reported at once
 _CODE = 1 << 20  #: bytes of a world's file
 
@@ -890,8 +908,9 @@ def study_of(text: str, where: str = "study", folder: Path | None = None, *, sto
         raw = parse_toml(text)
     except ValueError as cause:
         raise InputError(f"study file {where} is not TOML: {cause}") from cause
-    if not stored and "order_version" not in raw:
-        raw["order_version"], text = _ORDER, f'order_version = "{_ORDER}"\n{text}'
+    for key, newest in (("order_version", _ORDER), ("model_version", _MODELS)):
+        if not stored and key not in raw:
+            raw[key], text = newest, f'{key} = "{newest}"\n{text}'
     try:
         study = Study.model_validate(raw).with_text(text, {})
         if not stored and study.set_points.layout == "published" and not study.published_layout:
@@ -931,15 +950,16 @@ def _add_key(study: Study, key: str, value: str) -> Study:
 
 
 def list_older(study: Study) -> list[Study]:
-    """As older versions ran the same file, newest first: with their order, then with 1 + 8 + 8 + 8 as published too.
+    """As older versions ran the same file, newest first: with coils that are points, then with their order of trials
+    too, then with 1 + 8 + 8 + 8 as published too.
 
     Empty where the file itself says what it means.
     """
     found, older = [], study
-    # Both keys stand before the file's own text; the digest of a world's file may stand before them.
-    for key in ("order_version", "published_layout"):
+    # The keys stand before the file's own text; the digest of a world's file may stand before them.
+    for key in ("model_version", "order_version", "published_layout"):
         lines, added = older.text.splitlines(keepends=True), f'{key} = "{getattr(older, key)}"\n'
-        if not getattr(older, key) or added not in lines[:3]:
+        if not getattr(older, key) or added not in lines[:4]:
             continue
         lines.remove(added)
         update: dict[str, object] = {key: ""}

@@ -120,7 +120,7 @@ def test_what_is_damaged_is_not_called_something_else(tmp_path: Path) -> None:
         assert find_kind(tmp_path / "it") is None, text
 
 
-STUDY = 'name = "mine"\ninstructions = "café"\n'
+STUDY = 'name = "mine"\ninstructions = "café"\n[trials]\npause_seconds = 5\n'
 DESIGNS = 'title = "door"\nworld = "snap_fit"\n[design.easy]\ntitle = "café"\nretention = "45 deg"\n'
 OMNI_BASED = 'based_on = "omni"\nname = "mine"\ntitle = "café"\n'
 TEXTS = [

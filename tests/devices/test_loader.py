@@ -130,8 +130,8 @@ def test_what_cannot_be_built_is_refused_with_its_place(old, new, told):
 
 
 def test_what_is_possible_but_idle_is_remarked_only():
-    assert load("omni").remarks == load("pmsm").remarks == ()
-    [remark] = parse(OMNI.replace('value = "1.2 N"', 'value = "20 N"'), "x").remarks
+    assert load("omni-fingertip").remarks == load("pmsm").remarks == ()
+    remark = parse(OMNI.replace('value = "1.2 N"', 'value = "20 N"'), "x").remarks[-1]
     assert "limits.force is 20 N, 16 times" in remark
     text = (files("haptorb.devices") / "catalogue" / "pmsm.toml").read_text(encoding="utf-8")
     [remark] = parse(text.replace('value = "1 N*m"', 'value = "200 N*m"'), "x").remarks

@@ -63,7 +63,8 @@ def record_chain(
         change(rows)
     run = {
         "driver": "sim", "tracker": "pointer", "estimator": check_estimator(device, estimator),
-        "model": first_model, "render": choices.get("render") or "", "calibration": "", "seed": "7",
+        "model": first_model, "models": " ".join(device.models), "render": choices.get("render") or "",
+        "calibration": "", "seed": "7",
         "rate_hz": repr(RATE), "first_world": changes[0][1],
         **describe_choices(choices.get("gains"), choices.get("torque_arm"), (world, *own)),
     }  # fmt: skip

@@ -59,6 +59,13 @@ def list_chunks(path: Path) -> list[Any]:
     return sorted(summary.chunk_indexes, key=lambda one: one.chunk_start_offset)
 
 
+def middle(path: Path) -> int:
+    """A place within the rows of the middle chunk."""
+    chunks = list_chunks(path)
+    one = chunks[len(chunks) // 2]
+    return int(one.chunk_start_offset + one.chunk_length // 2)
+
+
 def open_damaged(path: Path) -> Recording:
     with pytest.warns(RecordingWarning):
         return Recording(path)
@@ -111,7 +118,7 @@ def test_damage_where_it_hurts_most_costs_one_chunk(where: str, whole: tuple[Pat
 def test_a_long_recording_loses_no_more_than_a_short_one(
     whole: tuple[Path, np.ndarray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = damage(whole[0], tmp_path / "damaged.mcap", whole[0].stat().st_size // 2)
+    path = damage(whole[0], tmp_path / "damaged.mcap", middle(whole[0]))
     short = open_damaged(path)
     monkeypatch.setattr(recording_module, "_WHOLE", 0)
     long = Recording(path)
@@ -133,7 +140,7 @@ def test_a_long_recording_loses_no_more_than_a_short_one(
 def test_a_repaired_file_is_whole_for_the_makers_reader(
     whole: tuple[Path, np.ndarray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = damage(whole[0], tmp_path / "damaged.mcap", whole[0].stat().st_size // 2)
+    path = damage(whole[0], tmp_path / "damaged.mcap", middle(whole[0]))
     before, rows = path.read_bytes(), open_damaged(path).rows
     out = tmp_path / "repaired.mcap"
     code, text, error = run_command(capsys, "info", str(path), "--repair", str(out))
@@ -167,7 +174,7 @@ def test_export_names_what_is_missing_in_its_words_its_json_and_its_file(
     path, out = tmp_path / "run.mcap", tmp_path / "out.npz"
     size = whole[0].stat().st_size
     if damaged:
-        damage(whole[0], path, size // 2)
+        damage(whole[0], path, middle(whole[0]))
     else:
         path.write_bytes(whole[0].read_bytes()[: size // 2])
     code, text, error = run_command(capsys, "export", str(path), "--to", "npz", "-o", str(out), "--json")

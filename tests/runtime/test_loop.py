@@ -71,7 +71,12 @@ class Host(Commands):
     """What a host says, into memory that a loop reads."""
 
     def __init__(self, shared: SharedMemory) -> None:
-        self.device, self.modes, self.models, self._model = load("omni"), (), ("exact", "published"), "exact"
+        self.device, self.modes, self.models, self._model = (
+            load("omni"),
+            (),
+            ("exact", "point-coils", "published"),
+            "exact",
+        )
         self.driver = "sim"
         super().__init__(find_world("nothing")())
         self._shared = shared
@@ -200,7 +205,7 @@ def test_another_model_is_inverted_from_the_next_tick_on() -> None:
         host.set_model("published")
 
     states = states_after(choose, see, lambda host: host.set_model("exact"), see)
-    assert seen == [0.0, 1.0, 0.0]
+    assert seen == [0.0, 2.0, 0.0]
     assert set(states) == {RUNNING}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol, TypeVar, final
@@ -18,8 +19,14 @@ from haptorb.control.guard import make_coils
 from haptorb.devices import tables
 from haptorb.devices.base import Device, State, WrenchMap, rotation_to_axis
 from haptorb.devices.coil_array import CoilArray, array_wrench, place_coils
-from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet, shell_capability
-from haptorb.devices.electromagnet_model import CoreDynamics, pull, ring_per_ampere
+from haptorb.devices.electromagnet import (
+    COILS_AS_POINTS,
+    FORCE_JND,
+    SphericalElectromagnet,
+    point_field,
+    shell_capability,
+)
+from haptorb.devices.electromagnet_model import CoreDynamics, WoundCoils, pull, ring_per_ampere, wound_per_ampere
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.motor import SphericalMotor, measure_ring_pull
 from haptorb.devices.motor_model import coils_field, torque_over_sine
@@ -29,7 +36,6 @@ from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.calibration import Calibration
 from haptorb.estimation.hall_fit import ToolModel, coil_field, moment_field, tool_field
 from haptorb.estimation.hall_tracker import CALIBRATED
-from haptorb.magnetics import dipole
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import answer_to_source
 from haptorb.rotations import rotation_from_euler, turn_by
@@ -375,6 +381,11 @@ class HallFit:
         self._read = self._read + device.core_dynamics.remanent_moment**2 * np.eye(3)
         self._columns = (moments**2).sum(axis=0)
         self._unit = moment_field(device).reshape(-1, 3)
+        self._moments = MomentChange(device)
+        at, h = device.hall.positions.reshape(-1, 3), 1e-5
+        ahead, behind = (device.coil_fields((at + sign * h * np.eye(3)[:, None]).reshape(-1, 3)) for sign in (1, -1))
+        slope = ((ahead - behind) / (2 * h)).reshape(3, len(at), 3, -1)
+        self._coils, self._slopes = device.coil_fields(at), np.moveaxis(slope, 0, 2)  # (k, 3, m), (k, 3, 3, m)
 
     def linearize(self, p: Array, R: Array, currents: Array) -> HallPoint:
         """About the tool at p (3,) [m], R (3, 3); readings weighed as the tracker does under `currents` (m,) [A]."""
@@ -390,17 +401,36 @@ class HallFit:
         tool_field(model, np.ascontiguousarray(p), np.ascontiguousarray(R), field, slopes)
         return field, slopes
 
-    def read(self, trial: SensorTrial, tool: State, strength: float, moment: Array, currents: Array) -> Array:
+    def read(
+        self, trial: SensorTrial, tool: State, strength: float, moments: Array, extra: Array, currents: Array
+    ) -> Array:
         """(k, 3) [T] the readings less what the tracker takes off for the currents.
 
-        The magnet of `tool` has `strength` times the model's remanence; the electromagnet has `moment` (3,) [A·m²]
-        under the true `currents` (m,) [A]. Core and coils are at the origin, the sensors off by their placement.
+        The magnet of `tool` has `strength` times the model's remanence; the coils have `moments` (3, m) [m²] per true
+        ampere of `currents` (m,) [A], and the core the moment `extra` (3,) [A·m²] beside that. Core and coils are at
+        the origin, the sensors off by their placement.
         """
         model = self._model._replace(sensors=np.ascontiguousarray(self._model.sensors + trial.placement))
         field = strength * self._field(model, tool.p, tool.R_SR)[0]
-        field += dipole.field(np.broadcast_to(moment, model.sensors.shape), model.sensors)
+        scale, across = self._moments.split(moments)
+        amperes = scale * currents
+        field += self._coils @ amperes + np.einsum("kijm,kj,m->ki", self._slopes, trial.placement, amperes)
+        field += point_field(model.sensors) @ (across @ currents + extra)
         left: Array = trial.read_field(field) - self._per_ampere @ trial.read_currents(currents)
         return left
+
+
+class MomentChange:
+    """How coils of `device` that have other moments than it says differ from its own: in strength, and in direction."""
+
+    def __init__(self, device: SphericalElectromagnet) -> None:
+        self._own = np.array(device.moment_per_current, dtype=np.float64, order="C")
+        self._squares = (self._own**2).sum(axis=0)
+
+    def split(self, moments: Array) -> tuple[Array, Array]:
+        """(m,) how strong coils with `moments` (3, m) [m²] are, relative; (3, m) [m²] of them across their own axes."""
+        scale = (moments * self._own).sum(axis=0) / self._squares
+        return scale, moments - scale * self._own
 
 
 class MomentFit:
@@ -414,7 +444,7 @@ class MomentFit:
     def find_true(self, trial: CalibratedTrial) -> Array:
         """(3, m) [m²] the moments per true ampere that sensors with the errors of `trial` took for its moments."""
         at = self._places + trial.placement
-        fields = [trial.read_field(dipole.field(np.broadcast_to(axis, at.shape), at)) for axis in np.eye(3)]
+        fields = [trial.read_field(field) for field in np.moveaxis(point_field(at), 2, 0)]
         read = np.stack([field - trial.reading for field in fields], axis=2).reshape(-1, 3)
         moments: Array = np.linalg.solve(self._solve @ read, trial.moments) * (1 + trial.gain)
         return moments
@@ -424,8 +454,8 @@ class MomentFit:
 # The chain of a spherical electromagnet, from the force asked for to the force on the tool, with errors in it.
 #
 # The controller uses the device file and a pose; the true device has other magnets, other currents and another pose.
-# Both use the exact model: its own errors are 1e-7 and no part of the budget. The force is at rest: what the loop's
-# delay and the coils' inductance do to a force that changes is known, and not uncertain.
+# Both use the device's first model; what is wrong with that is no part of the budget. The force is at rest: what the
+# loop's delay and the coils' inductance do to a force that changes is known, and not uncertain.
 
 
 REGIONS = ("in contact", "lower half of the shell", "upper half of the shell")
@@ -495,15 +525,26 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         tool = device.tool
         self._rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence).rows
         self._moments = np.array(device.moment_per_current, dtype=np.float64, order="C")
+        self._far = np.linalg.norm(device.far_moments, axis=0) / np.linalg.norm(self._moments, axis=0)
         self._pull = device.passive_pull
         air = self._pull.nearest - self._pull.core_radius - max(tool.length / 2, tool.outer_radius)
         self._span = max(min(radius_span, 0.3 * air, 0.5 * device.core_radius), 1e-9)
         self._tables = [self._tabulate(k * self._span) if radius_span else self._pull.table for k in (-1, 0, 1)]
+        spans = (-1, 0, 1) if radius_span else (0, 0, 0)
+        self._wound = [self._wind(k * self._span) for k in spans] if device.has_sizes else None
 
     def _tabulate(self, more: float) -> Array:
         """The core's pull if its radius were `more` [m] larger than in the model."""
         known = self._pull
         return replace(known, core_radius=known.core_radius + more).table
+
+    def _wind(self, more: float) -> WoundCoils:
+        """The coils, with as many terms as in the model, if the core's radius were `more` [m] larger; their measured
+        fields are the same."""
+        wound = replace(self._device, core_radius=self._device.core_radius + more).wound_coils
+        terms = np.zeros_like(self._device.wound_coils.terms)
+        terms[:, : wound.terms.shape[1]] = wound.terms[:, : terms.shape[1]]
+        return wound._replace(terms=terms)
 
     def draw_point(self, region: int, rng: np.random.Generator) -> ToolPoint:
         """Anywhere in the region, spread evenly over the dome; the tool is radial, the force in any direction."""
@@ -520,7 +561,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         if self._hall is None:
             return ToolPoint(p, R, wrench, None)
         state = State(0.0, R, p, np.zeros(3), np.zeros(3))
-        currents = self._allocator.allocate(device.wrench_map(state, "exact"), wrench).currents
+        currents = self._allocator.allocate(device.wrench_map(state, device.models[0]), wrench).currents
         return ToolPoint(p, R, wrench, self._hall.linearize(p, R, currents))
 
     def make_trial(self) -> ToolTrial:
@@ -542,10 +583,12 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         # agree, and the first pose of a tracker is its last.
         for _ in range(1 if point.hall is None else 3):
             if self._hall is not None and point.hall is not None:
-                place, turn = self._locate(self._hall, point, trial, trial.moments @ currents + extra, currents)
+                place, turn = self._locate(self._hall, point, trial, extra, currents)
             R = np.empty((3, 3))
             turn_by(float(turn[0]), float(turn[1]), float(turn[2]), point.R, R)
-            believed = self._device.wrench_map(State(0.0, R, point.p + place, np.zeros(3), np.zeros(3)), "exact")
+            believed = self._device.wrench_map(
+                State(0.0, R, point.p + place, np.zeros(3), np.zeros(3)), self._device.models[0]
+            )
             wanted = self._allocator.allocate(believed, point.wrench).currents
             currents = self._loop.true_currents(wanted, trial)
             extra = trial.remanent - self._lag(point, trial, believed.force)
@@ -553,7 +596,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         return error
 
     def _locate(
-        self, hall: HallFit, point: ToolPoint, trial: ToolTrial, moment: Array, currents: Array
+        self, hall: HallFit, point: ToolPoint, trial: ToolTrial, extra: Array, currents: Array
     ) -> tuple[Array, Array]:
         """(3,) estimated minus true position [m], and rotation from the true to the estimated axis [rad].
 
@@ -564,7 +607,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         still = np.zeros(3)
         tool = State(0.0, point.R, point.p - trial.shift, still, still)
         seen_from_core = replace(trial, placement=trial.placement - trial.shift)
-        left = hall.read(seen_from_core, tool, trial.strength, moment, currents)
+        left = hall.read(seen_from_core, tool, trial.strength, trial.moments, extra, currents)
         fit = point.hall.solve @ (left - point.hall.field).ravel()
         return fit[:3], point.R[:, :2] @ fit[3:]
 
@@ -576,7 +619,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         across = trial.turning - force * (trial.turning @ force) / (force @ force)
         across *= self.asked / np.linalg.norm(across)
         both = np.stack([force, across], axis=1)
-        moments = trial.moments @ np.linalg.solve(force_per_ampere, both)
+        moments = trial.moments @ (self._far[:, None] * np.linalg.solve(force_per_ampere, both))
         missing: Array = trial.lag.real * moments[:, 0] + trial.lag.imag * moments[:, 1]
         return missing
 
@@ -586,14 +629,25 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         matrix, passive, still = np.empty((6, 3)), np.zeros(6), np.zeros(6)
         p, per_moment = point.p - trial.shift, np.eye(3)
         ring_per_ampere(self._rows, self._tables[1], self._pull.nearest, per_moment, p, point.R, matrix, passive)
-        low, middle, high = self._tables
-        x = trial.core_radius / self._span
-        table = middle + 0.5 * x * (high - low) + 0.5 * x * x * (high - 2 * middle + low)
-        pull(table, self._pull.nearest, p, np.ascontiguousarray(point.R[:, 2]), still)
-        force: Array = (
-            trial.strength * (matrix[:3] @ (trial.moments @ currents + extra)) + trial.strength**2 * still[:3]
-        )
+        made, x = matrix[:3] @ extra, trial.core_radius / self._span
+        if self._wound is None:
+            made += matrix[:3] @ trial.moments @ currents
+        else:
+            terms = [one.terms for one in self._wound]
+            coils = self._wound[1]._replace(terms=_interpolate(terms, x)).with_moments(self._moments, trial.moments)
+            rows, table, pull_from = self._device.wound_ring[:3]
+            wound_per_ampere(rows, table, pull_from, *coils, p, point.R, matrix, passive)
+            made += matrix[:3] @ currents
+        pull(_interpolate(self._tables, x), self._pull.nearest, p, np.ascontiguousarray(point.R[:, 2]), still)
+        force: Array = trial.strength * made + trial.strength**2 * still[:3]
         return force
+
+
+def _interpolate(values: Sequence[Array], x: float) -> Array:
+    """The parabola through the three `values` at −1, 0 and 1, at x."""
+    low, middle, high = values
+    found: Array = middle + 0.5 * x * (high - low) + 0.5 * x * x * (high - 2 * middle + low)
+    return found
 
 
 ESTIMATORS = ("tracker", "hall")
@@ -734,12 +788,8 @@ def tool_errors(
         believed, force, tuple(sources), chosen, _SPAN * known.core_radius, calibrated=calibration is not None,
         frequency=frequency,
     )  # fmt: skip
-    near, far = layers[0].coil_error, layers[-1].coil_error
-    if near is not None and far is not None:
-        made.left_out = (
-            f"coils and core are taken for a point: by their sizes in the file, {100 * near:.0f} % of the force asked "
-            f"in contact and {100 * far:.0f} % at the end of the shell, rms over directions"
-        )
+    if not believed.has_sizes:
+        made.left_out = COILS_AS_POINTS
     return made
 
 
@@ -1124,7 +1174,7 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
         R = np.empty((3, 3))
         x, y, z = trial.turn.tolist()
         turn_by(x, y, z, np.ascontiguousarray(point.R), R)
-        believed = self._device.wrench_map(State(0.0, R, point.p + trial.place, _STILL, _STILL), "exact")
+        believed = self._device.wrench_map(State(0.0, R, point.p + trial.place, _STILL, _STILL), self._device.models[0])
         currents = self._loop.true_currents(self._allocator.allocate(believed, point.wrench).currents, trial)
         error: Array = point.R.T @ (self._deliver(point, trial, currents) - point.wrench[:3])
         return error

@@ -164,6 +164,7 @@ def compose_calibration(
     return Calibration(
         device.name, device.digest, found.moment_per_current, found.uncertainty, found.offsets, cold,
         found.residual, found.condition, found.repeatability, heat, simulated,
+        coils="windings" if "exact" in device.models else "points",
     )  # fmt: skip
 
 

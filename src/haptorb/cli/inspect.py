@@ -622,8 +622,8 @@ def print_force_tables(console: Console, layers: tuple[Layer, ...], supply: floa
         console,
         "dipole error: largest error of the coils' force if the tool's magnet is a point dipole; its shape alone, "
         f"without the core's pull. JND: just-noticeable difference, {100 * FORCE_JND:.0f} % of force. coil error: of "
-        "the force that windings and core of true size give, against the force asked, rms over directions: the loop "
-        f"and the simulation take them for a point{limit}\n",
+        "the force if coils and core are a point too (model point-coils), rms over directions; –: the file has no "
+        f"[windings], and the loop takes them for a point{limit}\n",
         "dim",
     )
     states = ("one coil warm", "all coils warm") if coupled else ("",)
@@ -824,13 +824,13 @@ def compute_row(case: SensingCase, current: float) -> SensingRow:
 def _force_error(device: SphericalElectromagnet, p: Array, covariance: Array, draw: np.random.Generator) -> float:
     """Mean square [N²] of the error of the force given at p (3,) [m], radial tool, where the pose is wrong."""
     R = rotation_to_axis(p)
-    true = device.wrench_map(_state(p, R), "exact")
+    true = device.wrench_map(_state(p, R), device.models[0])
     root = np.linalg.cholesky(covariance + 1e-18 * np.eye(5))
     total = 0.0
     for _ in range(_DRAWS):
         wrong = root @ draw.standard_normal(5)
         axis = R[:, 2] + wrong[3] * np.cross(R[:, 0], R[:, 2]) + wrong[4] * np.cross(R[:, 1], R[:, 2])
-        believed = device.wrench_map(_state(p + wrong[:3], rotation_to_axis(axis)), "exact")
+        believed = device.wrench_map(_state(p + wrong[:3], rotation_to_axis(axis)), device.models[0])
         asked = draw.standard_normal(3)
         asked *= ASKED / np.linalg.norm(asked)
         currents = np.linalg.lstsq(believed.matrix[:3], asked - believed.passive[:3], rcond=None)[0]
@@ -975,12 +975,8 @@ class ElectromagnetCard(Card):
             table.add_row(name, *cells)
         print_table(console, table)
         if device.windings is not None and device.moments_from == "windings":
-            error = device.windings.field_error(device.core, device.contact_distance).max()
             print_text(
-                console,
-                f"computed from [windings] and the core, for coils as point dipoles; in contact the coils' own field "
-                f"differs from that by up to {100 * error:.0f} %. For accurate forces calibrate the device",
-                "bold",
+                console, "computed from [windings] and the core. For accurate forces calibrate the device", "bold"
             )
 
     def _polytopes(self, axes: Any) -> None:
@@ -1078,13 +1074,13 @@ class ElectromagnetCard(Card):
         left.grid(alpha=0.3)
         right.plot(
             distance, [100 * layer.dipole_error for layer in layers], "C3-o",
-            label="tool's magnet as a point, largest: the published model",
+            label="tool's magnet as a point, largest",
         )  # fmt: skip
         coils = [layer.coil_error for layer in layers if layer.coil_error is not None]
         if len(coils) == len(layers):
             right.plot(
                 distance, [100 * error for error in coils], "C4-s",
-                label="coils and core as a point, rms: loop and simulation",
+                label="coils and core as a point, rms: model point-coils",
             )  # fmt: skip
         right.legend(fontsize=8, **_BELOW)
         jnd = right.secondary_yaxis("right", functions=(lambda x: x / (100 * FORCE_JND), lambda x: x * 100 * FORCE_JND))

@@ -766,7 +766,7 @@ class WholeWrenchAllocator(Allocator):
     >>> torque = WholeWrenchAllocator((20.0,) * 3, (0.78,) * 3)
     >>> given = over.wrench(torque.allocate(over, (0, 0, 0, 0.005, 0, 0)).currents)
     >>> (given[3:].round(6) + 0.0).tolist(), given[1].round(2).item()
-    ([0.005, 0.0, 0.0], 0.27)
+    ([0.005, 0.0, 0.0], 0.29)
     >>> torque.allocate(over, (0, 0, 0, 0, 0, 0.005)).saturated.text
     "the magnet's own axis, about which there is no torque"
     """

@@ -190,7 +190,7 @@ def array_capability(device: CoilArray, layers: int = 5) -> tuple[ArrayLayer, ..
     for height in np.linspace(0.0, device.surface.thickness, layers):
         places = _list_places(device, float(height))
         peaks = np.array([_reach(device, state, strong) for state in places])
-        middle = device.wrench_map(places[0], "exact")
+        middle = device.wrench_map(places[0], device.models[0])
         currents = strong.allocate(middle, np.array([0.0, 0.0, 0.01, 0, 0, 0]) + middle.passive).currents
         watts = 1e4 * float(device.coils.resistance @ currents**2)
         found.append(
@@ -212,7 +212,7 @@ def _reach(device: CoilArray, state: State, allocator: ArrayAllocator) -> Array:
     What can be given along a line is an interval, as currents within their limits and within the supply's power are a
     convex set. It is found by bisection; 0 where the passive force across the line cannot be compensated.
     """
-    wrench_map = device.wrench_map(state, "exact")
+    wrench_map = device.wrench_map(state, device.models[0])
     forces, passive = wrench_map.matrix[:3], wrench_map.passive[:3]
     found = np.zeros(6)
     wanted = np.zeros(6)

@@ -697,7 +697,7 @@ class Device(Presentable, ABC):
     >>> from haptorb import load
     >>> omni = load("omni")
     >>> omni.channels, omni.models
-    (3, ('exact', 'published'))
+    (3, ('exact', 'point-coils', 'published'))
     """
 
     kind: ClassVar[DeviceKind]
@@ -816,6 +816,12 @@ class Device(Presentable, ABC):
             If the kind of device has no geometry.
         """
         return load_part("haptorb.cli.drawing:draw_device")(self, view, azimuth)
+
+    def with_recorded_models(self, noted: tuple[str, ...]) -> Device:
+        """The device with the models that a recording `noted`, in the order in which its rows count them.
+
+        The same device unless its models have changed since a version of haptorb that made recordings."""
+        return self
 
     def check_model(self, model: str) -> str:
         """`model` itself. Raises UnknownName with the models of this device."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise, product
 from pathlib import Path
@@ -28,6 +28,7 @@ from haptorb.devices.electromagnet_model import (
     CoreDynamics,
     PassivePull,
     Windings,
+    WoundCoils,
     dipole_per_ampere,
     ring_per_ampere,
     wound_per_ampere,
@@ -39,12 +40,13 @@ from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.touch_points import Marks
 from haptorb.devices.uncertainty import ToolUncertainty
 from haptorb.display import format_quantity
-from haptorb.errors import GeometryError, InputError
+from haptorb.errors import GeometryError
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
 
 __all__ = [
+    "COILS_AS_POINTS",
     "CORE_SATURATION",
     "ELECTROMAGNET",
     "FORCE_JND",
@@ -63,6 +65,7 @@ __all__ = [
     "find_sensor_field",
     "list_geometry_mistakes",
     "list_remarks",
+    "point_field",
     "shell_capability",
 ]
 
@@ -100,20 +103,19 @@ ELECTROMAGNET = DeviceKind(
 FORCE_JND = 0.07  #: just-noticeable difference of a force, lower end of the published 7 to 10 %
 _CERTAIN = 2.0  #: standard uncertainties within which two statements agree
 CORE_SATURATION = 1.5  #: knee of the magnetisation curve of low-carbon steel [T]
+COILS_AS_POINTS = "coils are taken for points (no [windings]): near real ones a third of the force may be wrong"
 GREATEST_LEAN = np.radians(15.0)  #: of a tool against the radius, at most, in tests of what stands in its way
 
 
-def list_remarks(
-    coils: Coils, core: SoftSphere, windings: Windings | None, moments: Array, moments_from: str
-) -> tuple[str, ...]:
+def list_remarks(coils: Coils, predicted: Array | None, moments: Array, moments_from: str) -> tuple[str, ...]:
     """Sentences about a device whose `moments` (3, 3) [m²] per ampere come from `moments_from`; none is a pass.
 
-    One where they differ in size by what a hand can feel from those of `windings` and core: a force goes with the
-    moment.
+    One where they differ in size by what a hand can feel from those that are `predicted` (3, 3) from windings and core:
+    a force goes with the moment.
     """
-    if windings is None or moments_from == "windings":
+    if predicted is None or moments_from == "windings":
         return ()
-    sizes = (np.linalg.norm(matrix, axis=0).tolist() for matrix in (moments, windings.moment_per_current(core)))
+    sizes = (np.linalg.norm(matrix, axis=0).tolist() for matrix in (moments, predicted))
     pairs = list(zip(coils.names, *sizes, strict=True))
     if not any(abs(computed / used - 1) > FORCE_JND for _, used, computed in pairs):
         return ()
@@ -124,7 +126,7 @@ def list_remarks(
     origin, remedy = "moment_per_current", "correct one of them, or state windings.fill to use [windings]"
     if moments_from == "calibration":
         origin, remedy = "the calibration", "correct [windings]"
-    return (f"moments differ: {differences}. Forces follow {origin}, so [windings] have no effect on them; {remedy}",)
+    return (f"moments differ: {differences}. The strength of forces follows {origin}; {remedy}",)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -191,8 +193,7 @@ def find_sensor_field(device: SphericalElectromagnet) -> Array:
     """(k,) upper bound of the reading of an axis of each field sensor [T].
 
     Of a tool in contact anywhere in the workspace, radial or leaning by GREATEST_LEAN to any side, and all coils at the
-    current that the supply drives: the magnet by charges on its faces, the coils and the core's answer to the magnet as
-    dipoles.
+    current that the supply drives: the magnet by charges on its faces, the core's answer to it as a dipole.
     """
     tool, at = device.tool, device.hall.positions
     azimuth = np.arctan2(at[:, 1], at[:, 0])
@@ -211,14 +212,19 @@ def find_sensor_field(device: SphericalElectromagnet) -> Array:
             size = np.linalg.norm(apart, axis=2)
             field = MU0 / (4 * np.pi) * np.einsum("n,kni->ki", rows[3], apart / size[..., None] ** 3)
             greatest = np.maximum(greatest, np.abs(field).max(axis=1))
-    away = np.linalg.norm(at, axis=1)[:, None, None]
-    unit = at / away[:, 0]
-    dyad = 3 * unit[:, :, None] * unit[:, None, :] - np.eye(3)
-    per_ampere = MU0 / (4 * np.pi) * dyad / away**3 @ device.moment_per_current
+    per_ampere, away = device.coil_fields(at), np.linalg.norm(at, axis=1)[:, None, None]
     # the core's answer to the tool: the moment 4π a³ B/µ0 of a soft sphere, on whose axis the sensor is at worst
     at_core = MU0 * tool.moment / (2 * np.pi * (device.contact_distance * np.cos(GREATEST_LEAN)) ** 3)
     answer = 2.0 * at_core * (device.core_radius / away[:, 0, 0]) ** 3
     found: Array = greatest + np.abs(per_ampere).max(axis=1) @ device.driven_current + answer
+    return found
+
+
+def point_field(points: Array) -> Array:
+    """(n, 3, 3) [T/(A·m²)] of unit moments along x, y, z at the centre, at `points` (n, 3) [m]."""
+    away = np.linalg.norm(points, axis=1)[:, None, None]
+    unit = points / away[:, 0]
+    found: Array = MU0 / (4 * np.pi) * (3 * unit[:, :, None] * unit[:, None, :] - np.eye(3)) / away**3
     return found
 
 
@@ -276,7 +282,10 @@ class SphericalElectromagnet(Device):
     Parameters
     ----------
     moment_per_current : ndarray, shape (3, 3)
-        Moment of the electromagnet per ampere [m²]: m_e = moment_per_current @ currents [A·m²].
+        Moment of the electromagnet per ampere [m²]: m_e = moment_per_current @ currents [A·m²], of the dipole that has
+        a coil's field on its axis at the distance `moments_at`.
+    moments_at : float
+        Where that holds [m]; inf: far away.
     core_radius : float
         Radius of the core [m].
     core_permeability : float
@@ -316,9 +325,10 @@ class SphericalElectromagnet(Device):
 
     Notes
     -----
-    Model "exact": the tool's magnet at its true size, and the pull of the core on it. Model "published": two point
-    dipoles, Zárate 2020 eqs. (1)–(2). In both, the electromagnet is the point dipole that a calibration measures
-    outside the dome.
+    Model "exact", where `windings` are known: coils, core and the tool's magnet at their true size, and the pull of the
+    core on the magnet. Model "point-coils": the same with each coil and its core as a point dipole at the centre.
+    Model "published": two point dipoles, Zárate 2020 eqs. (1)–(2). The coils' axes and strengths are those of
+    `moment_per_current` in all.
     """
 
     kind: ClassVar[DeviceKind] = ELECTROMAGNET
@@ -339,15 +349,25 @@ class SphericalElectromagnet(Device):
     core_saturation: float = CORE_SATURATION
     windings: Windings | None = None
     moments_from: str = "device file"
+    moments_at: float = np.inf
     core_dynamics: CoreDynamics = field(default_factory=CoreDynamics)
     marks: Marks | None = None
     uncertainty: ToolUncertainty = field(default_factory=lambda: ToolUncertainty.model_validate({}))
 
-    models: tuple[str, ...] = ("exact", "published")
+    def __post_init__(self) -> None:
+        known = ("exact", "point-coils", "published") if self.has_sizes else ("point-coils", "published")
+        object.__setattr__(self, "models", tuple(one for one in self.models if one in known) or known)
+
+    def with_recorded_models(self, noted: tuple[str, ...]) -> SphericalElectromagnet:
+        """As of every device; in recordings from before there were "point-coils", these are called "exact"."""
+        noted = noted or ("exact", "published")
+        if "point-coils" not in noted:
+            noted = tuple("point-coils" if one == "exact" else one for one in noted)
+        return replace(self, models=noted)
 
     @property
     def tick_models(self) -> tuple[str, ...]:
-        """Both: each takes microseconds."""
+        """All: each takes microseconds."""
         return self.models
 
     @property
@@ -391,7 +411,7 @@ class SphericalElectromagnet(Device):
 
     @property
     def has_sizes(self) -> bool:
-        """Whether the coils' sizes are known and they lie within the dome, as `wound_map` needs."""
+        """Whether the coils' sizes are known and they lie within the dome, as the model "exact" needs."""
         if self.windings is None:
             return False
         return float(self.windings.corners.max()) < self.dome_radius
@@ -434,7 +454,7 @@ class SphericalElectromagnet(Device):
     def predict_moments(self) -> Array | None:
         """(3, 3) [m²] m_e per ampere from the coils' sizes and the core, to be held against `moment_per_current`; None
         where the sizes are not known."""
-        return None if self.windings is None else self.windings.moment_per_current(self.core)
+        return None if self.windings is None else self.windings.moment_per_current(self.core, self.moments_at)
 
     def _measure_flux(self, windings: Windings) -> float:
         """[T] in the core: three times the field that would be there without it (a soft sphere, Jackson §5.11).
@@ -455,14 +475,16 @@ class SphericalElectromagnet(Device):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What should be known of this device though it can be computed with."""
-        moments = list_remarks(self.coils, self.core, self.windings, self.moment_per_current, self.moments_from)
-        return (*moments, *list_limit_remarks(self.coils, self.supply, self.limits, *self.greatest_wrench))
+        predicted = self.predict_moments()
+        moments = list_remarks(self.coils, predicted, self.moment_per_current, self.moments_from)
+        points = () if self.has_sizes else (COILS_AS_POINTS,)
+        return (*points, *moments, *list_limit_remarks(self.coils, self.supply, self.limits, *self.greatest_wrench))
 
     @property
     def greatest_wrench(self) -> tuple[float, float]:
         """Greatest force [N] and torque [N·m] on a radial tool that touches the summit, all coils at full current.
 
-        By the published model, which takes the tool for a dipole: some 15 % below the exact one.
+        By the published model, which takes coils and tool for dipoles.
         """
         corners = np.array(list(product((-1.0, 1.0), repeat=self.channels))) * self.driven_current
         moments = corners @ self.moment_per_current.T
@@ -481,33 +503,31 @@ class SphericalElectromagnet(Device):
             )
         matrix, passive = np.empty((6, self.channels)), np.zeros(6)
         p, R = ascontiguousarray(state.p), ascontiguousarray(state.R_SR)
-        if model == "exact":
+        if model == "exact" and self.has_sizes:
+            wound_per_ampere(*self.wound_ring, p, R, matrix, passive)
+        elif model == "point-coils":
             ring_per_ampere(*self._ring, p, R, matrix, passive)
         else:
             self.check_model(model)
             dipole_per_ampere(*self._dipole, p, R, matrix)
         return WrenchMap(matrix, passive, self.coils.names)
 
-    def wound_map(self, state: State) -> WrenchMap:
-        """As `wrench_map`, of coils and core at their true size (`windings`) instead of point dipoles.
+    def coil_fields(self, points: Array) -> Array:
+        """(n, 3, m) [T/A] of each coil with the core's answer, at `points` (n, 3) [m] outside the core.
 
-        The coils' axes and moments are those of `moment_per_current`. Raises GeometryError where a part of the magnet
-        would be inside the dome, InputError for a device without `windings`.
+        Of coils whose sizes are known at their true size, else of point dipoles.
         """
-        if self.windings is None:
-            raise InputError(f"device '{self.name}': the sizes of the coils are not known: its file has no [windings]")
-        reach, terms, axes, rows = self._wound
-        matrix, passive = np.empty((6, self.channels)), np.zeros(6)
-        p, R = ascontiguousarray(state.p), ascontiguousarray(state.R_SR)
-        nearest = wound_per_ampere(terms, reach, axes, rows, p, R, matrix)
-        if nearest < self.dome_radius:
-            raise GeometryError(
-                f"device '{self.name}': a part of the tool's magnet would be {nearest * 1e3:.1f} mm from the centre, "
-                f"inside the dome ({self.dome_radius * 1e3:g} mm)"
-            )
-        pull = self.passive_pull
-        passive[:] = pull.wrench(p, R[:, 2])
-        return WrenchMap(matrix, passive, self.coils.names)
+        at = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+        if self.windings is not None and self.has_sizes and len(at):
+            return self.windings.field(self.core, self.moment_per_current, self.moments_at, at)
+        return point_field(at) @ self.moment_per_current
+
+    @cached_property
+    def far_moments(self) -> Array:
+        """(3, m) [m²] moment per ampere as it is seen from far away."""
+        if self.windings is None or not self.has_sizes:
+            return self.moment_per_current
+        return self.windings.far_moments(self.core, self.moment_per_current, self.moments_at)
 
     def _list_facts(self) -> list[tuple[str, str]]:
         contact, shell = format_quantity(self.contact_distance, "m"), format_quantity(self.shell_thickness, "m")
@@ -533,14 +553,19 @@ class SphericalElectromagnet(Device):
         return self.tool.moment, np.array(self.moment_per_current, dtype=np.float64, order="C")
 
     @cached_property
-    def _wound(self) -> tuple[float, Array, Array, Array]:
-        """Fields of coils and core, the coils' axes, and the tool's charges, as `wound_per_ampere` takes them."""
+    def wound_coils(self) -> WoundCoils:
+        """Coils and core at their true size, as kernels take them, for `has_sizes`."""
         assert self.windings is not None
-        moments = np.linalg.norm(self.moment_per_current, axis=0)
-        reach, terms = self.windings.zonal_terms(self.core, moments, self.dome_radius)
-        tool = self.tool
-        rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, radial=3, azimuth=12).rows
-        return reach, terms, ascontiguousarray((self.moment_per_current / moments).T), rows
+        closest = max(self.contact_distance - self.tool.length / 2, self.dome_radius)
+        return self.windings.wound(self.core, self.moment_per_current, self.moments_at, self.dome_radius, closest)
+
+    @cached_property
+    def wound_ring(self) -> tuple[Array, Array, float, Array, float, float, Array]:
+        """The tool's magnet, what the core does to it, and the coils, as `wound_per_ampere` takes them."""
+        tool, pulls = self.tool, self.passive_pull
+        size = (tool.outer_radius, tool.inner_radius, tool.length, tool.remanence)
+        rows = ChargedRing(*size, radial=2, azimuth=6).rows  # right to 1e-4 of the force in contact
+        return rows, np.array(pulls.table), float(pulls.nearest), *self.wound_coils
 
     @cached_property
     def _ring(self) -> tuple[Array, Array, float, Array]:
@@ -678,8 +703,9 @@ class FeasibleWrench:
     guaranteed_torque: float
 
 
-def feasible_wrench(device: SphericalElectromagnet, state: State, model: str = "exact") -> FeasibleWrench:
-    """The polytopes of `device` at `state` within its current limits and its supply's power.
+def feasible_wrench(device: SphericalElectromagnet, state: State, model: str | None = None) -> FeasibleWrench:
+    """The polytopes of `device` at `state` within its current limits and its supply's power, by its `model`; None: the
+    first.
 
     Raises GeometryError inside the core.
 
@@ -690,7 +716,7 @@ def feasible_wrench(device: SphericalElectromagnet, state: State, model: str = "
     >>> able.force.shape, len(able.torque), (able.unreachable.round(6) + 0.0).tolist()
     ((8, 3), 6, [0.0, 0.0, 1.0])
     """
-    known = device.wrench_map(state, model)
+    known = device.wrench_map(state, model or device.models[0])
     limit = device.driven_current
     rank, lost, plane = _torque_plane(known.torque * limit, state)
     if device.supply.power < device.greatest_resistance @ limit**2:
@@ -812,7 +838,7 @@ def _polygon(spins: Array, plane: Array, passive: Array) -> tuple[Array, float]:
 
 @dataclass(frozen=True)
 class Layer:
-    """Forces on a radial tool at one distance, least over the workspace [N]; exact model."""
+    """Forces on a radial tool at one distance, least over the workspace [N]; the device's first model."""
 
     distance: float  #: of the tool's magnet from the centre [m]
     peak_radial: float
@@ -873,8 +899,8 @@ def shell_capability(device: Device | str | Path, distances: Array | None = None
 
     Notes
     -----
-    Exact model, within the current limits, the continuous currents and the power of the supply, with windings at the
-    stop temperature.
+    By the device's first model, within the current limits, the continuous currents and the power of the supply, with
+    windings at the stop temperature.
 
     Examples
     --------
@@ -895,7 +921,7 @@ def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -
     wound: list[float] | None = [] if device.has_sizes else None
     for direction in directions:
         state = State.at(distance * direction)
-        exact = device.wrench_map(state, "exact")
+        exact, points = device.wrench_map(state, device.models[0]), device.wrench_map(state, "point-coils")
         dipole = device.wrench_map(state, "published")
         per_newton = np.linalg.inv(exact.force)
         ways = state.R_SR.T  # rows: two tangents and the radial direction
@@ -908,9 +934,9 @@ def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -
         across = np.linalg.norm(amperes[:2], axis=0)
         tangential.append(_greatest(device, across, float(np.linalg.eigvalsh(power)[-1]), most))
         pulls.append(-exact.passive[:3] @ direction)
-        errors.append(np.linalg.norm(exact.force @ np.linalg.inv(dipole.force) - np.eye(3), 2))
+        errors.append(np.linalg.norm(points.force @ np.linalg.inv(dipole.force) - np.eye(3), 2))
         if wound is not None:
-            given = device.wound_map(state).force @ per_newton
+            given = exact.force @ np.linalg.inv(points.force)
             wound.append(float(np.linalg.norm(given - np.eye(3)) ** 2 / 3))
     peak, lasting, warm = np.min(radial, axis=0)
     peak_t, lasting_t, warm_t = np.min(tangential, axis=0)

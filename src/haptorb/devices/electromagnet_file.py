@@ -143,6 +143,13 @@ class ElectromagnetSection(Section):
         m.Form("3 rows of 3, not singular"),
         m.Without("computed from [windings]"),
     ] = None
+    moment_measured_at: Annotated[
+        q.Length | None,
+        Positive,
+        m.Meaning("distance on a coil's axis at which its field was measured that moment_per_current stands for"),
+        m.Form("at least dome.radius"),
+        m.Without("far away: the moment of the whole coil with its core"),
+    ] = None
     core_radius: Annotated[q.Length, Positive, m.Meaning("radius of the soft-magnetic sphere inside the coils")]
     core_permeability: Annotated[q.Number, Gt(1), m.Meaning("relative permeability of the core; inf is allowed")]
     core_saturation: Annotated[
@@ -292,6 +299,12 @@ class ElectromagnetFile(CommonFile):
         if sizes is not None and sizes.outer_radius is not None:
             for inner, outer in zip(sizes.inner_radius, sizes.outer_radius, strict=True):
                 check_wall(inner, outer)
+        measured_at = self.electromagnet.moment_measured_at
+        if measured_at is not None and measured_at < self.dome.radius:
+            raise ValueError(
+                f"electromagnet.moment_measured_at ({measured_at * 1e3:g} mm) is inside the dome "
+                f"({self.dome.radius * 1e3:g} mm); it is the distance of the field sensor from the centre"
+            )
         given = self.electromagnet.moment_per_current
         if given is None and self.windings is None:
             raise ValueError(
@@ -327,6 +340,7 @@ class ElectromagnetFile(CommonFile):
         windings = None if self.windings is None else self.windings.build()
         fill = None if self.windings is None else self.windings.fill
         core = SoftSphere(self.electromagnet.core_radius, self.electromagnet.core_permeability)
+        measured_at = self.electromagnet.moment_measured_at or np.inf
         computed = windings is not None and (fill is not None or windings.wire is not None)
         common = self.common(computed=computed)
         coils = common["coils"]
@@ -337,7 +351,7 @@ class ElectromagnetFile(CommonFile):
         if given is not None:
             moments = np.array(given)
         elif windings is not None:
-            moments = windings.moment_per_current(core)
+            moments = windings.moment_per_current(core, measured_at)
         coils = limit_currents(coils, common["supply"])
         common["coils"] = coils
         if self.thermal is not None:
@@ -348,6 +362,7 @@ class ElectromagnetFile(CommonFile):
             digest=digest,
             moment_per_current=moments,
             moments_from="windings" if given is None else "device file",
+            moments_at=measured_at,
             core_radius=self.electromagnet.core_radius,
             core_permeability=self.electromagnet.core_permeability,
             core_saturation=self.electromagnet.core_saturation or CORE_SATURATION,

@@ -8,28 +8,29 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 
 from haptorb.arrays import Array, check_finite
 from haptorb.compiled import kernel, tick_kernel
-from haptorb.devices.base import Coils
+from haptorb.devices.base import Coils, rotation_to_axis
 from haptorb.errors import GeometryError, InputError, PrecisionError
-from haptorb.magnetics.coil import CentredCoil, Coil
+from haptorb.magnetics.coil import CentredCoil, Coil, coil_and_core
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing, dipole_on_charges
 from haptorb.magnetics.soft_sphere import SoftSphere, pair_sums
-from haptorb.magnetics.special import zonal
 from haptorb.magnetics.wire import overall_diameter, wind, wire_diameter
 
 __all__ = [
     "CoreDynamics",
     "PassivePull",
     "Windings",
+    "WoundCoils",
     "axis_frame",
     "dipole_per_ampere",
     "fill_per_ampere",
+    "fill_wound",
     "fit_eddy_lag",
     "pull",
     "ring_per_ampere",
@@ -446,19 +447,40 @@ def fit_eddy_lag(
 # Coils around a soft core, from their sizes: what an ampere makes before anybody has calibrated it.
 
 
-_DEGREES = np.arange(1, 16, 2)  #: of the harmonics of the core's answer that `field_error` counts
-_ZONAL = 76  #: terms of `zonal_terms` at the most
+_ZONAL = 76  #: terms of `WoundCoils` at the most
+_INVERSE = np.append(np.inf, 1.0 / np.arange(2, 2 * _ZONAL + 3))  #: 1/(n + 1) by n, from n = 0 on; n = 0 is not used
+_OUTSIDE = 1.05  #: times the farthest corner of a winding: from there on harmonics converge within their terms
+_LEFT_OUT = 1e-5  #: relative, of the terms that are left out where the magnet can be
+
+
+class WoundCoils(NamedTuple):
+    """Coils about the origin with the core's answer to them, outside of all of them, as kernels take them."""
+
+    terms: Array  #: (m, k) [T·m/A] strengths of the odd zonal harmonics of each coil, lengths in units of `reach`
+    reach: float  #: of the farthest winding, or the core [m]
+    nearest: float  #: points nearer to the origin count as being as far from it [m]
+    axes: Array  #: (m, 3) unit vectors
+
+    def with_moments(self, own: Array, moments: Array) -> WoundCoils:
+        """The same coils, whose moments per ampere are `own` (3, m) [m²], turned and scaled to `moments` (3, m)."""
+        sizes = np.linalg.norm(moments, axis=0)
+        terms = self.terms * (sizes / np.linalg.norm(own, axis=0))[:, None]
+        return self._replace(terms=terms, axes=np.ascontiguousarray((moments / sizes).T))
 
 
 @kernel
-def wound_per_ampere(terms: Array, reach: float, axes: Array, rows: Array, p: Array, R: Array, out: Array) -> float:
-    """Fill out (6, m) [N/A, N·m/A] for a magnet's charges rows (4, n) turned by R at p, torque about p.
+def fill_wound(
+    rows: Array, terms: Array, reach: float, nearest: float, axes: Array, p: Array, R: Array, out: Array
+) -> float:
+    """Fill out (6, m) [N/A, N·m/A] for a magnet's charges rows (4, n) turned by R at p in the field of `WoundCoils`.
 
-    terms (m, k) and reach as `Windings.zonal_terms` gives them, axes (m, 3) of the coils, which lie about the origin.
-    Returns the least distance of a charge from the origin [m].
+    Torque about p. Returns the least distance of a charge from the origin [m].
+
+    The field of a coil is Σ c_n grad-type terms of P_n(cos θ)/r^(n+1) with odd n (`special.zonal`); what does not
+    depend on the coil is computed once for each charge.
     """
     out[:] = 0.0
-    nearest = 1e300
+    closest, least = 1e300, (nearest / reach) ** 2
     arm, at = np.empty(3), np.empty(3)
     for n in range(rows.shape[1]):
         square = 0.0
@@ -466,21 +488,70 @@ def wound_per_ampere(terms: Array, reach: float, axes: Array, rows: Array, p: Ar
             arm[i] = R[i, 0] * rows[0, n] + R[i, 1] * rows[1, n] + R[i, 2] * rows[2, n]
             at[i] = (p[i] + arm[i]) / reach
             square += at[i] * at[i]
-        nearest = min(nearest, square)
+        closest = min(closest, square)
+        if square < least:
+            grow = np.sqrt(least / max(square, 1e-30))
+            at[0], at[1], at[2], square = grow * at[0], grow * at[1], grow * at[2], least
+        inverse = 1.0 / square
+        root = np.sqrt(inverse)
+        q = rows[3, n] / reach
         for j in range(axes.shape[0]):
             along = at[0] * axes[j, 0] + at[1] * axes[j, 1] + at[2] * axes[j, 2]
-            over, axial = zonal(terms[j], square - along * along, along)
-            q = rows[3, n] / reach
-            bx = q * (over * (at[0] - along * axes[j, 0]) + axial * axes[j, 0])
-            by = q * (over * (at[1] - along * axes[j, 1]) + axial * axes[j, 1])
-            bz = q * (over * (at[2] - along * axes[j, 2]) + axial * axes[j, 2])
+            z = along * inverse
+            v0, v1 = root, z * root  # Pₙ/rⁿ⁺¹
+            g0, g1 = 0.0, inverse * root  # Pₙ'/rⁿ⁺²
+            over, axial = 0.0, 0.0
+            for k in range(terms.shape[1]):
+                odd = 2 * k + 1
+                v2 = ((2 * odd + 1) * z * v1 - odd * inverse * v0) * _INVERSE[odd]
+                g2 = (g0 + (2 * odd + 1) * v1) * inverse
+                over += terms[j, k] * g2
+                axial += terms[j, k] * (odd + 1) * v2
+                v3 = ((2 * odd + 3) * z * v2 - (odd + 1) * inverse * v1) * _INVERSE[odd + 1]
+                g3 = (g1 + (2 * odd + 3) * v2) * inverse
+                v0, v1, g0, g1 = v2, v3, g2, g3
+            straight = q * (axial - over * along)
+            bx = q * over * at[0] + straight * axes[j, 0]
+            by = q * over * at[1] + straight * axes[j, 1]
+            bz = q * over * at[2] + straight * axes[j, 2]
             out[0, j] += bx
             out[1, j] += by
             out[2, j] += bz
             out[3, j] += arm[1] * bz - arm[2] * by
             out[4, j] += arm[2] * bx - arm[0] * bz
             out[5, j] += arm[0] * by - arm[1] * bx
-    return float(reach * np.sqrt(nearest))
+    return float(reach * np.sqrt(closest))
+
+
+@kernel
+def _fill_wound_ring(
+    rows: Array, table: Array, pull_from: float, terms: Array, reach: float, nearest: float, axes: Array, p: Array,
+    R: Array, out: Array, passive: Array,
+) -> None:  # fmt: skip
+    axis, turned = np.empty(3), np.empty((3, 3))
+    for i in range(3):
+        axis[i] = R[i, 2]
+        passive[i], passive[3 + i] = 0.0, 0.0
+    axis_frame(axis, turned)
+    fill_wound(rows, terms, reach, nearest, axes, p, turned, out)
+    for k in range(out.shape[1]):  # none about the axis of what is round: that of a dozen charges on a face is 1e-6
+        about = out[3, k] * axis[0] + out[4, k] * axis[1] + out[5, k] * axis[2]
+        for i in range(3):
+            out[3 + i, k] -= about * axis[i]
+    pull(table, pull_from, p, axis, passive)
+
+
+@tick_kernel
+def wound_per_ampere(
+    rows: Array, table: Array, pull_from: float, terms: Array, reach: float, nearest: float, axes: Array, p: Array,
+    R: Array, out: Array, passive: Array,
+) -> None:  # fmt: skip
+    """Fill out (6, m) [N/A, N·m/A] and passive (6,) [N, N·m] for a ring magnet turned by R at p over wound coils.
+
+    rows are the ring's charges, table and pull_from its `PassivePull`, the rest `WoundCoils`; the magnet is round: only
+    its axis matters.
+    """
+    _fill_wound_ring(rows, table, pull_from, terms, reach, nearest, axes, p, R, out, passive)
 
 
 @final
@@ -519,43 +590,63 @@ class Windings:
         own = [coil.moment[2] for coil in self.coils]
         return np.stack([own, core.moment_in(fields)[:, 2]], axis=1)
 
-    def moment_per_current(self, core: SoftSphere) -> Array:
+    def moment_per_current(self, core: SoftSphere, measured_at: float = np.inf) -> Array:
         """(3, 3) [m²] m_e per ampere; diagonal, as the coils are taken to stand square on each other.
 
-        Valid for what a device takes an electromagnet for: a point dipole. `field_error` returns how far the field near
-        the coils is from that. Left out: saturation, leads, and the core's answer to the tool (`PassivePull`).
+        That of the dipole with the same field on the coil's axis at the distance `measured_at` [m]. Left out:
+        saturation, leads, and the core's answer to the tool (`PassivePull`).
         """
-        return np.diag(self.parts(core).sum(axis=1))
+        return np.diag(self._measure(core, measured_at))
 
-    def zonal_terms(self, core: SoftSphere, moments: Array, nearest: float) -> tuple[float, Array]:
-        """A length [m] and (3, n) [T·m/A]: the fields of coils and core outside `nearest` [m], as `zonal` takes them.
+    def wound(
+        self, core: SoftSphere, per_ampere: Array, measured_at: float, nearest: float, closest: float
+    ) -> WoundCoils:
+        """The coils and their core, for points outside `nearest` [m], which must lie outside them all.
 
-        Each coil's field is scaled so that far away it is that of its part of `moments` (3,) [m²], which are what was
-        measured. GeometryError unless `nearest` lies outside coils and core.
+        per_ampere (3, m) [m²]: the coils' axes, and the moment of the dipole that has the coil's field on its axis at
+        the distance `measured_at` [m]; inf: far away. Terms that do not matter from `closest` [m] on are left out.
         """
+        moments = np.linalg.norm(per_ampere, axis=0)
         made = [CentredCoil(coil, core, nearest) for coil in self.coils]
-        reach = max(float(np.hypot(self.outer_radius, self.length / 2).max()), core.radius)
+        reach = max(float(self.corners.max()), core.radius)
         terms = np.stack([one.terms(reach, _ZONAL) for one in made])
-        terms *= (_K * moments / (reach**2 * terms[:, 0]))[:, None]
-        used = np.abs(terms * (reach / nearest) ** (2 * np.arange(_ZONAL))).max(axis=0)
-        return reach, np.ascontiguousarray(terms[:, : int(np.flatnonzero(used > 1e-7 * used[0])[-1]) + 1])
+        terms *= (moments / self._measure(core, measured_at))[:, None]
+        used = np.abs(terms * (reach / closest) ** (2 * np.arange(_ZONAL))).max(axis=0)
+        kept = int(np.flatnonzero(used > _LEFT_OUT * used[0])[-1]) + 1
+        axes = np.ascontiguousarray((per_ampere / moments).T)
+        return WoundCoils(np.ascontiguousarray(terms[:, :kept]), reach, nearest, axes)
 
-    def field_error(self, core: SoftSphere, distance: float) -> Array:
-        """(3,) how far the field of each coil and core is from its dipole's, at `distance` [m] from the centre.
+    def _measure(self, core: SoftSphere, distance: float) -> Array:
+        """(3,) [m²] moment per ampere of the dipole that has each coil's field on its axis at `distance` [m]."""
+        far: Array = self.parts(core).sum(axis=1)
+        if np.isinf(distance):
+            return far
+        place = np.array([[0.0, 0.0, distance]])
+        axial = [CentredCoil(coil, core, distance).field(place)[0, 2] for coil in self.coils]
+        return np.array(axial) * distance**3 / (2 * _K)
 
-        The greater of the relative differences on the coil's axis and on its equator. The winding's own field is exact;
-        the core's answer to its harmonic of degree l on the axis, b_l z^(l−1), is b_l β_l (l+1)/l a^(2l+1)/z^(l+2)
-        (`soft_sphere`), with b_l of one loop of Smythe, Static and Dynamic Electricity, §7.13. It falls as 1/distance².
+    def field(
+        self, core: SoftSphere, per_ampere: Array, measured_at: float, points: Array, *, closed: bool = False
+    ) -> Array:
+        """(n, 3, m) [T/A] at `points` (n, 3) [m] outside the core; `per_ampere` and `measured_at` as in `wound`.
 
-        `distance` must lie outside the windings.
+        By harmonics where all points are outside the coils, else, or if `closed`, by the windings' closed form.
         """
-        found = []
-        for coil, moment in zip(self.coils, self.parts(core).sum(axis=1), strict=True):
-            own = coil.field(np.array([[0.0, 0.0, distance], [distance, 0.0, 0.0]]))[:, 2]
-            scale = MU0 * moment / (4 * np.pi * distance**3)
-            axis, equator = (own + _answer(coil, core, distance)) / (2 * scale, -scale)
-            found.append(max(abs(axis - 1), abs(equator - 1)))
-        return np.array(found)
+        moments = np.linalg.norm(per_ampere, axis=0)
+        scale = moments / self._measure(core, measured_at)
+        nearest, found = float(np.linalg.norm(points, axis=1).min()), []
+        closed = closed or nearest < _OUTSIDE * max(float(self.corners.max()), core.radius)
+        for coil, axis, size in zip(self.coils, (per_ampere / moments).T, scale, strict=True):
+            turn = rotation_to_axis(axis)
+            at = points @ turn
+            made = coil_and_core(coil, core, at) if closed else CentredCoil(coil, core, nearest).field(at)
+            found.append(size * made @ turn.T)
+        return np.stack(found, axis=2)
+
+    def far_moments(self, core: SoftSphere, per_ampere: Array, measured_at: float) -> Array:
+        """(3, m) [m²] moments per ampere as they are seen from far away; the other two as in `wound`."""
+        far: Array = per_ampere * (self.parts(core).sum(axis=1) / self._measure(core, measured_at))
+        return far
 
     def inductance(self, core: SoftSphere) -> Array:
         """(3,) [H] of each winding with the core.
@@ -624,18 +715,3 @@ class Windings:
         least = np.array([coil.resistance(1.0, resistivity) for coil in self.coils])
         share: Array = least / resistance
         return share
-
-
-def _answer(coil: Coil, core: SoftSphere, distance: float) -> Array:
-    """(2,) [T/A] axial field of the core alone, on the coil's axis and on its equator at `distance` [m]."""
-    radii, heights, turns = coil.filaments(12, 12)
-    far = np.hypot(radii, heights)
-    c = heights / far
-    axis, equator = 0.0, 0.0
-    for degree, response in zip(_DEGREES, core.response(int(_DEGREES[-1]))[_DEGREES - 1], strict=True):
-        slope = np.polynomial.legendre.Legendre.basis(int(degree)).deriv()
-        own = MU0 / 2 * float(np.sum(turns * (1 - c * c) / far**degree * slope(c)))  # b_l
-        answer = own * response * core.radius ** (2 * degree + 1) / distance ** (degree + 2) / degree
-        axis += answer * (degree + 1)
-        equator -= answer * float(slope(0.0))
-    return np.array([axis, equator])

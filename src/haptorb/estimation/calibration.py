@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -76,6 +76,7 @@ class Calibration:
     heat                from a thermal record; None where none was given
     simulated           it was measured on a simulation
     sensors             offset, gain and place of every field sensor; None where the steps were not taken
+    coils               what the moments are of: "points", or coils at their true size, "windings"
     """
 
     device: str
@@ -90,6 +91,7 @@ class Calibration:
     heat: MeasuredHeat | None
     simulated: bool
     sensors: SensorCalibration | None = None
+    coils: Literal["points", "windings"] = "windings"
 
     def apply(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
         """`device` with what was measured; CalibrationError if the calibration is another device's."""
@@ -98,6 +100,14 @@ class Calibration:
                 f"the calibration belongs to device {quote(self.device)} with file {quote(self.digest[:12])}, not to "
                 f"'{device.name}' with file {device.digest[:12]}; calibrate again with "
                 f"`haptorb calibrate {device.name}`"
+            )
+        if self.coils == "points" and "exact" in device.models:
+            sizes = np.linalg.norm(device.moment_per_current, axis=0)
+            off = 100 * np.abs(np.linalg.norm(self.moment_per_current, axis=0) / sizes - 1).max()
+            raise CalibrationError(
+                f"the calibration took each coil for a point, and the file of device '{device.name}' has [windings]: "
+                f"its moments, up to {off:.0f} % from those of the file, do not hold for coils at their true size. "
+                f"Calibrate again with `haptorb calibrate {device.name}`, or drop windings in the device file"
             )
         coils = replace(device.coils, resistance=self.resistance)
         if self.heat is not None:
@@ -124,6 +134,7 @@ class Calibration:
             "device": self.device,
             "digest": self.digest,
             "simulated": self.simulated,
+            "coils": self.coils,
             "moment_per_current_m2": self.moment_per_current.tolist(),
             "uncertainty_m2": self.uncertainty.tolist(),
             "offsets_t": self.offsets.tolist(),
@@ -139,7 +150,7 @@ class Calibration:
     @classmethod
     def parse(cls, text: str, name: str) -> Calibration:
         """From JSON; `name` is the name for messages. CalibrationError if it is no calibration."""
-        raw = parse_document(text, name, "calibration", FORMAT, _KEYS, "calibrate again", {"field_sensors"})
+        raw = parse_document(text, name, "calibration", FORMAT, _KEYS, "calibrate again", {"field_sensors", "coils"})
         moments = numbers(raw, "moment_per_current_m2", name, (3, None))
         channels = moments.shape[1]
         if np.linalg.matrix_rank(moments) < min(3, channels):
@@ -148,6 +159,9 @@ class Calibration:
             )
         if not isinstance(raw["simulated"], bool):
             raise CalibrationError(f"{name}: simulated must be true or false; got {quote(raw['simulated'])}")
+        coils = raw.get("coils", "points")  # what earlier versions took them for
+        if coils not in ("points", "windings"):
+            raise CalibrationError(f'{name}: coils must be "points" or "windings"; got {quote(coils)}')
         resistance = numbers(raw, "resistance_ohm", name, (channels,))
         if not (resistance > 0).all():
             raise CalibrationError(f"{name}: resistance_ohm must be positive; got {resistance.tolist()}")
@@ -167,6 +181,7 @@ class Calibration:
             _heat(raw["heat"], channels, name),
             raw["simulated"],
             sensors,
+            coils,
         )
 
 

@@ -1,8 +1,9 @@
 """What an ampere does to the electromagnet's moment, measured by the field sensors: Zárate 2020 eq. (5), Fig. 7.
 
-Excite each coil over a schedule of currents, read currents and fields, and regress: B_s = U_s M i + b_s, with U_s the
-field of a unit moment at sensor s. The off-diagonal terms of M are the coils' non-orthogonality; b_s takes up the
-earth, a resting tool and the sensors' offsets.
+Excite each coil over a schedule of currents, read currents and fields, and regress: B_s = U_s M i + H_s i + b_s, with
+U_s the field of a unit moment at sensor s, and H_s what a coil of known size adds to its dipole's field. The
+off-diagonal terms of M are the coils' non-orthogonality; b_s takes up the earth, a resting tool and the sensors'
+offsets.
 """
 
 from __future__ import annotations
@@ -17,9 +18,8 @@ from scipy.optimize import least_squares
 
 from haptorb.arrays import Array, check_finite
 from haptorb.devices.base import Heat, HeatCoupling
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
 from haptorb.errors import CalibrationError, InputError
-from haptorb.magnetics import dipole
 from haptorb.thermal import ThermalNetwork, TwoNode
 
 __all__ = [
@@ -42,6 +42,7 @@ _DEAD = 0.2  #: share of the wanted current below which a coil counts as not con
 _AMISS = 0.5  #: share of the greatest wanted current by which the current of a coil that switches is never wrong
 _SILENT = 0.2  #: share of the expected field below which a sensor does not answer
 _MOST_SILENT = 4  #: one of so many sensors may be missing
+_ROUNDS, _SETTLED = 30, 1e-9  #: of the regression of coils with sizes: at the most, and relative
 _ALIKE = 0.8  #: cosine from which a coil's moment counts as being along another coil's axis
 
 
@@ -150,27 +151,49 @@ def _project(axes: Array, places: int) -> Array:
 
 
 def _regress(device: SphericalElectromagnet, visible: Array, i: Array, B: Array) -> MagneticCalibration:
-    """Linear least squares for M and the offsets, in closed form: M = C⁻¹ D S⁻¹ from centred readings.
+    """Least squares for M and the offsets: M = C⁻¹ D S⁻¹ from centred readings, in closed form for point coils.
 
-    `visible` (k, 3, 3) is what each sensor makes of a field.
+    `visible` (k, 3, 3) is what each sensor makes of a field. What the field of a coil of known size has beyond its
+    dipole's follows from the coil's moment, and is taken off the readings in rounds.
     """
     at = device.hall.positions
-    U = visible @ np.stack([dipole.field(np.broadcast_to(e, at.shape), at) for e in np.eye(3)], axis=2)  # (k, 3, 3)
+    U = visible @ point_field(at)  # (k, 3, 3)
     x, y = i - i.mean(axis=0), B - B.mean(axis=0)
     S = x.T @ x
     C = np.einsum("sji,sjk->ik", U, U)
-    D = np.einsum("sji,nsj,nm->im", U, y, x)
     if np.linalg.cond(S) > 1e6:
         raise InputError("the currents do not excite every coil separately; use the schedule of `excitation`")
-    M = np.linalg.solve(C, D) @ np.linalg.inv(S)
-    rest = y - np.einsum("sij,jm,nm->nsi", U, M, x)
+    per_ampere = np.einsum("nsi,nm->sim", y, x) @ np.linalg.inv(S)  # (k, 3, m) [T/A] as it was read
+
+    def solve(beyond: Array) -> Array:
+        """(3, m) moments, seen from far away, with `beyond` (k, 3, m) taken off what each sensor reads."""
+        found: Array = np.linalg.solve(C, np.einsum("sji,sjm->im", U, per_ampere - beyond))
+        return found
+
+    M = solve(np.zeros_like(per_ampere))
+    beyond = np.zeros_like(per_ampere)
+    if device.windings is not None and device.has_sizes:
+        for _ in range(_ROUNDS):
+            before = M
+            beyond = visible @ device.windings.field(device.core, M, np.inf, at) - U @ M
+            M = solve(beyond)
+            if np.abs(M - before).max() < _SETTLED * np.abs(M).max():
+                break
+        else:
+            raise CalibrationError(
+                "no moments explain the fields: the readings are not those of coils with the sizes in [windings]; "
+                "check the sensors' places and the windings"
+            )
+    made = U @ M + beyond
+    rest = y - np.einsum("sim,nm->nsi", made, x)
     directions = round(float(np.trace(visible, axis1=1, axis2=2).sum()))  # that are measured at all
     freedom = max(1, len(i) * directions - M.size - directions)
     variance = float((rest**2).sum() / freedom)
-    spread = np.sqrt(variance * np.outer(np.diag(np.linalg.inv(C)), np.diag(np.linalg.inv(S))))
-    offsets = B.mean(axis=0) - np.einsum("sij,jm,m->si", U, M, i.mean(axis=0))
+    stated = np.linalg.norm(device.moment_per_current, axis=0) / np.linalg.norm(device.far_moments, axis=0)
+    spread = stated * np.sqrt(variance * np.outer(np.diag(np.linalg.inv(C)), np.diag(np.linalg.inv(S))))
+    offsets = B.mean(axis=0) - np.einsum("sim,m->si", made, i.mean(axis=0))
     condition = float(np.linalg.cond(C) * np.linalg.cond(S)) ** 0.5
-    return MagneticCalibration(M, spread, offsets, variance**0.5, condition, 0.0)
+    return MagneticCalibration(stated * M, spread, offsets, variance**0.5, condition, 0.0)
 
 
 def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) -> tuple[int, ...]:
@@ -180,7 +203,7 @@ def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) 
     """
     at, x = device.hall.positions, currents - currents.mean(axis=0)
     swing = fields - fields.mean(axis=0)
-    modelled = np.stack([dipole.field(device.moment_per_current @ row, at) for row in x])
+    modelled = np.einsum("sim,nm->nsi", device.coil_fields(at), x)
     signal, answer = (np.sqrt((part**2).mean(axis=(0, 2))) for part in (modelled, swing))
     silent = tuple(int(s) for s in np.flatnonzero(answer < _SILENT * signal))
     if len(silent) > device.sensors // _MOST_SILENT:
@@ -251,10 +274,11 @@ def _check_sensors(
     """Every sensor that has not failed must see what the others agree on."""
     at = device.hall.positions
     x, y = i - i.mean(axis=0), B - B.mean(axis=0)
+    made = result.apply(device).coil_fields(at)
     for s in range(len(at)):
         if not visible[s].any():
             continue
-        modelled = np.array([visible[s] @ dipole.field(result.moment_per_current @ row, at[s]) for row in x])
+        modelled = x @ (visible[s] @ made[s]).T
         excess = float(((y[:, s] - modelled) ** 2).mean() ** 0.5)
         signal = float((modelled**2).mean() ** 0.5)
         if excess > 0.3 * signal + 6 * device.hall.noise:

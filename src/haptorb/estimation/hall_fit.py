@@ -21,9 +21,8 @@ from numpy.typing import ArrayLike
 from haptorb.arrays import Array, Record, Records, check_finite, vectors
 from haptorb.compiled import kernel, pack, part
 from haptorb.devices.base import rotation_to_axis
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
 from haptorb.errors import InputError
-from haptorb.magnetics import dipole
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
@@ -120,16 +119,12 @@ def coil_field(device: SphericalElectromagnet) -> Array:
     correction = device.hall.correction
     if correction is not None:
         return np.ascontiguousarray(correction.per_ampere)
-    per_ampere: Array = np.ascontiguousarray(moment_field(device) @ device.moment_per_current)
-    return per_ampere
+    return np.ascontiguousarray(device.coil_fields(device.hall.positions))
 
 
 def moment_field(device: SphericalElectromagnet) -> Array:
     """(k, 3, 3) [T/(A·m²)] what a unit moment along x, y, z at the centre does at each sensor."""
-    at = device.hall.positions.reshape(-1, 3)
-    unit = [dipole.field(np.broadcast_to(e, at.shape), at) for e in np.eye(3)]
-    per_moment: Array = np.ascontiguousarray(np.stack(unit, axis=2))
-    return per_moment
+    return np.ascontiguousarray(point_field(device.hall.positions.reshape(-1, 3)))
 
 
 @kernel
@@ -444,7 +439,7 @@ def position_accuracy(
     ampere2 = supply.current_noise**2 + supply.current_step**2 / 12
     spread = (sigma**2 + hall.step**2 / 12) * np.eye(len(per_ampere)) + ampere2 * per_ampere @ per_ampere.T
     if calibration:
-        unit = per_ampere @ np.linalg.inv(device.moment_per_current)
+        unit = moment_field(device).reshape(-1, 3)
         errors = calibration * np.linalg.norm(device.moment_per_current, axis=0) * amperes  # A·m² per coil
         spread += float(errors @ errors) * unit @ unit.T
     weight = np.linalg.inv(spread)

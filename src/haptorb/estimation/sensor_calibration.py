@@ -282,7 +282,7 @@ def pose_covariance(
     whole, slope = B, gradient
     if knowledge.coils is None:  # the sensors' errors apply to the coils' field as well
         moment = device.moment_per_current @ i
-        whole, slope = B + (unit @ moment).reshape(-1, 3), gradient + _moment_gradient(model.sensors, moment)
+        whole, slope = B + (per_ampere @ i).reshape(-1, 3), gradient + _moment_gradient(model.sensors, moment)
     lasting = _spread(sensitivity(whole, slope), knowledge.covariance)
     columns = (device.moment_per_current**2).sum(axis=0)
     if knowledge.coils is None:
@@ -591,15 +591,13 @@ class _Bundle:
         """What the sensors read of the coils."""
         self._add_rest(H, g)
         coils, P, theta = self._coils, PARAMETERS, self._theta
-        m = self._device.channels
+        fields, slopes = _coil_fields(self._device, self._moments, self._model.sensors + theta[:, DISPLACEMENT])
         for sensor in np.flatnonzero(self._used):
             at = slice(P * sensor, P * sensor + P)
-            place = self._model.sensors[sensor] + theta[sensor, DISPLACEMENT]
             mixing = np.eye(3) + theta[sensor, MIXING].reshape(3, 3)
-            unit, by_place = _unit_field(place)
-            for coil in range(m):
-                B = unit @ self._moments[:, coil]
-                gradient = np.einsum("iaj,a->ij", by_place, self._moments[:, coil])
+            unit, _ = _unit_field(self._model.sensors[sensor] + theta[sensor, DISPLACEMENT])
+            for coil in range(self._device.channels):
+                B, gradient = fields[sensor, :, coil], slopes[sensor, :, :, coil]
                 full = np.zeros((3, self._size))
                 full[:, at] = sensitivity(B[None], gradient[None], mixing[None])[0]
                 full[:, P * sensor : P * sensor + 3] = 0.0  # an offset is no answer to a current
@@ -652,6 +650,16 @@ def _scales() -> Array:
     scale[OFFSET, OFFSET] *= 1e-4
     scale[DISPLACEMENT, DISPLACEMENT] *= 1e-4
     return scale
+
+
+def _coil_fields(device: SphericalElectromagnet, moments: Array, places: Array) -> tuple[Array, Array]:
+    """(k, 3, m) [T/A] of the coils of `device` at `places` (k, 3) [m] if their moments per ampere were `moments` (3, m)
+    [m²]; (k, 3, 3, m) [i, j] their derivative by place [T/(A·m)]."""
+    h = 1e-5
+    steps = h * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    at = (places[None] + steps[:, None]).reshape(-1, 3)
+    found = replace(device, moment_per_current=moments).coil_fields(at).reshape(7, len(places), 3, -1)
+    return found[0], np.stack([(found[1 + j] - found[4 + j]) / (2 * h) for j in range(3)], axis=2)
 
 
 def _unit_field(place: Array) -> tuple[Array, Array]:

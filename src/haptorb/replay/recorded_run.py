@@ -71,6 +71,9 @@ class RecordedRun:
         if estimator not in ("", self.estimator):
             self.remarks.append(f"estimator '{estimator[:60]}' is unknown to this version; '{self.estimator}' is used")
         self.model: str | None = self._run.get("model") or None
+        self.device = self.device.with_recorded_models(tuple(self._run.get("models", "").split()))
+        if self.model == "exact" and "point-coils" in self.device.models and "exact" not in self.device.models:
+            self.model = "point-coils"
         if self.model is not None and self.model not in self.device.models:
             self.remarks.append(f"model '{self.model}' is unknown to this version; '{self.device.models[0]}' is used")
             self.model = None

@@ -1,9 +1,9 @@
 """A spherical electromagnet, its tool and a hand, simulated: what the driver of a real one would meet.
 
-The truth is finer than the controller's model: the tool's magnet has its true size (erratum E16), the core pulls it
-with currents off (erratum E18), eddy currents delay the core and some of its moment stays, coils have inductance and
-warm up, the moving tool induces a voltage in them, sensors are noisy, off their places and askew. So what is asked and
-what is given differ here as they would in reality.
+The truth is finer than the controller's model: coils and the tool's magnet have their true size (erratum E16), the core
+pulls the magnet with currents off (erratum E18), eddy currents delay the core and some of its moment stays, coils have
+inductance and warm up, the moving tool induces a voltage in them, sensors are noisy, off their places and askew. So
+what is asked and what is given differ here as they would in reality.
 """
 
 from __future__ import annotations
@@ -19,12 +19,11 @@ from numpy.typing import ArrayLike
 from haptorb.arrays import Array, Record, Records, check_finite, fields, vectors
 from haptorb.compiled import kernel, pack, part
 from haptorb.devices.base import Device, State
-from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.devices.electromagnet_model import CoreDynamics, fill_per_ampere, pull
+from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
+from haptorb.devices.electromagnet_model import CoreDynamics, fill_per_ampere, fill_wound, pull
 from haptorb.devices.field_sensors import draw_sensors
 from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample
-from haptorb.magnetics import dipole
 from haptorb.magnetics.magnets import ChargedRing, charge_field, dipole_on_charges
 from haptorb.magnetics.soft_sphere import SoftSphere, add_induced_field
 from haptorb.simulation.base import CoilSimulation
@@ -107,8 +106,8 @@ def core_step(core: Record, moment_per_current: Array, coils: Records, dt: float
 # --------------------------------------------------------------------------------------------------
 # What the sensors of a spherical electromagnet read: currents, coil boundaries, and the field at nine places.
 #
-# The field at a Hall sensor is that of the electromagnet's dipole (coils and core, as calibrated, with what eddy
-# currents delay and what stays in the core), of the tool's ring as charges on its faces, and of what the core answers
+# The field at a Hall sensor is that of coils and core (`coil_fields`), of the dipole that eddy currents delay and that
+# stays in the core, of the tool's ring as charges on its faces, and of what the core answers
 # to the ring, where the sensor really is. What the sensor makes of it is `simulation.parts.hall`'s; every reading has
 # normal noise and its converter's step.
 
@@ -131,15 +130,15 @@ class Magnets(NamedTuple):
     coarse: Array  #: (4, n') the same magnet with fewer charges: enough for what the core answers
     core_radius: float  #: [m]
     response: Array  #: (L,) the core's answer by degree
-    per_moment: Array  #: (3 k, 3) field of the electromagnet at the sensors [T/(A·m²)]
-    moment_per_current: Array  #: (3, m) [m²]
+    per_moment: Array  #: (3 k, 3) field of a moment in the core at the sensors [T/(A·m²)]
+    per_ampere: Array  #: (3 k, m) field of coils and core at the sensors [T/A]
     sensors: Array  #: (k, 3) where they really are [m]
 
 
 def pack_magnets(magnets: Magnets) -> Array:
     """(n,) `magnets` as compiled code takes them, each number in the unit [..] of its field."""
     m = magnets
-    return pack((m.core_radius,), m.ring, m.coarse, m.response, m.per_moment, m.moment_per_current, m.sensors)
+    return pack((m.core_radius,), m.ring, m.coarse, m.response, m.per_moment, m.per_ampere, m.sensors)
 
 
 @kernel
@@ -164,11 +163,6 @@ def _fill_field(magnets: Magnets, coils: Records, extra: Array, R: Array, p: Arr
 
     extra (3,) [A·m²]: the electromagnet's moment beside that of its currents.
     """
-    moment = np.empty(3)
-    for a in range(3):
-        moment[a] = extra[a]
-        for j in range(coils.size):
-            moment[a] += magnets.moment_per_current[a, j] * coils[j].current
     ring, coarse, sensors = np.empty_like(magnets.ring), np.empty_like(magnets.coarse), magnets.sensors
     _place_charges(magnets.ring, R, p, ring)
     _place_charges(magnets.coarse, R, p, coarse)
@@ -176,7 +170,9 @@ def _fill_field(magnets: Magnets, coils: Records, extra: Array, R: Array, p: Arr
         for i in range(3):
             total = 0.0
             for a in range(3):
-                total += magnets.per_moment[3 * k + i, a] * moment[a]
+                total += magnets.per_moment[3 * k + i, a] * extra[a]
+            for j in range(coils.size):
+                total += magnets.per_ampere[3 * k + i, j] * coils[j].current
             out[k, i] = total
         x, y, z = sensors[k, 0], sensors[k, 1], sensors[k, 2]
         charge_field(ring, x, y, z, out[k])
@@ -269,6 +265,8 @@ ELECTROMAGNET = fields(
     ("tool", TOOL),
     ("senses", SENSES),
     ("nearest", "f8"),  # distance from the centre [m] below which the core's pull is that there
+    ("reach", "f8"),  # of `WoundCoils` [m]
+    ("wound_from", "f8"),  # distance from the centre [m] below which the coils' field is that there
     ("dt", "f8"),  # of a step [s]
     ("steps", "i8"),  # in one call
     ("heat", "f8", (NODES, NODES + COILS)),  # `ThermalNetwork.step` of a step
@@ -282,12 +280,13 @@ ELECTROMAGNET = fields(
 @kernel
 def advance(
     electromagnet: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, rows: Array, table: Array,
-    moment_per_current: Array,
+    moment_per_current: Array, terms: Array, axes: Array,
 ) -> None:  # fmt: skip
     """Some steps of coils, core, tool, dome and hand: `electromagnet` (1,) ELECTROMAGNET and `coils` (m,) COIL advance.
 
     duties (m,); the hand goes to wish_p (3,) [m] and wish_q (4,) where they are numbers and a turn, else to where it
-    went; rows (4, n) charges of the tool's magnet; table of the core's pull; moment_per_current (3, m) [m²].
+    went; rows (4, n) charges of the tool's magnet; table of the core's pull; moment_per_current (3, m) [m²]; terms and
+    axes of `WoundCoils`, terms (m, 0) for coils that are points.
     """
     e = electromagnet[0]
     tool, truth, dt, count = e.tool, e.wrench, e.dt, coils.size
@@ -302,7 +301,10 @@ def advance(
     for _ in range(e.steps):
         matrix(tool.q[:], R)
         dipole_on_charges(rows, R, tool.p[:], per_moment)
-        fill_per_ampere(per_moment, moment_per_current, per_current)
+        if terms.shape[1]:
+            fill_wound(rows, terms, e.reach, e.wound_from, axes, tool.p[:], R, per_current)
+        else:
+            fill_per_ampere(per_moment, moment_per_current, per_current)
         for i in range(3):
             axis[i] = R[i, 2]
         passive[:] = 0.0
@@ -382,7 +384,12 @@ class SimulatedElectromagnet(CoilSimulation):
         self.ring = ChargedRing(*size)  #: the tool's magnet as the simulation has it
         self._rows = self.ring.rows
         self._table = np.array(device.passive_pull.table)
-        self._per_ampere = np.array(device.moment_per_current, dtype=np.float64, order="C")
+        self._per_ampere = np.array(device.far_moments, dtype=np.float64, order="C")
+        self._terms, self._axes = np.zeros((device.channels, 0)), np.zeros((device.channels, 3))
+        if device.has_sizes:
+            wound = device.wound_coils
+            self._terms, self._axes = wound.terms, wound.axes
+            self._state["reach"], self._state["wound_from"] = wound.reach, wound.nearest
         nominal = np.array(hall.positions, dtype=np.float64, order="C").reshape(-1, 3)
         drawn = draw_sensors(hall.errors, len(nominal), specimen)
         self._halls = make_halls(np.tile(np.eye(3), (len(nominal), 1, 1)), drawn, hall)
@@ -393,7 +400,7 @@ class SimulatedElectromagnet(CoilSimulation):
         if len(positions):
             closest = max(device.dome_radius - tool.length / 2, 1.1 * device.core_radius)
             order = sphere.order(closest, float(np.linalg.norm(positions, axis=1).min()), precision=1e-3)
-        unit = np.stack([dipole.field(np.eye(3)[j], positions) for j in range(3)], axis=-1)  # (k, 3, 3) [T/A·m²]
+        unit = point_field(positions)
         self._magnets = pack_magnets(
             Magnets(
                 self._rows,
@@ -401,7 +408,7 @@ class SimulatedElectromagnet(CoilSimulation):
                 float(device.core_radius),
                 sphere.response(order),
                 np.ascontiguousarray(unit.reshape(-1, 3)),
-                self._per_ampere,
+                np.ascontiguousarray(device.coil_fields(positions).reshape(-1, device.channels)),
                 positions,
             )
         )
@@ -454,7 +461,10 @@ class SimulatedElectromagnet(CoilSimulation):
         Raises InputError for less than 0 or more than 10 s.
         """
         if self._set_steps(dt):
-            advance(self._state, self._coils, duties, goal_p, goal_q, self._rows, self._table, self._per_ampere)
+            advance(
+                self._state, self._coils, duties, goal_p, goal_q, self._rows, self._table, self._per_ampere,
+                self._terms, self._axes,
+            )  # fmt: skip
             self._t += dt
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:

@@ -86,7 +86,7 @@ def force_map(
     for n, p in enumerate(at):
         state = State.at(p)
         allocation = allocate(known.wrench_map(state, inverted), fitted.wrench(state))
-        given = known.wrench_map(state, "exact").wrench(allocation.currents)
+        given = known.wrench_map(state, known.models[0]).wrench(allocation.currents)
         radial[n] = given[:3] @ state.axis
         saturated[n] = allocation.saturated.is_limit
     return radial, saturated

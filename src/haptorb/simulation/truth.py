@@ -1,7 +1,8 @@
 """The wrench on the tool once more, in another way and finer than loop and simulation need: the reference for errors.
 
-Charges in plenty on the ring's faces, the field of the electromagnet's dipole at each of them in one plain formula,
-and the core's answer charge by charge from the series: no tables, no kernels shared with the controller's model.
+Charges in plenty on the ring's faces, at each of them the field of the windings in closed form with the core's answer
+(where the sizes are not known, of dipoles in one plain formula), and the core's answer to the ring charge by charge
+from the series: no tables, no kernels shared with the controller's model.
 """
 
 from __future__ import annotations
@@ -33,7 +34,11 @@ def true_wrench(
         tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, radial=radial, azimuth=azimuth
     )
     at, q = ring.points @ state.R_SR.T + state.p, ring.charges
-    moment = device.moment_per_current @ check_finite(currents, "currents")
-    forces = q[:, None] * dipole.field(np.broadcast_to(moment, at.shape), at)
+    amperes = check_finite(currents, "currents")
+    if device.windings is not None and device.has_sizes:
+        known = device.core, device.moment_per_current, device.moments_at
+        forces = q[:, None] * (device.windings.field(*known, at, closed=True) @ amperes)
+    else:
+        forces = q[:, None] * dipole.field(np.broadcast_to(device.moment_per_current @ amperes, at.shape), at)
     forces = forces + SoftSphere(device.core_radius, device.core_permeability).forces(at, q, precision=1e-9)
     return np.concatenate([forces.sum(axis=0), np.cross(at - state.p, forces).sum(axis=0)])

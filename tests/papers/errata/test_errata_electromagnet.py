@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from haptorb.devices.base import State
+from haptorb.devices.electromagnet import shell_capability
 from haptorb.devices.loader import load
 from haptorb.magnetics import dipole
 from haptorb.magnetics.magnets import ChargedRing
@@ -62,6 +63,16 @@ def test_e15_the_printed_force_per_ampere_names_the_magnet(numbers) -> None:
 @pytest.mark.parametrize(("d", "excess"), [(50, 0.156), (60, 0.107), (70, 0.078)])
 def test_e16_the_ring_is_too_long_for_a_point(numbers, d: int, excess: float) -> None:
     assert numbers(ZARATE, "equations 1 and 2", f"model-size-{d}") == pytest.approx([1 + excess], abs=5e-4)
+
+
+@pytest.mark.parametrize(("d", "excess"), [(50, -0.0815), (60, -0.0028), (70, 0.0504)])
+def test_e35_the_windings_are_no_point_either(numbers, d: int, excess: float) -> None:
+    assert numbers(ZARATE, "equations 1 and 2", f"model-coils-{d}") == pytest.approx([1 + excess], abs=5e-4)
+
+
+def test_e35_a_third_of_the_force_is_another_than_that_of_points() -> None:
+    errors = [layer.coil_error for layer in shell_capability("omni").layers]
+    assert [errors[k] for k in (0, 2, 4)] == pytest.approx([0.30, 0.22, 0.18], abs=5e-3)
 
 
 def test_e17_is_withdrawn_25_points_on_four_rings_are_18_degrees_apart_or_more(numbers) -> None:

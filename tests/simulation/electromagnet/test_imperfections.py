@@ -45,7 +45,7 @@ def moment(omni):
 def test_the_cores_lag_is_that_of_eddy_currents_in_a_sphere(frequency, missing):
     """At 10 Hz 0.5 % and at 50 Hz 1.3 % of the whole moment is missing, for µr 1000."""
     core = replace(OMNI.core_dynamics, remanent_moment=0.0, spread=0.0)
-    omni, dt, gaps, sizes = ideal(core_dynamics=core), 1e-3, [], []
+    omni, dt, gaps, sizes = ideal(core_dynamics=core, windings=None), 1e-3, [], []
     duties = omni.quantise(np.zeros(3))
     for n in range(400):
         duties[0] = 0.3 * np.sin(2 * np.pi * frequency * n * dt)

@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from haptorb.devices.loader import load
 from haptorb.estimation.sensor_calibration import without_errors
-from haptorb.magnetics import dipole
 from haptorb.magnetics.magnets import RingMagnet
 from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
+from oracles import wound_coils
 
 OMNI = without_errors(load("omni"))  # sensors with noise and steps only
 REST = np.zeros(3)
@@ -36,7 +36,7 @@ def test_the_field_is_electromagnet_ring_and_the_cores_answer(x, y, distance, tu
     state = omni.state()
     ring = RingMagnet(*(getattr(OMNI.tool, name) for name in ("outer_radius", "inner_radius", "length", "remanence")))
     at = OMNI.hall.positions
-    truth = dipole.field(OMNI.moment_per_current @ omni.currents, at)
+    truth = wound_coils.coil_fields(OMNI, at) @ omni.currents
     truth = truth + ring.field((at - state.p) @ state.R_SR) @ state.R_SR.T
     core = SoftSphere(OMNI.core_radius, OMNI.core_permeability)
     truth += core.compute_induced_field(*omni.ring.place(state.R_SR, state.p), at)

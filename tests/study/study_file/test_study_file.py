@@ -105,7 +105,7 @@ def test_a_hot_study_is_foretold_and_more_pause_holds_it() -> None:
     calm = forecast(study_of('name = "x"\n[trials]\nexpected_seconds = 5\npause_seconds = 5'))
     assert calm.holds
     top = "[set_points]\npoints = [{number = 1, theta_deg = 0}]"
-    hot = forecast(study_of(f'name = "x"\n[parameters]\nmoment = 4.0\n{top}\n[trials]\nrepetitions = 40'))
+    hot = forecast(study_of(f'name = "x"\n[parameters]\nmoment = 3.0\n{top}\n[trials]\nrepetitions = 40'))
     assert not hot.holds
     assert hot.pause is not None
     assert "will be reduced" in hot.sentence
@@ -136,7 +136,7 @@ def test_published_means_1_4_8_12_and_the_file_that_is_kept_says_so() -> None:
     assert study_of(study.text, stored=True).digest == study.digest
     equal = study_of('name = "p"\n[set_points]\nlayout = "1-8-8-8"')
     assert equal.points == list_equal_rings()
-    assert equal.text == 'order_version = "2"\nname = "p"\n[set_points]\nlayout = "1-8-8-8"'
+    assert equal.text == 'model_version = "2"\norder_version = "2"\nname = "p"\n[set_points]\nlayout = "1-8-8-8"'
 
 
 def test_a_stored_study_keeps_the_set_points_that_it_ran_with(tmp_path: Path) -> None:

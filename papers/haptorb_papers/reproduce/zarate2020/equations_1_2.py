@@ -19,6 +19,7 @@ from haptorb_papers.reproduce.citation import Citation
 from haptorb_papers.reproduce.entry import read_entry
 from haptorb_papers.reproduce.item import Item
 from haptorb_papers.reproduce.registry import Drawing, Report
+from haptorb_papers.reproduce.zarate2020.inverse_error import compute_second_wrench
 
 __all__ = ["items"]
 
@@ -78,7 +79,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
                          "push", 180.0, _angle(), "°",
                  1.0, "grid of 1°"),
         *(
-            _AT.claim(f"size-{d}", f"exact force over the dipole's at {d} mm", 1.0, pull[d][1] / pull[d][0], "1", 5e-4,
+            _AT.claim(f"size-{d}", f"force of a dipole on the ring over that on a point at {d} mm", 1.0,
+                      pull[d][1] / pull[d][0], "1", 5e-4,
                      "a dipole's field on the bound currents of the ring's walls", erratum="E16",
                      corrected=_find_excess(device, 1e-3 * d))
             for d in (50, 60, 70)
@@ -87,6 +89,13 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
                  "dipoles at 50 cm", 1.0, _find_excess(device, 0.5), "1", 3e-3, "the length of the ring contributes "
                                                                                 "0.15 %",
                  where="eq. (1)"),
+        *(
+            _AT.claim(f"coils-{d}", f"force of the z coil over that of two dipoles at {d} mm", 1.0,
+                      _coil_ratio(device, d), "1", 5e-4,
+                     "loops, and a core of charges, on the ring's bound currents", erratum="E35",
+                     corrected=_second_ratio(device, d))
+            for d in (50, 60, 70)
+        ),
         _AT.note("size-jnd", "the same at contact in just-noticeable differences of force",
                  (pull[50][1] / pull[50][0] - 1) / FORCE_JND, "1"),
     ]  # fmt: skip
@@ -134,10 +143,24 @@ def _energy_gradient(alpha: float, d: float, m_p: float) -> Array:
 
 
 def _axial(device: SphericalElectromagnet, d: float) -> tuple[float, float]:
-    """Force per ampere of the z coil on an upright tool above the summit, by both models [N/A]."""
+    """Force per ampere of a dipole along z on an upright tool above the summit: on a point, and on the ring [N/A]."""
     state = State.at((0, 0, d))
-    dipole_, exact = (float(device.wrench_map(state, model).matrix[2, 2]) for model in ("published", "exact"))
-    return dipole_, exact
+    point, ring = (float(device.wrench_map(state, model).matrix[2, 2]) for model in ("published", "point-coils"))
+    return point, ring
+
+
+def _coil_ratio(device: SphericalElectromagnet, d: int) -> float:
+    """Force of the z coil and its core on the ring over that of the published model, `d` [mm] above the centre."""
+    state = State.at((0, 0, 1e-3 * d))
+    real, dipoles = (float(device.wrench_map(state, model).matrix[2, 2]) for model in ("exact", "published"))
+    return real / dipoles
+
+
+def _second_ratio(device: SphericalElectromagnet, d: int) -> float:
+    """The same by `compute_second_wrench`."""
+    state = State.at((0, 0, 1e-3 * d))
+    per_ampere = compute_second_wrench(device, state).per_ampere[2, 2]
+    return float(per_ampere / device.wrench_map(state, "published").matrix[2, 2])
 
 
 def _find_excess(device: SphericalElectromagnet, d: float) -> float:

@@ -16,6 +16,7 @@ from haptorb_papers.reproduce.entry import read_entry
 from haptorb_papers.reproduce.item import Item
 from haptorb_papers.reproduce.registry import Report
 from haptorb_papers.reproduce.zarate2020.drive import Drive, drive_course
+from haptorb_papers.reproduce.zarate2020.second_coils import compute_coil_fields
 
 __all__ = ["items"]
 
@@ -92,7 +93,6 @@ def _calibrate(device: SphericalElectromagnet) -> Array:
     rng = np.random.default_rng(5)
     wanted = excitation(device)
     currents = wanted + device.supply.current_noise * rng.normal(size=wanted.shape)
-    at = device.hall.positions
-    fields = np.array([dipole.field(np.broadcast_to(device.moment_per_current @ i, at.shape), at) for i in wanted])
+    fields = np.einsum("sim,nm->nsi", compute_coil_fields(device, device.hall.positions), wanted)
     fields = fields + device.hall.noise * rng.normal(size=fields.shape)
     return magnetic_calibration(device, wanted, currents, fields).moment_per_current

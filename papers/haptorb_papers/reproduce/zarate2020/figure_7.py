@@ -1,8 +1,9 @@
 """Zárate 2020, Fig. 7: the core's moment against the currents, from the Hall sensors through eq. (5).
 
 Each coil of the simulated device alone carries up to 12.9 A either way, the tool half a metre away; nine sensors are
-read with their noise. Every reading becomes a moment by least squares over them, all together the 3×3 map and the
-offsets. Nothing but currents and fields is used: the device file's own map is only what the result is compared with.
+read with their noise. Every reading of the five on the axes becomes a moment by eq. (5), all nine together the 3×3 map
+and the offsets. Nothing but currents and fields is used: the device file's own map is only what the result is compared
+with.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from haptorb.arrays import Array
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.estimation.coil_calibration import MagneticCalibration, excitation, magnetic_calibration
-from haptorb.magnetics import dipole
+from haptorb.magnetics.dipole import MU0
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.trackers.base import Goal
 from haptorb_papers.reproduce.item import Item
@@ -60,10 +61,17 @@ def moment_course(
             fields[n] = np.mean([sample.field for sample in samples], axis=0)
             report(0.9 * (n + 1) / len(wanted))
     found = magnetic_calibration(device, wanted, currents, fields)
-    at = device.hall.positions
-    unit = np.stack([dipole.field(np.broadcast_to(e, at.shape), at) for e in np.eye(3)], axis=2).reshape(-1, 3)
-    moments = np.linalg.lstsq(unit, (fields - found.offsets).reshape(len(wanted), -1).T, rcond=None)[0].T
-    return MomentCourse(currents, np.asarray(moments, dtype=np.float64), found)
+    return MomentCourse(currents, _read_moments(device, fields - found.offsets), found)
+
+
+def _read_moments(device: SphericalElectromagnet, fields: Array) -> Array:
+    """(n, 3) [A·m²] by eq. (5), from the sensors on each axis; fields (n, k, 3) [T]."""
+    distances = np.linalg.norm(device.hall.positions, axis=1)
+    found = []
+    for axis in range(3):
+        along = np.flatnonzero(np.abs(device.hall.positions[:, axis]) > 0.999 * distances)
+        found.append((2 * np.pi / MU0 * distances[along] ** 3 * fields[:, along, axis]).mean(axis=1))
+    return np.stack(found, axis=1)
 
 
 def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
