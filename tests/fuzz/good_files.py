@@ -44,6 +44,8 @@ _THERMAL = ",".join(
 _HEATING = "\n".join(f"{t},3.5,3.5,3.5," + ",".join([f"{25 + t / 10}"] * 3 + [f"{25 + t / 30}"] * 3) for t in range(40))
 _STUDY = """name = "one"
 procedure = "identification"
+[trials]
+pause_seconds = 5
 [plan]
 participants = 12
 [[plan.tests]]
@@ -100,7 +102,7 @@ def fill(folder: Path) -> None:
     )  # fmt: skip
     (folder / NAMES[K.FRAME]).write_text(frame.text())
     (folder / NAMES[K.DESIGN]).write_text(
-        'name = "wider"\nbase = "omni"\n[parameters.ball]\nlow = "29 mm"\nhigh = "30 mm"\nplaces = ["dome.radius"]\n'
+        'name = "wider"\nbase = "omni"\n[parameters.ball]\nlow = "30 mm"\nhigh = "31 mm"\nplaces = ["dome.radius"]\n'
         "[objectives.heat_per_force_squared]\n"
     )
     open_database(folder / NAMES[K.RESULTS], make=True).dispose()

@@ -63,7 +63,8 @@ def make_recording(
         recorder = Recorder(file, layout, RATE, 10**18)
         if device:
             recorder.note("device", {"name": "omni", "digest": omni.digest, "title": omni.title, "file": text})
-        recorder.note("run", {"driver": "sim", "tracker": "pointer", "model": "exact"})
+        models = {"model": "exact", "models": " ".join(omni.models)}
+        recorder.note("run", {"driver": "sim", "tracker": "pointer", **models})
         recorder.note("versions", {"haptorb": version})
         worlds = ({"name": "dome", "values": {"moment": 2.0}}, {"name": "dome", "values": {"moment": 1.0}})
         for number, world in enumerate(worlds):

@@ -503,7 +503,7 @@ class SphericalElectromagnet(Device):
             )
         matrix, passive = np.empty((6, self.channels)), np.zeros(6)
         p, R = ascontiguousarray(state.p), ascontiguousarray(state.R_SR)
-        if model == "exact" and self.has_sizes:
+        if model == "exact" and "exact" in self.models:
             wound_per_ampere(*self.wound_ring, p, R, matrix, passive)
         elif model == "point-coils":
             ring_per_ampere(*self._ring, p, R, matrix, passive)

@@ -450,7 +450,7 @@ def fit_eddy_lag(
 _ZONAL = 76  #: terms of `WoundCoils` at the most
 _INVERSE = np.append(np.inf, 1.0 / np.arange(2, 2 * _ZONAL + 3))  #: 1/(n + 1) by n, from n = 0 on; n = 0 is not used
 _OUTSIDE = 1.05  #: times the farthest corner of a winding: from there on harmonics converge within their terms
-_LEFT_OUT = 1e-5  #: relative, of the terms that are left out where the magnet can be
+_LEFT_OUT = 1e-4  #: relative, of the terms that are left out where the magnet can be
 
 
 class WoundCoils(NamedTuple):
