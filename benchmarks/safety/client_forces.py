@@ -11,7 +11,7 @@ client commanded waits for a stopped server; the world changes; Stop, engage, a 
 Checked in every tick, from outside of the guard: what is asked of the coils for clients changes by no more than
 `limits.force_rate` × the tick, except that a Stop or trip takes it away at once; a Stop leaves nothing in its own tick;
 after a change of client or mapping the force of before keeps its direction until it is zero.
-Energy is counted from the true currents, charge by charge on the tool's magnet, and the true motion: over each change
+Energy is counted from the true currents, the exact wrench map and the true motion: over each change
 of client, session or mapping, what the coils put into the hand beyond what the clients' own commands would have put in.
 """
 
@@ -31,8 +31,6 @@ import numpy as np
 from haptorb.control.trips import GuardState
 from haptorb.devices.loader import load
 from haptorb.estimation.types import Pose
-from haptorb.magnetics import dipole
-from haptorb.magnetics.magnets import ChargedRing
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.assembly import assemble
 from haptorb.runtime.shared_memory import Phase, SharedMemory
@@ -106,8 +104,6 @@ class Setting:
         self.tick.driver.open()
         self.row = self.tick.layout.empty()
         self.simulation = self.tick.driver.simulation  # type: ignore[attr-defined]
-        tool = self.device.tool  # type: ignore[attr-defined]
-        self.ring = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, radial=3, azimuth=8)
         self.stopped = self.engaged = self.waiting = False
         self.asked, self.gain, self.before, self.alone = np.zeros(3), 0.0, False, 0
         self.forces: deque[Any] = deque(maxlen=LAG + 1)  #: true ones, while all that is asked is a client's
@@ -262,10 +258,7 @@ class Setting:
         self.check_passage(felt)
         self.asked, self.gain, self.before = felt, gain, pure
         state, currents = self.simulation.state(), self.simulation._coils["current"]
-        points = self.ring.points @ state.R_SR.T + state.p
-        moment = self.device.moment_per_current @ currents  # type: ignore[attr-defined]
-        field = dipole.field(np.broadcast_to(moment, points.shape), points)
-        force = (self.ring.charges[:, None] * field).sum(axis=0)
+        force = self.device.wrench_map(state, "exact").force @ currents
         if row[at["guard"]][0] == GuardState.RUNNING and pure:
             self.steepest_true = max(self.steepest_true, float(np.linalg.norm(force - self.true_force)) / DT)
             self.forces.append(force)
