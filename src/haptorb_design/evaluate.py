@@ -173,6 +173,6 @@ def describe_base_forces(design: Design, values: Mapping[str, Value]) -> str:
     if getattr(base, "moments_from", "") == getattr(device, "moments_from", ""):  # only electromagnets have it
         return ""
     return (
-        f"forces of {base.name} are those of point dipoles with the moments of its file; forces of the designs are "
-        "those of windings and core at their true size, so the two do not compare exactly"
+        f"forces of {base.name} are scaled to the moments of its file; forces of the designs follow from their "
+        "windings and core alone, so the two do not compare exactly"
     )

@@ -174,7 +174,7 @@ def run(
     ] = None,
     model: Annotated[
         str | None,
-        typer.Option(help="Controller model of coils and magnets: exact (default), or published (as in the paper)."),
+        typer.Option(help="Controller model of coils and magnets, such as exact or published; default: the first."),
     ] = None,
     render: Annotated[
         str | None,

@@ -1,7 +1,6 @@
-"""What a point dipole at the device's centre does to the tool: as two point dipoles, or to a ring of its true size.
+"""What coils around a soft core do to the tool: as two point dipoles, as a dipole and a ring, or at their true size.
 
-Both answer with a map (6, 3): force and torque about the magnet's centre per moment m_e of the electromagnet, because
-both are linear in m_e. With the calibrated m_e per ampere that is the wrench map of the device.
+All answer with a map (6, m): force and torque about the magnet's centre per ampere, and what the core does by itself.
 """
 
 from __future__ import annotations
