@@ -818,9 +818,18 @@ class Device(Presentable, ABC):
         return load_part("haptorb.cli.drawing:draw_device")(self, view, azimuth)
 
     def with_recorded_models(self, noted: tuple[str, ...]) -> Device:
-        """The device with the models that a recording `noted`, in the order in which its rows count them.
+        """Return the device with the models of a recording, in the order in which its rows count them.
 
-        The same device unless its models have changed since a version of haptorb that made recordings."""
+        Parameters
+        ----------
+        noted : tuple of str
+            Names of the models as the recording notes them; empty if it notes none.
+
+        Returns
+        -------
+        Device
+            The same device, unless the names of its models have changed since an earlier version.
+        """
         return self
 
     def check_model(self, model: str) -> str:
