@@ -107,7 +107,9 @@ COILS_AS_POINTS = "coils are taken for points (no [windings]): near real ones a 
 GREATEST_LEAN = np.radians(15.0)  #: of a tool against the radius, at most, in tests of what stands in its way
 
 
-def list_remarks(coils: Coils, predicted: Array | None, moments: Array, moments_from: str) -> tuple[str, ...]:
+def list_remarks(
+    coils: Coils, predicted: Array | None, moments: Array, moments_from: str, moments_at: float = np.inf
+) -> tuple[str, ...]:
     """Sentences about a device whose `moments` (3, 3) [m²] per ampere come from `moments_from`; none is a pass.
 
     One where they differ in size by what a hand can feel from those that are `predicted` (3, 3) from windings and core:
@@ -126,7 +128,8 @@ def list_remarks(coils: Coils, predicted: Array | None, moments: Array, moments_
     origin, remedy = "moment_per_current", "correct one of them, or state windings.fill to use [windings]"
     if moments_from == "calibration":
         origin, remedy = "the calibration", "correct [windings]"
-    return (f"moments differ: {differences}. The strength of forces follows {origin}; {remedy}",)
+    place = "" if np.isinf(moments_at) else f" by the fields {1e3 * moments_at:g} mm from the centre"
+    return (f"moments differ{place}: {differences}. The strength of forces follows {origin}; {remedy}",)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -476,7 +479,7 @@ class SphericalElectromagnet(Device):
     def remarks(self) -> tuple[str, ...]:
         """What should be known of this device though it can be computed with."""
         predicted = self.predict_moments()
-        moments = list_remarks(self.coils, predicted, self.moment_per_current, self.moments_from)
+        moments = list_remarks(self.coils, predicted, self.moment_per_current, self.moments_from, self.moments_at)
         points = () if self.has_sizes else (COILS_AS_POINTS,)
         return (*points, *moments, *list_limit_remarks(self.coils, self.supply, self.limits, *self.greatest_wrench))
 
