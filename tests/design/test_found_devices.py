@@ -65,15 +65,15 @@ def test_no_orientation_of_a_dense_grid_takes_more_heat():
     assert worst <= quantity("heat_per_torque_squared").compute(candidate) * 1.02
 
 
-def test_the_core_pulls_half_for_a_tenth_of_the_continuous_force():
+def test_the_core_pulls_half_for_seven_per_cent_of_the_continuous_force():
     """Of the base's windings as they are, not scaled to the printed fields."""
     omni, found = load("omni"), load("omni-small-core")
     wound = replace(omni, moment_per_current=omni.predict_moments(), moments_from="windings")
     before, after = (DesignCandidate(one, omni, {}) for one in (wound, found))
     assert ratio("core_pull", "omni", "omni-small-core") <= 0.5
-    for name, share in (("continuous_force", 0.87), ("continuous_radial_force", 0.92), ("peak_force", 0.86)):
+    for name, share in (("continuous_force", 0.92), ("continuous_radial_force", 0.91), ("peak_force", 1.02)):
         assert quantity(name).compute(after) >= share * quantity(name).compute(before)
-    assert quantity("clearance").compute(after) > 0.5e-3
+    assert quantity("clearance").compute(after) > 0.49e-3
     assert quantity("spacing").compute(after) > 0.1e-3
     assert found.dome_radius == omni.dome_radius
 
@@ -103,9 +103,9 @@ def test_the_tracker_finds_the_tool_better_with_the_ring():
         (
             "omni-core",
             {
-                "core": 12.3, "inner_x": 12.9, "inner_y": 17.3, "inner_z": 22.0, "length_x": 14.3, "length_y": 15.3,
-                "length_z": 26.8, "turns_x": 84, "turns_y": 73, "turns_z": 75, "wire_x": "0.63 mm",
-                "wire_y": "0.75 mm", "wire_z": "0.8 mm",
+                "core": 12.3, "inner_x": 12.8, "inner_y": 17.41, "inner_z": 22.22, "length_x": 13.0, "length_y": 16.8,
+                "length_z": 26.0, "turns_x": 100, "turns_y": 88, "turns_z": 84, "wire_x": "0.6 mm",
+                "wire_y": "0.71 mm", "wire_z": "0.8 mm",
             },
         ),
         (
