@@ -12,7 +12,14 @@ from haptorb.arrays import Array, cap_directions
 from haptorb.devices import tables
 from haptorb.devices.base import Device, State, require
 from haptorb.devices.coil_array import CoilArray, find_farthest, find_spacing
-from haptorb.devices.electromagnet import GREATEST_LEAN, SphericalElectromagnet, find_sensor_field
+from haptorb.devices.electromagnet import (
+    CHIP,
+    GREATEST_LEAN,
+    PEN,
+    SphericalElectromagnet,
+    find_sensor_field,
+    pen_distance,
+)
 from haptorb.devices.electromagnet_model import Windings, fill_wound
 from haptorb.devices.motor import SphericalMotor
 from haptorb.devices.motor_model import Layout
@@ -53,7 +60,6 @@ __all__ = [
     "motor_of",
     "motor_torque_find_heaviest",
     "option",
-    "pen_distance",
     "quantity",
     "quantity_names",
     "shell_places",
@@ -940,8 +946,6 @@ PARTS_QUANTITIES = (
 _SENSING_MOTOR, _SENSING_ELECTROMAGNET = "spherical-motor", "spherical-electromagnet"
 _LAYERS, _DIRECTIONS = 4, 16
 _SENSING_ORIENTATIONS = 100
-_PEN = 7e-3  #: radius of the pen around the tool's magnet [m]
-_CHIP = 3e-3  #: from a sensor's centre to the farthest edge of its chip, with air [m]
 
 
 def shell_places(device: SphericalElectromagnet) -> Array:
@@ -977,35 +981,12 @@ def _orientation(candidate: DesignCandidate) -> float:
     return float(np.sqrt(spread.mean()))
 
 
-def pen_distance(device: SphericalElectromagnet, points: Array, lean: float) -> Array:
-    """(k,) least distance [m] of `points` (k, 3) [m] from the axis of a pen whose tip is on the dome, anywhere within
-    the workspace, and which leans up to `lean` [rad] against the radius, to any side; the pen is long."""
-    points = np.asarray(points)
-    azimuth = np.arctan2(points[:, 1], points[:, 0])
-    turns, angles = np.radians(np.arange(-60.0, 61.0, 5.0)), device.workspace_half_angle * np.array([0.6, 0.8, 1.0])
-    sides, leans = 2 * np.pi * np.arange(16) / 16, lean * np.array([0.0, 0.5, 1.0])
-    turn, angle, side, tilt = (one.ravel() for one in np.meshgrid(turns, angles, sides, leans, indexing="ij"))
-    out = np.empty(len(points))
-    for k, (point, middle) in enumerate(zip(points, azimuth, strict=True)):
-        c, s = np.cos(middle + turn), np.sin(middle + turn)
-        zero = np.zeros_like(c)
-        radial = np.stack([np.sin(angle) * c, np.sin(angle) * s, np.cos(angle)], axis=1)
-        south = np.stack([np.cos(angle) * c, np.cos(angle) * s, -np.sin(angle)], axis=1)
-        east = np.stack([-s, c, zero], axis=1)
-        away = np.cos(side)[:, None] * south + np.sin(side)[:, None] * east
-        axis = np.cos(tilt)[:, None] * radial + np.sin(tilt)[:, None] * away
-        from_tip = point - device.dome_radius * radial
-        along = np.maximum((from_tip * axis).sum(axis=1), 0.0)
-        out[k] = np.linalg.norm(from_tip - along[:, None] * axis, axis=1).min()
-    return out
-
-
 def _room(candidate: DesignCandidate) -> float:
     device = electromagnet_of(candidate)
     at = device.hall.positions
-    chip = option(candidate, "chip", _CHIP)
+    chip = option(candidate, "chip", CHIP)
     dome = np.linalg.norm(at, axis=1) - device.dome_radius
-    pen = pen_distance(device, at, option(candidate, "lean", GREATEST_LEAN)) - option(candidate, "pen", _PEN)
+    pen = pen_distance(device, at, option(candidate, "lean", GREATEST_LEAN)) - option(candidate, "pen", PEN)
     apart = np.linalg.norm(at[:, None] - at[None], axis=2) + np.diag(np.full(len(at), np.inf))
     return float(min(dome.min() - chip, pen.min() - chip, apart.min() - 2 * chip))
 

@@ -46,11 +46,13 @@ from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
 
 __all__ = [
+    "CHIP",
     "COILS_AS_POINTS",
     "CORE_SATURATION",
     "ELECTROMAGNET",
     "FORCE_JND",
     "GREATEST_LEAN",
+    "PEN",
     "DomeContact",
     "FeasibleWrench",
     "Hand",
@@ -65,6 +67,7 @@ __all__ = [
     "find_sensor_field",
     "list_geometry_mistakes",
     "list_remarks",
+    "pen_distance",
     "point_field",
     "shell_capability",
 ]
@@ -104,6 +107,8 @@ FORCE_JND = 0.07  #: just-noticeable difference of a force, lower end of the pub
 _CERTAIN = 2.0  #: standard uncertainties within which two statements agree
 CORE_SATURATION = 1.5  #: knee of the magnetisation curve of low-carbon steel [T]
 COILS_AS_POINTS = "coils are taken for points (no [windings]): near real ones a third of the force may be wrong"
+PEN = 7e-3  #: radius of the pen around the tool's magnet [m]
+CHIP = 3e-3  #: from a field sensor's centre to the farthest edge of its chip, with air [m]
 GREATEST_LEAN = np.radians(15.0)  #: of a tool against the radius, at most, in tests of what stands in its way
 
 
@@ -221,6 +226,29 @@ def find_sensor_field(device: SphericalElectromagnet) -> Array:
     answer = 2.0 * at_core * (device.core_radius / away[:, 0, 0]) ** 3
     found: Array = greatest + np.abs(per_ampere).max(axis=1) @ device.driven_current + answer
     return found
+
+
+def pen_distance(device: SphericalElectromagnet, points: Array, lean: float) -> Array:
+    """(k,) least distance [m] of `points` (k, 3) [m] from the axis of a pen whose tip is on the dome, anywhere within
+    the workspace, and which leans up to `lean` [rad] against the radius, to any side; the pen is long."""
+    points = np.asarray(points)
+    azimuth = np.arctan2(points[:, 1], points[:, 0])
+    turns, angles = np.radians(np.arange(-60.0, 61.0, 5.0)), device.workspace_half_angle * np.array([0.6, 0.8, 1.0])
+    sides, leans = 2 * np.pi * np.arange(16) / 16, lean * np.array([0.0, 0.5, 1.0])
+    turn, angle, side, tilt = (one.ravel() for one in np.meshgrid(turns, angles, sides, leans, indexing="ij"))
+    out = np.empty(len(points))
+    for k, (point, middle) in enumerate(zip(points, azimuth, strict=True)):
+        c, s = np.cos(middle + turn), np.sin(middle + turn)
+        zero = np.zeros_like(c)
+        radial = np.stack([np.sin(angle) * c, np.sin(angle) * s, np.cos(angle)], axis=1)
+        south = np.stack([np.cos(angle) * c, np.cos(angle) * s, -np.sin(angle)], axis=1)
+        east = np.stack([-s, c, zero], axis=1)
+        away = np.cos(side)[:, None] * south + np.sin(side)[:, None] * east
+        axis = np.cos(tilt)[:, None] * radial + np.sin(tilt)[:, None] * away
+        from_tip = point - device.dome_radius * radial
+        along = np.maximum((from_tip * axis).sum(axis=1), 0.0)
+        out[k] = np.linalg.norm(from_tip - along[:, None] * axis, axis=1).min()
+    return out
 
 
 def point_field(points: Array) -> Array:
@@ -440,6 +468,18 @@ class SphericalElectromagnet(Device):
                     "fields within the sensors' range", f"sensor {worst + 1}, tool and coils together",
                     float(fields[worst]), self.hall.range, "T",
                     "move the sensor away from tool and coils, or take one with a greater range (hall.range)",
+                )
+            )  # fmt: skip
+        outside = np.linalg.norm(self.hall.positions.reshape(-1, 3), axis=1) > self.dome_radius
+        if outside.any():
+            away = np.where(outside, pen_distance(self, self.hall.positions, GREATEST_LEAN), np.inf)
+            worst = int(np.argmin(away))
+            found.append(
+                BuildCheck(
+                    "tool clear of the sensors", f"sensor {worst + 1}, from its centre to a leaning tool's axis",
+                    float(away[worst]), max(PEN, self.tool.outer_radius) + CHIP, "m",
+                    "move the sensor down or outwards, or reduce dome.workspace_half_angle", at_least=True,
+                    note=f"{1e3 * max(PEN, self.tool.outer_radius):g} mm of tool and {1e3 * CHIP:g} mm of chip",
                 )
             )  # fmt: skip
         if self.windings is not None:
