@@ -45,9 +45,10 @@ def _spread_points(count: int) -> Array:
 
 
 def _charge_field(places: Array, charges: Array, points: Array) -> Array:
-    apart = points[:, None] - places
-    field: Array = np.einsum("n,pni->pi", charges, apart / np.linalg.norm(apart, axis=2)[..., None] ** 3)
-    return field
+    x, y, z = (points[:, None, axis] - places[None, :, axis] for axis in range(3))
+    square = x * x + y * y + z * z
+    share = charges / (square * np.sqrt(square))
+    return np.stack([(share * part).sum(axis=1) for part in (x, y, z)], axis=1)
 
 
 class MadeCoil(NamedTuple):
@@ -99,7 +100,7 @@ def make_coil(inner: float, outer: float, length: float, turns: float, core: flo
     charges = np.linalg.lstsq(matrix, wanted, rcond=1e-12)[0]
     if np.linalg.norm(matrix @ charges - wanted) > 1e-2 * np.linalg.norm(own):
         raise ValueError("no charges make a field that is continuous at the core")
-    node, weight = np.polynomial.legendre.leggauss(8)
+    node, weight = np.polynomial.legendre.leggauss(4)
     loops = _list_loops(inner, outer, length, turns, node, weight / 2)
     return MadeCoil(*loops, charges[:_CHARGES], within)
 
