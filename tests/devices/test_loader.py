@@ -7,6 +7,7 @@ import pytest
 
 import haptorb
 from haptorb.devices.base import DeviceText
+from haptorb.devices.build_checks import BuildError
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import DeviceError, InputError, UnknownName
 
@@ -143,7 +144,11 @@ def test_what_is_possible_but_idle_is_remarked_only():
 def test_a_dot_in_the_dome_and_a_level_tool_are_possible():
     engraved = OMNI.replace("[28.978, 0.0, 7.765]", "[27.3, 0.0, 7.3]").replace('"60 deg"', '"90 deg"')
     engraved = engraved.replace('"40 mT"', '"200 mT"')  # a level tool comes near the sensors
-    assert parse(engraved, "x").workspace_half_angle == pytest.approx(np.pi / 2)
+    with pytest.raises(BuildError, match=r"tool clear of the sensors.*sensor 1"):  # which stand on the equator
+        parse(engraved, "x")
+    before, title, after = engraved.partition("[hall.positions]")
+    below = before + title + after.replace(", 0.0],", ", -30.0],", 9)
+    assert parse(below, "x").workspace_half_angle == pytest.approx(np.pi / 2)
 
 
 @pytest.mark.parametrize("name", ["", 'name = "omni"\n'])
