@@ -165,7 +165,8 @@ def _read_in_pieces(transport: asyncio.Transport) -> None:
 
 
 HOST = "127.0.0.1"
-_URGENT = -10  #: niceness of the serving thread
+_URGENT = -10  #: niceness of the serving thread, and of its session
+_AUTOGROUP = Path("/proc/self/autogroup")
 _LINUX = sys.platform.startswith("linux")
 _AT_ONCE = 4  #: connections that are taken at once: a page's pose has its turn in between
 _QUEUE = 128  #: connections that may wait to be taken
@@ -320,6 +321,8 @@ def bind_socket(port: int, host: str = HOST) -> socket.socket:
 def prioritize() -> Generator[None, None, None]:
     """This thread keeps a hand's pose fresh: it goes before ordinary programs, where that is permitted (on Linux).
 
+    So does its session: Linux shares processors among sessions first, whatever the niceness of a thread within one.
+
     Nor is it held up by a search for garbage in what exists now, which takes as long as a pose is valid; what is made
     from now on is still collected.
     """
@@ -331,14 +334,26 @@ def prioritize() -> Generator[None, None, None]:
     with contextlib.suppress(OSError):
         if _LINUX:
             os.setpriority(os.PRIO_PROCESS, 0, _URGENT)
+    session = _set_session_niceness(_URGENT) if _LINUX else None
     try:
         yield
     finally:
         if not frozen:
             gc.unfreeze()
+        if session is not None:
+            _set_session_niceness(session)
         with contextlib.suppress(OSError):
             if _LINUX:
                 os.setpriority(os.PRIO_PROCESS, 0, before)
+
+
+def _set_session_niceness(niceness: int) -> int | None:
+    """Set that of this session's autogroup (sched(7)); returns the one before, None where it cannot be set."""
+    with contextlib.suppress(OSError, ValueError):
+        before = int(_AUTOGROUP.read_text().rpartition("nice")[2])
+        _AUTOGROUP.write_text(str(niceness))
+        return before
+    return None
 
 
 @contextlib.contextmanager
