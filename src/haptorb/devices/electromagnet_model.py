@@ -621,26 +621,30 @@ class Windings:
         if np.isinf(distance):
             return far
         place = np.array([[0.0, 0.0, distance]])
-        axial = [CentredCoil(coil, core, distance).field(place)[0, 2] for coil in self.coils]
+        axial = [one[0, 2] for one in self._fields(core, [place] * len(self.coils))]
         return np.array(axial) * distance**3 / (2 * _K)
+
+    def _fields(self, core: SoftSphere, places: list[Array], *, closed: bool = False) -> list[Array]:
+        """(n, 3) [T/A] of each coil with the core at its `places` (n, 3) [m], in the coil's own frame.
+
+        By harmonics where all places are outside the coils, else, or if `closed`, by the windings' closed form.
+        """
+        nearest = min(float(np.linalg.norm(at, axis=1).min()) for at in places)
+        if closed or nearest < _OUTSIDE * max(float(self.corners.max()), core.radius):
+            return [coil_and_core(coil, core, at) for coil, at in zip(self.coils, places, strict=True)]
+        return [CentredCoil(coil, core, nearest).field(at) for coil, at in zip(self.coils, places, strict=True)]
 
     def field(
         self, core: SoftSphere, per_ampere: Array, measured_at: float, points: Array, *, closed: bool = False
     ) -> Array:
         """(n, 3, m) [T/A] at `points` (n, 3) [m] outside the core; `per_ampere` and `measured_at` as in `wound`.
-
-        By harmonics where all points are outside the coils, else, or if `closed`, by the windings' closed form.
+        closed: by the windings' closed form, wherever the points are.
         """
         moments = np.linalg.norm(per_ampere, axis=0)
         scale = moments / self._measure(core, measured_at)
-        nearest, found = float(np.linalg.norm(points, axis=1).min()), []
-        closed = closed or nearest < _OUTSIDE * max(float(self.corners.max()), core.radius)
-        for coil, axis, size in zip(self.coils, (per_ampere / moments).T, scale, strict=True):
-            turn = rotation_to_axis(axis)
-            at = points @ turn
-            made = coil_and_core(coil, core, at) if closed else CentredCoil(coil, core, nearest).field(at)
-            found.append(size * made @ turn.T)
-        return np.stack(found, axis=2)
+        turns = [rotation_to_axis(axis) for axis in (per_ampere / moments).T]
+        made = self._fields(core, [points @ turn for turn in turns], closed=closed)
+        return np.stack([size * one @ turn.T for size, one, turn in zip(scale, made, turns, strict=True)], axis=2)
 
     def far_moments(self, core: SoftSphere, per_ampere: Array, measured_at: float) -> Array:
         """(3, m) [m²] moments per ampere as they are seen from far away; the other two as in `wound`."""

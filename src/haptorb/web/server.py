@@ -348,11 +348,13 @@ def prioritize() -> Generator[None, None, None]:
 
 
 def _set_session_niceness(niceness: int) -> int | None:
-    """Set that of this session's autogroup (sched(7)); returns the one before, None where it cannot be set."""
+    """Set that of this session's autogroup (sched(7)); the one before, None where it cannot be set or is that already:
+    then another program of the session has set it, and puts it back."""
     with contextlib.suppress(OSError, ValueError):
         before = int(_AUTOGROUP.read_text().rpartition("nice")[2])
-        _AUTOGROUP.write_text(str(niceness))
-        return before
+        if before != niceness:
+            _AUTOGROUP.write_text(str(niceness))
+            return before
     return None
 
 

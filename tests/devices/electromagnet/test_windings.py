@@ -134,6 +134,15 @@ def test_the_field_becomes_a_dipoles_with_the_square_of_the_distance():
     assert (find_error(0.05) > 0.05).all()
 
 
+def test_windings_that_reach_beyond_the_place_of_measurement_are_refused_as_such_and_can_be_studied():
+    text = 'based_on = "omni"\nname = "big"\n[windings]\nouter_radius = ["18 mm", "22.55 mm", "70 mm"]'
+    with pytest.raises(DeviceError, match=r"windings inside the dome.*70\.47 mm"):
+        parse(text, "big")
+    device = parse(text, "big", override=True)
+    assert not device.has_sizes
+    assert np.isfinite(device.predict_moments()).all()
+
+
 def without_moments(text):
     start, end = text.index("[electromagnet.moment_per_current]"), text.index("# Windings that can be built")
     return text[:start] + text[end:]

@@ -38,6 +38,8 @@ def test_its_session_goes_before_others_while_it_serves_and_no_longer():
         "except OSError:\n"
         "    raise SystemExit(3)\n"
         "with prioritize():\n"
+        "    with prioritize():  # as a second program of the session\n"
+        "        pass\n"
         "    print(group.read_text().split()[-1])\n"
         "print(group.read_text().split()[-1])\n"
     )
