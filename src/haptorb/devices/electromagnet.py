@@ -722,7 +722,7 @@ def list_geometry_mistakes(
 # support function of box and ellipsoid, refined from the polytope's weakest faces.
 
 
-_GRID = 13  #: points along an edge of the currents' box
+_GRID = 17  #: points along an edge of the currents' box
 _ROUNDS, _MEET = 100, 1e-9  #: of the search for the weakest direction: at the most, and where its bounds meet
 
 

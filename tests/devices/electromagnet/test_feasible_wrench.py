@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
@@ -73,6 +73,7 @@ def test_the_guaranteed_force_is_given_everywhere_and_no_more(state, seed):
 
 
 @settings(max_examples=5, deadline=None)
+@example(pose(0.0, 0.0, 0.0625, 0.0, 0.0), 589)  # where a coarser grid of the currents' box left 1.5 % out
 @given(poses, st.integers(0, 1000))
 def test_a_weak_supply_takes_corners_off_and_hardly_more(state, seed):
     """Currents within the box and 360 W lie inside the polytope but for 1 %; it needs no current beyond either."""
