@@ -381,7 +381,7 @@ class HallFit:
         self._read = self._read + device.core_dynamics.remanent_moment**2 * np.eye(3)
         self._columns = (moments**2).sum(axis=0)
         self._unit = moment_field(device).reshape(-1, 3)
-        self._moments = MomentChange(device)
+        self._moments = moments
         at, h = device.hall.positions.reshape(-1, 3), 1e-5
         ahead, behind = (device.coil_fields((at + sign * h * np.eye(3)[:, None]).reshape(-1, 3)) for sign in (1, -1))
         slope = ((ahead - behind) / (2 * h)).reshape(3, len(at), 3, -1)
@@ -412,25 +412,14 @@ class HallFit:
         """
         model = self._model._replace(sensors=np.ascontiguousarray(self._model.sensors + trial.placement))
         field = strength * self._field(model, tool.p, tool.R_SR)[0]
-        scale, across = self._moments.split(moments)
+        # coils that are stronger or weaker keep the form of their field; what lies across their axes is a dipole's
+        scale = (moments * self._moments).sum(axis=0) / self._columns
+        across = moments - scale * self._moments
         amperes = scale * currents
         field += self._coils @ amperes + np.einsum("kijm,kj,m->ki", self._slopes, trial.placement, amperes)
         field += point_field(model.sensors) @ (across @ currents + extra)
         left: Array = trial.read_field(field) - self._per_ampere @ trial.read_currents(currents)
         return left
-
-
-class MomentChange:
-    """How coils of `device` that have other moments than it says differ from its own: in strength, and in direction."""
-
-    def __init__(self, device: SphericalElectromagnet) -> None:
-        self._own = np.array(device.moment_per_current, dtype=np.float64, order="C")
-        self._squares = (self._own**2).sum(axis=0)
-
-    def split(self, moments: Array) -> tuple[Array, Array]:
-        """(m,) how strong coils with `moments` (3, m) [m²] are, relative; (3, m) [m²] of them across their own axes."""
-        scale = (moments * self._own).sum(axis=0) / self._squares
-        return scale, moments - scale * self._own
 
 
 class MomentFit:
