@@ -70,6 +70,15 @@ def test_e35_the_windings_are_no_point_either(numbers, d: int, excess: float) ->
     assert numbers(ZARATE, "equations 1 and 2", f"model-coils-{d}") == pytest.approx([1 + excess], abs=5e-4)
 
 
+def test_e35_on_its_axis_at_55_mm_a_coil_has_less_than_its_dipole_has() -> None:
+    omni = load("omni")
+    far = np.linalg.norm(omni.far_moments, axis=0)
+    axial = [
+        abs(omni.coil_fields(omni.hall.positions)[sensor, coil, coil]) for sensor, coil in ((0, 0), (2, 1), (4, 2))
+    ]
+    assert np.array(axial) * 0.055**3 / 2e-7 / far == pytest.approx([0.935, 0.894, 0.823], abs=1e-3)
+
+
 def test_e35_a_third_of_the_force_is_another_than_that_of_points() -> None:
     errors = [layer.coil_error for layer in shell_capability("omni").layers]
     assert [errors[k] for k in (0, 2, 4)] == pytest.approx([0.30, 0.22, 0.18], abs=5e-3)
