@@ -28,6 +28,7 @@ import tempfile
 import threading
 import time
 from abc import ABC, abstractmethod
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 GROWTH_MB, GROWTH_FILES, IN_TIME = 20.0, 5, 0.99
+INTERRUPTED = 130  #: what a command ends with after SIGINT (docs/reference/command-line.md)
 START_LIMIT = 120.0  #: [s]
 
 
@@ -68,13 +70,16 @@ class Page(Client):
 
     def __init__(self, address: str) -> None:
         base, token = address.split("#")
-        self._socket = connect(
-            f"{base.replace('http', 'ws').rstrip('/')}/ws",
-            additional_headers={"Authorization": f"Bearer {token}"},
-            open_timeout=30,
+        self._stack = ExitStack()
+        self._socket = self._stack.enter_context(
+            connect(
+                f"{base.replace('http', 'ws').rstrip('/')}/ws",
+                additional_headers={"Authorization": f"Bearer {token}"},
+                open_timeout=30,
+            )
         )
-        threading.Thread(target=self._receive, daemon=True).start()
         super().__init__()
+        threading.Thread(target=self._receive, daemon=True).start()
 
     def _receive(self) -> None:
         try:
@@ -92,14 +97,15 @@ class Page(Client):
                 self._socket.send(struct.pack("<9d", 1e3 * t, x, y, 0.047, *[math.nan] * 4, 1.0))
             except ConnectionClosed:
                 return
-        self._socket.close()
+        self._stack.close()
 
 
 class Haply(Client):
     """A program for Haply's Inverse Service."""
 
     def __init__(self, port: int) -> None:
-        self._socket = connect(f"ws://127.0.0.1:{port}", compression=None, open_timeout=30)
+        self._stack = ExitStack()
+        self._socket = self._stack.enter_context(connect(f"ws://127.0.0.1:{port}", compression=None, open_timeout=30))
         self._device = json.loads(self._socket.recv(timeout=30))["inverse3"][0]["device_id"]
         super().__init__()
 
@@ -112,7 +118,7 @@ class Haply(Client):
                 self._socket.send(json.dumps({"inverse3": [{"device_id": self._device, "commands": force}]}))
                 self._socket.recv(timeout=5)
                 self.answered()
-            self._socket.close()
+            self._stack.close()
         except (ConnectionClosed, TimeoutError):
             return
 
@@ -218,20 +224,25 @@ def run(minutes: float) -> dict[str, Any]:
         process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
         )
-        addresses = await_addresses(process)
-        clients = [Page(addresses["console"]), Haply(int(addresses["haply"])), Osc(int(addresses["osc"]))]
-        use: list[tuple[float, int]] = []
-        start = time.monotonic()
-        while time.monotonic() - start < 60.0 * minutes and process.poll() is None:
-            time.sleep(min(10.0, 10.0 * minutes))
-            use.append(measure_use(list_processes(process.pid)))
-        silent = [type(one).__name__ for one in clients if time.monotonic() - one.last > 2.0]
-        process.send_signal(signal.SIGINT)
-        assert process.stdout is not None
-        output = process.stdout.read()
-        process.wait(60)
-        for one in clients:
-            one.close()
+        try:
+            addresses = await_addresses(process)
+            clients = [Page(addresses["console"]), Haply(int(addresses["haply"])), Osc(int(addresses["osc"]))]
+            use: list[tuple[float, int]] = []
+            start = time.monotonic()
+            while time.monotonic() - start < 60.0 * minutes and process.poll() is None:
+                time.sleep(min(10.0, 10.0 * minutes))
+                use.append(measure_use(list_processes(process.pid)))
+            silent = [type(one).__name__ for one in clients if time.monotonic() - one.last > 2.0]
+            process.send_signal(signal.SIGINT)
+            assert process.stdout is not None
+            output = process.stdout.read()
+            process.wait(60)
+            for one in clients:
+                one.close()
+        finally:  # whatever failed here, nothing goes on driving coils
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+                process.wait(60)
         report = json.loads(output)
         rows = count_recorded(recording)
     settled = use[min(6, len(use) // 3) :]
@@ -256,7 +267,7 @@ def find_faults(found: dict[str, Any]) -> list[str]:
     (memory, memory_end), (files, files_end) = found["memory_mb"], found["files"]
     checks = {
         f"{found['trips']} trips": found["trips"] > 0,
-        f"exit code {found['exit_code']}": found["exit_code"] != 0,
+        f"exit code {found['exit_code']}": found["exit_code"] != INTERRUPTED,
         f"{found['in_time']:.4f} of the ticks in time": found["in_time"] < IN_TIME,
         f"not answered at the end: {', '.join(found['silent'])}": bool(found["silent"]),
         f"memory from {memory} to {memory_end} MB": memory_end - memory > GROWTH_MB,
