@@ -42,7 +42,7 @@ def calibrate(
         bool,
         typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; nobody may touch the device."),
     ] = False,
-    seed: Annotated[int, typer.Option(help="Seed of the simulated noise.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of a simulated device: it chooses its deviations and its noise.")] = 0,
     json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,
 ) -> None:  # fmt: skip
     """Calibrate a device: current sensing, field per ampere, heat, tool and field sensors. It can be resumed."""

@@ -189,7 +189,7 @@ def run(
         ),
     ] = None,
     rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
-    seed: Annotated[int, typer.Option(help="Seed of the simulated noise.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of a simulated device: it chooses its deviations and its noise.")] = 0,
     record: Annotated[Path | None, typer.Option(help="Record to this MCAP file.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Let --record replace an existing file.")] = False,
     headless: Annotated[bool, typer.Option("--headless", help="Run without the console.")] = False,

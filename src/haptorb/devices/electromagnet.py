@@ -38,7 +38,7 @@ from haptorb.devices.geometry import Ball, Geometry, Reach, Rod, RoundPart, Spot
 from haptorb.devices.loader import find_device
 from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.touch_points import Marks
-from haptorb.devices.uncertainty import ToolUncertainty
+from haptorb.devices.uncertainty import ElectromagnetTolerance, ToolUncertainty
 from haptorb.display import format_quantity
 from haptorb.errors import GeometryError
 from haptorb.magnetics.dipole import MU0
@@ -353,6 +353,8 @@ class SphericalElectromagnet(Device):
         Places to touch with the tip, for the registration of a tracker.
     uncertainty : ToolUncertainty
         Standard uncertainties of the values, for the error budget.
+    tolerance : ElectromagnetTolerance or None
+        How far what is built may be from these values, for the simulation and the error budget; None: it is the same.
 
     Notes
     -----
@@ -384,6 +386,7 @@ class SphericalElectromagnet(Device):
     core_dynamics: CoreDynamics = field(default_factory=CoreDynamics)
     marks: Marks | None = None
     uncertainty: ToolUncertainty = field(default_factory=lambda: ToolUncertainty.model_validate({}))
+    tolerance: ElectromagnetTolerance | None = field(default_factory=lambda: ElectromagnetTolerance.model_validate({}))
 
     def __post_init__(self) -> None:
         known = ("exact", "point-coils", "published") if self.has_sizes else ("point-coils", "published")

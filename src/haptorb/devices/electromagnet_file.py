@@ -37,7 +37,7 @@ from haptorb.devices.schema import (
     list_limit_mistakes,
 )
 from haptorb.devices.touch_points import MarksSection
-from haptorb.devices.uncertainty import ToolUncertainty
+from haptorb.devices.uncertainty import ElectromagnetTolerance, ToolUncertainty
 from haptorb.errors import DeviceError
 from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.magnetics.wire import overall_diameter, wind
@@ -277,6 +277,12 @@ class ElectromagnetFile(CommonFile):
         m.Meaning("points on the device for registering a tracker's frame"),
         m.Without("none: no `haptorb frame`"),
     ] = None
+    tolerance: Annotated[
+        ElectromagnetTolerance,
+        m.Meaning("how far what is built may be from the file, for the simulation and the error budget"),
+        m.Without("the defaults below"),
+        Field(default_factory=ElectromagnetTolerance),
+    ]
     uncertainty: Annotated[
         ToolUncertainty,
         m.Meaning("standard uncertainties of assumed or measured values, for `haptorb inspect --errors`"),
@@ -382,4 +388,5 @@ class ElectromagnetFile(CommonFile):
             windings=windings,
             marks=None if self.marks is None else self.marks.build(),
             uncertainty=self.uncertainty,
+            tolerance=self.tolerance,
         )

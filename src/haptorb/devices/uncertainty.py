@@ -8,13 +8,20 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from haptorb.devices import quantity as q
 from haptorb.devices import schema as m
 from haptorb.devices.schema import Section
 
-__all__ = ["ArrayUncertainty", "ChainUncertainty", "MotorUncertainty", "Share", "ToolUncertainty"]
+__all__ = [
+    "ArrayUncertainty",
+    "ChainUncertainty",
+    "ElectromagnetTolerance",
+    "MotorUncertainty",
+    "Share",
+    "ToolUncertainty",
+]
 
 
 #: A relative standard uncertainty; beyond 0.3 a value is not known, and a normal distribution reaches below zero.
@@ -97,6 +104,73 @@ class ToolUncertainty(ChainUncertainty):
         m.Meaning("radius of the core"),
         Field(default="0.05 mm", validate_default=True, ge=0, le=0.002),
     ]
+
+
+# --------------------------------------------------------------------------------------------------
+# How a spherical electromagnet may be built: [tolerance] of its file.
+
+
+class ElectromagnetTolerance(Section):
+    """[tolerance] of a spherical electromagnet; `ElectromagnetTolerance()` has the defaults.
+
+    Standard deviations; what is built lies within √3 of them, everything there alike likely.
+
+    >>> ElectromagnetTolerance().position
+    0.00017
+    """
+
+    winding: Annotated[
+        q.Length,
+        m.Meaning("inner radius, outer radius and length of each winding"),
+        Field(default="0.17 mm", validate_default=True, ge=0, le=0.003),
+    ]
+    position: Annotated[
+        q.Length,
+        m.Meaning("centre of each winding, along each axis"),
+        Field(default="0.17 mm", validate_default=True, ge=0, le=0.003),
+    ]
+    tilt: Annotated[
+        q.Angle,
+        m.Meaning("axis of each winding, about each axis across it, where the moments per ampere were not measured"),
+        Field(default="0.58 deg", validate_default=True, ge=0, le=0.2),
+    ]
+    turns: Annotated[
+        Share,
+        m.Meaning("turns of each winding, relative, where the moments per ampere were not measured"),
+        Field(default=0.006, validate_default=True),
+    ]
+    core_position: Annotated[
+        q.Length,
+        m.Meaning("centre of the core, along each axis"),
+        Field(default="0.115 mm", validate_default=True, ge=0, le=0.003),
+    ]
+    core_shape: Annotated[
+        Share,
+        m.Meaning("each semi-axis of the core, relative"),
+        Field(default=0.003, validate_default=True, le=0.05),
+    ]
+    core_permeability: Annotated[
+        tuple[q.Number, q.Number],
+        m.Meaning(
+            "least and greatest relative permeability that the core can have, all between them alike likely by "
+            "their logarithm"
+        ),
+        m.Form("above 1, least first"),
+        m.Without("200 and 5000"),
+        Field(default=(200.0, 5000.0)),
+    ]
+    earth_field: Annotated[
+        q.Polarization,
+        m.Meaning("size of the uniform field in which the device stands, in any direction"),
+        Field(default="50 µT", validate_default=True, ge=0, le=1e-3),
+    ]
+
+    @model_validator(mode="after")
+    def _order(self) -> ElectromagnetTolerance:
+        low, high = self.core_permeability
+        if not 1.0 < low <= high < float("inf"):
+            raise ValueError(f"core_permeability must be two finite numbers above 1, least first; got {low}, {high}")
+        return self
 
 
 # --------------------------------------------------------------------------------------------------

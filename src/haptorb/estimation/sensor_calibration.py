@@ -244,12 +244,14 @@ class SensorKnowledge:
 def without_errors(device: SphericalElectromagnet) -> SphericalElectromagnet:
     """`device` with sensors that have noise and quantisation only, and a core that follows the currents: a study.
 
+    Simulated, it is built as its file says.
+
     >>> from haptorb.devices.loader import load
     >>> without_errors(load("omni")).hall.errors.offset
     0.0
     """
     hall = replace(device.hall, errors=SensorErrors(), warming=0.0, correction=None)
-    return replace(device, hall=hall, core_dynamics=CoreDynamics())
+    return replace(device, hall=hall, core_dynamics=CoreDynamics(), tolerance=None)
 
 
 def pose_covariance(

@@ -19,6 +19,7 @@ __all__ = [
     "coefficients",
     "integrals",
     "integrate_bessel",
+    "loop_field",
     "sheet",
     "sheet_gradient",
     "third_kind",
@@ -250,8 +251,11 @@ def sheet(a: float, h: float, rho: float, z: float) -> tuple[float, float]:
 
 
 @kernel
-def _loop(a: float, rho: float, zeta: float) -> tuple[float, float]:
-    """B_ρ/ρ and B_z of a current loop with μ0·current 1 T·m: Smythe, Static and Dynamic Electricity, 7.10."""
+def loop_field(a: float, rho: float, zeta: float) -> tuple[float, float]:
+    """B_ρ/ρ [T/m] and B_z [T] of a current loop of radius `a`, `zeta` above it, with μ0·current 1 T·m.
+
+    Smythe, Static and Dynamic Electricity, §7.10.
+    """
     s2 = (a + rho) * (a + rho) + zeta * zeta
     q2 = (a - rho) * (a - rho) + zeta * zeta
     s = math.sqrt(s2)
@@ -267,6 +271,6 @@ def sheet_gradient(a: float, h: float, rho: float, z: float) -> tuple[float, flo
     """B_ρ/ρ, ∂B_z/∂z and (1/ρ)∂B_z/∂ρ = (1/ρ)∂B_ρ/∂z of the same sheet; ∂B_ρ/∂ρ follows from div B = 0."""
     over, _ = _edge(a, rho, z + h)
     over_top, _ = _edge(a, rho, z - h)
-    shear, stretch = _loop(a, rho, z + h)
-    shear_top, stretch_top = _loop(a, rho, z - h)
+    shear, stretch = loop_field(a, rho, z + h)
+    shear_top, stretch_top = loop_field(a, rho, z - h)
     return over - over_top, stretch - stretch_top, shear - shear_top

@@ -28,10 +28,13 @@ from haptorb.simulation.parts import (
     contact,
     fill_remaining_rotation,
     fill_tool,
+    find_share,
+    is_elsewhere,
     matrix,
     move,
     plate_contact,
     read_tool,
+    seed_noise,
     set_goal,
 )
 
@@ -42,18 +45,12 @@ __all__ = ["COIL_ARRAY", "SimulatedCoilArray", "advance_array", "draw_coils"]
 # A coil array's physics in compiled code: some steps of coils, core, tool, surface and hand.
 #
 # The map of a hundred coils takes as long as all the rest of a tick. So it is computed at most once a millisecond, and
-# between two times it follows the mover's change from the last to the newest: its error is then of the second order in
-# that way. A loop that catches up some missed ticks in one call gets one map for them, or it would miss the next ones,
-# too.
+# between two times it is continued (`parts.find_share`). A loop that catches up some missed ticks in one call gets one
+# map for them, or it would miss the next ones, too.
 
 
-_MOVED = 2e-5  #: the map is computed again when the mover has moved so far [m] …
-_TURNED = 1e-3  #: … or an entry of its rotation has changed so much …
-_APART = 4  #: … and not before so many steps …
+_APART = 4  #: the map is computed again not before so many steps …
 _MANY = 32  #: … nor, in one call, more than once and once more for so many
-_ARM = 0.02  #: at which a turn counts as a way [m]
-_SHORT = 4e-3  #: a longer way between two maps says nothing of how they change [m]
-_LEAST, _MOST = -1.0, 4.0  #: shares of that way by which the newest map may be continued
 
 #: All that a simulated coil array remembers but its coils and its map.
 COIL_ARRAY = fields(
@@ -66,32 +63,6 @@ COIL_ARRAY = fields(
     ("depth", "f8"),  # how far the surface gives way under the tool [m]
     ("age", "i8"),  # of the newest map [steps]
 )
-
-
-@kernel
-def _is_elsewhere(pose: Array, R: Array, p: Array) -> bool:
-    square, turn = 0.0, 0.0
-    for i in range(3):
-        square += (pose[3, i] - p[i]) ** 2
-        for j in range(3):
-            turn = max(turn, abs(pose[i, j] - R[i, j]))
-    return not (square <= _MOVED * _MOVED and turn <= _TURNED)
-
-
-@kernel
-def _find_share(pose: Array, change: Array, R: Array, p: Array) -> float:
-    """How far the mover, at R (3, 3) and p (3,) [m], is beyond `pose` (4, 3) as a share of its `change` (4, 3) before
-    that."""
-    along, square = 0.0, 0.0
-    for j in range(3):
-        along += (p[j] - pose[3, j]) * change[3, j]
-        square += change[3, j] * change[3, j]
-        for i in range(3):
-            along += _ARM * _ARM * (R[i, j] - pose[i, j]) * change[i, j]
-            square += _ARM * _ARM * change[i, j] * change[i, j]
-    if not (1e-18 < square < _SHORT * _SHORT):
-        return 0.0
-    return float(min(max(along / square, _LEAST), _MOST))
 
 
 @kernel
@@ -131,11 +102,11 @@ def advance_array(
     for _ in range(e.steps):
         matrix(tool.q[:], R)
         e.age += 1
-        if left > 0 and e.age >= _APART and _is_elsewhere(newest, R, tool.p):
+        if left > 0 and e.age >= _APART and is_elsewhere(newest, R, tool.p):
             _renew(magnetics, R, tool.p, newest, change)
             e.age = 0
             left -= 1
-        share = _find_share(newest, change, R, tool.p)
+        share = find_share(newest, change, R, tool.p)
         for i in range(6):
             given[i] = newest[4, i] + share * change[4, i]
             for k in range(count):
@@ -179,8 +150,8 @@ def draw_coils(device: CoilArray, specimen: int = 0) -> PlacedCoils:
 class SimulatedCoilArray(CoilSimulation):
     """Coils, core, tool, surface and hand of `device`.
 
-    specimen: number of the device among its like, from 0: its coils' places are drawn with it. held=False lets the tool
-    go: no hand, and gravity acts on it. With a hand, the hand carries the tool's weight.
+    specimen: number of the device among its like, from 0: its coils' places are drawn with it; None: `seed`. held=False
+    lets the tool go: no hand, and gravity acts on it. With a hand, the hand carries the tool's weight.
 
     >>> from haptorb.devices.loader import load
     >>> simulated = SimulatedCoilArray(load("tetrahedron"), seed=1)
@@ -190,9 +161,11 @@ class SimulatedCoilArray(CoilSimulation):
     True
     """
 
-    def __init__(self, device: CoilArray, seed: int = 0, *, held: bool = True, specimen: int = 0) -> None:
+    def __init__(self, device: CoilArray, seed: int = 0, *, held: bool = True, specimen: int | None = None) -> None:
         self.device: CoilArray = device
-        self._magnetics = device.compute_magnetics(draw_coils(device, specimen))
+        number = seed if specimen is None else specimen
+        seed_noise(number)  # refuses what is no number of a device
+        self._magnetics = device.compute_magnetics(draw_coils(device, number))
         super().__init__(np.zeros(1, dtype=COIL_ARRAY), cold_coils(device), _STEP, device.supply.duty_bits)
         self._wrench: Array = self._state["wrench"][0]
         self._tool = self._state["tool"]

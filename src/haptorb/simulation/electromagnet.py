@@ -1,9 +1,9 @@
 """A spherical electromagnet, its tool and a hand, simulated: what the driver of a real one would meet.
 
-The truth is finer than the controller's model: coils and the tool's magnet have their true size (erratum E16), the core
-pulls the magnet with currents off (erratum E18), eddy currents delay the core and some of its moment stays, coils have
-inductance and warm up, the moving tool induces a voltage in them, sensors are noisy, off their places and askew. So
-what is asked and what is given differ here as they would in reality.
+The truth is not the controller's model: coils, core and magnet are those of one built device (`built_electromagnet`),
+eddy currents delay the core, some of its moment stays, and it saturates, coils have inductance and warm up, the moving
+tool induces a voltage in them, sensors are noisy, off their places and askew. So what is asked and what is given differ
+here as they would in reality.
 """
 
 from __future__ import annotations
@@ -20,13 +20,22 @@ from haptorb.arrays import Array, Record, Records, check_finite, fields, vectors
 from haptorb.compiled import kernel, pack, part
 from haptorb.devices.base import Device, State
 from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
-from haptorb.devices.electromagnet_model import CoreDynamics, fill_per_ampere, fill_wound, pull
+from haptorb.devices.electromagnet_model import CoreDynamics
 from haptorb.devices.field_sensors import draw_sensors
 from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample
-from haptorb.magnetics.magnets import ChargedRing, charge_field, dipole_on_charges
+from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.magnets import ChargedRing, charge_field
 from haptorb.magnetics.soft_sphere import SoftSphere, add_induced_field
 from haptorb.simulation.base import CoilSimulation
+from haptorb.simulation.built_electromagnet import (
+    BuiltElectromagnet,
+    Steel,
+    TruthMap,
+    compute_fields,
+    draw_electromagnet,
+    fill_truth,
+)
 from haptorb.simulation.parts import (
     TOOL,
     cold_coils,
@@ -34,6 +43,8 @@ from haptorb.simulation.parts import (
     fill_normal,
     fill_remaining_rotation,
     fill_tool,
+    find_share,
+    is_elsewhere,
     let_fail,
     make_halls,
     matrix,
@@ -66,8 +77,14 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The simulated core: a part of its moment lags behind the currents, a part stays when they are gone.
+# The simulated core: a part of its moment lags behind the currents, a part stays when they are gone, and it saturates.
+#
+# A ball of permeability µ has the moment 3V/µ0 (µ − 1)/(µ + 2) B. Where its magnetisation M comes near saturation M_s,
+# µ − 1 falls as 1 − |M|/M_s (Fröhlich and Kennelly: M = χH/(1 + χH/M_s)), and the moment by 3/(µ − 1) |M|/(M_s − |M|),
+# relative: next to nothing below half of M_s, as a ball magnetises against its own field.
 
+
+_FULLEST = 0.9  #: share of saturation up to which that is followed
 
 #: How the core departs from one that follows the currents at once.
 CORE = fields(
@@ -75,15 +92,21 @@ CORE = fields(
     ("time", "f8"),  # constant of the lag [s]
     ("remanent", "f8"),  # moment that stays along an axis [A·m²]
     ("reversing", "f8"),  # change of the moment that reduces the remanence from full to zero [A·m²]
+    ("saturation", "f8"),  # greatest moment [A·m²]
+    ("softness", "f8"),  # 3/(µ − 1)
     ("lagging", "f8", (3,)),  # the moment through the lag [A·m²]
     ("play", "f8", (3,)),  # the moment through the play [A·m²]
     ("extra", "f8", (3,)),  # moment beside that of the currents [A·m²]
 )
 
 
-def make_core(dynamics: CoreDynamics) -> Records:
-    """(1,) CORE without any history."""
+def make_core(dynamics: CoreDynamics, core: SoftSphere | None = None, saturation: float = np.inf) -> Records:
+    """(1,) CORE without any history; `core` saturates at the flux density `saturation` [T]."""
     made = np.zeros(1, dtype=CORE)
+    made["saturation"] = np.inf
+    if core is not None:
+        made["saturation"] = 4 * np.pi / 3 * core.radius**3 * saturation / MU0
+        made["softness"] = 3.0 / (core.permeability - 1.0)
     made["share"], made["time"] = dynamics.eddy_share, dynamics.eddy_time
     made["remanent"], made["reversing"] = dynamics.remanent_moment, dynamics.reversing_moment
     return made
@@ -92,15 +115,21 @@ def make_core(dynamics: CoreDynamics) -> Records:
 @kernel
 def core_step(core: Record, moment_per_current: Array, coils: Records, dt: float) -> None:
     """Advance a CORE by `dt` [s], in which the mean currents of `coils` (m,) flow; moment_per_current (3, m) [m²]."""
-    gone = -np.expm1(-dt / core.time)
+    gone, square = -np.expm1(-dt / core.time), 0.0
     for a in range(3):
         moment = 0.0
         for k in range(coils.size):
             moment += moment_per_current[a, k] * coils[k].mean
+        square += moment * moment
         core.lagging[a] += gone * (moment - core.lagging[a])
         core.play[a] = max(moment - core.reversing, min(moment + core.reversing, core.play[a]))
         stays = core.remanent * (core.play[a] - moment) / core.reversing
         core.extra[a] = stays - core.share * (moment - core.lagging[a])
+    full = min(np.sqrt(square) / core.saturation, _FULLEST)
+    lost = core.softness * full / (1.0 - full)
+    for a in range(3):
+        for k in range(coils.size):
+            core.extra[a] -= lost * moment_per_current[a, k] * coils[k].mean
 
 
 # --------------------------------------------------------------------------------------------------
@@ -124,7 +153,7 @@ SENSES = fields(
 
 
 class Magnets(NamedTuple):
-    """Where fields come from, and where they are read."""
+    """Where fields come from, and where they are read; places are seen from the core's centre."""
 
     ring: Array  #: (4, n) charges of the tool's magnet, mover frame [m, A·m]
     coarse: Array  #: (4, n') the same magnet with fewer charges: enough for what the core answers
@@ -133,19 +162,27 @@ class Magnets(NamedTuple):
     per_moment: Array  #: (3 k, 3) field of a moment in the core at the sensors [T/(A·m²)]
     per_ampere: Array  #: (3 k, m) field of coils and core at the sensors [T/A]
     sensors: Array  #: (k, 3) where they really are [m]
+    core: Array  #: (1, 3) its centre, stator frame [m]
+    stretch: Array  #: (3, 3) moment of the core per field, beside that of a ball [A·m²/T]
+    constant: Array  #: (k, 3) field at the sensors of what does not change [T]
+    steel: Array  #: (1, 4) place of a steel object [m], and its moment per field [A·m²/T]
+    per_steel: Array  #: (3 k, 3) field of a moment there at the sensors [T/(A·m²)]
 
 
 def pack_magnets(magnets: Magnets) -> Array:
     """(n,) `magnets` as compiled code takes them, each number in the unit [..] of its field."""
     m = magnets
-    return pack((m.core_radius,), m.ring, m.coarse, m.response, m.per_moment, m.per_ampere, m.sensors)
+    return pack(
+        (m.core_radius,), m.ring, m.coarse, m.response, m.per_moment, m.per_ampere, m.sensors, m.core, m.stretch,
+        m.constant, m.steel, m.per_steel,
+    )  # fmt: skip
 
 
 @kernel
 def _unpack_magnets(blob: Array) -> Magnets:
     return Magnets(
         part(blob, 1), part(blob, 2), part(blob, 0)[0, 0], part(blob, 3)[0], part(blob, 4), part(blob, 5),
-        part(blob, 6),
+        part(blob, 6), part(blob, 7), part(blob, 8), part(blob, 9), part(blob, 10), part(blob, 11),
     )  # fmt: skip
 
 
@@ -164,13 +201,25 @@ def _fill_field(magnets: Magnets, coils: Records, extra: Array, R: Array, p: Arr
     extra (3,) [A·m²]: the electromagnet's moment beside that of its currents.
     """
     ring, coarse, sensors = np.empty_like(magnets.ring), np.empty_like(magnets.coarse), magnets.sensors
-    _place_charges(magnets.ring, R, p, ring)
-    _place_charges(magnets.coarse, R, p, coarse)
+    away, at_core, at_steel, more, steel = np.empty(3), np.zeros(3), np.zeros(3), np.empty(3), np.zeros(3)
+    for i in range(3):
+        away[i] = p[i] - magnets.core[0, i]
+    _place_charges(magnets.ring, R, away, ring)
+    _place_charges(magnets.coarse, R, away, coarse)
+    charge_field(coarse, 0.0, 0.0, 0.0, at_core)
+    if magnets.steel[0, 3] > 0.0:
+        for i in range(3):
+            steel[i] = magnets.steel[0, i] - magnets.core[0, i]
+        charge_field(coarse, steel[0], steel[1], steel[2], at_steel)
+    for i in range(3):
+        more[i], steel[i] = extra[i], magnets.steel[0, 3] * at_steel[i]
+        for a in range(3):
+            more[i] += magnets.stretch[i, a] * at_core[a]
     for k in range(sensors.shape[0]):
         for i in range(3):
-            total = 0.0
+            total = magnets.constant[k, i]
             for a in range(3):
-                total += magnets.per_moment[3 * k + i, a] * extra[a]
+                total += magnets.per_moment[3 * k + i, a] * more[a] + magnets.per_steel[3 * k + i, a] * steel[a]
             for j in range(coils.size):
                 total += magnets.per_ampere[3 * k + i, j] * coils[j].current
             out[k, i] = total
@@ -260,13 +309,12 @@ def fill_step(network: ThermalNetwork, dt: float, out: Array) -> None:
 # An electromagnet's physics in compiled code: some steps of coils, core, tool, dome and hand.
 
 
-#: All that a simulated electromagnet remembers but its coils, and the numbers that it goes by.
+_APART = 4  #: steps between two computed maps, at least
+
+#: All that a simulated electromagnet remembers but its coils and its map, and the numbers that it goes by.
 ELECTROMAGNET = fields(
     ("tool", TOOL),
     ("senses", SENSES),
-    ("nearest", "f8"),  # distance from the centre [m] below which the core's pull is that there
-    ("reach", "f8"),  # of `WoundCoils` [m]
-    ("wound_from", "f8"),  # distance from the centre [m] below which the coils' field is that there
     ("dt", "f8"),  # of a step [s]
     ("steps", "i8"),  # in one call
     ("heat", "f8", (NODES, NODES + COILS)),  # `ThermalNetwork.step` of a step
@@ -274,41 +322,60 @@ ELECTROMAGNET = fields(
     ("core", CORE),
     ("wrench", "f8", (6,)),  # of coils and core on the tool, mean of the last call [N, N·m]
     ("depth", "f8"),  # how far the dome gives way under the tool [m]
+    ("age", "i8"),  # of the newest map [steps]
 )
+#: Rows of a held map: R (3) and p, passive, per current (6), per moment in the core (6).
+_HELD = 17
+
+
+@kernel
+def _renew(truth: TruthMap, R: Array, p: Array, newest: Array, change: Array) -> None:
+    """The map at R (3, 3) and p (3,) [m] into `newest` (17, 6), and what it has changed by into `change` (17, 6)."""
+    count = truth.loops.shape[0]
+    passive, matrix, per_moment = np.empty(6), np.empty((6, count)), np.empty((6, 3))
+    fill_truth(truth, R, p, matrix, passive, per_moment)
+    change[:] = -newest
+    newest[:3, :3], newest[3, :3], newest[4] = R, p, passive
+    newest[5:11, :count], newest[11:, :3] = matrix, per_moment
+    change += newest
+    if not np.isfinite(change[3, 0]):  # the first
+        change[:] = 0.0
 
 
 @kernel
 def advance(
-    electromagnet: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, rows: Array, table: Array,
-    moment_per_current: Array, terms: Array, axes: Array,
+    electromagnet: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, truth: TruthMap,
+    moment_per_current: Array, held: Array,
 ) -> None:  # fmt: skip
     """Some steps of coils, core, tool, dome and hand: `electromagnet` (1,) ELECTROMAGNET and `coils` (m,) COIL advance.
 
     duties (m,); the hand goes to wish_p (3,) [m] and wish_q (4,) where they are numbers and a turn, else to where it
-    went; rows (4, n) charges of the tool's magnet; table of the core's pull; moment_per_current (3, m) [m²]; terms and
-    axes of `WoundCoils`, terms (m, 0) for coils that are points.
+    went; moment_per_current (3, m) [m²]; held (2, 17, 6): the newest map, and what it has changed by since the one
+    before.
     """
     e = electromagnet[0]
-    tool, truth, dt, count = e.tool, e.wrench, e.dt, coils.size
+    tool, wrench, dt, count = e.tool, e.wrench, e.dt, coils.size
     set_goal(tool, wish_p, wish_q)
-    R = np.empty((3, 3))
+    R, turn = np.empty((3, 3)), np.empty(3)
     per_moment, per_current = np.empty((6, 3)), np.empty((6, count))
-    given, total, passive = np.empty(6), np.empty(6), np.empty(6)
-    turn, axis = np.empty(3), np.empty(3)
+    given, total = np.empty(6), np.empty(6)
+    newest, change = held[0], held[1]
     for k in range(count):
         coils[k].duty = duties[k]
-    truth[:] = 0.0
+    wrench[:] = 0.0
     for _ in range(e.steps):
         matrix(tool.q[:], R)
-        dipole_on_charges(rows, R, tool.p[:], per_moment)
-        if terms.shape[1]:
-            fill_wound(rows, terms, e.reach, e.wound_from, axes, tool.p[:], R, per_current)
-        else:
-            fill_per_ampere(per_moment, moment_per_current, per_current)
-        for i in range(3):
-            axis[i] = R[i, 2]
-        passive[:] = 0.0
-        pull(table, e.nearest, tool.p[:], axis, passive)
+        e.age += 1
+        if e.age >= _APART and is_elsewhere(newest, R, tool.p):
+            _renew(truth, R, tool.p, newest, change)
+            e.age = 0
+        share = find_share(newest, change, R, tool.p)
+        for i in range(6):
+            given[i] = newest[4, i] + share * change[4, i]
+            for k in range(count):
+                per_current[i, k] = newest[5 + i, k] + share * change[5 + i, k]
+            for k in range(3):
+                per_moment[i, k] = newest[11 + i, k] + share * change[11 + i, k]
         for k in range(count):  # the power that leaves the coil's circuit is the power that the tool gets
             emf = 0.0
             for i in range(3):
@@ -319,18 +386,18 @@ def advance(
         e.core_temperature = network_coil_step(coils, e.heat, e.core_temperature, dt)
         core_step(e.core, moment_per_current, coils, dt)
         for i in range(6):
-            given[i] = passive[i]
             for k in range(count):
                 given[i] += per_current[i, k] * coils[k].mean
             for k in range(3):
                 given[i] += per_moment[i, k] * e.core.extra[k]
-            truth[i] += given[i] / e.steps
+            wrench[i] += given[i] / e.steps
             total[i] = given[i]
         e.depth = contact(tool, R, dt, total)
         fill_remaining_rotation(tool.q, tool.goal_q, turn)
         move(tool, R, turn, total, dt)
 
 
+_OLD = 1_000_000  #: age of a map at which it is computed again [steps]
 _ABOVE = 12e-3  #: the tool starts this far above contact [m]
 _SHORTEST = 5e-6  #: a simulation with finer steps than this is slower than time [s]
 
@@ -339,8 +406,9 @@ _SHORTEST = 5e-6  #: a simulation with finer steps than this is slower than time
 class SimulatedElectromagnet(CoilSimulation):
     """Coils, core, tool, dome and hand of `device`, in steps of at most `step` [s].
 
-    specimen: number of the device among its like, from 0; the lasting errors of its sensors and its core are drawn from
-    the device file's distributions with it, so that the same number is the same device for any seed of the noise.
+    specimen: number of the device among its like, from 0; its coils, core, magnet and sensors are drawn from the device
+    file's distributions with it, so that the same number is the same device for any seed of the noise. None: `seed`.
+    steel: an object near it.
 
     held=False lets the tool go: no hand, and gravity acts on it. With a hand, the hand carries the tool's weight.
 
@@ -362,15 +430,16 @@ class SimulatedElectromagnet(CoilSimulation):
         *,
         held: bool = True,
         step: float = 2.5e-4,
-        specimen: int = 0,
+        specimen: int | None = None,
+        steel: Steel | None = None,
     ) -> None:
         if not (np.isfinite(step) and 0.0 < step <= 1e-3):
             raise InputError(f"step of the simulation must be above 0 and at most 1 ms; got {step} s")
         self.device: SphericalElectromagnet = device
-        self._specimen = specimen
+        self._specimen = specimen = seed if specimen is None else specimen
+        seed_noise(specimen)  # refuses what is no number of a device
         super().__init__(np.zeros(1, dtype=ELECTROMAGNET), cold_coils(device), step, device.supply.duty_bits)
         self._wrench: Array = self._state["wrench"][0]
-        self._state["nearest"] = device.passive_pull.nearest
         self._tool, self._senses = self._state["tool"], self._state["senses"]
         fill_tool(self._tool, device.tool, device.hand if held else None, device.contact)
         self._tool["tail"], self._tool["dome"]["radius"] = device.tool.length / 2, device.dome_radius
@@ -380,36 +449,44 @@ class SimulatedElectromagnet(CoilSimulation):
         self._senses["heat_noise"], self._senses["heat_step"] = device.thermometer_noise, device.thermometer_step
         self._longest = min(float(step), _longest_step(self._tool[0], device.name))
         tool, hall = device.tool, device.hall
-        size = (tool.outer_radius, tool.inner_radius, tool.length, tool.remanence)
-        self.ring = ChargedRing(*size)  #: the tool's magnet as the simulation has it
-        self._rows = self.ring.rows
-        self._table = np.array(device.passive_pull.table)
-        self._per_ampere = np.array(device.far_moments, dtype=np.float64, order="C")
-        self._terms, self._axes = np.zeros((device.channels, 0)), np.zeros((device.channels, 3))
-        if device.has_sizes:
-            wound = device.wound_coils
-            self._terms, self._axes = wound.terms, wound.axes
-            self._state["reach"], self._state["wound_from"] = wound.reach, wound.nearest
+        built = draw_electromagnet(device, specimen, steel)
+        self.built: BuiltElectromagnet = built  #: what the controller approximates
+        self.ring = built.ring  #: the tool's magnet as the simulation has it
+        closest = max(device.dome_radius - tool.length / 2, 1.1 * built.core.radius)
+        self._truth = built.compute_map(device.dome_radius)
+        self._per_ampere = np.ascontiguousarray(built.compute_moments())
         nominal = np.array(hall.positions, dtype=np.float64, order="C").reshape(-1, 3)
         drawn = draw_sensors(hall.errors, len(nominal), specimen)
         self._halls = make_halls(np.tile(np.eye(3), (len(nominal), 1, 1)), drawn, hall)
-        self._state["core"] = make_core(device.core_dynamics.draw(specimen))
+        self._state["core"] = make_core(device.core_dynamics.draw(specimen), built.core, device.core_saturation)
         positions = np.ascontiguousarray(nominal + drawn.placement)
-        sphere = SoftSphere(device.core_radius, device.core_permeability)
-        order = 1
+        seen, order = positions - built.core_place, 1
         if len(positions):
-            closest = max(device.dome_radius - tool.length / 2, 1.1 * device.core_radius)
-            order = sphere.order(closest, float(np.linalg.norm(positions, axis=1).min()), precision=1e-3)
-        unit = point_field(positions)
+            order = built.core.order(closest, float(np.linalg.norm(seen, axis=1).min()), precision=1e-3)
+        unit, near = point_field(seen), np.zeros((len(positions), 3, 3))
+        constant = built.earth + unit @ self._truth.earth_moment
+        place = np.zeros(4)
+        if steel is not None:
+            place[:3], place[3] = steel.place, steel.share
+            near = point_field(positions - steel.place)
+            constant = constant + near @ (steel.share * built.earth)
+        ring = built.ring
         self._magnets = pack_magnets(
             Magnets(
-                self._rows,
-                ChargedRing(*size, radial=1, azimuth=4).rows,
-                float(device.core_radius),
-                sphere.response(order),
+                ring.rows,
+                ChargedRing(
+                    ring.outer_radius, ring.inner_radius, ring.length, ring.remanence, radial=1, azimuth=4
+                ).rows,
+                float(built.core.radius),
+                built.core.response(order),
                 np.ascontiguousarray(unit.reshape(-1, 3)),
-                np.ascontiguousarray(device.coil_fields(positions).reshape(-1, device.channels)),
-                positions,
+                np.ascontiguousarray(compute_fields(self._truth, positions).reshape(-1, device.channels)),
+                seen,
+                built.core_place[None],
+                self._truth.stretch,
+                np.ascontiguousarray(constant),
+                place[None],
+                np.ascontiguousarray(near.reshape(-1, 3)),
             )
         )
         self.reset(seed)
@@ -423,6 +500,7 @@ class SimulatedElectromagnet(CoilSimulation):
         self._state["wrench"] = self._state["depth"] = 0.0
         for name in ("lagging", "play", "extra"):
             self._state["core"][name] = 0.0
+        self._held = np.full((2, _HELD, 6), np.nan)
         self._t = 0.0
         self.place((0.0, 0.0, self.device.contact_distance + _ABOVE), (0.0, 0.0, 0.0, 1.0))
 
@@ -447,6 +525,7 @@ class SimulatedElectromagnet(CoilSimulation):
         tool["q"] = turned / np.linalg.norm(turned)
         tool["v"] = tool["w"] = 0.0
         tool["goal"], tool["goal_q"] = at, tool["q"]
+        self._state["age"] = _OLD
 
     def fail(self, sensors: Iterable[int], kind: str = "dead") -> None:
         """Let field sensors of these numbers, from 0, fail: "dead", "stuck", "saturated" or "none" (`let_fail`)."""
@@ -461,10 +540,7 @@ class SimulatedElectromagnet(CoilSimulation):
         Raises InputError for less than 0 or more than 10 s.
         """
         if self._set_steps(dt):
-            advance(
-                self._state, self._coils, duties, goal_p, goal_q, self._rows, self._table, self._per_ampere,
-                self._terms, self._axes,
-            )  # fmt: skip
+            advance(self._state, self._coils, duties, goal_p, goal_q, self._truth, self._per_ampere, self._held)
             self._t += dt
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:

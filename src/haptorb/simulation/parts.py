@@ -40,7 +40,9 @@ __all__ = [
     "fill_normal",
     "fill_remaining_rotation",
     "fill_tool",
+    "find_share",
     "greatest_reading",
+    "is_elsewhere",
     "let_fail",
     "make_halls",
     "matrix",
@@ -262,6 +264,46 @@ def fill_normal(s: Noise, out: Array) -> None:
 def quantise(value: float, step: float) -> float:
     """`value` as a converter with quantum `step` reports it; step 0: an ideal one."""
     return np.rint(value / step) * step if step > 0.0 else value
+
+
+# --------------------------------------------------------------------------------------------------
+# A wrench map that takes long is not computed in every step: between two times it follows the mover's change from the
+# last to the newest. Its error is then of the second order in that way.
+
+
+_MOVED = 2e-5  #: the map is computed again when the mover has moved so far [m] …
+_TURNED = 1e-3  #: … or an entry of its rotation has changed so much
+_ARM = 0.02  #: at which a turn counts as a way [m]
+_SHORT = 4e-3  #: a longer way between two maps says nothing of how they change [m]
+_LEAST, _MOST = -1.0, 4.0  #: shares of that way by which the newest map may be continued
+
+
+@kernel
+def is_elsewhere(pose: Array, R: Array, p: Array) -> bool:
+    """Whether the mover, at R (3, 3) and p (3,) [m], has left `pose` (4, 3), R above p, so far that a map of there is
+    old."""
+    square, turn = 0.0, 0.0
+    for i in range(3):
+        square += (pose[3, i] - p[i]) ** 2
+        for j in range(3):
+            turn = max(turn, abs(pose[i, j] - R[i, j]))
+    return not (square <= _MOVED * _MOVED and turn <= _TURNED)
+
+
+@kernel
+def find_share(pose: Array, change: Array, R: Array, p: Array) -> float:
+    """How far the mover, at R (3, 3) and p (3,) [m], is beyond `pose` (4, 3) as a share of its `change` (4, 3) before
+    that."""
+    along, square = 0.0, 0.0
+    for j in range(3):
+        along += (p[j] - pose[3, j]) * change[3, j]
+        square += change[3, j] * change[3, j]
+        for i in range(3):
+            along += _ARM * _ARM * (R[i, j] - pose[i, j]) * change[i, j]
+            square += _ARM * _ARM * change[i, j] * change[i, j]
+    if not (1e-18 < square < _SHORT * _SHORT):
+        return 0.0
+    return float(min(max(along / square, _LEAST), _MOST))
 
 
 # --------------------------------------------------------------------------------------------------

@@ -143,7 +143,7 @@ def test_energy_of_coils_tool_and_heat_adds_up():
 
 def test_the_same_seed_and_calls_give_the_same_bits():
     def course(seed):
-        omni, rows = SimulatedElectromagnet(OMNI, seed), []
+        omni, rows = SimulatedElectromagnet(OMNI, seed, specimen=0), []
         for n in range(300):
             duties = omni.quantise(0.3 * np.sin(0.05 * n + np.arange(3)))
             goal = np.array([0.02 * np.sin(0.01 * n), 0.0, 0.052])

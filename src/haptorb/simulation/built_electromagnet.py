@@ -1,0 +1,410 @@
+"""The electromagnet that was built, not quite the one of its file: drawn from the tolerances, computed by filaments.
+
+Windings of other sizes, off their places and askew, a core off the centre, not quite round and of another permeability,
+a magnet of another remanence, the earth's field, and a steel object near, if there is one. Nothing of the controller's
+model is used: a winding is current loops by elliptic integrals (Smythe, Static and Dynamic Electricity, §7.10), the
+core's answer is solid harmonics about its own centre, the magnet is charges on its faces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+from zlib import crc32
+
+import numpy as np
+from scipy.special import elliprd
+
+from haptorb.arrays import Array
+from haptorb.compiled import kernel
+from haptorb.devices.coil_array import PlacedCoils, place_charges, place_coils
+from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
+from haptorb.errors import GeometryError
+from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.magnets import ChargedRing, dipole_on_charges
+from haptorb.magnetics.soft_sphere import (
+    SoftSphere,
+    add_answers,
+    answer_to_charges,
+    answer_to_source,
+    harmonic_sums,
+    weigh_charges,
+)
+from haptorb.magnetics.special import loop_field
+
+__all__ = ["BuiltElectromagnet", "Steel", "TruthMap", "compute_fields", "draw_electromagnet", "fill_truth"]
+
+_K = MU0 / (4 * np.pi)
+_ACROSS, _ALONG = 2, 4  #: loops of a winding, at Gauss's points
+_ORDERS = (4, 16)  #: fewest and most degrees of the core's harmonics
+_LEFT_OUT = 1e-2  #: of the next degree where charges are nearest; of the whole it is 1e-5, as terms themselves fall
+_FACE = {"radial": 2, "azimuth": 6}  #: charges on each face of the magnet
+_TRIES = 100
+
+
+@dataclass(frozen=True)
+class Steel:
+    """A ball of soft steel near the device: what it does is that of any compact object of that volume, nearly."""
+
+    place: Array  #: (3,) of its centre, stator frame [m]
+    radius: float  #: [m]
+
+    @property
+    def share(self) -> float:
+        """Moment per field [A·m²/T]: that of a ball of high permeability."""
+        return 4 * np.pi / MU0 * self.radius**3
+
+
+@dataclass(frozen=True)
+class BuiltElectromagnet:
+    """Coils, core and magnet as they are, and what is around them."""
+
+    coils: PlacedCoils | None  #: None: points, with `moments`
+    moments: Array  #: (3, 3) [m²] per ampere of coils that are points, the core's answer included
+    core: SoftSphere
+    core_place: Array  #: (3,) [m]
+    core_axes: Array  #: (3, 3) columns: directions of the core's semi-axes
+    core_stretch: Array  #: (3,) by how much each semi-axis is longer than the radius, relative
+    ring: ChargedRing  #: the tool's magnet
+    earth: Array  #: (3,) [T] uniform
+    steel: Steel | None = None
+
+    def compute_stretch(self) -> Array:
+        """(3, 3) [A·m²/T] what the core's moment in a uniform field has beside that of a ball.
+
+        The moment of an ellipsoid: V χ/(1 + N χ) H (Stratton, Electromagnetic Theory, §3.27). Its answers of higher
+        degree are taken as the ball's: the share that is left out is that of `core_stretch` in them.
+        """
+        axes = self.core.radius * (1.0 + self.core_stretch)
+        squares, volume = axes**2, 4 * np.pi / 3 * float(np.prod(axes))
+        share = np.empty(3)
+        for i in range(3):
+            others = np.delete(squares, i)
+            demagnetising = float(np.prod(axes)) / 3 * float(elliprd(*others, squares[i]))
+            share[i] = 1.0 / (demagnetising + 1.0 / (self.core.permeability - 1.0))
+        ball = self.core.moment_in(np.array([0.0, 0.0, 1.0]))[2]
+        stretch: Array = (self.core_axes * (volume / MU0 * share - ball)) @ self.core_axes.T
+        return stretch
+
+    def compute_map(self, nearest: float) -> TruthMap:
+        """For compiled code; charges come no nearer to the core's centre than `nearest` [m]."""
+        stretch, place = self.compute_stretch(), self.core_place
+        count = 3 if self.coils is None else len(self.coils.turns)
+        loops = np.zeros((count, 0 if self.coils is None else _ACROSS * _ALONG, 3))
+        centres, axes = np.zeros((count, 3)), np.tile(np.array([0.0, 0.0, 1.0]), (count, 1))
+        closest = self.core.radius
+        if self.coils is not None:
+            centres, axes = self.coils.position, self.coils.axis
+            closest = max(float(self._about_core.nearest.min()), closest)
+            for number in range(count):
+                radii, heights, turns = self.coils.coil(number).filaments(_ACROSS, _ALONG)
+                loops[number] = np.stack([radii, heights, MU0 * turns], axis=1)
+        ratio = self.core.radius**2 / (max(nearest, 1.05 * self.core.radius) * closest)
+        order = int(np.clip(np.ceil(np.log(_LEFT_OUT) / np.log(ratio)), *_ORDERS))
+        answers = np.zeros((count, (order + 1) * (order + 2) // 2, 2))
+        if self.coils is not None:
+            for number, coil in enumerate(place_coils(self._about_core)):
+                answers[number] = answer_to_source(self.core, coil, order)
+                more = -_K / self.core.radius**2 * (stretch @ coil.field(np.zeros(3)))
+                answers[number, 1, 0] -= more[2]
+                answers[number, 2] += more[:2]
+        earth_moment = self.core.moment_in(self.earth) + stretch @ self.earth
+        made = TruthMap(
+            self.ring.rows, np.ascontiguousarray(centres), np.ascontiguousarray(axes), loops, self.moments, place,
+            self.core.radius, order, answers, weigh_charges(self.core, order), stretch, self.earth, earth_moment,
+            np.zeros(3), 0.0, np.zeros((3, count)),
+        )  # fmt: skip
+        if self.steel is None:
+            return made
+        field = np.ascontiguousarray(compute_fields(made, self.steel.place[None])[0])
+        return made._replace(steel=self.steel.place, steel_share=self.steel.share, steel_field=field)
+
+    @property
+    def _about_core(self) -> PlacedCoils:
+        assert self.coils is not None
+        return replace(self.coils, position=self.coils.position - self.core_place)
+
+    def compute_moments(self) -> Array:
+        """(3, m) [m²] of each coil per ampere with the core, seen from far away."""
+        if self.coils is None:
+            return self.moments
+        coils, stretch = place_coils(self._about_core), self.compute_stretch()
+        fields = [coil.field(np.zeros(3)) for coil in coils]
+        found = [coil.moment + self.core.moment_in(b) + stretch @ b for coil, b in zip(coils, fields, strict=True)]
+        return np.stack(found, axis=1)
+
+
+class TruthMap(NamedTuple):
+    """A `BuiltElectromagnet` as compiled code takes it."""
+
+    charges: Array  #: (4, n) of the tool's magnet, mover frame [m, A·m]
+    centres: Array  #: (m, 3) of the coils [m]
+    axes: Array  #: (m, 3)
+    loops: Array  #: (m, f, 3) radius [m], height [m] and μ0 times turns [T·m/A]; f = 0: coils are points
+    moments: Array  #: (3, m) [m²] of such coils, at the core's centre
+    core: Array  #: (3,) its centre [m]
+    radius: float  #: of the core [m]
+    order: int  #: degree of the core's harmonics
+    answers: Array  #: (m, k, 2) of the core to each coil [T·m/A]
+    shares: Array  #: (k,) of the core's answer to the magnet
+    stretch: Array  #: (3, 3) [A·m²/T] moment of the core beside that of a ball
+    earth: Array  #: (3,) [T]
+    earth_moment: Array  #: (3,) of the core in it [A·m²]
+    steel: Array  #: (3,) place of the steel object [m]
+    steel_share: float  #: its moment per field [A·m²/T]; 0: there is none
+    steel_field: Array  #: (3, m) [T/A] of coils and core there
+
+
+@kernel
+def _field_of_charges(placed: Array, x: float, y: float, z: float, out: Array) -> None:
+    """out (3,) [T] at (x, y, z) of charges `placed` (7, n), as `place_charges` has them."""
+    out[:] = 0.0
+    for n in range(placed.shape[1]):
+        dx, dy, dz = x - placed[0, n], y - placed[1, n], z - placed[2, n]
+        square = dx * dx + dy * dy + dz * dz
+        q = _K * placed[6, n] / (square * np.sqrt(square))
+        out[0] += q * dx
+        out[1] += q * dy
+        out[2] += q * dz
+
+
+@kernel
+def _add_loops(t: TruthMap, placed: Array, out: Array) -> None:
+    """Add to out (6, m) what the windings themselves do to the charges `placed` (7, n)."""
+    for j in range(t.loops.shape[0]):
+        ax, ay, az = t.axes[j, 0], t.axes[j, 1], t.axes[j, 2]
+        for n in range(placed.shape[1]):
+            x, y, z = placed[0, n] - t.centres[j, 0], placed[1, n] - t.centres[j, 1], placed[2, n] - t.centres[j, 2]
+            along = x * ax + y * ay + z * az
+            x -= along * ax
+            y -= along * ay
+            z -= along * az
+            rho = np.sqrt(x * x + y * y + z * z)
+            over, axial = 0.0, 0.0
+            for f in range(t.loops.shape[1]):
+                a, b = loop_field(t.loops[j, f, 0], rho, along - t.loops[j, f, 1])
+                over += t.loops[j, f, 2] * a
+                axial += t.loops[j, f, 2] * b
+            q = placed[6, n]
+            bx, by, bz = q * (over * x + axial * ax), q * (over * y + axial * ay), q * (over * z + axial * az)
+            rx, ry, rz = placed[3, n], placed[4, n], placed[5, n]
+            out[0, j] += bx
+            out[1, j] += by
+            out[2, j] += bz
+            out[3, j] += ry * bz - rz * by
+            out[4, j] += rz * bx - rx * bz
+            out[5, j] += rx * by - ry * bx
+
+
+@kernel
+def _add_moment(per_moment: Array, moment: Array, out: Array) -> None:
+    for i in range(6):
+        for k in range(3):
+            out[i] += per_moment[i, k] * moment[k]
+
+
+@kernel
+def fill_truth(t: TruthMap, R: Array, p: Array, out: Array, passive: Array, per_moment: Array) -> None:
+    """Fill out (6, m) [N/A, N·m/A], passive (6,) [N, N·m] and per_moment (6, 3) of a moment in the core.
+
+    The tool is at R (3, 3) and p (3,) [m]; torque about p.
+    """
+    from_core, count = np.empty(3), out.shape[1]
+    for i in range(3):
+        from_core[i] = p[i] - t.core[i]
+    placed = np.empty((7, t.charges.shape[1]))
+    place_charges(t.charges, p, R, placed)
+    out[:] = 0.0
+    passive[:] = 0.0
+    _add_loops(t, placed, out)
+    magnet, moment, field = np.zeros(3), np.empty(3), np.empty(3)
+    for n in range(placed.shape[1]):
+        for i in range(3):
+            magnet[i] += placed[6, n] * placed[3 + i, n]
+    dipole_on_charges(t.charges, R, from_core, per_moment)
+    if t.steel_share > 0.0:
+        per_steel = np.empty((6, 3))
+        _field_of_charges(placed, t.steel[0], t.steel[1], t.steel[2], field)
+        for i in range(3):
+            moment[i] = t.steel_share * (field[i] + t.earth[i])
+            from_core[i] = p[i] - t.steel[i]
+        dipole_on_charges(t.charges, R, from_core, per_steel)
+        _add_moment(per_steel, moment, passive)
+        for j in range(count):
+            for i in range(6):
+                for k in range(3):
+                    out[i, j] += t.steel_share * per_steel[i, k] * t.steel_field[k, j]
+    _field_of_charges(placed, t.core[0], t.core[1], t.core[2], field)
+    for i in range(3):
+        moment[i] = t.earth_moment[i]
+        from_core[i] = p[i] - t.core[i]
+        for k in range(3):
+            moment[i] += t.stretch[i, k] * field[k]
+    _add_moment(per_moment, moment, passive)
+    for i in range(3):  # the magnet's own moment in the earth's field
+        a, b = (i + 1) % 3, (i + 2) % 3
+        passive[3 + i] += magnet[a] * t.earth[b] - magnet[b] * t.earth[a]
+    for n in range(placed.shape[1]):
+        for i in range(3):
+            placed[i, n] -= t.core[i]
+    sums = np.empty(((t.order + 2) * (t.order + 3) // 2, 2))
+    own, pull = np.empty((1, t.shares.shape[0], 2)), np.zeros((6, 1))
+    harmonic_sums(placed, t.radius, t.order, sums)
+    if t.loops.shape[1]:
+        add_answers(sums, t.answers, t.radius, t.order, from_core, out)
+    else:
+        for j in range(count):
+            for i in range(6):
+                for k in range(3):
+                    out[i, j] += per_moment[i, k] * t.moments[k, j]
+    answer_to_charges(sums, t.shares, own)
+    add_answers(sums, own, t.radius, t.order, from_core, pull)
+    for i in range(6):
+        passive[i] += pull[i, 0]
+
+
+@kernel
+def _fill_fields(t: TruthMap, points: Array, out: Array) -> None:
+    charge, sums = np.empty((7, 1)), np.empty(((t.order + 2) * (t.order + 3) // 2, 2))
+    made, at = np.empty((6, out.shape[2])), np.empty(3)
+    charge[3:6] = 0.0
+    charge[6] = 1.0
+    for n in range(points.shape[0]):
+        made[:] = 0.0
+        for i in range(3):
+            charge[i, 0] = points[n, i]
+        _add_loops(t, charge, made)
+        for i in range(3):
+            charge[i, 0] -= t.core[i]
+            at[i] = charge[i, 0]
+        harmonic_sums(charge, t.radius, t.order, sums)
+        add_answers(sums, t.answers, t.radius, t.order, at, made)
+        out[n] = made[:3]
+
+
+def compute_fields(t: TruthMap, points: Array) -> Array:
+    """(n, 3, m) [T/A] of coils, core and steel at `points` (n, 3) [m] outside of them."""
+    out, at = np.empty((len(points), 3, t.loops.shape[0])), np.ascontiguousarray(points)
+    if t.loops.shape[1]:
+        _fill_fields(t, at, out)
+    else:
+        out[:] = point_field(at - t.core) @ t.moments
+    if t.steel_share:
+        out += point_field(at - t.steel) @ (t.steel_share * t.steel_field)
+    return out
+
+
+# --------------------------------------------------------------------------------------------------
+# Drawing one.
+
+
+def draw_electromagnet(
+    device: SphericalElectromagnet, specimen: int = 0, steel: Steel | None = None
+) -> BuiltElectromagnet:
+    """Number `specimen` of the electromagnets that can be built after the file of `device`: always the same one.
+
+    Every value lies within √3 times its standard deviation of [tolerance] or [uncertainty], all alike likely; moments
+    per ampere that were measured are known as well as [uncertainty] says, whatever the windings are. Without tolerances
+    (`device.tolerance` is None) it is the file's. GeometryError for windings that always meet the core.
+    """
+    tool, known, tolerance = device.tool, device.uncertainty, device.tolerance
+    size = (tool.outer_radius, tool.inner_radius, tool.length)
+    core, coils, moments = device.core, None, device.moment_per_current
+    draw = np.random.Generator(np.random.PCG64([crc32(device.digest.encode()), specimen, 0x7]))
+
+    def spread(standard: float, *shape: int) -> Array:
+        drawn: Array = standard * np.sqrt(3.0) * draw.uniform(-1.0, 1.0, shape)
+        return drawn
+
+    if tolerance is None:
+        if device.windings is not None and device.has_sizes:
+            coils = _scale_to_moments(device, _place_nominal(device, device.moment_per_current), core, moments)
+        return BuiltElectromagnet(
+            coils, np.array(device.far_moments), core, np.zeros(3), np.eye(3), np.zeros(3),
+            ChargedRing(*size, tool.remanence, **_FACE), np.zeros(3), steel,
+        )  # fmt: skip
+    remanence = tool.remanence * (1.0 + float(spread(known.remanence)))
+    columns = np.linalg.norm(moments, axis=0)
+    measured = device.moments_from != "windings"
+    radius = device.core_radius + float(spread(known.core_radius))
+    place, stretch = spread(tolerance.core_position, 3), spread(tolerance.core_shape, 3)
+    low, high = np.log(tolerance.core_permeability)
+    core = SoftSphere(radius, float(np.exp(draw.uniform(low, high))))
+    turned, earth = draw.standard_normal((3, 3)), draw.standard_normal(3)
+    lean, wrong = spread(tolerance.tilt, 3, 3), spread(known.moments, 3, 3)
+    axes = np.linalg.qr(turned)[0]
+    if measured:
+        moments = moments + columns * wrong
+    else:
+        moments = moments + np.cross(lean, moments.T).T
+    if device.windings is not None and device.has_sizes:
+        nominal = _place_nominal(device, moments)
+        for _ in range(_TRIES):
+            sizes, shift = spread(tolerance.winding, 3, 3), spread(tolerance.position, 3, 3)
+            coils = replace(
+                nominal,
+                position=nominal.position + shift,
+                inner_radius=nominal.inner_radius + sizes[0],
+                outer_radius=np.maximum(nominal.outer_radius + sizes[1], nominal.inner_radius + sizes[0] + 1e-4),
+                length=np.maximum(nominal.length + sizes[2], 1e-4),
+            )
+            about_core = replace(coils, position=coils.position - place)
+            if (about_core.nearest > 1.001 * radius).all():
+                break
+        else:
+            raise GeometryError(
+                f"device '{device.name}': its windings do not clear the core within [tolerance]; make winding, "
+                "position and core_position smaller, or windings.inner_radius greater"
+            )
+        if measured:
+            coils = _scale_to_moments(device, coils, core, moments, place)
+        else:
+            coils = replace(coils, turns=nominal.turns * (1.0 + spread(tolerance.turns, 3)))
+    return BuiltElectromagnet(
+        coils, device.far_moments * (np.linalg.norm(moments, axis=0) / columns), core, place, axes,
+        stretch - stretch.mean(), ChargedRing(*size, remanence, **_FACE),
+        tolerance.earth_field * earth / np.linalg.norm(earth), steel,
+    )  # fmt: skip
+
+
+def _place_nominal(device: SphericalElectromagnet, moments: Array) -> PlacedCoils:
+    """The windings of `device` about the centre, each about its column of `moments` (3, 3)."""
+    sizes = device.windings
+    assert sizes is not None
+    axes = (moments / np.linalg.norm(moments, axis=0)).T
+    return PlacedCoils(
+        np.zeros((3, 3)), np.ascontiguousarray(axes), np.array(sizes.turns, dtype=float), sizes.inner_radius,
+        sizes.outer_radius, sizes.length,
+    )  # fmt: skip
+
+
+def _scale_to_moments(
+    device: SphericalElectromagnet, coils: PlacedCoils, core: SoftSphere, moments: Array, place: Array | None = None
+) -> PlacedCoils:
+    """`coils` with as many turns as give the fields on their axes that `moments` (3, 3) [m²] stand for.
+
+    Measured at the device's `moments_at` from its centre; far away, the moments themselves.
+    """
+    c = np.zeros(3) if place is None else place
+    about_core = replace(coils, position=coils.position - c)
+    sizes, made, away = np.linalg.norm(moments, axis=0), np.empty(3), device.moments_at
+    for number, coil in enumerate(place_coils(about_core)):
+        axis, field = coils.axis[number], coil.field(np.zeros(3))
+        if np.isinf(away):
+            made[number] = (coil.moment + core.moment_in(field)) @ axis
+            continue
+        at = away * axis - c
+        order = core.order(float(about_core.nearest[number]), float(np.linalg.norm(at)), 1e-6)
+        answer = answer_to_source(core, coil, order)[None]
+        there = coil.field(at) + _field_of_answer(answer, core.radius, order, at)
+        made[number] = there @ axis * away**3 / (2 * _K)
+    return replace(coils, turns=coils.turns * sizes / made)
+
+
+def _field_of_answer(answer: Array, radius: float, order: int, at: Array) -> Array:
+    charge, out = np.zeros((7, 1)), np.zeros((6, 1))
+    charge[:3, 0], charge[6] = at, 1.0
+    sums = np.empty(((order + 2) * (order + 3) // 2, 2))
+    harmonic_sums(charge, radius, order, sums)
+    add_answers(sums, answer, radius, order, at, out)
+    return out[:3, 0]

@@ -1,0 +1,178 @@
+"""The electromagnet that was built: what is drawn, and what it does, against a computation of another kind."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from haptorb.devices.base import rotation_to_axis
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.field_sensors import SensorErrors
+from haptorb.devices.loader import load
+from haptorb.devices.uncertainty import ElectromagnetTolerance
+from haptorb.errors import GeometryError
+from haptorb.magnetics.soft_sphere import SoftSphere
+from haptorb.simulation.built_electromagnet import (
+    BuiltElectromagnet,
+    Steel,
+    compute_fields,
+    draw_electromagnet,
+    fill_truth,
+)
+from haptorb.simulation.electromagnet import SimulatedElectromagnet
+from oracles import built_electromagnet as oracle
+from oracles import wound_coils
+from oracles.repetitions import repetitions
+
+OMNI = load("omni")
+assert isinstance(OMNI, SphericalElectromagnet)
+ROUND = ElectromagnetTolerance(core_shape=0.0)
+
+
+def act(built: BuiltElectromagnet, R: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    matrix, passive = np.empty((6, 3)), np.empty(6)
+    fill_truth(built.compute_map(OMNI.dome_radius), np.ascontiguousarray(R), p, matrix, passive, np.empty((6, 3)))
+    return matrix, passive
+
+
+def silence(device: SphericalElectromagnet) -> SphericalElectromagnet:
+    """With field sensors that add nothing."""
+    return replace(device, hall=replace(device.hall, noise=0.0, step=0.0, errors=SensorErrors()))
+
+
+def places(count: int, seed: int = 3):
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        tilt, turn = rng.uniform(0, np.radians(60)), rng.uniform(0, 2 * np.pi)
+        axis = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+        R = Rotation.from_rotvec(rng.uniform(-0.3, 0.3, 3)).as_matrix() @ rotation_to_axis(axis)
+        yield R, rng.uniform(0.05, 0.07) * axis
+
+
+def test_without_tolerances_it_is_the_file():
+    built = draw_electromagnet(replace(OMNI, tolerance=None))
+    for R, p in places(repetitions(12, 200)):
+        state = replace(SimulatedElectromagnet(OMNI).state(), R_SR=R, p=p)
+        matrix, passive = act(built, R, p)
+        true = wound_coils.wrench_map(OMNI, state)
+        assert np.linalg.norm(matrix[:3] - true[:3]) < 1e-4 * np.linalg.norm(true[:3])
+        assert np.linalg.norm(matrix[3:] - true[3:]) < 1e-4 * np.linalg.norm(true[3:])
+        model = OMNI.wrench_map(state, "exact").passive
+        assert np.linalg.norm(passive - model) < 1e-4 * np.linalg.norm(model)
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "within", "pulls"),
+    [(ROUND, 1e-3, 1e-3), (OMNI.tolerance, 2e-3, 8e-3)],
+    ids=["a ball off the centre", "an ellipsoid"],
+)
+def test_what_a_drawn_one_does_is_what_loops_and_charges_in_its_core_do(tolerance, within, pulls):
+    """An ellipsoid's answers above the first degree are taken for a ball's: half a per cent of the pull, 0.05 mN."""
+    device = replace(OMNI, tolerance=tolerance)
+    for specimen, (R, p) in enumerate(places(repetitions(2, 12))):
+        built = draw_electromagnet(device, specimen)
+        matrix, passive = act(built, R, p)
+        true, still = oracle.read_wrench(built, R, p)
+        assert np.linalg.norm(matrix[:3] - true[:3]) < within * np.linalg.norm(true[:3])
+        assert np.linalg.norm(matrix[3:] - true[3:]) < within * np.linalg.norm(true[3:])
+        assert np.linalg.norm(passive[:3] - still[:3]) < pulls * np.linalg.norm(still[:3])
+        assert np.linalg.norm(passive[3:] - still[3:]) < within * 2.41 * 50e-6 + pulls * np.linalg.norm(still[3:])
+
+
+def test_the_field_at_the_sensors_is_that_of_the_same_coils():
+    built = draw_electromagnet(OMNI, 4)
+    at = OMNI.hall.positions
+    true = oracle.read_fields(built, at)
+    found = compute_fields(built.compute_map(OMNI.dome_radius), at)
+    assert np.abs(found - true).max() < 1e-3 * np.abs(true).max()
+
+
+def test_measured_moments_hold_whatever_the_windings_are():
+    """On each coil's axis at 55 mm the field is that of the file's moments, as well as they are known."""
+    known = OMNI.uncertainty.moments * np.sqrt(3)
+    for specimen in range(6):
+        built = draw_electromagnet(OMNI, specimen)
+        for number in range(3):
+            axis = built.coils.axis[number]
+            field = compute_fields(built.compute_map(OMNI.dome_radius), OMNI.moments_at * axis[None])[0, :, number]
+            moment = float(field @ axis) * OMNI.moments_at**3 / 2e-7
+            printed = OMNI.moment_per_current[:, number]
+            assert abs(moment / np.linalg.norm(printed) - 1) < 2 * known
+            assert np.linalg.norm(moment * axis - printed) < 2 * known * np.linalg.norm(printed)
+
+
+def test_every_value_lies_in_its_tolerance_and_no_winding_in_the_core():
+    known, sizes, most = OMNI.tolerance, OMNI.windings, np.sqrt(3.0) * (1 + 1e-12)
+    drawn = [draw_electromagnet(OMNI, n) for n in range(repetitions(60, 400))]
+    for built in drawn:
+        coils = built.coils
+        assert np.abs(coils.position).max() <= most * known.position
+        for name in ("inner_radius", "outer_radius", "length"):
+            assert np.abs(getattr(coils, name) - getattr(sizes, name)).max() <= most * known.winding
+        assert np.abs(built.core_place).max() <= most * known.core_position
+        assert np.abs(built.core_stretch).max() <= 4 / 3 * most * known.core_shape
+        assert 200 <= built.core.permeability <= 5000
+        assert np.linalg.norm(built.earth) == pytest.approx(50e-6)
+        assert abs(built.ring.remanence / OMNI.tool.remanence - 1) <= most * OMNI.uncertainty.remanence
+        apart = np.linalg.norm(coils.position - built.core_place, axis=1)
+        assert (coils.inner_radius > built.core.radius).all()
+        assert (apart < 1.2e-3).all()
+    # all alike likely: the standard deviation is the file's
+    spread = np.std([one.core_place for one in drawn])
+    assert spread == pytest.approx(known.core_position, rel=0.15)
+
+
+def test_a_number_is_one_electromagnet_and_the_seed_is_its_number():
+    def moments(*args, **named):
+        return SimulatedElectromagnet(*args, **named).built.compute_moments()
+
+    assert np.array_equal(moments(OMNI, 3), moments(OMNI, 9, specimen=3))
+    assert not np.array_equal(moments(OMNI, 3), moments(OMNI, 4))
+    exact = replace(OMNI, tolerance=None)
+    assert np.array_equal(moments(exact, 3), moments(exact, 4))
+
+
+def test_a_steel_ball_far_away_pulls_as_a_ball_does():
+    """All of its answer against the dipole's, without the core: a ball of 10 mm at 90 mm from the magnet."""
+    steel = Steel(np.array([0.09, 0.0, 0.06]), 10e-3)
+    without = draw_electromagnet(replace(OMNI, tolerance=None))
+    with_it = replace(without, steel=steel)
+    R, p = rotation_to_axis(np.array([1.0, 0.0, 0.0])), np.array([0.0, 0.0, 0.06])
+    pull = act(with_it, R, p)[1] - act(without, R, p)[1]
+    at, _, q = oracle.magnet(without, R, p)
+    true = SoftSphere(steel.radius).forces(at - steel.place, q).sum(axis=0)
+    assert np.linalg.norm(pull[:3] - true) < 0.05 * np.linalg.norm(true)
+    # what the coils make of it moves the magnet, and the sensors see it
+    coils = act(with_it, R, p)[0] - act(without, R, p)[0]
+    assert 1e-4 < np.abs(coils[:3]).max() / np.abs(act(without, R, p)[0][:3]).max() < 0.05
+    seen, unseen = (SimulatedElectromagnet(silence(replace(OMNI, tolerance=None)), steel=one) for one in (steel, None))
+    for one in (seen, unseen):
+        one.place(p, Rotation.from_matrix(R).as_quat())
+    more = seen.sample(0.0, 0.0, True).field - unseen.sample(0.0, 0.0, True).field
+    true = SoftSphere(steel.radius).compute_induced_field(at - steel.place, q, OMNI.hall.positions - steel.place)
+    assert np.linalg.norm(more - true) < 0.1 * np.linalg.norm(true)
+
+
+def test_the_earths_field_turns_the_tool_and_offsets_the_sensors():
+    far = np.array([0.0, 0.0, 0.4])
+    built = draw_electromagnet(OMNI, 1)
+    moment = np.array([0.0, 0.0, float(built.ring.moment[2])])
+    passive = act(built, np.eye(3), far)[1]
+    assert passive[3:] == pytest.approx(np.cross(moment, built.earth), rel=0.02, abs=1e-6)
+    quiet = silence(OMNI)
+    still = replace(quiet, tolerance=None, tool=replace(quiet.tool, remanence=built.ring.remanence))
+    simulated, exact = SimulatedElectromagnet(quiet, 1), SimulatedElectromagnet(still, 1)
+    for one in (simulated, exact):
+        one.place(far, (0, 0, 0, 1))
+    more = simulated.sample(0.0, 0.0, True).field - exact.sample(0.0, 0.0, True).field
+    # with a ball of 15 mm, of three times the field at its pole, 55 mm away
+    assert np.abs(more - built.earth).max() < 2.2 * (15 / 55) ** 3 * 50e-6
+
+
+def test_windings_that_never_clear_the_core_are_refused_with_what_to_change():
+    within = replace(OMNI.windings, inner_radius=np.array([13.0, 19.65, 24.17]) * 1e-3)
+    with pytest.raises(GeometryError, match=r"do not clear the core .* make winding, position"):
+        draw_electromagnet(replace(OMNI, windings=within))
