@@ -284,6 +284,8 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
+    # A shell has what it starts in the background ignore Ctrl-C, and so would the run that is to be ended by it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     found = run(options.minutes)
     faults = find_faults(found)
     if options.json:
