@@ -126,20 +126,16 @@ def draw_electronics(device: Device, rng: np.random.Generator) -> dict[str, Any]
 
 
 def try_electromagnets(device: SphericalElectromagnet, asked: float, seed: int) -> Iterator[Trial]:
-    """One electromagnet after the other, the regions in turn."""
+    """One electromagnet after the other, the regions in turn. Coils, core and magnet are drawn by the simulation."""
     known, number = device.uncertainty, 0
     while True:
         rng = np.random.default_rng([seed, number])
         region = number % 3
         tool, kelvin = device.tool, known.magnet_temperature * rng.standard_normal()
-        remanence = tool.remanence * (1 + known.remanence * rng.standard_normal())
-        columns = np.linalg.norm(device.moment_per_current, axis=0)
         shift = known.core_place * rng.standard_normal(3)
         true = replace(
             device,
-            tool=replace(tool, remanence=remanence * (1 + known.remanence_drift * kelvin)),
-            moment_per_current=device.moment_per_current + known.moments * columns * rng.standard_normal((3, 3)),
-            core_radius=device.core_radius + known.core_radius * rng.standard_normal(),
+            tool=replace(tool, remanence=tool.remanence * (1 + known.remanence_drift * kelvin)),
             hand=replace(device.hand, stiffness=FIRM * device.hand.stiffness, damping=30 * device.hand.damping),
             dome_radius=device.dome_radius - 1e-3,  # a tool in contact may be nearer to a core that is off its place
             # The simulation has core and coils at its origin: instead of them, tool and sensors are off, the other way.

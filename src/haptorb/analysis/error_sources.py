@@ -26,18 +26,19 @@ from haptorb.devices.electromagnet import (
     point_field,
     shell_capability,
 )
-from haptorb.devices.electromagnet_model import CoreDynamics, WoundCoils, pull, ring_per_ampere, wound_per_ampere
+from haptorb.devices.electromagnet_model import CoreDynamics, WoundCoils, fill_wound, pull, ring_per_ampere
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.motor import SphericalMotor, measure_ring_pull
 from haptorb.devices.motor_model import coils_field, torque_over_sine
-from haptorb.devices.uncertainty import ChainUncertainty
+from haptorb.devices.uncertainty import ChainUncertainty, ElectromagnetTolerance
 from haptorb.display import format_quantity
 from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.calibration import Calibration
 from haptorb.estimation.hall_fit import ToolModel, coil_field, moment_field, tool_field
 from haptorb.estimation.hall_tracker import CALIBRATED
+from haptorb.magnetics.coil import CentredCoil
 from haptorb.magnetics.magnets import ChargedRing
-from haptorb.magnetics.soft_sphere import answer_to_source
+from haptorb.magnetics.soft_sphere import SoftSphere, answer_to_source
 from haptorb.rotations import rotation_from_euler, turn_by
 
 __all__ = [
@@ -402,9 +403,10 @@ class HallFit:
         return field, slopes
 
     def read(
-        self, trial: SensorTrial, tool: State, strength: float, moments: Array, extra: Array, currents: Array
-    ) -> Array:
-        """(k, 3) [T] the readings less what the tracker takes off for the currents.
+        self, trial: SensorTrial, tool: State, strength: float, moments: Array, extra: Array, currents: Array,
+        more: Array,
+    ) -> Array:  # fmt: skip
+        """(k, 3) [T] the readings less what the tracker takes off for the currents; `more` (k, 3) [T] is in the field.
 
         The magnet of `tool` has `strength` times the model's remanence; the coils have `moments` (3, m) [m²] per true
         ampere of `currents` (m,) [A], and the core the moment `extra` (3,) [A·m²] beside that. Core and coils are at
@@ -417,7 +419,7 @@ class HallFit:
         across = moments - scale * self._moments
         amperes = scale * currents
         field += self._coils @ amperes + np.einsum("kijm,kj,m->ki", self._slopes, trial.placement, amperes)
-        field += point_field(model.sensors) @ (across @ currents + extra)
+        field += point_field(model.sensors) @ (across @ currents + extra) + more
         left: Array = trial.read_field(field) - self._per_ampere @ trial.read_currents(currents)
         return left
 
@@ -430,13 +432,235 @@ class MomentFit:
         unit = moment_field(device).reshape(-1, 3)
         self._solve = np.linalg.solve(unit.T @ unit, unit.T)
 
-    def find_true(self, trial: CalibratedTrial) -> Array:
-        """(3, m) [m²] the moments per true ampere that sensors with the errors of `trial` took for its moments."""
+    def find_true(self, trial: CalibratedTrial, more: Array) -> Array:
+        """(3, m) [m²] the moments per true ampere that sensors with the errors of `trial` took for its moments.
+
+        more (k, 3, m) [T/A]: the field of the coils at the sensors beside that of coils as in the file.
+        """
         at = self._places + trial.placement
         fields = [trial.read_field(field) for field in np.moveaxis(point_field(at), 2, 0)]
         read = np.stack([field - trial.reading for field in fields], axis=2).reshape(-1, 3)
-        moments: Array = np.linalg.solve(self._solve @ read, trial.moments) * (1 + trial.gain)
+        seen = trial.moments - self._solve @ more.reshape(read.shape[0], -1)
+        moments: Array = np.linalg.solve(self._solve @ read, seen) * (1 + trial.gain)
         return moments
+
+
+# --------------------------------------------------------------------------------------------------
+# Coils and core that are not built as the file says: what that does to the magnet, and to the field at the sensors.
+#
+# A winding that is off its place takes its own field along; the core's answer stays with the core, whose first
+# harmonic is that of the winding's field at its centre and changes in the second order only. What is left out of that,
+# the answer's second harmonic, is a tenth of it. Other sizes change the strengths of the zonal terms. Where the moments
+# per ampere were measured as fields, all this happens at the same field there.
+
+
+SIZES = ("inner_radius", "outer_radius", "length")
+_SIZE_STEP = 2e-5  #: of a derivative by a size [m]
+
+
+@dataclass
+class BuiltTrial:
+    """How windings and core of one device differ from its file."""
+
+    offsets: Array  #: (3, 3) [m] of each winding from the centre
+    sizes: Array  #: (3, 3) [m] more inner radius, outer radius and length (rows) of each winding
+    core: Array  #: (3,) [m] of the core from the centre
+    softness: float  #: 1/permeability beside the file's
+    earth: Array  #: (3,) [T]
+
+    @classmethod
+    def exact(cls) -> BuiltTrial:
+        """As the file says."""
+        return cls(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), 0.0, np.zeros(3))
+
+
+class BuiltCoils:
+    """Coils of `device`, whose sizes are known, that are built with the differences of a `BuiltTrial`."""
+
+    def __init__(self, device: SphericalElectromagnet) -> None:
+        assert device.windings is not None
+        wound, windings, core = device.wound_coils, device.windings, device.core
+        count = wound.terms.shape[1]
+        alone = SoftSphere(core.radius, 1.0)
+        self._wound, self._sizes = wound, np.linalg.norm(device.moment_per_current, axis=0)
+        raw, alone_terms = (
+            np.stack([CentredCoil(coil, ball, wound.nearest).terms(wound.reach, count) for coil in windings.coils])
+            for ball in (core, alone)
+        )
+        self._own: Array = alone_terms * (wound.terms[:, :1] / raw[:, :1])
+        self._core: Array = wound.terms - self._own
+        closest = max(device.contact_distance - device.tool.length / 2, device.dome_radius)
+        measured = device.moments_from != "windings"
+        slopes = []
+        for name in SIZES:
+            either = []
+            for step in (_SIZE_STEP, -_SIZE_STEP):
+                sizes = replace(windings, **{name: getattr(windings, name) + step})
+                moments = device.moment_per_current
+                if not measured:
+                    was, now = (one.moment_per_current(core, device.moments_at) for one in (windings, sizes))
+                    moments = moments * (np.diag(now) / np.diag(was))
+                made = sizes.wound(core, moments, device.moments_at, wound.nearest, closest)
+                padded = np.zeros_like(wound.terms)
+                many = min(count, made.terms.shape[1])
+                degrees = 2 * np.arange(many) + 2
+                padded[:, :many] = made.terms[:, :many] * (made.reach / wound.reach) ** degrees
+                either.append(padded)
+            slopes.append((either[0] - either[1]) / (2 * _SIZE_STEP))
+        self._by_size = np.stack(slopes)  # (3 sizes, m, k)
+        # relative change of the field where it was measured, per way of winding and core along the axis [1/m]
+        self._steeper = np.zeros((2, device.channels))
+        if measured and np.isfinite(device.moments_at):
+            n = 2 * np.arange(count) + 1
+            share = (n + 1) * (wound.reach / device.moments_at) ** (n + 2)
+            whole = wound.terms @ share
+            for row, terms in enumerate((self._own, self._core)):
+                self._steeper[row] = terms @ (share * (n + 2)) / whole / device.moments_at
+        self._sensors = np.ascontiguousarray(np.asarray(device.hall.positions, dtype=np.float64).reshape(-1, 3))
+
+    def map(self, rows: Array, built: BuiltTrial, moments: Array, more: Array, p: Array, R: Array) -> Array:
+        """(6, m) [N/A, N·m/A] on charges `rows` (4, n) at p (3,) [m], R (3, 3), for `moments` (3, m) [m²].
+
+        more (m, k) [T·m/A]: added to the windings' terms, for a core of another size.
+        """
+        sizes, wound = np.linalg.norm(moments, axis=0), self._wound
+        axes = np.ascontiguousarray((moments / sizes).T)
+        along, core = (built.offsets * axes).sum(axis=1), axes @ built.core
+        scale = sizes / self._sizes / (1.0 + self._steeper[0] * along + self._steeper[1] * core)
+        winding: Array = self._own + more + np.einsum("sjk,sj->jk", self._by_size, built.sizes)
+        own, answers = (np.ascontiguousarray(scale[:, None] * terms) for terms in (winding, self._core))
+        out, single = np.empty((6, len(sizes))), np.empty((6, 1))
+        fill_wound(rows, answers, wound.reach, wound.nearest, axes, p - built.core, R, out)
+        for j in range(len(sizes)):
+            part = own[j : j + 1], wound.reach, wound.nearest, axes[j : j + 1]
+            fill_wound(rows, *part, p - built.offsets[j], R, single)
+            out[:, j] += single[:, 0]
+        return out
+
+    def add_field(self, built: BuiltTrial, moments: Array) -> Array:
+        """(k, 3, m) [T/A] what such coils make at the field sensors beside what coils as in the file make."""
+        found, upright = np.empty((len(self._sensors), 3, len(self._sizes))), np.eye(3)
+        none, unit = np.zeros_like(self._own), np.array([[0.0], [0.0], [0.0], [1.0]])
+        for k, at in enumerate(self._sensors):
+            there, here = (self.map(unit, one, moments, none, at, upright) for one in (built, BuiltTrial.exact()))
+            found[k] = there[:3] - here[:3]
+        return found
+
+
+class WindingSizes(ErrorSource["ToolTrial"]):
+    """Radii and length of each winding."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("sizes of the windings", format_quantity(standard, "m"), origin, 9)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Change the sizes."""
+        trial.built.sizes += self._standard * spread_evenly(deviates).reshape(3, 3)
+
+
+class WindingPositions(ErrorSource["ToolTrial"]):
+    """Where each winding is."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("positions of the windings", format_quantity(standard, "m"), origin, 9)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Move the windings."""
+        trial.built.offsets += self._standard * spread_evenly(deviates).reshape(3, 3)
+
+
+class CorePosition(ErrorSource["ToolTrial"]):
+    """Where the core is among the windings."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("position of the core in the windings", format_quantity(standard, "m"), origin, 3)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Move the core."""
+        trial.built.core += self._standard * spread_evenly(deviates)
+
+
+class CorePermeability(ErrorSource["ToolTrial"]):
+    """How soft the core is: its answer to the tool follows, the moments are measured with it."""
+
+    def __init__(self, bounds: tuple[float, float], file: float, origin: str) -> None:
+        super().__init__("permeability of the core", f"{bounds[0]:g} to {bounds[1]:g}", origin, 1)
+        self._bounds, self._file = np.log(bounds), file
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Change the permeability."""
+        low, high = self._bounds
+        trial.built.softness += float(np.exp(-(low + (high - low) * ndtr(deviates[0])))) - 1.0 / self._file
+
+
+class EarthField(ErrorSource["ToolTrial"]):
+    """The uniform field in which the device stands."""
+
+    def __init__(self, size: float, origin: str) -> None:
+        super().__init__("earth's field", format_quantity(size, "T"), origin, 3)
+        self._size = size
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Turn it anywhere."""
+        trial.built.earth += self._size * deviates / np.linalg.norm(deviates)
+
+
+class WindingTilts(ErrorSource["ToolTrial"]):
+    """The axes of windings whose moments were computed."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("axes of the windings", f"{np.degrees(standard):.3g}°", origin, 9)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Turn the moments."""
+        lean = self._standard * spread_evenly(deviates).reshape(3, 3)
+        trial.moments += np.cross(lean, trial.moments.T).T
+
+
+class WindingTurns(ErrorSource["ToolTrial"]):
+    """How many turns windings have whose moments were computed."""
+
+    def __init__(self, standard: float, origin: str, coils: int) -> None:
+        super().__init__("turns of the windings", describe_share(standard), origin, coils)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Change the moments."""
+        trial.moments *= 1.0 + self._standard * spread_evenly(deviates)
+
+
+def spread_evenly(deviates: Array) -> Array:
+    """Numbers with standard deviation 1, all from −√3 to √3 alike likely, from normal `deviates` of any shape."""
+    found: Array = np.sqrt(3.0) * (2.0 * ndtr(deviates) - 1.0)
+    return found
+
+
+def built_sources(
+    device: SphericalElectromagnet, known: ElectromagnetTolerance, *, calibrated: bool
+) -> list[ErrorSource[ToolTrial]]:
+    """What [tolerance] says of how windings and core are built."""
+
+    def origin(key: str) -> str:
+        if f"tolerance.{key}" in device.assumed:
+            return "assumed"
+        return "device file" if key in known.model_fields_set else "default"
+
+    found: list[ErrorSource[ToolTrial]] = [
+        CorePosition(known.core_position, origin("core_position")),
+        CorePermeability(known.core_permeability, device.core_permeability, origin("core_permeability")),
+        EarthField(known.earth_field, origin("earth_field")),
+    ]
+    if device.has_sizes:
+        found.append(WindingPositions(known.position, origin("position")))
+        found.append(WindingSizes(known.winding, origin("winding")))
+        if device.moments_from == "windings" and not calibrated:
+            found.append(WindingTilts(known.tilt, origin("tilt")))
+            found.append(WindingTurns(known.turns, origin("turns"), device.channels))
+    return found
 
 
 # --------------------------------------------------------------------------------------------------
@@ -464,6 +688,7 @@ class ToolTrial(SensorTrial):
     remanent: Array  #: (3,) moment that stays in the core [A·m²]
     lag: complex  #: what eddy currents take of a moment that turns, relative
     turning: Array  #: (3,) any vector; its part across the force is the direction into which the force turns
+    built: BuiltTrial  #: how windings and core differ
 
     def strengthen(self, factors: Array) -> None:
         """Multiply the magnet's strength by `factors` (1,)."""
@@ -521,11 +746,16 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         self._tables = [self._tabulate(k * self._span) if radius_span else self._pull.table for k in (-1, 0, 1)]
         spans = (-1, 0, 1) if radius_span else (0, 0, 0)
         self._wound = [self._wind(k * self._span) for k in spans] if device.has_sizes else None
+        self._built = BuiltCoils(device) if device.has_sizes else None
+        hard = 1.0 / device.core_permeability
+        softest = max(_HARDEST, 2.0 * hard)
+        self._softer: Array = (self._tabulate(0.0, 1.0 / softest) - self._pull.table) / (softest - hard)
 
-    def _tabulate(self, more: float) -> Array:
-        """The core's pull if its radius were `more` [m] larger than in the model."""
+    def _tabulate(self, more: float, permeability: float | None = None) -> Array:
+        """The core's pull if its radius were `more` [m] larger than in the model, or it had another permeability."""
         known = self._pull
-        return replace(known, core_radius=known.core_radius + more).table
+        soft = known.core_permeability if permeability is None else permeability
+        return replace(known, core_radius=known.core_radius + more, core_permeability=soft).table
 
     def _wind(self, more: float) -> WoundCoils:
         """The coils, with as many terms as in the model, if the core's radius were `more` [m] larger; their measured
@@ -559,20 +789,23 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         return ToolTrial(
             **vars(exact), mixing=np.zeros((k, 3, 3)), reading=np.zeros((k, 3)), placement=np.zeros((k, 3)),
             strength=1.0, moments=self._moments.copy(), core_radius=0.0, shift=np.zeros(3), place=np.zeros(3),
-            turn=np.zeros(3), remanent=np.zeros(3), lag=0.0, turning=np.zeros(3),
+            turn=np.zeros(3), remanent=np.zeros(3), lag=0.0, turning=np.zeros(3), built=BuiltTrial.exact(),
         )  # fmt: skip
 
     def wrench_error(self, point: ToolPoint, trial: ToolTrial) -> Array:
         """(3,) along two tangents and the radius [N]."""
+        more = np.zeros((self._device.sensors, 3, self._device.channels))
+        if self._built is not None and (self._calibrated is not None or point.hall is not None):
+            more = self._built.add_field(trial.built, trial.moments)
         if self._calibrated is not None:
-            trial.moments = self._calibrated.find_true(trial)
+            trial.moments = self._calibrated.find_true(trial, more)
         place, turn = trial.place, trial.turn
         currents, extra = np.zeros(self._device.channels), np.zeros(3)
         # Currents follow from the pose, and the pose from readings with the coils' field in them: the third time all
         # agree, and the first pose of a tracker is its last.
         for _ in range(1 if point.hall is None else 3):
             if self._hall is not None and point.hall is not None:
-                place, turn = self._locate(self._hall, point, trial, extra, currents)
+                place, turn = self._locate(self._hall, point, trial, extra, currents, more)
             R = np.empty((3, 3))
             turn_by(float(turn[0]), float(turn[1]), float(turn[2]), point.R, R)
             believed = self._device.wrench_map(
@@ -581,11 +814,12 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
             wanted = self._allocator.allocate(believed, point.wrench).currents
             currents = self._loop.true_currents(wanted, trial)
             extra = trial.remanent - self._lag(point, trial, believed.force)
+            extra += self._device.core.moment_in(trial.built.earth)
         error: Array = point.R.T @ (self._deliver(point, trial, currents, extra) - point.wrench[:3])
         return error
 
     def _locate(
-        self, hall: HallFit, point: ToolPoint, trial: ToolTrial, extra: Array, currents: Array
+        self, hall: HallFit, point: ToolPoint, trial: ToolTrial, extra: Array, currents: Array, more: Array
     ) -> tuple[Array, Array]:
         """(3,) estimated minus true position [m], and rotation from the true to the estimated axis [rad].
 
@@ -596,7 +830,8 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         still = np.zeros(3)
         tool = State(0.0, point.R, point.p - trial.shift, still, still)
         seen_from_core = replace(trial, placement=trial.placement - trial.shift)
-        left = hall.read(seen_from_core, tool, trial.strength, trial.moments, extra, currents)
+        beside = more @ currents + trial.built.earth
+        left = hall.read(seen_from_core, tool, trial.strength, trial.moments, extra, currents, beside)
         fit = point.hall.solve @ (left - point.hall.field).ravel()
         return fit[:3], point.R[:, :2] @ fit[3:]
 
@@ -615,19 +850,22 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
     def _deliver(self, point: ToolPoint, trial: ToolTrial, currents: Array, extra: Array) -> Array:
         """(3,) the true force [N]: of the coils and the moment `extra` (3,) [A·m²] with the magnet's strength, of the
         core with its square."""
-        matrix, passive, still = np.empty((6, 3)), np.zeros(6), np.zeros(6)
+        matrix, passive, still, built = np.empty((6, 3)), np.zeros(6), np.zeros(6), trial.built
         p, per_moment = point.p - trial.shift, np.eye(3)
-        ring_per_ampere(self._rows, self._tables[1], self._pull.nearest, per_moment, p, point.R, matrix, passive)
+        from_core = p - built.core
+        ring_per_ampere(
+            self._rows, self._tables[1], self._pull.nearest, per_moment, from_core, point.R, matrix, passive
+        )
         made, x = matrix[:3] @ extra, trial.core_radius / self._span
-        if self._wound is None:
+        if self._wound is None or self._built is None:
             made += matrix[:3] @ trial.moments @ currents
         else:
             terms = [one.terms for one in self._wound]
-            coils = self._wound[1]._replace(terms=_interpolate(terms, x)).with_moments(self._moments, trial.moments)
-            rows, table, pull_from = self._device.wound_ring[:3]
-            wound_per_ampere(rows, table, pull_from, *coils, p, point.R, matrix, passive)
-            made += matrix[:3] @ currents
-        pull(_interpolate(self._tables, x), self._pull.nearest, p, np.ascontiguousarray(point.R[:, 2]), still)
+            more = _interpolate(terms, x) - terms[1]
+            rows = self._device.wound_ring[0]
+            made += self._built.map(rows, built, trial.moments, more, p, point.R)[:3] @ currents
+        table = _interpolate(self._tables, x) + built.softness * self._softer
+        pull(table, self._pull.nearest, from_core, np.ascontiguousarray(point.R[:, 2]), still)
         force: Array = trial.strength * made + trial.strength**2 * still[:3]
         return force
 
@@ -641,6 +879,7 @@ def _interpolate(values: Sequence[Array], x: float) -> Array:
 
 ESTIMATORS = ("tracker", "hall")
 _TOOL_SOURCES_AVERAGED = 3.3  #: readings that the Hall tracker's filter is worth, at 1 kHz: it leaves 0.55 of the noise
+_HARDEST = 1 / 200  #: 1/permeability between which and the file's the pull changes in proportion
 _SPAN = 3.0  #: standard uncertainties up to which the core's radius is looked up; beyond, the parabola continues
 
 
@@ -761,12 +1000,16 @@ def tool_errors(
     sources: list[ErrorSource[ToolTrial]] = [
         MagnetStrength("remanence", known.remanence, origin("remanence")),
         magnet_warmth("temperature of the magnet", device, known),
-        _moments(believed, calibration),
         *_tool_sources_pose_sources(believed, chosen, calibration),
         CorePlace(known.core_place, origin("core_place")),
         CoreRadius(known.core_radius, origin("core_radius")),
         *current_sources(device, known, known.current_offset),
     ]
+    computed = believed.moments_from == "windings" and believed.has_sizes and believed.tolerance is not None
+    if not computed:  # else by how windings are built
+        sources.append(_moments(believed, calibration))
+    if believed.tolerance is not None:
+        sources += built_sources(believed, believed.tolerance, calibrated=calibration is not None)
     if core.remanent_moment:
         sources.append(CoreRemanence(core, origin("remanent_moment", "core_dynamics")))
     if core.eddy_share and frequency:
