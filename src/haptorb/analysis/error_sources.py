@@ -463,6 +463,7 @@ class BuiltTrial:
     """How windings and core of one device differ from its file."""
 
     offsets: Array  #: (3, 3) [m] of each winding from the centre
+    whole: Array  #: (3, 3) [m] of each winding with the core's answer to it from where the model has them
     sizes: Array  #: (3, 3) [m] more inner radius, outer radius and length (rows) of each winding
     core: Array  #: (3,) [m] of the core from the centre
     softness: float  #: 1/permeability beside the file's
@@ -471,7 +472,7 @@ class BuiltTrial:
     @classmethod
     def exact(cls) -> BuiltTrial:
         """As the file says."""
-        return cls(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), 0.0, np.zeros(3))
+        return cls(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), 0.0, np.zeros(3))
 
 
 class BuiltCoils:
@@ -490,14 +491,14 @@ class BuiltCoils:
         self._own: Array = alone_terms * (wound.terms[:, :1] / raw[:, :1])
         self._core: Array = wound.terms - self._own
         closest = max(device.contact_distance - device.tool.length / 2, device.dome_radius)
-        measured = device.moments_from != "windings"
+        measured = device.moments_from == "device file"
         slopes = []
         for name in SIZES:
             either = []
             for step in (_SIZE_STEP, -_SIZE_STEP):
                 sizes = replace(windings, **{name: getattr(windings, name) + step})
                 moments = device.moment_per_current
-                if not measured:
+                if device.moments_from == "windings":
                     was, now = (one.moment_per_current(core, device.moments_at) for one in (windings, sizes))
                     moments = moments * (np.diag(now) / np.diag(was))
                 made = sizes.wound(core, moments, device.moments_at, wound.nearest, closest)
@@ -529,12 +530,10 @@ class BuiltCoils:
         scale = sizes / self._sizes / (1.0 + self._steeper[0] * along + self._steeper[1] * core)
         winding: Array = self._own + more + np.einsum("sjk,sj->jk", self._by_size, built.sizes)
         own, answers = (np.ascontiguousarray(scale[:, None] * terms) for terms in (winding, self._core))
-        out, single = np.empty((6, len(sizes))), np.empty((6, 1))
-        fill_wound(rows, answers, wound.reach, wound.nearest, axes, p - built.core, R, out)
-        for j in range(len(sizes)):
-            part = own[j : j + 1], wound.reach, wound.nearest, axes[j : j + 1]
-            fill_wound(rows, *part, p - built.offsets[j], R, single)
-            out[:, j] += single[:, 0]
+        out, windings, middle = np.empty((6, len(sizes))), np.empty((6, len(sizes))), wound.centres + built.whole
+        fill_wound(rows, answers, wound.reach, wound.nearest, axes, middle + built.core, p, R, out)
+        fill_wound(rows, own, wound.reach, wound.nearest, axes, middle + built.offsets, p, R, windings)
+        out += windings
         return out
 
     def add_field(self, built: BuiltTrial, moments: Array) -> Array:

@@ -317,6 +317,8 @@ class SphericalElectromagnet(Device):
         a coil's field on its axis at the distance `moments_at`.
     moments_at : float
         Where that holds [m]; inf: far away.
+    coil_centres : ndarray, shape (3, 3), optional
+        From where each coil's field comes, where a calibration found it [m].
     core_radius : float
         Radius of the core [m].
     core_permeability : float
@@ -383,6 +385,7 @@ class SphericalElectromagnet(Device):
     windings: Windings | None = None
     moments_from: str = "device file"
     moments_at: float = np.inf
+    coil_centres: Array | None = None
     core_dynamics: CoreDynamics = field(default_factory=CoreDynamics)
     marks: Marks | None = None
     uncertainty: ToolUncertainty = field(default_factory=lambda: ToolUncertainty.model_validate({}))
@@ -565,7 +568,8 @@ class SphericalElectromagnet(Device):
         """
         at = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         if self.windings is not None and self.has_sizes and len(at):
-            return self.windings.field(self.core, self.moment_per_current, self.moments_at, at)
+            known = self.core, self.moment_per_current, self.moments_at
+            return self.windings.field(*known, at, centres=self.coil_centres)
         return point_field(at) @ self.moment_per_current
 
     @cached_property
@@ -603,10 +607,11 @@ class SphericalElectromagnet(Device):
         """Coils and core at their true size, as kernels take them, for `has_sizes`."""
         assert self.windings is not None
         closest = max(self.contact_distance - self.tool.length / 2, self.dome_radius)
-        return self.windings.wound(self.core, self.moment_per_current, self.moments_at, self.dome_radius, closest)
+        known = self.core, self.moment_per_current, self.moments_at, self.dome_radius
+        return self.windings.wound(*known, closest, self.coil_centres)
 
     @cached_property
-    def wound_ring(self) -> tuple[Array, Array, float, Array, float, float, Array]:
+    def wound_ring(self) -> tuple[Array, Array, float, Array, float, float, Array, Array]:
         """The tool's magnet, what the core does to it, and the coils, as `wound_per_ampere` takes them."""
         tool, pulls = self.tool, self.passive_pull
         size = (tool.outer_radius, tool.inner_radius, tool.length, tool.remanence)

@@ -453,12 +453,13 @@ _LEFT_OUT = 1e-4  #: relative, of the terms that are left out where the magnet c
 
 
 class WoundCoils(NamedTuple):
-    """Coils about the origin with the core's answer to them, outside of all of them, as kernels take them."""
+    """Coils with the core's answer to them, outside of all of them, as kernels take them."""
 
     terms: Array  #: (m, k) [T·m/A] strengths of the odd zonal harmonics of each coil, lengths in units of `reach`
     reach: float  #: of the farthest winding, or the core [m]
-    nearest: float  #: points nearer to the origin count as being as far from it [m]
+    nearest: float  #: points nearer to a coil's centre count as being as far from it [m]
     axes: Array  #: (m, 3) unit vectors
+    centres: Array  #: (m, 3) from where each coil's field comes [m]
 
     def with_moments(self, own: Array, moments: Array) -> WoundCoils:
         """The same coils, whose moments per ampere are `own` (3, m) [m²], turned and scaled to `moments` (3, m)."""
@@ -469,14 +470,13 @@ class WoundCoils(NamedTuple):
 
 @kernel
 def fill_wound(
-    rows: Array, terms: Array, reach: float, nearest: float, axes: Array, p: Array, R: Array, out: Array
+    rows: Array, terms: Array, reach: float, nearest: float, axes: Array, centres: Array, p: Array, R: Array, out: Array
 ) -> float:
     """Fill out (6, m) [N/A, N·m/A] for a magnet's charges rows (4, n) turned by R at p in the field of `WoundCoils`.
 
     Torque about p. Returns the least distance of a charge from the origin [m].
 
-    The field of a coil is Σ c_n grad-type terms of P_n(cos θ)/r^(n+1) with odd n (`special.zonal`); what does not
-    depend on the coil is computed once for each charge.
+    The field of a coil is Σ c_n grad-type terms of P_n(cos θ)/r^(n+1) with odd n about its centre (`special.zonal`).
     """
     out[:] = 0.0
     closest, least = 1e300, (nearest / reach) ** 2
@@ -485,16 +485,19 @@ def fill_wound(
         square = 0.0
         for i in range(3):
             arm[i] = R[i, 0] * rows[0, n] + R[i, 1] * rows[1, n] + R[i, 2] * rows[2, n]
-            at[i] = (p[i] + arm[i]) / reach
-            square += at[i] * at[i]
+            square += (p[i] + arm[i]) * (p[i] + arm[i])
         closest = min(closest, square)
-        if square < least:
-            grow = np.sqrt(least / max(square, 1e-30))
-            at[0], at[1], at[2], square = grow * at[0], grow * at[1], grow * at[2], least
-        inverse = 1.0 / square
-        root = np.sqrt(inverse)
         q = rows[3, n] / reach
         for j in range(axes.shape[0]):
+            square, along = 0.0, 0.0
+            for i in range(3):
+                at[i] = (p[i] + arm[i] - centres[j, i]) / reach
+                square += at[i] * at[i]
+            if square < least:
+                grow = np.sqrt(least / max(square, 1e-30))
+                at[0], at[1], at[2], square = grow * at[0], grow * at[1], grow * at[2], least
+            inverse = 1.0 / square
+            root = np.sqrt(inverse)
             along = at[0] * axes[j, 0] + at[1] * axes[j, 1] + at[2] * axes[j, 2]
             z = along * inverse
             v0, v1 = root, z * root  # Pₙ/rⁿ⁺¹
@@ -519,20 +522,20 @@ def fill_wound(
             out[3, j] += arm[1] * bz - arm[2] * by
             out[4, j] += arm[2] * bx - arm[0] * bz
             out[5, j] += arm[0] * by - arm[1] * bx
-    return float(reach * np.sqrt(closest))
+    return float(np.sqrt(closest))
 
 
 @kernel
 def _fill_wound_ring(
-    rows: Array, table: Array, pull_from: float, terms: Array, reach: float, nearest: float, axes: Array, p: Array,
-    R: Array, out: Array, passive: Array,
+    rows: Array, table: Array, pull_from: float, terms: Array, reach: float, nearest: float, axes: Array,
+    centres: Array, p: Array, R: Array, out: Array, passive: Array,
 ) -> None:  # fmt: skip
     axis, turned = np.empty(3), np.empty((3, 3))
     for i in range(3):
         axis[i] = R[i, 2]
         passive[i], passive[3 + i] = 0.0, 0.0
     axis_frame(axis, turned)
-    fill_wound(rows, terms, reach, nearest, axes, p, turned, out)
+    fill_wound(rows, terms, reach, nearest, axes, centres, p, turned, out)
     for k in range(out.shape[1]):  # none about the axis of what is round: that of a dozen charges on a face is 1e-6
         about = out[3, k] * axis[0] + out[4, k] * axis[1] + out[5, k] * axis[2]
         for i in range(3):
@@ -542,15 +545,15 @@ def _fill_wound_ring(
 
 @tick_kernel
 def wound_per_ampere(
-    rows: Array, table: Array, pull_from: float, terms: Array, reach: float, nearest: float, axes: Array, p: Array,
-    R: Array, out: Array, passive: Array,
+    rows: Array, table: Array, pull_from: float, terms: Array, reach: float, nearest: float, axes: Array,
+    centres: Array, p: Array, R: Array, out: Array, passive: Array,
 ) -> None:  # fmt: skip
     """Fill out (6, m) [N/A, N·m/A] and passive (6,) [N, N·m] for a ring magnet turned by R at p over wound coils.
 
     rows are the ring's charges, table and pull_from its `PassivePull`, the rest `WoundCoils`; the magnet is round: only
     its axis matters.
     """
-    _fill_wound_ring(rows, table, pull_from, terms, reach, nearest, axes, p, R, out, passive)
+    _fill_wound_ring(rows, table, pull_from, terms, reach, nearest, axes, centres, p, R, out, passive)
 
 
 @final
@@ -598,12 +601,14 @@ class Windings:
         return np.diag(self._measure(core, measured_at))
 
     def wound(
-        self, core: SoftSphere, per_ampere: Array, measured_at: float, nearest: float, closest: float
-    ) -> WoundCoils:
+        self, core: SoftSphere, per_ampere: Array, measured_at: float, nearest: float, closest: float,
+        centres: Array | None = None,
+    ) -> WoundCoils:  # fmt: skip
         """The coils and their core, for points outside `nearest` [m], which must lie outside them all.
 
         per_ampere (3, m) [m²]: the coils' axes, and the moment of the dipole that has the coil's field on its axis at
-        the distance `measured_at` [m]; inf: far away. Terms that do not matter from `closest` [m] on are left out.
+        the distance `measured_at` [m] from its centre; inf: far away. Terms that do not matter from `closest` [m] on
+        are left out. centres (m, 3) [m]: from where each coil's field comes; None: all from the origin.
         """
         moments = np.linalg.norm(per_ampere, axis=0)
         made = [CentredCoil(coil, core, nearest) for coil in self.coils]
@@ -613,7 +618,8 @@ class Windings:
         used = np.abs(terms * (reach / closest) ** (2 * np.arange(_ZONAL))).max(axis=0)
         kept = int(np.flatnonzero(used > _LEFT_OUT * used[0])[-1]) + 1
         axes = np.ascontiguousarray((per_ampere / moments).T)
-        return WoundCoils(np.ascontiguousarray(terms[:, :kept]), reach, nearest, axes)
+        middle = np.zeros_like(axes) if centres is None else np.array(centres, dtype=np.float64)
+        return WoundCoils(np.ascontiguousarray(terms[:, :kept]), reach, nearest, axes, middle)
 
     def _measure(self, core: SoftSphere, distance: float) -> Array:
         """(3,) [m²] moment per ampere of the dipole that has each coil's field on its axis at `distance` [m]."""
@@ -635,15 +641,17 @@ class Windings:
         return [CentredCoil(coil, core, nearest).field(at) for coil, at in zip(self.coils, places, strict=True)]
 
     def field(
-        self, core: SoftSphere, per_ampere: Array, measured_at: float, points: Array, *, closed: bool = False
-    ) -> Array:
-        """(n, 3, m) [T/A] at `points` (n, 3) [m] outside the core; `per_ampere` and `measured_at` as in `wound`.
-        closed: by the windings' closed form, wherever the points are.
+        self, core: SoftSphere, per_ampere: Array, measured_at: float, points: Array, *, closed: bool = False,
+        centres: Array | None = None,
+    ) -> Array:  # fmt: skip
+        """(n, 3, m) [T/A] at `points` (n, 3) [m] outside the core; `per_ampere`, `measured_at` and `centres` as in
+        `wound`. closed: by the windings' closed form, wherever the points are.
         """
         moments = np.linalg.norm(per_ampere, axis=0)
         scale = moments / self._measure(core, measured_at)
         turns = [rotation_to_axis(axis) for axis in (per_ampere / moments).T]
-        made = self._fields(core, [points @ turn for turn in turns], closed=closed)
+        middle = np.zeros((len(turns), 3)) if centres is None else centres
+        made = self._fields(core, [(points - c) @ turn for turn, c in zip(turns, middle, strict=True)], closed=closed)
         return np.stack([size * one @ turn.T for size, one, turn in zip(scale, made, turns, strict=True)], axis=2)
 
     def far_moments(self, core: SoftSphere, per_ampere: Array, measured_at: float) -> Array:
