@@ -1,4 +1,4 @@
-"""How far the force of devices that are not built as their file says is from the one asked for, before calibration and after.
+"""The force of devices that are not built as their file says against the one asked for, before calibration and after.
 
     python benchmarks/built_devices.py [--devices 1000] [--seed 1000] [--asked 0.15] [--all-steps] [--json]
 
@@ -62,12 +62,14 @@ def measure(device: SphericalElectromagnet, devices: int, seed: int, asked: floa
         for out, believed in ((before, device), (after, found.apply(device))):
             rng = np.random.default_rng([seed, number])
             out[number] = find_errors(believed, simulated.built, asked, rng)
+
+    def share(errors: Array) -> dict[str, float]:
+        median, most = np.quantile(100 * errors, (0.5, 0.95)).round(2).tolist()
+        return {"median": median, "95": most}
+
     return {
         "device": device.name, "devices": devices, "asked_n": asked, "steps": STEPS[steps],
-        **{
-            f"{name}_percent": {"median": round(100 * float(np.median(x)), 2), "95": round(100 * float(np.quantile(x, 0.95)), 2)}
-            for name, x in (("before", before), ("after", after))
-        },
+        "before_percent": share(before), "after_percent": share(after),
     }  # fmt: skip
 
 
@@ -85,7 +87,8 @@ def main() -> None:
     if given.json:
         print(json.dumps(found))
         return
-    print(f"{found['device']}, {found['devices']} devices, {1e3 * found['asked_n']:g} mN, after {', '.join(found['steps'])}:")
+    done = ", ".join(found["steps"])
+    print(f"{found['device']}, {found['devices']} devices, {1e3 * found['asked_n']:g} mN, after {done}:")
     for name in ("before", "after"):
         one = found[f"{name}_percent"]
         print(f"  {name:7s} calibration: median {one['median']:.2f} %, 95 % below {one['95']:.2f} %")

@@ -570,6 +570,19 @@ class WindingPositions(ErrorSource["ToolTrial"]):
         trial.built.offsets += self._standard * spread_evenly(deviates).reshape(3, 3)
 
 
+class CoilCentres(ErrorSource["ToolTrial"]):
+    """Where each coil with the core's answer to it is, as far as a calibration found it."""
+
+    def __init__(self, standard: Array, origin: str) -> None:
+        text = format_quantity(float(np.sqrt((standard**2).mean())), "m")
+        super().__init__("centres of the coils", text, origin, standard.size)
+        self._standard = standard  # (m, 3) [m]
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Move the coils."""
+        trial.built.whole += self._standard * deviates.reshape(self._standard.shape)
+
+
 class CorePosition(ErrorSource["ToolTrial"]):
     """Where the core is among the windings."""
 
@@ -639,24 +652,29 @@ def spread_evenly(deviates: Array) -> Array:
 
 
 def built_sources(
-    device: SphericalElectromagnet, known: ElectromagnetTolerance, *, calibrated: bool
+    device: SphericalElectromagnet, known: ElectromagnetTolerance, calibration: Calibration | None
 ) -> list[ErrorSource[ToolTrial]]:
-    """What [tolerance] says of how windings and core are built."""
+    """What [tolerance] says of how windings and core are built, or `calibration` of where the coils are."""
 
     def origin(key: str) -> str:
         if f"tolerance.{key}" in device.assumed:
             return "assumed"
         return "device file" if key in known.model_fields_set else "default"
 
+    placed = None if calibration is None else calibration.centre_uncertainty
     found: list[ErrorSource[ToolTrial]] = [
-        CorePosition(known.core_position, origin("core_position")),
         CorePermeability(known.core_permeability, device.core_permeability, origin("core_permeability")),
         EarthField(known.earth_field, origin("earth_field")),
     ]
+    if placed is not None:
+        found.append(CoilCentres(placed, "calibration"))
+    else:
+        found.append(CorePosition(known.core_position, origin("core_position")))
     if device.has_sizes:
-        found.append(WindingPositions(known.position, origin("position")))
+        if placed is None:
+            found.append(WindingPositions(known.position, origin("position")))
         found.append(WindingSizes(known.winding, origin("winding")))
-        if device.moments_from == "windings" and not calibrated:
+        if device.moments_from == "windings" and calibration is None:
             found.append(WindingTilts(known.tilt, origin("tilt")))
             found.append(WindingTurns(known.turns, origin("turns"), device.channels))
     return found
@@ -1008,7 +1026,7 @@ def tool_errors(
     if not computed:  # else by how windings are built
         sources.append(_moments(believed, calibration))
     if believed.tolerance is not None:
-        sources += built_sources(believed, believed.tolerance, calibrated=calibration is not None)
+        sources += built_sources(believed, believed.tolerance, calibration)
     if core.remanent_moment:
         sources.append(CoreRemanence(core, origin("remanent_moment", "core_dynamics")))
     if core.eddy_share and frequency:

@@ -164,7 +164,8 @@ def compose_calibration(
     return Calibration(
         device.name, device.digest, found.moment_per_current, found.uncertainty, found.offsets, cold,
         found.residual, found.condition, found.repeatability, heat, simulated,
-        coils="windings" if "exact" in device.models else "points",
+        coils="windings" if "exact" in device.models else "points", centres=found.centres,
+        centre_uncertainty=found.centre_uncertainty,
     )  # fmt: skip
 
 
@@ -440,7 +441,10 @@ _SHAPES: dict[str, dict[str, tuple[int | None, ...]]] = {
     },
 }
 #: what a result may have, of coupled coils: all of it or nothing
-_OPTIONAL: dict[str, dict[str, tuple[int | None, ...]]] = {"heat": {"core_capacity": (), "winding_to_core": (_COILS,)}}
+_OPTIONAL: dict[str, dict[str, tuple[int | None, ...]]] = {
+    "heat": {"core_capacity": (), "winding_to_core": (_COILS,)},
+    "magnetic": {"centres_m": (_COILS, 3), "centre_uncertainty_m": (_COILS, 3)},
+}
 
 
 @final
@@ -958,6 +962,9 @@ class MagneticStep(Step):
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
         """The regression, every number of it."""
         found = bench.session.magnetic(np.array(before["currents"]["resistance_ohm"]), bench.schedule)
+        where: dict[str, Any] = {}
+        if found.centres is not None and found.centre_uncertainty is not None:
+            where = {"centres_m": found.centres.tolist(), "centre_uncertainty_m": found.centre_uncertainty.tolist()}
         return {
             "moment_per_current_m2": found.moment_per_current.tolist(),
             "uncertainty_m2": found.uncertainty.tolist(),
@@ -966,6 +973,7 @@ class MagneticStep(Step):
             "condition": found.condition,
             "repeatability": found.repeatability,
             "failed": list(found.failed),
+            **where,
         }
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
@@ -973,7 +981,15 @@ class MagneticStep(Step):
         skew = _magnetic(result).skew(device.coils.names)
         angles = ", ".join(f"{a} and {b} {90 + np.degrees(angle):.2f}° apart" for (a, b), angle in skew.items())
         failed = "".join(f"; field sensor {n + 1} does not follow the coils: left out" for n in result["failed"])
-        return f"residual {1e6 * result['residual_t']:.1f} µT rms; coils {angles}{failed}"
+        where = ""
+        if "centres_m" in result:
+            away = np.linalg.norm(result["centres_m"], axis=1)
+            where = (
+                "; centres "
+                + ", ".join(f"{name} {1e3 * one:.2f}" for name, one in zip(device.coils.names, away, strict=True))
+                + " mm off"
+            )
+        return f"residual {1e6 * result['residual_t']:.1f} µT rms; coils {angles}{where}{failed}"
 
 
 @final
@@ -1104,6 +1120,7 @@ def _magnetic(result: Mapping[str, Any]) -> MagneticCalibration:
         np.array(result["moment_per_current_m2"]), np.array(result["uncertainty_m2"]), np.array(result["offsets_t"]),
         float(result["residual_t"]), float(result["condition"]), float(result["repeatability"]),
         tuple(result["failed"]),
+        *(np.array(result[key]) if key in result else None for key in ("centres_m", "centre_uncertainty_m")),
     )  # fmt: skip
 
 

@@ -37,6 +37,8 @@ __all__ = [
 FORMAT = "haptorb-calibration-1"
 _KEYS = {"format", "device", "digest", "moment_per_current_m2", "uncertainty_m2", "offsets_t", "resistance_ohm",
          "residual_t", "condition", "repeatability", "heat", "simulated"}  # fmt: skip
+_FARTHEST = 5e-3  #: that a coil can be off its place [m]
+_OPTIONAL = {"field_sensors", "coils", "centres_m", "centre_uncertainty_m"}
 _COUPLING = ("core_capacity", "winding_to_core")
 _HEAT = ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air")
 
@@ -77,6 +79,8 @@ class Calibration:
     simulated           it was measured on a simulation
     sensors             offset, gain and place of every field sensor; None where the steps were not taken
     coils               what the moments are of: "points", or coils at their true size, "windings"
+    centres             (m, 3) from where each coil's field comes [m], and centre_uncertainty (m, 3) its standard
+                        deviations; None where they were not looked for
     """
 
     device: str
@@ -92,6 +96,8 @@ class Calibration:
     simulated: bool
     sensors: SensorCalibration | None = None
     coils: Literal["points", "windings"] = "windings"
+    centres: Array | None = None
+    centre_uncertainty: Array | None = None
 
     def apply(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
         """`device` with what was measured; CalibrationError if the calibration is another device's."""
@@ -114,8 +120,9 @@ class Calibration:
             coils = replace(coils, heat=self.heat.apply(device))
         hall = device.hall if self.sensors is None else self.sensors.apply(device.hall)
         return replace(
-            device, moment_per_current=self.moment_per_current, moments_from="calibration", coils=coils, hall=hall
-        )
+            device, moment_per_current=self.moment_per_current, moments_from="calibration", coils=coils, hall=hall,
+            coil_centres=self.centres,
+        )  # fmt: skip
 
     @property
     def id(self) -> bytes:
@@ -145,12 +152,14 @@ class Calibration:
             "heat": heat,
             "field_sensors": None if self.sensors is None else self.sensors.numbers(),
         }
+        if self.centres is not None and self.centre_uncertainty is not None:
+            content |= {"centres_m": self.centres.tolist(), "centre_uncertainty_m": self.centre_uncertainty.tolist()}
         return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
     @classmethod
     def parse(cls, text: str, name: str) -> Calibration:
         """From JSON; `name` is the name for messages. CalibrationError if it is no calibration."""
-        raw = parse_document(text, name, "calibration", FORMAT, _KEYS, "calibrate again", {"field_sensors", "coils"})
+        raw = parse_document(text, name, "calibration", FORMAT, _KEYS, "calibrate again", _OPTIONAL)
         moments = numbers(raw, "moment_per_current_m2", name, (3, None))
         channels = moments.shape[1]
         if np.linalg.matrix_rank(moments) < min(3, channels):
@@ -168,6 +177,16 @@ class Calibration:
         offsets, sensors = numbers(raw, "offsets_t", name, (None, 3)), None
         if raw.get("field_sensors") is not None:
             sensors = SensorCalibration.parse(raw["field_sensors"], name, len(offsets), channels)
+        centres, spread = None, None
+        if raw.get("centres_m") is not None or raw.get("centre_uncertainty_m") is not None:
+            raw = {"centres_m": None, "centre_uncertainty_m": None} | dict(raw)
+            centres = numbers(raw, "centres_m", name, (channels, 3))
+            spread = numbers(raw, "centre_uncertainty_m", name, (channels, 3))
+            if np.abs(centres).max() > _FARTHEST:
+                raise CalibrationError(
+                    f"{name}: centres_m says that a coil is {1e3 * np.abs(centres).max():.3g} mm off its place, more "
+                    f"than {1e3 * _FARTHEST:g} mm; calibrate again"
+                )
         return cls(
             _check_text(raw, "device", name),
             _check_text(raw, "digest", name),
@@ -182,6 +201,8 @@ class Calibration:
             raw["simulated"],
             sensors,
             coils,
+            centres,
+            spread,
         )
 
 

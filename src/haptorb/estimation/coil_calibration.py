@@ -3,7 +3,8 @@
 Excite each coil over a schedule of currents, read currents and fields, and regress: B_s = U_s M i + H_s i + b_s, with
 U_s the field of a unit moment at sensor s, and H_s what a coil of known size adds to its dipole's field. The
 off-diagonal terms of M are the coils' non-orthogonality; b_s takes up the earth, a resting tool and the sensors'
-offsets.
+offsets. Where the device file says how far windings may be off their places ([tolerance]), each coil's centre is found
+as well: the most likely places, given that sensors have the errors of the file.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from scipy.optimize import least_squares
 from haptorb.arrays import Array, check_finite
 from haptorb.devices.base import Heat, HeatCoupling
 from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
+from haptorb.devices.electromagnet_model import Windings
 from haptorb.errors import CalibrationError, InputError
 from haptorb.thermal import ThermalNetwork, TwoNode
 
@@ -57,6 +59,8 @@ class MagneticCalibration:
     condition           of the regression: how much worse the worst-determined combination is than the best
     repeatability       greatest relative difference between the results of the odd and the even readings
     failed              sensors, from 0, that do not answer the coils at all: they are left out
+    centres             (m, 3) from where each coil's field comes [m], and centre_uncertainty (m, 3) its standard
+                        deviations; None where they were not looked for
     """
 
     moment_per_current: Array
@@ -66,6 +70,8 @@ class MagneticCalibration:
     condition: float
     repeatability: float
     failed: tuple[int, ...] = ()
+    centres: Array | None = None
+    centre_uncertainty: Array | None = None
 
     def skew(self, names: tuple[str, ...]) -> dict[tuple[str, str], float]:
         """Angle between each two coils' axes, less 90° [rad]."""
@@ -77,7 +83,9 @@ class MagneticCalibration:
 
     def apply(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
         """`device` with the measured moments in place of those of its file."""
-        return replace(device, moment_per_current=self.moment_per_current, moments_from="calibration")
+        return replace(
+            device, moment_per_current=self.moment_per_current, moments_from="calibration", coil_centres=self.centres
+        )
 
 
 def excitation(device: SphericalElectromagnet, share: float = 0.25, levels: int = 5, repeats: int = 4) -> Array:
@@ -184,7 +192,12 @@ def _regress(device: SphericalElectromagnet, visible: Array, i: Array, B: Array)
                 "no moments explain the fields: the readings are not those of coils with the sizes in [windings]; "
                 "check the sensors' places and the windings"
             )
-    made = U @ M + beyond
+    made, centres, centre_uncertainty = U @ M + beyond, None, None
+    if device.windings is not None and device.has_sizes and device.tolerance is not None:
+        left = y - np.einsum("sim,nm->nsi", made, x)
+        noise = float((left**2).mean()) * np.diag(np.linalg.inv(S))
+        M, centres, centre_uncertainty = _find_centres(device, visible, per_ampere, M, noise)
+        made = visible @ device.windings.field(device.core, M, np.inf, at, centres=centres)
     rest = y - np.einsum("sim,nm->nsi", made, x)
     directions = round(float(np.trace(visible, axis1=1, axis2=2).sum()))  # that are measured at all
     freedom = max(1, len(i) * directions - M.size - directions)
@@ -193,7 +206,90 @@ def _regress(device: SphericalElectromagnet, visible: Array, i: Array, B: Array)
     spread = stated * np.sqrt(variance * np.outer(np.diag(np.linalg.inv(C)), np.diag(np.linalg.inv(S))))
     offsets = B.mean(axis=0) - np.einsum("sim,m->si", made, i.mean(axis=0))
     condition = float(np.linalg.cond(C) * np.linalg.cond(S)) ** 0.5
-    return MagneticCalibration(stated * M, spread, offsets, variance**0.5, condition, 0.0)
+    return MagneticCalibration(
+        stated * M, spread, offsets, variance**0.5, condition, 0.0, (), centres, centre_uncertainty
+    )
+
+
+_AROUND = 1e-5  #: of a derivative by a place or a size [m]
+_SMALL = 1e-4  #: of a derivative by a moment, relative
+_NEWTON = 3  #: steps of the most likely centres: the field is nearly linear in them
+
+
+def _find_centres(
+    device: SphericalElectromagnet, visible: Array, per_ampere: Array, M: Array, noise: Array
+) -> tuple[Array, Array, Array]:
+    """Moments (3, m) [m²], seen from far away, centres (m, 3) [m] and their standard deviations: the most likely ones.
+
+    per_ampere (k, 3, m) [T/A] was read, with variances `noise` (m,) [T²/A²]; M are moments without centres. Before
+    anything is read, centres are as [tolerance] says: a winding's own part of the moment moves with the winding, the
+    core's with the core. Sizes of windings, gains, axes and places of sensors are off, too, as the file says: what they
+    can explain weighs less. Linear about the result, all normal (Gelman et al., Bayesian Data Analysis, §14.8).
+    """
+    known, hall, windings = device.tolerance, device.hall.errors, device.windings
+    assert known is not None
+    assert windings is not None
+    at, channels = device.hall.positions, device.channels
+    values, vectors = np.linalg.eigh(visible)
+    rows = [vectors[s][:, k] for s in range(len(at)) for k in range(3) if values[s, k] > 0.5]
+    sensor = [s for s in range(len(at)) for k in range(3) if values[s, k] > 0.5]
+
+    def read(field: Array) -> Array:
+        """(rows · m,) what is read of a field (k, 3, m)."""
+        return np.stack([row @ field[s] for row, s in zip(rows, sensor, strict=True)]).ravel()
+
+    def model(moments: Array, centres: Array, places: Array = at, sizes: Windings = windings) -> Array:
+        return sizes.field(device.core, moments, np.inf, places, centres=centres)
+
+    parts = windings.parts(device.core)
+    own, answer = (parts / parts.sum(axis=1, keepdims=True)).T
+    prior = np.kron(np.diag((own * known.position) ** 2) + known.core_position**2 * np.outer(answer, answer), np.eye(3))
+    prior += 1e-18 * np.eye(len(prior))
+    centres, rest = np.zeros((channels, 3)), np.kron(np.eye(len(rows)), np.diag(noise))
+    base = model(M, centres)
+    lasting: list[Array] = []
+    slopes = [(model(M, centres, at + _AROUND * e) - base) / _AROUND for e in np.eye(3)]
+    for s in range(len(at)):
+        for axis in np.eye(3):
+            turned, moved = np.zeros_like(base), np.zeros_like(base)
+            turned[s] = np.cross(axis, base[s].T).T
+            moved[s] = sum(part * slope[s] for part, slope in zip(axis, slopes, strict=True))
+            lasting += [hall.angle * read(turned), hall.placement * read(moved)]
+            for other in np.eye(3):
+                mixed = np.zeros_like(base)
+                mixed[s] = np.outer(axis, other @ base[s])
+                lasting.append((hall.gain if axis @ other else hall.cross) * read(mixed))
+    for name in ("inner_radius", "outer_radius", "length"):
+        larger = replace(windings, **{name: getattr(windings, name) + _AROUND})
+        change = (model(M, centres, sizes=larger) - base) / _AROUND
+        for coil in np.eye(channels):
+            lasting.append(known.winding * read(change * coil))
+    columns = np.stack(lasting, axis=1)
+    weight = np.linalg.inv(rest + columns @ columns.T)
+    shift = np.linalg.inv(prior)
+    for _ in range(_NEWTON):
+        base = model(M, centres)
+        design = []
+        for i in range(3):
+            for j in range(channels):
+                more = M.copy()
+                step = _SMALL * float(np.linalg.norm(M[:, j]))
+                more[i, j] += step
+                design.append(read(model(more, centres) - base) / step)
+        for j in range(channels):
+            for axis in np.eye(3):
+                moved = centres.copy()
+                moved[j] += _AROUND * axis
+                design.append(read(model(M, moved) - base) / _AROUND)
+        A = np.stack(design, axis=1)
+        normal, right = A.T @ weight @ A, A.T @ weight @ (read(per_ampere) - read(base))
+        normal[M.size :, M.size :] += shift
+        right[M.size :] -= shift @ centres.ravel()
+        step_all = np.linalg.solve(normal, right)
+        M = M + step_all[: M.size].reshape(M.shape)
+        centres = centres + step_all[M.size :].reshape(centres.shape)
+    spread = np.sqrt(np.diag(np.linalg.inv(normal))[M.size :]).reshape(centres.shape)
+    return M, centres, spread
 
 
 def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) -> tuple[int, ...]:
