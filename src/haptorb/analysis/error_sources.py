@@ -448,10 +448,10 @@ class MomentFit:
 # --------------------------------------------------------------------------------------------------
 # Coils and core that are not built as the file says: what that does to the magnet, and to the field at the sensors.
 #
-# A winding that is off its place takes its own field along; the core's answer stays with the core, whose first
-# harmonic is that of the winding's field at its centre and changes in the second order only. What is left out of that,
-# the answer's second harmonic, is a tenth of it. Other sizes change the strengths of the zonal terms. Where the moments
-# per ampere were measured as fields, all this happens at the same field there.
+# A winding that is off its place takes its own field along; the core's answer stays with the core, but for the second
+# harmonic with which it answers to a winding that is off its middle (`Windings.answer_shift`). Other sizes change the
+# strengths of the zonal terms. Where the moments per ampere were measured as fields, all this happens at the same field
+# there.
 
 
 SIZES = ("inner_radius", "outer_radius", "length")
@@ -488,6 +488,7 @@ class BuiltCoils:
             np.stack([CentredCoil(coil, ball, wound.nearest).terms(wound.reach, count) for coil in windings.coils])
             for ball in (core, alone)
         )
+        self._shift = windings.answer_shift(core)
         self._own: Array = alone_terms * (wound.terms[:, :1] / raw[:, :1])
         self._core: Array = wound.terms - self._own
         closest = max(device.contact_distance - device.tool.length / 2, device.dome_radius)
@@ -526,12 +527,13 @@ class BuiltCoils:
         """
         sizes, wound = np.linalg.norm(moments, axis=0), self._wound
         axes = np.ascontiguousarray((moments / sizes).T)
-        along, core = (built.offsets * axes).sum(axis=1), axes @ built.core
+        answered = built.core + np.einsum("jab,jb->ja", self._shift, built.core - built.offsets)
+        along, core = (built.offsets * axes).sum(axis=1), (answered * axes).sum(axis=1)
         scale = sizes / self._sizes / (1.0 + self._steeper[0] * along + self._steeper[1] * core)
         winding: Array = self._own + more + np.einsum("sjk,sj->jk", self._by_size, built.sizes)
         own, answers = (np.ascontiguousarray(scale[:, None] * terms) for terms in (winding, self._core))
         out, windings, middle = np.empty((6, len(sizes))), np.empty((6, len(sizes))), wound.centres + built.whole
-        fill_wound(rows, answers, wound.reach, wound.nearest, axes, middle + built.core, p, R, out)
+        fill_wound(rows, answers, wound.reach, wound.nearest, axes, middle + answered, p, R, out)
         fill_wound(rows, own, wound.reach, wound.nearest, axes, middle + built.offsets, p, R, windings)
         out += windings
         return out

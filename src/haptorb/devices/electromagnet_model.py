@@ -592,6 +592,26 @@ class Windings:
         own = [coil.moment[2] for coil in self.coils]
         return np.stack([own, core.moment_in(fields)[:, 2]], axis=1)
 
+    def answer_shift(self, core: SoftSphere) -> Array:
+        """(3, 3, 3) by which vector the middle of the core's answer to each winding moves, beside the core itself, per
+        vector of the core's centre from the winding's.
+
+        Off the winding's middle the core is in a field gradient, and answers with a second harmonic, which is that of a
+        dipole elsewhere: with the winding's own field b₁ + 3 b₃ z² on its axis, 3/2 (β₂/β₁) a² b₃/b₁ of the way along
+        the axis and −2/3 of that across it (`SoftSphere`).
+        """
+        first, second = core.response(2)
+        eye, found = np.eye(3), np.empty((3, 3, 3))
+        for number, coil in enumerate(self.coils):
+            radii, heights, turns = coil.filaments(8, 8)
+            s = radii**2 + heights**2
+            weights = turns * radii**2
+            curved = weights @ (15 * heights**2 * s**-3.5 - 3 * s**-2.5) / 6
+            along = 1.5 * second / first * core.radius**2 * curved / (weights @ s**-1.5)
+            own = np.outer(eye[number], eye[number])
+            found[number] = along * own - 2 / 3 * along * (eye - own)
+        return found
+
     def moment_per_current(self, core: SoftSphere, measured_at: float = np.inf) -> Array:
         """(3, 3) [m²] m_e per ampere; diagonal, as the coils are taken to stand square on each other.
 

@@ -213,6 +213,7 @@ def _regress(device: SphericalElectromagnet, visible: Array, i: Array, B: Array)
 
 _AROUND = 1e-5  #: of a derivative by a place or a size [m]
 _SMALL = 1e-4  #: of a derivative by a moment, relative
+_SHAPE = 1e-3  #: of the field, what a coil off its place changes in its form beside its place
 _NEWTON = 3  #: steps of the most likely centres: the field is nearly linear in them
 
 
@@ -243,8 +244,13 @@ def _find_centres(
 
     parts = windings.parts(device.core)
     own, answer = (parts / parts.sum(axis=1, keepdims=True)).T
-    prior = np.kron(np.diag((own * known.position) ** 2) + known.core_position**2 * np.outer(answer, answer), np.eye(3))
-    prior += 1e-18 * np.eye(len(prior))
+    shift = windings.answer_shift(device.core)
+    by_core = (answer[:, None, None] * (np.eye(3) + shift)).reshape(-1, 3)
+    prior = known.core_position**2 * by_core @ by_core.T + 1e-18 * np.eye(len(by_core))
+    for number in range(channels):
+        by_winding = own[number] * np.eye(3) - answer[number] * shift[number]
+        block = slice(3 * number, 3 * number + 3)
+        prior[block, block] += known.position**2 * by_winding @ by_winding.T
     centres, rest = np.zeros((channels, 3)), np.kron(np.eye(len(rows)), np.diag(noise))
     base = model(M, centres)
     lasting: list[Array] = []
@@ -264,9 +270,11 @@ def _find_centres(
         change = (model(M, centres, sizes=larger) - base) / _AROUND
         for coil in np.eye(channels):
             lasting.append(known.winding * read(change * coil))
+    shape = _SHAPE * np.linalg.norm(base, axis=1)  # (k, m)
+    rest += np.diag(np.concatenate([shape[s] ** 2 for s in sensor]))
     columns = np.stack(lasting, axis=1)
     weight = np.linalg.inv(rest + columns @ columns.T)
-    shift = np.linalg.inv(prior)
+    inverse = np.linalg.inv(prior)
     for _ in range(_NEWTON):
         base = model(M, centres)
         design = []
@@ -283,8 +291,8 @@ def _find_centres(
                 design.append(read(model(M, moved) - base) / _AROUND)
         A = np.stack(design, axis=1)
         normal, right = A.T @ weight @ A, A.T @ weight @ (read(per_ampere) - read(base))
-        normal[M.size :, M.size :] += shift
-        right[M.size :] -= shift @ centres.ravel()
+        normal[M.size :, M.size :] += inverse
+        right[M.size :] -= inverse @ centres.ravel()
         step_all = np.linalg.solve(normal, right)
         M = M + step_all[: M.size].reshape(M.shape)
         centres = centres + step_all[M.size :].reshape(centres.shape)
