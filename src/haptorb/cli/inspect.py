@@ -30,7 +30,7 @@ from haptorb.devices.electromagnet import (
 from haptorb.devices.field_sensors import SensorErrors
 from haptorb.devices.loader import find_device
 from haptorb.devices.motor import GRAVITY, SphericalMotor
-from haptorb.display import format_number
+from haptorb.display import format_number, format_quantity
 from haptorb.errors import InputError
 from haptorb.estimation.calibration import Calibration
 from haptorb.estimation.hall_fit import better_sensors, with_sensors
@@ -656,6 +656,7 @@ def print_force_tables(console: Console, layers: tuple[Layer, ...], supply: floa
 
 ASKED = 0.3  #: force that is asked [N]
 _EDDY_FREQUENCY = 50.0  #: at which the core's lag is stated [Hz]
+_STEEL = (0.03, 0.12)  #: radius of a steel ball, and how far it is from the centre, anywhere but above [m]
 _MOMENTS = 3e-3  #: of the moment map's entries after the step `magnetic`, relative, with sensors that are 1 % off
 _DRAWS = 6  #: of a wrong pose at each place
 
@@ -787,8 +788,15 @@ def sensing_cases(device: SphericalElectromagnet, readings: int = 360) -> Iterat
         f"core's lag {100 * core.spread:.0f} % off, currents at {_EDDY_FREQUENCY:.0f} Hz", device,
         replace(SensorKnowledge.of(none, k), eddy=eddy),
     )  # fmt: skip
+    earth = 0.0 if device.tolerance is None else device.tolerance.earth_field / math.sqrt(3)
+    if earth:
+        text = f"earth's field {format_quantity(math.sqrt(3) * earth, 'T')}, in any direction"
+        yield SensingCase(text, ideal, replace(SensorKnowledge.of(none, k), uniform=earth))
+    radius, away = _STEEL
+    text = f"steel ball of {1e3 * radius:.0f} mm radius, {1e3 * away:.0f} mm away"
+    yield SensingCase(text, ideal, replace(SensorKnowledge.of(none, k), steel=_STEEL))
     rest = {"drift": drift, "remanent": core.remanent_moment}
-    every = SensorKnowledge.of(errors, k)
+    every = SensorKnowledge.of(errors, k, uniform=earth)
     yield SensingCase("all, not calibrated", device, replace(every, **rest))  # type: ignore[arg-type]
     known = SensorKnowledge.of(replace(errors, offset=0.0), k, moments=_MOMENTS)
     yield SensingCase("all, calibrated: magnetic", device, replace(known, **rest))  # type: ignore[arg-type]

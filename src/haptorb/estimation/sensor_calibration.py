@@ -11,13 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptorb.arrays import Array, check_finite
 from haptorb.devices.base import rotation_to_axis
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
 from haptorb.devices.electromagnet_model import CoreDynamics
 from haptorb.devices.field_sensors import FieldSensors, SensorCorrection, SensorErrors
 from haptorb.errors import CalibrationError, quote
 from haptorb.estimation.hall_fit import ToolModel, coil_field, moment_field, tool_field
 from haptorb.json_file import numbers
 from haptorb.magnetics import dipole
+from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.magnets import ChargedRing
+from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.rotations import turn_by
 
 __all__ = [
@@ -225,6 +228,8 @@ class SensorKnowledge:
     drift       (2,) offset [T] and gain [1] by which the sensors drifted since, standard deviations
     remanent    moment that may be left in the core, standard deviation of each axis [A·m²]
     eddy        share of the moment that may be missing because the core lags, standard deviation
+    uniform     field in which the device stands, standard deviation along each axis [T]
+    steel       radius of a steel ball and its distance from the centre [m], anywhere but above; (0, 0): there is none
     """
 
     covariance: Array
@@ -233,12 +238,17 @@ class SensorKnowledge:
     drift: tuple[float, float] = (0.0, 0.0)
     remanent: float = 0.0
     eddy: float = 0.0
+    uniform: float = 0.0
+    steel: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def of(cls, errors: SensorErrors, count: int, **known: float) -> SensorKnowledge:
         """Of `count` sensors of which the distributions of `errors` are all that is known."""
         whole = np.kron(np.eye(count), prior_covariance(errors))
         return cls(whole, **known)  # type: ignore[arg-type]
+
+
+_DIRECTIONS, _HIGHEST = 24, 0.3  #: in which steel is looked for; greatest cosine from the summit
 
 
 def without_errors(device: SphericalElectromagnet) -> SphericalElectromagnet:
@@ -293,6 +303,11 @@ def pose_covariance(
         lasting += np.diag((knowledge.coils**2) @ i**2)
     late = knowledge.eddy * unit @ device.moment_per_current @ i
     lasting += knowledge.remanent**2 * unit @ unit.T + np.outer(late, late)
+    if knowledge.uniform:  # with what the core makes of it
+        around = np.tile(np.eye(3), (device.sensors, 1)) + unit @ device.core.moment_in(np.eye(3))
+        lasting += knowledge.uniform**2 * around @ around.T
+    if knowledge.steel[0]:
+        lasting += _add_steel(device, at, rotation_to_axis(along), i, *knowledge.steel)
     lasting += knowledge.drift[0] ** 2 * np.eye(readings) + np.diag((knowledge.drift[1] * whole.ravel()) ** 2)
     Σ = share**2 * (noise * np.eye(readings) + ampere) + lasting
     doubt = _CALIBRATED**2 + knowledge.eddy**2  # the tracker knows how far the core's lag may be off
@@ -301,6 +316,29 @@ def pose_covariance(
     j = J.reshape(-1, 5)
     A = np.linalg.solve(j.T @ W @ j, j.T @ W)
     return A @ Σ @ A.T, np.linalg.inv(j.T @ np.linalg.solve(Σ, j))
+
+
+def _add_steel(
+    device: SphericalElectromagnet, p: Array, R: Array, currents: Array, radius: float, away: float
+) -> Array:
+    """(3 k, 3 k) [T²] covariance of the readings of a steel ball of `radius` [m], `away` [m] from the centre.
+
+    A dipole in the field of tool, coils and core; mean over directions that are not above the sensors.
+    """
+    k = np.arange(_DIRECTIONS) + 0.5
+    z = _HIGHEST - (1 + _HIGHEST) * k / _DIRECTIONS
+    turn, across = np.pi * (1 + 5**0.5) * k, np.sqrt(1 - z * z)
+    places = away * np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
+    ring = ChargedRing(device.tool.outer_radius, device.tool.inner_radius, device.tool.length, device.tool.remanence)
+    charges, q = ring.points @ R.T + p, ring.charges
+    share, total = SoftSphere(radius).moment_in(np.eye(3))[0, 0], np.zeros((3 * device.sensors, 3 * device.sensors))
+    for place in places:
+        arm = place - charges
+        field = MU0 / (4 * np.pi) * (q / np.linalg.norm(arm, axis=1) ** 3) @ arm
+        field = field + device.coil_fields(place[None])[0] @ currents
+        read = (point_field(device.hall.positions - place) @ (share * field)).ravel()
+        total += np.outer(read, read) / _DIRECTIONS
+    return total
 
 
 def _spread(S: Array, covariance: Array) -> Array:

@@ -21,11 +21,15 @@ from haptorb.estimation.sensor_calibration import (
     predict_coils,
     predict_covariance,
     predict_knowledge,
+    shell_sample,
     spread_tour,
     tool_readings,
     without_errors,
 )
 from haptorb.estimation.types import Pose, Sample
+from haptorb.rotations import quaternion
+from haptorb.simulation.built_electromagnet import Steel
+from haptorb.simulation.electromagnet import SimulatedElectromagnet
 
 OMNI = load("omni")
 NO_POSE = Pose(0.0, np.eye(3), np.full(3, np.nan), np.zeros(3), np.zeros(3), False)
@@ -140,7 +144,6 @@ def test_the_aim_is_met_with_all_errors_and_full_current():
 
 def test_the_tracker_knows_the_cores_lag():
     """Currents of 20 A at 50 Hz: what lags of them would be taken for the tool."""
-    from haptorb.simulation.electromagnet import SimulatedElectromagnet
 
     core = replace(OMNI.core_dynamics, remanent_moment=0.0, spread=0.0)
     device = replace(without_errors(OMNI), core_dynamics=core)
@@ -170,3 +173,35 @@ def test_knowing_the_sensors_is_worth_it():
     before, _ = pose_covariance(OMNI, p, p, np.zeros(3), SensorKnowledge.of(OMNI.hall.errors, 9), share=0.0001)
     after, _ = pose_covariance(OMNI, p, p, np.zeros(3), knowledge, share=0.0001)
     assert np.trace(after[:3, :3]) < 0.05 * np.trace(before[:3, :3])
+
+
+@pytest.mark.parametrize("what", ["earth", "steel"])
+def test_what_the_earths_field_and_a_steel_ball_cost_is_what_the_tracker_loses(what):
+    """The rows of `inspect --sensing`, coils off, against the tracker on simulated readings without errors."""
+    still = without_errors(OMNI)
+    silent = replace(still, hall=replace(still.hall, noise=0.0, step=0.0))
+    if what == "earth":
+        silent = replace(silent, tolerance=replace_earth_only(OMNI.tolerance))
+        known = replace(SensorKnowledge.of(SensorErrors(), 9), uniform=50e-6 / np.sqrt(3))
+    else:
+        known = replace(SensorKnowledge.of(SensorErrors(), 9), steel=(0.03, 0.12))
+    rng, found, stated = np.random.default_rng(5), [], []
+    for number, place in enumerate(np.repeat(shell_sample(OMNI)[0], 2, axis=0)):
+        reached, _ = pose_covariance(still, place, place, np.zeros(3), known, share=0.01)
+        stated.append(np.trace(reached[:3, :3]))
+        z, turn = rng.uniform(-1, 0.3), rng.uniform(0, 2 * np.pi)
+        way = np.array([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
+        steel = Steel(0.12 * way, 0.03) if what == "steel" else None
+        world = SimulatedElectromagnet(silent, 1, specimen=number, steel=steel)
+        world.place(place, quaternion(rotation_to_axis(place)))
+        pose = HallTracker(still).update(world.sample(0.0, 0.0, True))
+        if pose.valid:
+            found.append(float(((pose.state.p - place) ** 2).sum()))
+    assert len(found) > 0.9 * len(stated)
+    assert np.sqrt(np.mean(found)) == pytest.approx(np.sqrt(np.mean(stated)), rel=0.25)
+
+
+def replace_earth_only(tolerance):
+    """Only the earth's field of it."""
+    nothing = dict.fromkeys(("winding", "position", "tilt", "turns", "core_position", "core_shape"), 0.0)
+    return tolerance.model_copy(update=nothing | {"core_permeability": (1e9, 2e9)})
