@@ -1016,8 +1016,11 @@ def tool_errors(
     def origin(key: str, section: str = "uncertainty") -> str:
         return find_origin(device, known, key, section)
 
+    weighed = None if calibration is None else calibration.strength_uncertainty
     sources: list[ErrorSource[ToolTrial]] = [
-        MagnetStrength("remanence", known.remanence, origin("remanence")),
+        MagnetStrength("remanence", known.remanence, origin("remanence"))
+        if weighed is None
+        else MagnetStrength("strength of the magnet", weighed, "calibration"),
         magnet_warmth("temperature of the magnet", device, known),
         *_tool_sources_pose_sources(believed, chosen, calibration),
         CorePlace(known.core_place, origin("core_place")),
@@ -1036,7 +1039,8 @@ def tool_errors(
     layers = shell_capability(believed, points=24).layers
     force = choose_size(believed.name, asked, min(min(one.peak_radial, one.peak_tangential) for one in layers), "N")
     made = ToolErrors(
-        believed, force, tuple(sources), chosen, _SPAN * known.core_radius, calibrated=calibration is not None,
+        believed, force, tuple(sources), chosen, _SPAN * known.core_radius,
+        calibrated=calibration is not None and weighed is None,  # what a load cell told is not of the field sensors
         frequency=frequency,
     )  # fmt: skip
     if not believed.has_sizes:

@@ -36,6 +36,11 @@ def calibrate(
         typer.Option(help="Thermal record instead of the heat step: an MCAP recording, or CSV with t_s, power_w, "
                           "winding_degc, boundary_degc; for coupled coils power_NAME_w and so on."),
     ] = None,
+    loads: Annotated[
+        Path | None,
+        typer.Option(help="Readings of a load cell, CSV: x_m, y_m, z_m and qx, qy, qz, qw of the tool, current_NAME_a, "
+                          "fx_n, fy_n, fz_n, tx_nm, ty_nm, tz_nm."),
+    ] = None,
     restart: Annotated[bool, typer.Option("--restart", help="Repeat steps that are already done.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     no_watchdog: Annotated[
@@ -53,6 +58,7 @@ def calibrate(
     from haptorb.devices.electromagnet import electromagnet
     from haptorb.devices.loader import load
     from haptorb.estimation.calibration import check_writable
+    from haptorb.estimation.load_calibration import read_loads
     from haptorb.runtime.linux import prepare_thread
 
     found = electromagnet(load(device), "`haptorb calibrate`")
@@ -62,6 +68,7 @@ def calibrate(
     chosen = check_steps(names, () if thermal is None else ("heat",))
     path = check_writable(out or Path(f"{found.name}.calibration.json"), overwrite=force)
     heat = None if thermal is None else thermal_record(thermal, found).measure()
+    weighed = None if loads is None else read_loads(loads, found)
     through, pace = make_driver(driver, found, seed, watchdog=not no_watchdog)
     asks = not (yes or through.simulated)
     if asks and not sys.stdin.isatty():
@@ -72,15 +79,15 @@ def calibrate(
     if not through.simulated:
         prepare_thread()  # a firmware switches off after 15 ms of silence, however busy this computer is
     result = guide_calibration(
-        found, through, path, steps=chosen, heat=heat, pace=pace, restart=restart, overwrite=force,
+        found, through, path, steps=chosen, heat=heat, loads=weighed, pace=pace, restart=restart, overwrite=force,
         guide=Dialog(say, _ask if asks else lambda step: True, lambda step, seconds: time_bar(step.title, seconds)),
     )  # fmt: skip
     if result is None:
         raise typer.Exit(1)
     if json:
-        from json import loads
+        from json import loads as parse_json
 
-        print_json(loads(result.text()))
+        print_json(parse_json(result.text()))
         return
     columns = (Column("axis", kind="key"), *(Column(f"coil {name}", "m²") for name in found.coils.names))
     table = TextTable(columns, "Moment per ampere, ± standard deviation")

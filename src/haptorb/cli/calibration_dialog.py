@@ -40,6 +40,7 @@ from haptorb.estimation.coil_calibration import (
 )
 from haptorb.estimation.hall_fit import ToolModel, tool_field
 from haptorb.estimation.hall_tracker import HallTracker, coil_error
+from haptorb.estimation.load_calibration import LoadRecord, calibrate_by_loads
 from haptorb.estimation.sensor_calibration import CoilReadings, SensorCalibration, ToolTour, calibrate_sensors
 from haptorb.estimation.types import Sample
 from haptorb.file_kind import FileKind
@@ -1191,6 +1192,7 @@ def guide_calibration(
     *,
     steps: Sequence[Step] = STEPS,
     heat: MeasuredHeat | None = None,
+    loads: LoadRecord | None = None,
     pace: Pace | None = None,
     guide: Dialog | None = None,
     restart: bool = False,
@@ -1198,6 +1200,8 @@ def guide_calibration(
     effort: CalibrationEffort = EFFORT,
 ) -> Calibration | None:
     """Take `steps` that were not taken yet, and write `out`; None if the person stopped, or if steps are still missing.
+
+    loads: readings of a load cell, which tell moments and the magnet's strength beside the field sensors.
 
     Raises CalibrationError at the first step that fails: what was measured before it is kept beside `out`, and the same
     call resumes there. The id of what was written is stored in the device, if it can keep one.
@@ -1233,6 +1237,15 @@ def guide_calibration(
         guide.say(f"progress stored in {progress.path}; a calibration also needs {', '.join(absent)}")
         return None
     calibration = calibration_of(device, progress.results, driver.simulated, heat)
+    if loads is not None:
+        calibration, left = calibrate_by_loads(device, calibration, loads)
+        assert calibration.strength is not None
+        assert calibration.strength_uncertainty is not None
+        guide.say(
+            f"loads: {len(loads)} readings, {1e3 * left[0]:.2g} mN and {1e3 * left[1]:.2g} mN·m rms left; the magnet "
+            f"has {100 * calibration.strength:.2f} ± {100 * calibration.strength_uncertainty:.2f} % of its remanence "
+            "in the device file"
+        )
     write_calibration(calibration, out, overwrite=overwrite)
     progress.forget()
     with driver:

@@ -38,7 +38,9 @@ FORMAT = "haptorb-calibration-1"
 _KEYS = {"format", "device", "digest", "moment_per_current_m2", "uncertainty_m2", "offsets_t", "resistance_ohm",
          "residual_t", "condition", "repeatability", "heat", "simulated"}  # fmt: skip
 _FARTHEST = 5e-3  #: that a coil can be off its place [m]
-_OPTIONAL = {"field_sensors", "coils", "centres_m", "centre_uncertainty_m"}
+_OPTIONAL = {
+    "field_sensors", "coils", "centres_m", "centre_uncertainty_m", "magnet_strength", "magnet_strength_uncertainty",
+}  # fmt: skip
 _COUPLING = ("core_capacity", "winding_to_core")
 _HEAT = ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air")
 
@@ -81,6 +83,8 @@ class Calibration:
     coils               what the moments are of: "points", or coils at their true size, "windings"
     centres             (m, 3) from where each coil's field comes [m], and centre_uncertainty (m, 3) its standard
                         deviations; None where they were not looked for
+    strength            of the tool's magnet, relative to the file's remanence, and its standard deviation; None where
+                        no load cell told it
     """
 
     device: str
@@ -98,6 +102,8 @@ class Calibration:
     coils: Literal["points", "windings"] = "windings"
     centres: Array | None = None
     centre_uncertainty: Array | None = None
+    strength: float | None = None
+    strength_uncertainty: float | None = None
 
     def apply(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
         """`device` with what was measured; CalibrationError if the calibration is another device's."""
@@ -119,9 +125,12 @@ class Calibration:
         if self.heat is not None:
             coils = replace(coils, heat=self.heat.apply(device))
         hall = device.hall if self.sensors is None else self.sensors.apply(device.hall)
+        tool = device.tool
+        if self.strength is not None:
+            tool = replace(tool, remanence=self.strength * tool.remanence)
         return replace(
             device, moment_per_current=self.moment_per_current, moments_from="calibration", coils=coils, hall=hall,
-            coil_centres=self.centres,
+            coil_centres=self.centres, tool=tool,
         )  # fmt: skip
 
     @property
@@ -154,6 +163,8 @@ class Calibration:
         }
         if self.centres is not None and self.centre_uncertainty is not None:
             content |= {"centres_m": self.centres.tolist(), "centre_uncertainty_m": self.centre_uncertainty.tolist()}
+        if self.strength is not None:
+            content |= {"magnet_strength": self.strength, "magnet_strength_uncertainty": self.strength_uncertainty}
         return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
     @classmethod
@@ -187,6 +198,16 @@ class Calibration:
                     f"{name}: centres_m says that a coil is {1e3 * np.abs(centres).max():.3g} mm off its place, more "
                     f"than {1e3 * _FARTHEST:g} mm; calibrate again"
                 )
+        strength, unsure = None, None
+        if raw.get("magnet_strength") is not None or raw.get("magnet_strength_uncertainty") is not None:
+            raw = {"magnet_strength": None, "magnet_strength_uncertainty": None} | dict(raw)
+            strength = float(numbers(raw, "magnet_strength", name, ()))
+            unsure = float(numbers(raw, "magnet_strength_uncertainty", name, ()))
+            if not (0.5 < strength < 2.0 and 0.0 <= unsure < 1.0):
+                raise CalibrationError(
+                    f"{name}: magnet_strength must lie between 0.5 and 2, its uncertainty between 0 and 1; got "
+                    f"{strength:g} and {unsure:g}; calibrate again"
+                )
         return cls(
             _check_text(raw, "device", name),
             _check_text(raw, "digest", name),
@@ -203,6 +224,8 @@ class Calibration:
             coils,
             centres,
             spread,
+            strength,
+            unsure,
         )
 
 
