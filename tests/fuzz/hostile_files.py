@@ -42,6 +42,7 @@ from haptorb.cli.world_option import parse_settings
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, HaptorbError, RecordingError, RecordingWarning
 from haptorb.estimation.calibration import Calibration, read_calibration, read_frame
+from haptorb.estimation.load_calibration import list_columns, read_loads
 from haptorb.estimation.network import Perceptron, Scaling, TrainedNetworks, read_networks, write_networks
 from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.recording.mcap import Recorder
@@ -260,6 +261,15 @@ low = 18
 high = 99
 """
 
+LOADS = (
+    ",".join(list_columns(load("omni")))
+    + "\n"
+    + "".join(  # type: ignore[arg-type]
+        f"{0.03 * (n % 3 - 1):g},{0.03 * (n // 3 % 3 - 1):g},0.055,0,0,0,1,{n % 3},{n % 5 - 2},{n % 4},0.1,0,"
+        f"{n / 50:g},0,0.001,0\n"
+        for n in range(16)
+    )
+)
 THERMAL = "t_s,power_w,winding_degc,boundary_degc\n" + "".join(
     f"{t},10.5,{25 + t / 10},{24 + t / 20}\n" for t in range(40)
 )
@@ -385,6 +395,7 @@ def kinds(folder: Path) -> list[Kind]:
         Kind("progress", progress.path.read_bytes(), ".steps", of_progress),
         Kind("ratings", f"{line}\n{choice}\n{line}\n".encode(), ".jsonl", of_ratings),
         Kind("thermal", THERMAL.encode(), ".csv", of_thermal),
+        Kind("loads", LOADS.encode(), ".csv", lambda path: read_loads(path, omni)),
     ]
 
 

@@ -28,6 +28,7 @@ from haptorb.rotations import rotate
 __all__ = ["LoadRecord", "calibrate_by_loads", "check_loads", "list_columns", "read_loads"]
 
 _MOST_BYTES = 16 * 1024 * 1024
+_LARGEST = 1e6  #: of any value, in its unit
 _LEAST = 12  #: readings
 _PLACES, _APART = 6, 5e-3  #: at so many places at least, so far from each other [m]
 _SHARE, _ENOUGH = 0.1, 3  #: of a coil's greatest current, in so many readings at least
@@ -98,8 +99,10 @@ def _list_rows(text: str, path: Path, columns: tuple[str, ...], name: str) -> It
             row = [float(cell) for cell in cells]
         except ValueError as cause:
             raise CalibrationError(f"{path}, line {reader.line_num}: not numbers: {quote(cells)}") from cause
-        if not np.isfinite(row).all():
-            raise CalibrationError(f"{path}, line {reader.line_num}: not finite numbers: {quote(cells)}")
+        if not (np.abs(row) < _LARGEST).all():
+            raise CalibrationError(
+                f"{path}, line {reader.line_num}: numbers must be below {_LARGEST:g}: {quote(cells)}"
+            )
         yield row
 
 
