@@ -804,7 +804,8 @@ class FieldsStep(Step):
 class SensorsStep(Step):
     """Offset, gain and place of every sensor, by a tool that a person leads over the dome."""
 
-    name, title, needs, hand = "sensors", "offset, gain and place of the field sensors", ("rest", "fields"), "led"
+    name, title, hand = "sensors", "offset, gain and place of the field sensors", "led"
+    needs = ("rest", "magnetic", "fields")
     asks = (
         "Coils stay off. For 45 seconds move the tool slowly over the whole dome: round it several times, from the "
         "summit down to the edge, on the dome and up to 20 mm above it, tilted to all sides."
@@ -817,6 +818,8 @@ class SensorsStep(Step):
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
         """The bundle adjustment."""
         device, known = bench.device, before["fields"]
+        if "centres_m" in before["magnetic"]:  # or sensors would be looked for where a coil seems to be
+            device = replace(device, coil_centres=np.array(before["magnetic"]["centres_m"]))
         used = ~np.isin(np.arange(device.sensors), known["failed"])
         coils = CoilReadings(
             np.array(known["per_ampere_t"]), np.array(known["deviation_t"]), np.array(known["at_rest_t"]),
