@@ -1204,7 +1204,7 @@ class ErrorReport(NotebookReport):
         facts = [
             ("asked", f"{1e3 * budget.asked:g} {unit} in any direction, {budget.motion}, anywhere in the workspace"),
             ("source of the pose", budget.estimator),
-            ("propagation", f"Monte Carlo over {budget.samples} devices, seed {budget.seed}; all uncertainties normal"),
+            ("propagation", f"Monte Carlo over {budget.samples} devices, seed {budget.seed}"),
         ]
         print_facts(console, facts)
         print_text(console)
