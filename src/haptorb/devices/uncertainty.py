@@ -145,9 +145,9 @@ class ElectromagnetTolerance(Section):
         Field(default="0.115 mm", validate_default=True, ge=0, le=0.003),
     ]
     core_shape: Annotated[
-        Share,
+        q.Number,
         m.Meaning("each semi-axis of the core, relative"),
-        Field(default=0.003, validate_default=True, le=0.05),
+        Field(default=0.003, validate_default=True, ge=0, le=0.05),
     ]
     core_permeability: Annotated[
         tuple[q.Number, q.Number],

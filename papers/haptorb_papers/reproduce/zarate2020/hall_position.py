@@ -71,7 +71,7 @@ def try_hall_tracker(
     out = np.empty((len(places), 3))
     duties = np.full(device.channels, duty)
     for row, p in zip(out, places, strict=True):
-        world = SimulatedElectromagnet(still, int(rng.integers(2**31)))
+        world = SimulatedElectromagnet(still, int(rng.integers(2**31)), specimen=0)
         q = Rotation.from_matrix(rotation_to_axis(p)).as_quat()
         world.place(p, q)
         scale = calibration * np.linalg.norm(device.moment_per_current, axis=0)
