@@ -6,7 +6,7 @@ All answer with a map (6, m): force and torque about the magnet's centre per amp
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple, final
 
 import numpy as np
@@ -448,6 +448,7 @@ def fit_eddy_lag(
 
 _ZONAL = 76  #: terms of `WoundCoils` at the most
 _INVERSE = np.append(np.inf, 1.0 / np.arange(2, 2 * _ZONAL + 3))  #: 1/(n + 1) by n, from n = 0 on; n = 0 is not used
+_ROUNDED = 1e-4  #: down to which the nearest place is rounded, so that an expansion serves more than once [m]
 _OUTSIDE = 1.05  #: times the farthest corner of a winding: from there on harmonics converge within their terms
 _LEFT_OUT = 1e-4  #: relative, of the terms that are left out where the magnet can be
 
@@ -556,6 +557,12 @@ def wound_per_ampere(
     _fill_wound_ring(rows, table, pull_from, terms, reach, nearest, axes, centres, p, R, out, passive)
 
 
+@lru_cache(maxsize=64)
+def _centre(turns: float, inner: float, outer: float, length: float, core: SoftSphere, nearest: float) -> CentredCoil:
+    """The expansion of a coil: a calibration asks for the same one a hundred times."""
+    return CentredCoil(Coil(turns, inner, outer, length), core, nearest)
+
+
 @final
 @dataclass(frozen=True)
 class Windings:
@@ -658,7 +665,9 @@ class Windings:
         nearest = min(float(np.linalg.norm(at, axis=1).min()) for at in places)
         if closed or nearest < _OUTSIDE * max(float(self.corners.max()), core.radius):
             return [coil_and_core(coil, core, at) for coil, at in zip(self.coils, places, strict=True)]
-        return [CentredCoil(coil, core, nearest).field(at) for coil, at in zip(self.coils, places, strict=True)]
+        rounded = float(np.floor(nearest / _ROUNDED) * _ROUNDED)
+        sizes = [(one.turns, one.inner_radius, one.outer_radius, one.length) for one in self.coils]
+        return [_centre(*size, core, rounded).field(at) for size, at in zip(sizes, places, strict=True)]
 
     def field(
         self, core: SoftSphere, per_ampere: Array, measured_at: float, points: Array, *, closed: bool = False,

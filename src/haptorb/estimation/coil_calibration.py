@@ -145,7 +145,7 @@ def magnetic_calibration(
     result = _regress(device, visible, i, B)
     _check_wiring(device, result.moment_per_current)
     _check_sensors(device, visible, i, B, result)
-    odd, even = (_regress(device, visible, i[k::2], B[k::2]).moment_per_current for k in (1, 0))
+    odd, even = (_regress(device, visible, i[k::2], B[k::2], centres=False).moment_per_current for k in (1, 0))
     scale = np.linalg.norm(result.moment_per_current, axis=0)
     return replace(result, repeatability=float((np.abs(odd - even) / scale).max()), failed=failed)
 
@@ -158,8 +158,12 @@ def _project(axes: Array, places: int) -> Array:
     return projection
 
 
-def _regress(device: SphericalElectromagnet, visible: Array, i: Array, B: Array) -> MagneticCalibration:
+def _regress(
+    device: SphericalElectromagnet, visible: Array, i: Array, B: Array, *, centres: bool = True
+) -> MagneticCalibration:
     """Least squares for M and the offsets: M = C⁻¹ D S⁻¹ from centred readings, in closed form for point coils.
+
+    centres: where [tolerance] says how far windings may be off, their places are found as well.
 
     `visible` (k, 3, 3) is what each sensor makes of a field. What the field of a coil of known size has beyond its
     dipole's follows from the coil's moment, and is taken off the readings in rounds.
@@ -192,12 +196,12 @@ def _regress(device: SphericalElectromagnet, visible: Array, i: Array, B: Array)
                 "no moments explain the fields: the readings are not those of coils with the sizes in [windings]; "
                 "check the sensors' places and the windings"
             )
-    made, centres, centre_uncertainty = U @ M + beyond, None, None
-    if device.windings is not None and device.has_sizes and device.tolerance is not None:
+    made, found, centre_uncertainty = U @ M + beyond, None, None
+    if centres and device.windings is not None and device.has_sizes and device.tolerance is not None:
         left = y - np.einsum("sim,nm->nsi", made, x)
         noise = float((left**2).mean()) * np.diag(np.linalg.inv(S))
-        M, centres, centre_uncertainty = _find_centres(device, visible, per_ampere, M, noise)
-        made = visible @ device.windings.field(device.core, M, np.inf, at, centres=centres)
+        M, found, centre_uncertainty = _find_centres(device, visible, per_ampere, M, noise)
+        made = visible @ device.windings.field(device.core, M, np.inf, at, centres=found)
     rest = y - np.einsum("sim,nm->nsi", made, x)
     directions = round(float(np.trace(visible, axis1=1, axis2=2).sum()))  # that are measured at all
     freedom = max(1, len(i) * directions - M.size - directions)
@@ -207,7 +211,7 @@ def _regress(device: SphericalElectromagnet, visible: Array, i: Array, B: Array)
     offsets = B.mean(axis=0) - np.einsum("sim,m->si", made, i.mean(axis=0))
     condition = float(np.linalg.cond(C) * np.linalg.cond(S)) ** 0.5
     return MagneticCalibration(
-        stated * M, spread, offsets, variance**0.5, condition, 0.0, (), centres, centre_uncertainty
+        stated * M, spread, offsets, variance**0.5, condition, 0.0, (), found, centre_uncertainty
     )
 
 

@@ -30,7 +30,7 @@ def benchmark_of_built_devices(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 def test_the_force_is_within_two_per_cent_for_half_of_them_and_five_for_nearly_all(benchmark_of_built_devices):
-    found = benchmark_of_built_devices.measure(OMNI, repetitions(10, 50), 4000, 0.15, "tracker")
+    found = benchmark_of_built_devices.measure(OMNI, repetitions(8, 50), 4000, 0.15, "tracker")
     before, after = found["before_percent"], found["after_percent"]
     assert after["median"] <= 2.0
     assert after["95"] <= 5.0
@@ -74,7 +74,7 @@ def test_sensors_without_errors_find_from_where_each_coils_field_comes(specimen:
 
 def test_sensors_with_errors_find_less_and_say_so():
     errors, away = OMNI.hall.errors, []
-    for specimen in range(repetitions(30, 300)):
+    for specimen in range(repetitions(16, 300)):
         built = draw_electromagnet(OMNI, specimen)
         rng = np.random.default_rng(specimen)
         moved = OMNI.hall.positions + errors.placement * rng.standard_normal((9, 3))
@@ -87,7 +87,7 @@ def test_sensors_with_errors_find_less_and_say_so():
         found = magnetic_calibration(OMNI, currents, currents, np.einsum("sim,nm->nsi", fields, currents))
         true = np.stack([find_centre(built, coil) for coil in range(3)])
         away.append((found.centres - true) / found.centre_uncertainty)
-    assert np.sqrt(np.mean(np.square(away))) == pytest.approx(1.0, abs=0.15)
+    assert np.sqrt(np.mean(np.square(away))) == pytest.approx(1.0, abs=0.2)
 
 
 def test_a_file_without_tolerances_has_its_coils_in_the_centre():
