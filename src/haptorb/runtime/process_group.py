@@ -75,9 +75,10 @@ class SignalStop:
         """Make room for the next signals; to be called some times a second, from any thread."""
         if self._descriptor < 0 or not self._shared.signals[0]:
             return
+        seen = monotonic()  # before the number is read: who looks here now knows of no later signal
         if number := find_end_signal(self._shared.signals):
             self._stop()  # first: the loop must not find neither
-            self._last = number, monotonic()
+            self._last = number, seen
         self._shared.signals[0] = 0
         os.lseek(self._descriptor, self._shared.signals_at, os.SEEK_SET)
 

@@ -512,6 +512,7 @@ class ServoContext(ServoObserver):
         InputError
             If the path of the hand fails, or `seconds` is negative or not finite.
         """
+        self._note_signals()  # what came before, and was caught, is not lost in here
         begun = monotonic()
         end = begun + _check_seconds(seconds)
         try:
@@ -563,6 +564,10 @@ class ServoContext(ServoObserver):
             self._check_all(0.0)
             yield self.latest()
             await asyncio.sleep(pause)
+
+    @abstractmethod
+    def _note_signals(self) -> None:
+        """The signals that came until now are known."""
 
     @abstractmethod
     def _repeat_lost_signal(self, since: float) -> None:
@@ -874,6 +879,10 @@ class Servo(ServoContext):
             self.end_loop()
         finally:
             run_uninterrupted(self._tidy)
+
+    def _note_signals(self) -> None:
+        if self._signals is not None:
+            self._signals.look()
 
     def _repeat_lost_signal(self, since: float) -> None:
         if self._signals is not None:

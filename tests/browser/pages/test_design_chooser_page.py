@@ -108,6 +108,16 @@ def _wait(page: Any, frame: Any, expression: str, seconds: float = 60.0) -> Any:
     raise AssertionError(f"never came true: {expression}; {page.evaluate('window.chooser')}")
 
 
+def _find_frame(page: Any, url: str, seconds: float = 60.0) -> Any:
+    """The frame of the console at `url`, once it is there."""
+    for _ in range(int(seconds / 0.05)):
+        for one in page.frames:
+            if one.url.startswith(url.partition("#")[0]):
+                return one
+        page.wait_for_timeout(50)
+    raise AssertionError(f"no frame shows {url}")
+
+
 def test_a_design_is_chosen_seen_and_felt_only_after_it_was_engaged(page: Any, servos: list[Any]) -> None:
     page.get_by_role("slider").focus()
     page.keyboard.press("Home")
@@ -115,7 +125,7 @@ def test_a_design_is_chosen_seen_and_felt_only_after_it_was_engaged(page: Any, s
     row = page.evaluate("chooser.marked")
     name = page.evaluate("document.querySelector('.numbers h3').textContent")
     first = _wait(page, page, "chooser.now.state === 'running' && chooser.now.url")
-    frame = next(one for one in page.frames if one.url.startswith(first.partition("#")[0]))
+    frame = _find_frame(page, first)
     _wait(page, frame, "window.haptorb && haptorb.frames > 0 && haptorb.status === 'stopped'")
     assert name in frame.locator("header").inner_text()
     assert page.evaluate("chooser.now.row") == row

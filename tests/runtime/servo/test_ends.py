@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 
 from haptorb.control.trips import GuardState, Trip
 from haptorb.errors import DriverError, RecordingError, ServoError
+from haptorb.runtime.process_group import SignalStop
 from haptorb.runtime.servo import Servo
 from haptorb.runtime.shared_memory import SharedMemory
 
@@ -255,6 +257,25 @@ def test_a_program_that_survives_its_signal_has_a_trip_and_engages_again():
         servo.engage()
         servo.run(0.1)
         assert servo.latest().guard in (GuardState.RAMPING, GuardState.RUNNING)
+
+
+def test_a_signal_that_was_caught_does_not_come_again_where_the_heartbeat_is_late(monkeypatch):
+    """The thread that looks for signals waits for a processor: what it sees then came before this run."""
+    look = SignalStop.look
+
+    def wait_and_look(signals):
+        if threading.current_thread() is not threading.main_thread():
+            time.sleep(0.1)
+        look(signals)
+
+    with Servo("omni", record=False) as servo:
+        servo.run(0.2)
+        monkeypatch.setattr(SignalStop, "look", wait_and_look)
+        time.sleep(0.15)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        servo.run(0.9)
+        assert servo.latest().guard == GuardState.TRIPPED
 
 
 def test_a_run_that_was_interrupted_reports_no_trip():
