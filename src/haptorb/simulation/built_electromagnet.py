@@ -35,7 +35,8 @@ from haptorb.magnetics.special import loop_field
 __all__ = ["BuiltElectromagnet", "Steel", "TruthMap", "compute_fields", "draw_electromagnet", "fill_truth"]
 
 _K = MU0 / (4 * np.pi)
-_ACROSS, _ALONG = 2, 4  #: loops of a winding, at Gauss's points
+_LOOPS = (2, 4)  #: of a winding, across and along, at Gauss's points, for the tool's magnet …
+_CLOSE = (6, 16)  #: … and for sensors, which may be a few millimetres from it
 _ORDERS = (4, 16)  #: fewest and most degrees of the core's harmonics
 _LEFT_OUT = 1e-2  #: of the next degree where charges are nearest; of the whole it is 1e-5, as terms themselves fall
 _FACE = {"radial": 2, "azimuth": 6}  #: charges on each face of the magnet
@@ -90,15 +91,12 @@ class BuiltElectromagnet:
         """For compiled code; charges come no nearer to the core's centre than `nearest` [m]."""
         stretch, place = self.compute_stretch(), self.core_place
         count = 3 if self.coils is None else len(self.coils.turns)
-        loops = np.zeros((count, 0 if self.coils is None else _ACROSS * _ALONG, 3))
+        loops = self.list_loops(*_LOOPS)
         centres, axes = np.zeros((count, 3)), np.tile(np.array([0.0, 0.0, 1.0]), (count, 1))
         closest = self.core.radius
         if self.coils is not None:
             centres, axes = self.coils.position, self.coils.axis
             closest = max(float(self._about_core.nearest.min()), closest)
-            for number in range(count):
-                radii, heights, turns = self.coils.coil(number).filaments(_ACROSS, _ALONG)
-                loops[number] = np.stack([radii, heights, MU0 * turns], axis=1)
         ratio = self.core.radius**2 / (max(nearest, 1.05 * self.core.radius) * closest)
         order = int(np.clip(np.ceil(np.log(_LEFT_OUT) / np.log(ratio)), *_ORDERS))
         answers = np.zeros((count, (order + 1) * (order + 2) // 2, 2))
@@ -118,6 +116,17 @@ class BuiltElectromagnet:
             return made
         field = np.ascontiguousarray(compute_fields(made, self.steel.place[None])[0])
         return made._replace(steel=self.steel.place, steel_share=self.steel.share, steel_field=field)
+
+    def list_loops(self, across: int, along: int) -> Array:
+        """(m, f, 3) the coils as `TruthMap` has them, in so many loops; coils that are points have none."""
+        if self.coils is None:
+            return np.zeros((3, 0, 3))
+        made = [self.coils.coil(number).filaments(across, along) for number in range(len(self.coils.turns))]
+        return np.stack([np.stack([radii, heights, MU0 * turns], axis=1) for radii, heights, turns in made])
+
+    def compute_fields(self, truth: TruthMap, points: Array) -> Array:
+        """(n, 3, m) [T/A] of coils, core and steel at `points` (n, 3) [m], which may be close to a winding."""
+        return compute_fields(truth._replace(loops=self.list_loops(*_CLOSE)), points)
 
     @property
     def _about_core(self) -> PlacedCoils:

@@ -104,6 +104,15 @@ def test_the_field_at_the_sensors_is_that_of_the_same_coils():
     assert np.abs(found - true).max() < 1e-3 * np.abs(true).max()
 
 
+def test_sensors_close_to_a_winding_read_its_field_and_not_that_of_a_few_loops():
+    """Seven millimetres from the outermost one, against the windings' closed form."""
+    exact = replace(OMNI, tolerance=None)
+    built, at = draw_electromagnet(exact), np.array([[0.024, 0.024, 0.003], [0.034, 0.0, 0.0]])
+    found = built.compute_fields(built.compute_map(OMNI.dome_radius), at)
+    true = OMNI.windings.field(OMNI.core, OMNI.moment_per_current, OMNI.moments_at, at, closed=True)
+    assert np.abs(found - true).max() < 1e-4 * np.abs(true).max()
+
+
 def test_measured_moments_hold_whatever_the_windings_are():
     """On each coil's axis at 55 mm the field is that of the file's moments, as well as they are known."""
     known = OMNI.uncertainty.moments * np.sqrt(3)
