@@ -18,7 +18,7 @@ from scipy.special import elliprd
 from haptorb.arrays import Array
 from haptorb.compiled import kernel
 from haptorb.devices.coil_array import PlacedCoils, place_charges, place_coils
-from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import GeometryError
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing, dipole_on_charges
@@ -272,34 +272,16 @@ def fill_truth(t: TruthMap, R: Array, p: Array, out: Array, passive: Array, per_
         passive[i] += pull[i, 0]
 
 
-@kernel
-def _fill_fields(t: TruthMap, points: Array, out: Array) -> None:
-    charge, sums = np.empty((7, 1)), np.empty(((t.order + 2) * (t.order + 3) // 2, 2))
-    made, at = np.empty((6, out.shape[2])), np.empty(3)
-    charge[3:6] = 0.0
-    charge[6] = 1.0
-    for n in range(points.shape[0]):
-        made[:] = 0.0
-        for i in range(3):
-            charge[i, 0] = points[n, i]
-        _add_loops(t, charge, made)
-        for i in range(3):
-            charge[i, 0] -= t.core[i]
-            at[i] = charge[i, 0]
-        harmonic_sums(charge, t.radius, t.order, sums)
-        add_answers(sums, t.answers, t.radius, t.order, at, made)
-        out[n] = made[:3]
+_UNIT = np.array([[0.0], [0.0], [0.0], [1.0]])  #: one charge: the force on it is the field
 
 
 def compute_fields(t: TruthMap, points: Array) -> Array:
     """(n, 3, m) [T/A] of coils, core and steel at `points` (n, 3) [m] outside of them."""
-    out, at = np.empty((len(points), 3, t.loops.shape[0])), np.ascontiguousarray(points)
-    if t.loops.shape[1]:
-        _fill_fields(t, at, out)
-    else:
-        out[:] = point_field(at - t.core) @ t.moments
-    if t.steel_share:
-        out += point_field(at - t.steel) @ (t.steel_share * t.steel_field)
+    out, probe = np.empty((len(points), 3, t.loops.shape[0])), t._replace(charges=_UNIT)
+    matrix, passive, per_moment, upright = np.empty((6, out.shape[2])), np.empty(6), np.empty((6, 3)), np.eye(3)
+    for n, at in enumerate(np.ascontiguousarray(points)):
+        fill_truth(probe, upright, at, matrix, passive, per_moment)
+        out[n] = matrix[:3]
     return out
 
 
@@ -394,26 +376,12 @@ def _scale_to_moments(
 
     Measured at the device's `moments_at` from its centre; far away, the moments themselves.
     """
-    c = np.zeros(3) if place is None else place
-    about_core = replace(coils, position=coils.position - c)
-    sizes, made, away = np.linalg.norm(moments, axis=0), np.empty(3), device.moments_at
-    for number, coil in enumerate(place_coils(about_core)):
-        axis, field = coils.axis[number], coil.field(np.zeros(3))
-        if np.isinf(away):
-            made[number] = (coil.moment + core.moment_in(field)) @ axis
-            continue
-        at = away * axis - c
-        order = core.order(float(about_core.nearest[number]), float(np.linalg.norm(at)), 1e-6)
-        answer = answer_to_source(core, coil, order)[None]
-        there = coil.field(at) + _field_of_answer(answer, core.radius, order, at)
-        made[number] = there @ axis * away**3 / (2 * _K)
-    return replace(coils, turns=coils.turns * sizes / made)
-
-
-def _field_of_answer(answer: Array, radius: float, order: int, at: Array) -> Array:
-    charge, out = np.zeros((7, 1)), np.zeros((6, 1))
-    charge[:3, 0], charge[6] = at, 1.0
-    sums = np.empty(((order + 2) * (order + 3) // 2, 2))
-    harmonic_sums(charge, radius, order, sums)
-    add_answers(sums, answer, radius, order, at, out)
-    return out[:3, 0]
+    c, away, tool = np.zeros(3) if place is None else place, device.moments_at, device.tool
+    ring = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, **_FACE)
+    made = BuiltElectromagnet(coils, moments, core, c, np.eye(3), np.zeros(3), ring, np.zeros(3))
+    if np.isinf(away):
+        found = (made.compute_moments() * coils.axis.T).sum(axis=0)
+    else:
+        fields = compute_fields(made.compute_map(device.dome_radius), away * coils.axis)
+        found = np.einsum("jij,ji->j", fields, coils.axis) * away**3 / (2 * _K)
+    return replace(coils, turns=coils.turns * np.linalg.norm(moments, axis=0) / found)

@@ -31,7 +31,6 @@ from haptorb.simulation.base import CoilSimulation
 from haptorb.simulation.built_electromagnet import (
     BuiltElectromagnet,
     Steel,
-    TruthMap,
     draw_electromagnet,
     fill_truth,
 )
@@ -328,25 +327,24 @@ _HELD = 17
 
 
 @kernel
-def _renew(truth: TruthMap, R: Array, p: Array, newest: Array, change: Array) -> None:
-    """The map at R (3, 3) and p (3,) [m] into `newest` (17, 6), and what it has changed by into `change` (17, 6)."""
-    count = truth.loops.shape[0]
-    passive, matrix, per_moment = np.empty(6), np.empty((6, count)), np.empty((6, 3))
-    fill_truth(truth, R, p, matrix, passive, per_moment)
-    change[:] = -newest
-    newest[:3, :3], newest[3, :3], newest[4] = R, p, passive
-    newest[5:11, :count], newest[11:, :3] = matrix, per_moment
-    change += newest
-    if not np.isfinite(change[3, 0]):  # the first
-        change[:] = 0.0
+def find_pose(electromagnet: Records, held: Array, pose: Array) -> bool:
+    """Whether a map is wanted at `pose` (4, 3), which becomes R above p: the newest of `held` is old, and the tool has
+    moved."""
+    e = electromagnet[0]
+    matrix(e.tool.q[:], pose[:3])
+    for i in range(3):
+        pose[3, i] = e.tool.p[i]
+    return bool(e.age >= _APART and is_elsewhere(held[0], pose[:3], e.tool.p))
 
 
 @kernel
 def advance(
-    electromagnet: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, truth: TruthMap,
-    moment_per_current: Array, held: Array,
+    electromagnet: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, moment_per_current: Array,
+    held: Array, first: int, steps: int,
 ) -> None:  # fmt: skip
     """Some steps of coils, core, tool, dome and hand: `electromagnet` (1,) ELECTROMAGNET and `coils` (m,) COIL advance.
+
+    steps: of the call's, after the `first` of them.
 
     duties (m,); the hand goes to wish_p (3,) [m] and wish_q (4,) where they are numbers and a turn, else to where it
     went; moment_per_current (3, m) [m²]; held (2, 17, 6): the newest map, and what it has changed by since the one
@@ -361,13 +359,11 @@ def advance(
     newest, change = held[0], held[1]
     for k in range(count):
         coils[k].duty = duties[k]
-    wrench[:] = 0.0
-    for _ in range(e.steps):
+    if first == 0:
+        wrench[:] = 0.0
+    for _ in range(steps):
         matrix(tool.q[:], R)
         e.age += 1
-        if e.age >= _APART and is_elsewhere(newest, R, tool.p):
-            _renew(truth, R, tool.p, newest, change)
-            e.age = 0
         share = find_share(newest, change, R, tool.p)
         for i in range(6):
             given[i] = newest[4, i] + share * change[4, i]
@@ -454,6 +450,7 @@ class SimulatedElectromagnet(CoilSimulation):
         closest = max(device.dome_radius - tool.length / 2, 1.1 * built.core.radius)
         self._truth = built.compute_map(device.dome_radius)
         self._per_ampere = np.ascontiguousarray(built.compute_moments())
+        self._pose, self._map = np.empty((4, 3)), (np.empty((6, device.channels)), np.empty(6), np.empty((6, 3)))
         nominal = np.array(hall.positions, dtype=np.float64, order="C").reshape(-1, 3)
         drawn = draw_sensors(hall.errors, len(nominal), specimen)
         self._halls = make_halls(np.tile(np.eye(3), (len(nominal), 1, 1)), drawn, hall)
@@ -539,8 +536,28 @@ class SimulatedElectromagnet(CoilSimulation):
         Raises InputError for less than 0 or more than 10 s.
         """
         if self._set_steps(dt):
-            advance(self._state, self._coils, duties, goal_p, goal_q, self._truth, self._per_ampere, self._held)
+            whole = int(self._state["steps"][0])
+            for first in range(0, whole, _APART):
+                if find_pose(self._state, self._held, self._pose):
+                    self._renew()
+                advance(
+                    self._state, self._coils, duties, goal_p, goal_q, self._per_ampere, self._held, first,
+                    min(_APART, whole - first),
+                )  # fmt: skip
             self._t += dt
+
+    def _renew(self) -> None:
+        """The map where the tool is becomes the newest."""
+        newest, change = self._held
+        matrix, passive, per_moment = self._map
+        fill_truth(self._truth, self._pose[:3], self._pose[3], matrix, passive, per_moment)
+        change[:] = -newest
+        newest[:4, :3], newest[4] = self._pose, passive
+        newest[5:11, : matrix.shape[1]], newest[11:, :3] = matrix, per_moment
+        change += newest
+        if not np.isfinite(change[3, 0]):  # the first
+            change[:] = 0.0
+        self._state["age"] = 0
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
         """One reading of every sensor, and the tool's true pose as the tracker's word.
