@@ -137,10 +137,15 @@ class BuiltElectromagnet:
         """(3, m) [m²] of each coil per ampere with the core, seen from far away."""
         if self.coils is None:
             return self.moments
-        coils, stretch = place_coils(self._about_core), self.compute_stretch()
-        fields = [coil.field(np.zeros(3)) for coil in coils]
-        found = [coil.moment + self.core.moment_in(b) + stretch @ b for coil, b in zip(coils, fields, strict=True)]
-        return np.stack(found, axis=1)
+        own = np.stack([coil.moment for coil in place_coils(self.coils)], axis=1)
+        return own + self.compute_core_moments()
+
+    def compute_core_moments(self) -> Array:
+        """(3, m) [m²] of the core alone per ampere in each coil; zero where the coils are points, with the core."""
+        if self.coils is None:
+            return np.zeros_like(self.moments)
+        stretch, fields = self.compute_stretch(), [coil.field(np.zeros(3)) for coil in place_coils(self._about_core)]
+        return np.stack([self.core.moment_in(b) + stretch @ b for b in fields], axis=1)
 
 
 class TruthMap(NamedTuple):

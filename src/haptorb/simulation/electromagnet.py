@@ -112,13 +112,17 @@ def make_core(dynamics: CoreDynamics, core: SoftSphere | None = None, saturation
 
 @kernel
 def core_step(core: Record, moment_per_current: Array, coils: Records, dt: float) -> None:
-    """Advance a CORE by `dt` [s], in which the mean currents of `coils` (m,) flow; moment_per_current (3, m) [m²]."""
+    """Advance a CORE by `dt` [s], in which the mean currents of `coils` (m,) flow.
+
+    moment_per_current (6, m) [m²]: of coils and core together, and below that of the core alone, which saturates.
+    """
     gone, square = -np.expm1(-dt / core.time), 0.0
     for a in range(3):
-        moment = 0.0
+        moment, own = 0.0, 0.0
         for k in range(coils.size):
             moment += moment_per_current[a, k] * coils[k].mean
-        square += moment * moment
+            own += moment_per_current[3 + a, k] * coils[k].mean
+        square += own * own
         core.lagging[a] += gone * (moment - core.lagging[a])
         core.play[a] = max(moment - core.reversing, min(moment + core.reversing, core.play[a]))
         stays = core.remanent * (core.play[a] - moment) / core.reversing
@@ -127,7 +131,7 @@ def core_step(core: Record, moment_per_current: Array, coils: Records, dt: float
     lost = core.softness * full / (1.0 - full)
     for a in range(3):
         for k in range(coils.size):
-            core.extra[a] -= lost * moment_per_current[a, k] * coils[k].mean
+            core.extra[a] -= lost * moment_per_current[3 + a, k] * coils[k].mean
 
 
 # --------------------------------------------------------------------------------------------------
@@ -327,7 +331,7 @@ _HELD = 17
 
 
 @kernel
-def find_pose(electromagnet: Records, held: Array, pose: Array) -> bool:
+def _is_map_old(electromagnet: Records, held: Array, pose: Array) -> bool:
     """Whether a map is wanted at `pose` (4, 3), which becomes R above p: the newest of `held` is old, and the tool has
     moved."""
     e = electromagnet[0]
@@ -347,8 +351,8 @@ def advance(
     steps: of the call's, after the `first` of them.
 
     duties (m,); the hand goes to wish_p (3,) [m] and wish_q (4,) where they are numbers and a turn, else to where it
-    went; moment_per_current (3, m) [m²]; held (2, 17, 6): the newest map, and what it has changed by since the one
-    before.
+    went; moment_per_current (6, m) [m²] as in `core_step`; held (2, 17, 6): the newest map, and what it has changed by
+    since the one before.
     """
     e = electromagnet[0]
     tool, wrench, dt, count = e.tool, e.wrench, e.dt, coils.size
@@ -449,7 +453,7 @@ class SimulatedElectromagnet(CoilSimulation):
         self.ring = built.ring  #: the tool's magnet as the simulation has it
         closest = max(device.dome_radius - tool.length / 2, 1.1 * built.core.radius)
         self._truth = built.compute_map(device.dome_radius)
-        self._per_ampere = np.ascontiguousarray(built.compute_moments())
+        self._per_ampere = np.vstack([built.compute_moments(), built.compute_core_moments()])
         self._pose, self._map = np.empty((4, 3)), (np.empty((6, device.channels)), np.empty(6), np.empty((6, 3)))
         nominal = np.array(hall.positions, dtype=np.float64, order="C").reshape(-1, 3)
         drawn = draw_sensors(hall.errors, len(nominal), specimen)
@@ -538,7 +542,7 @@ class SimulatedElectromagnet(CoilSimulation):
         if self._set_steps(dt):
             whole = int(self._state["steps"][0])
             for first in range(0, whole, _APART):
-                if find_pose(self._state, self._held, self._pose):
+                if _is_map_old(self._state, self._held, self._pose):
                     self._renew()
                 advance(
                     self._state, self._coils, duties, goal_p, goal_q, self._per_ampere, self._held, first,

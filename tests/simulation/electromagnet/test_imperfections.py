@@ -131,3 +131,26 @@ def test_a_sensor_fails_as_it_is_told():
     with pytest.raises(InputError, match="sensor must be 0 to 8"):
         omni.fail([3, 9])
     assert np.abs(omni.sample(0, 0, True).field[3]).max() > 4e-4  # nothing was changed
+
+
+def test_a_core_near_saturation_loses_the_share_of_its_own_moment_that_the_curve_of_its_steel_says():
+    """M = χH/(1 + χH/M_s) within a ball that magnetises against its own field, solved here step by step."""
+    soft = replace(OMNI, core_permeability=200.0, core_saturation=0.5, tolerance=None)
+    core = CoreDynamics()
+    quiet = replace(without_errors(soft), core_dynamics=core)
+    omni = SimulatedElectromagnet(replace(quiet, hall=replace(quiet.hall, noise=0.0, step=0.0)))
+    omni.place(AWAY, UPRIGHT)
+    for _ in range(100):
+        omni.advance(1e-3, np.array([0.0, 0.0, 1.0]), AWAY, UPRIGHT)
+    current = float(omni.currents[2])
+    outer = float(omni.built.compute_core_moments()[2, 2]) * current  # of a core that does not saturate
+    mu0, chi, volume = 4e-7 * np.pi, 199.0, 4 / 3 * np.pi * OMNI.core_radius**3
+    applied, most = outer / volume * (1 / 3 + 1 / chi), 0.5 / mu0
+    low, high = 0.0, 3 * applied
+    for _ in range(80):  # the magnetisation at which the curve and the ball's own field agree
+        middle = 0.5 * (low + high)
+        inner = applied - middle / 3
+        low, high = (middle, high) if chi * inner / (1 + chi * max(inner, 0.0) / most) > middle else (low, middle)
+    lost = outer - low * volume
+    assert lost > 1e-3 * outer
+    assert -omni._state["core"]["extra"][0][2] == pytest.approx(lost, rel=0.1)
