@@ -9,35 +9,15 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ellipe, ellipk
 
 from haptorb.simulation.built_electromagnet import BuiltElectromagnet
+from haptorb_papers.reproduce.zarate2020.second_coils import charge_field, list_loops, loop_field, spread_points
 
 __all__ = ["read_fields", "read_wrench"]
 
 Array = NDArray[np.float64]
 MU0 = 4e-7 * np.pi
 SURFACE, CHARGES = 700, 300
-
-
-def loops(coil: tuple[float, float, float, float], node: Array, share: Array) -> tuple[Array, Array, Array]:
-    """Radii, heights and turns of a winding's loops at `node`, from −1 to 1 each way, with `share`."""
-    turns, inner, outer, length = coil
-    radii, heights = np.meshgrid((inner + outer) / 2 + (outer - inner) / 2 * node, length / 2 * node)
-    return radii.ravel(), heights.ravel(), turns * np.outer(share, share).ravel()
-
-
-def loop_field(a: Array, height: Array, weights: Array, points: Array) -> Array:
-    rho = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1e-9)[:, None]
-    z = points[:, 2][:, None] - height
-    square, near = (a + rho) ** 2 + z**2, (a - rho) ** 2 + z**2
-    m = 4 * a * rho / square
-    first, second = ellipk(m), ellipe(m)
-    scale = MU0 / (2 * np.pi * np.sqrt(square))
-    axial = scale * (first + (a * a - rho**2 - z**2) / near * second)
-    across = scale * z / rho * (-first + (a * a + rho**2 + z**2) / near * second)
-    unit = points[:, :2] / rho
-    return np.column_stack([(across @ weights)[:, None] * unit, axial @ weights])
 
 
 def coil_field(built: BuiltElectromagnet, number: int, points: Array, *, near: bool) -> Array:
@@ -53,27 +33,20 @@ def coil_field(built: BuiltElectromagnet, number: int, points: Array, *, near: b
     else:
         node, share = np.polynomial.legendre.leggauss(5)
         share = share / 2
-    size = tuple(float(one[number]) for one in (coils.turns, coils.inner_radius, coils.outer_radius, coils.length))
-    return loop_field(*loops(size, node, share), (points - coils.position[number]) @ frame) @ frame.T  # type: ignore[arg-type]
-
-
-def charge_field(places: Array, charges: Array, points: Array) -> Array:
-    apart = points[:, None, :] - places[None]
-    return (apart / np.linalg.norm(apart, axis=2)[..., None] ** 3 * charges[:, None]).sum(axis=1)
-
-
-def spread(count: int) -> Array:
-    k = np.arange(count) + 0.5
-    z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
-    return np.column_stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
+    inner, outer, length, turns = (
+        float(one[number]) for one in (coils.inner_radius, coils.outer_radius, coils.length, coils.turns)
+    )
+    loops = list_loops(inner, outer, length, turns, node, share)
+    field: Array = loop_field(*loops, (points - coils.position[number]) @ frame) @ frame.T
+    return field
 
 
 def answer(built: BuiltElectromagnet, own: list[Array], surface: Array) -> tuple[Array, Array]:
     """Places of charges in the core, and (sources, n) their strength: its answer to fields `own` on its surface."""
     shape = built.core_axes @ np.diag(built.core.radius * (1 + built.core_stretch)) @ built.core_axes.T
-    normal = spread(SURFACE) @ np.linalg.inv(shape)
+    normal = spread_points(SURFACE) @ np.linalg.inv(shape)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    points = spread(CHARGES) @ shape.T
+    points = spread_points(CHARGES) @ shape.T
     within, beyond = built.core_place + 0.8 * points, built.core_place + points / 0.8
     share = 1 / built.core.permeability
 
@@ -101,7 +74,7 @@ def answer(built: BuiltElectromagnet, own: list[Array], surface: Array) -> tuple
 
 def on_surface(built: BuiltElectromagnet) -> Array:
     shape = built.core_axes @ np.diag(built.core.radius * (1 + built.core_stretch)) @ built.core_axes.T
-    return built.core_place + spread(SURFACE) @ shape.T
+    return built.core_place + spread_points(SURFACE) @ shape.T
 
 
 def magnet(built: BuiltElectromagnet, R: Array, p: Array) -> tuple[Array, Array, Array]:

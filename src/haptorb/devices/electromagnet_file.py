@@ -279,7 +279,7 @@ class ElectromagnetFile(CommonFile):
     ] = None
     tolerance: Annotated[
         ElectromagnetTolerance,
-        m.Meaning("how far what is built may be from the file, for the simulation and the error budget"),
+        m.Meaning("standard deviations of what is built from the file, for the simulation and the error budget"),
         m.Without("the defaults below"),
         Field(default_factory=ElectromagnetTolerance),
     ]

@@ -195,7 +195,7 @@ class Calibration:
             spread = numbers(raw, "centre_uncertainty_m", name, (channels, 3))
             if np.abs(centres).max() > _FARTHEST:
                 raise CalibrationError(
-                    f"{name}: centres_m says that a coil is {1e3 * np.abs(centres).max():.3g} mm off its place, more "
+                    f"{name}: centres_m says that a coil is {1e3 * np.abs(centres).max():.4g} mm off its place, more "
                     f"than {1e3 * _FARTHEST:g} mm; calibrate again"
                 )
         strength, unsure = None, None

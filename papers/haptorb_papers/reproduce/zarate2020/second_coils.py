@@ -16,13 +16,13 @@ from scipy.special import ellipe, ellipk
 from haptorb.arrays import Array
 from haptorb.devices.electromagnet import SphericalElectromagnet
 
-__all__ = ["compute_coil_fields", "make_coil"]
+__all__ = ["charge_field", "compute_coil_fields", "list_loops", "loop_field", "make_coil", "spread_points"]
 
 MU0 = 4e-7 * np.pi
 _SURFACE, _CHARGES = 600, 300  #: points on the core's surface, and charges on either side of it
 
 
-def _loop_field(a: Array, height: Array, weights: Array, points: Array) -> Array:
+def loop_field(a: Array, height: Array, weights: Array, points: Array) -> Array:
     """(n, 3) [T/A] of circular loops about z, with `weights` turns each."""
     rho = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1e-9)[:, None]
     z = points[:, 2][:, None] - height
@@ -37,14 +37,15 @@ def _loop_field(a: Array, height: Array, weights: Array, points: Array) -> Array
     return np.column_stack([radial[:, None] * unit, b_z])
 
 
-def _spread_points(count: int) -> Array:
+def spread_points(count: int) -> Array:
     """(count, 3) unit vectors, evenly (Fibonacci)."""
     k = np.arange(count) + 0.5
     z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
     return np.column_stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
 
 
-def _charge_field(places: Array, charges: Array, points: Array) -> Array:
+def charge_field(places: Array, charges: Array, points: Array) -> Array:
+    """(n, 3) Σ charge (x − place)/|x − place|³ at `points` (n, 3) [m]."""
     x, y, z = (points[:, None, axis] - places[None, :, axis] for axis in range(3))
     square = x * x + y * y + z * z
     share = charges / (square * np.sqrt(square))
@@ -62,8 +63,8 @@ class MadeCoil(NamedTuple):
 
     def field(self, points: Array) -> Array:
         """(n, 3) [T/A] outside the winding and the core."""
-        own = _loop_field(self.radii, self.heights, self.turns, points)
-        found: Array = own + _charge_field(self.places, self.charges, points)
+        own = loop_field(self.radii, self.heights, self.turns, points)
+        found: Array = own + charge_field(self.places, self.charges, points)
         return found
 
 
@@ -74,11 +75,11 @@ def make_coil(inner: float, outer: float, length: float, turns: float, core: flo
     On the sphere, the field along it is the same on both sides, and across it permeability times as great outside.
     The field is the coil's and that of charges: outside of charges within the sphere, inside of charges beyond it.
     """
-    surface, points = core * _spread_points(_SURFACE), _spread_points(_CHARGES)
+    surface, points = core * spread_points(_SURFACE), spread_points(_CHARGES)
     normal, within, beyond = surface / core, 0.8 * core * points, core / 0.8 * points
     # many loops, evenly, where the core may be a millimetre away; a few at Gauss's nodes for what is farther
     even = (2 * np.arange(25) + 1) / 25 - 1
-    own = _loop_field(*_list_loops(inner, outer, length, turns, even, np.full(25, 0.04)), surface)
+    own = loop_field(*list_loops(inner, outer, length, turns, even, np.full(25, 0.04)), surface)
 
     def unit(places: Array) -> Array:
         apart = surface[:, None] - places
@@ -101,11 +102,11 @@ def make_coil(inner: float, outer: float, length: float, turns: float, core: flo
     if np.linalg.norm(matrix @ charges - wanted) > 1e-2 * np.linalg.norm(own):
         raise ValueError("no charges make a field that is continuous at the core")
     node, weight = np.polynomial.legendre.leggauss(4)
-    loops = _list_loops(inner, outer, length, turns, node, weight / 2)
+    loops = list_loops(inner, outer, length, turns, node, weight / 2)
     return MadeCoil(*loops, charges[:_CHARGES], within)
 
 
-def _list_loops(
+def list_loops(
     inner: float, outer: float, length: float, turns: float, node: Array, share: Array
 ) -> tuple[Array, Array, Array]:
     """Radii, heights and turns of loops at `node` (n,) each way over the section, from −1 to 1, with `share` (n,)."""
