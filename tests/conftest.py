@@ -57,7 +57,7 @@ settings.load_profile("fixed")
 #: because whoever gets one of these at the end keeps the others waiting. While one process compiles the kernels, the
 #: other tests studies, which need few; documentation and examples find the kernels compiled.
 HEAVY = (
-    *("test_tools.py", "reproduce", "test_docs.py", "test_result.py", "study", "test_docs_code.py", "test_examples.py"),
+    *("test_tools.py", "papers", "test_docs.py", "test_result.py", "study", "test_docs_code.py", "test_examples.py"),
     *("firmware", "test_safety.py", "test_console_page.py", "test_study_pages.py"),  # of those beside a clock
 )
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")

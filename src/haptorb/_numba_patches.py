@@ -137,5 +137,5 @@ def _disable_gathers(numba: Any) -> None:
     from numba.core.codegen import get_host_cpu_features
 
     if numba.config.CPU_FEATURES is None and platform.machine() == "x86_64" and llvm_version_info >= (18,):
-        host: str = get_host_cpu_features()  # type: ignore[no-untyped-call]
+        host: str = get_host_cpu_features()
         numba.config.CPU_FEATURES = f"{host},+prefer-no-gather"

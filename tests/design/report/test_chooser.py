@@ -62,7 +62,7 @@ class _Console:
             time.sleep(0.01)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def table():
     run = Run(1, "sobol", 1, {}, "0.1.0", "", tuple(make_evaluations(60)))
     return ResultsTable.of(Results(make_design(), (run,)))

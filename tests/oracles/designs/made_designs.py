@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +18,10 @@ from haptorb_design.problem import (
     ParameterPlace,
 )
 from haptorb_design.store import open_results
+from haptorb_design.workers import compute_base_values
 
 
+@cache
 def make_design(goals: int = 2) -> Design:
     """With so many objectives, at most two: the pull is to be small, the force great."""
 
@@ -35,9 +39,10 @@ def make_design(goals: int = 2) -> Design:
     )
     made = (DesignGoal(pull, "minimise", "core_pull"), DesignGoal(force, "maximise", "continuous_force"))
     bounds = (Bound("mass", quantity("mass", "kg", "minimise"), high=0.028),)
-    return Design(
+    design = Design(
         "omni-core", "Omni: <core> & tool", "omni", parameters, made[:goals], bounds, {}, "name = 'omni'\n", "0" * 64
     )
+    return replace(design, base_values=compute_base_values(design))  # a process of its own, once
 
 
 def make_evaluations(count: int, seed: int = 1) -> list[Evaluation]:

@@ -70,8 +70,8 @@ def try_hall_tracker(
     rng, still = np.random.default_rng(seed), clamp_tool(device)
     out = np.empty((len(places), 3))
     duties = np.full(device.channels, duty)
+    world = SimulatedElectromagnet(still, seed, specimen=0)
     for row, p in zip(out, places, strict=True):
-        world = SimulatedElectromagnet(still, int(rng.integers(2**31)), specimen=0)
         q = Rotation.from_matrix(rotation_to_axis(p)).as_quat()
         world.place(p, q)
         scale = calibration * np.linalg.norm(device.moment_per_current, axis=0)
