@@ -8,6 +8,9 @@ file (`--write`); without that option the run is compared with it. The exit code
 notices, of files of the physics without a mutation or a reason, and of rows of SHOWN that no
 mutation turns red, but for those that compute with what is printed alone (`PRINT_ONLY`).
 
+What no printed number stands on is compared with another computation by tests: a part of a mutation may be a test, and
+each case of it is a row.
+
 `--slow` adds the rows that take minutes.
 """
 
@@ -15,6 +18,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -30,7 +34,8 @@ from physics_mutations import MUTATIONS, PRINT_ONLY, REASONS, SLOW
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "haptorb"
 RECORD = Path(__file__).with_name("physics_mutations.json")
-SHOWN = ("reproduced", "implied", "set and found", "contradicted")  #: classes whose rows must be able to turn red
+CHECKED = "checked"  #: the class of a test that passes
+SHOWN = ("reproduced", "implied", "set and found", "contradicted", CHECKED)  #: of rows that must be able to turn red
 
 _COMPUTE = """
 import json, sys
@@ -49,18 +54,32 @@ print(json.dumps(found))
 
 
 def compute_rows(parts: tuple[str, ...], source: Path, cache: Path) -> dict[str, dict[str, str] | str]:
-    """Part → its rows' verdicts, or what it failed with; in a new process that imports haptorb from `source`."""
+    """Part → its rows' verdicts, or what it failed with; in new processes that import haptorb from `source`."""
     path = os.pathsep.join((str(source), str(source.parent / "papers")))
     environment = {**os.environ, "PYTHONPATH": path, "XDG_CACHE_HOME": str(cache)}
     environment.pop("NUMBA_CACHE_DIR", None)
-    run = subprocess.run(
-        [sys.executable, "-c", _COMPUTE, json.dumps(parts)],
-        cwd=source, env=environment, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    if run.returncode:
-        return dict.fromkeys(parts, run.stderr.strip().splitlines()[-1])
-    found: dict[str, dict[str, str] | str] = json.loads(run.stdout.splitlines()[-1])
+    found: dict[str, dict[str, str] | str] = {}
+    tests = [part for part in parts if part.startswith("tests/")]
+    if printed := [part for part in parts if part not in tests]:
+        run = _run(["-c", _COMPUTE, json.dumps(printed)], source, environment)
+        found = (
+            dict.fromkeys(printed, run.stderr.strip().splitlines()[-1])
+            if run.returncode
+            else json.loads(run.stdout.splitlines()[-1])
+        )
+    for test in tests:
+        run = _run(["-m", "pytest", "-q", "-p", "no:cacheprovider", "--tb=no", "-rpfE", test], ROOT, environment)
+        cases = re.findall(r"^(PASSED|FAILED|ERROR) (.+?)(?: - .*)?$", run.stdout, re.MULTILINE)
+        found[test] = {row: CHECKED if outcome == "PASSED" else outcome.lower() for outcome, row in cases} or (
+            (run.stdout + run.stderr).strip().splitlines() or ["no output"]
+        )[-1]
     return found
+
+
+def _run(words: list[str], folder: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
 
 
 def find_red(mutation: Mutation, folder: Path, sound: dict[str, str]) -> tuple[list[str], list[str]]:
@@ -104,9 +123,9 @@ def find_gaps(record: dict[str, list[str]], sound: dict[str, str]) -> list[str]:
         mutated[mutation.file] += record.get(mutation.name, [])
     gaps = [f"{mutation.name}: no row turns red" for mutation in MUTATIONS if not record.get(mutation.name)]
     for file in list_physics():
-        shown = [row for row in mutated.get(file, []) if sound.get(row) in ("reproduced", "implied")]
+        shown = [row for row in mutated.get(file, []) if sound.get(row) in ("reproduced", "implied", CHECKED)]
         if not shown and file not in REASONS:
-            gaps.append(f"{file}: no reproduced row turns red by a change of it")
+            gaps.append(f"{file}: no reproduced or checked row turns red by a change of it")
     red = {row for rows in record.values() for row in rows}
     gaps += [
         f"{row}: {verdict}, but no mutation turns it red"
