@@ -12,7 +12,7 @@ BIN := $(VENV)/bin
 CONSOLE := $(shell find web -name node_modules -prune -o -type f -print 2>/dev/null)
 BUILT_FROM := pyproject.toml $(wildcard hatch_build.py) $(CONSOLE)
 
-.PHONY: help run test nightly bench docs notebooks firmware screenshots format packages clean
+.PHONY: help run test nightly bench docs notebooks dist firmware screenshots format packages clean
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
 
@@ -23,6 +23,7 @@ help:
 	@echo 'make bench        all benchmarks, against peers and limits; ARGS="--store docs/benchmarks.json" stores them'
 	@echo 'make docs         the documentation, into docs/_build/html'
 	@echo 'make notebooks    the examples as Jupyter notebooks, into notebooks/'
+	@echo 'make dist         wheel and source archive, into dist/'
 	@echo 'make firmware     cross-compile the firmware and its emulator'
 	@echo 'make screenshots  retake the screenshots of the console'
 	@echo 'make format       format the Python files with ruff'
@@ -56,6 +57,10 @@ docs: $(VENV)/.test
 
 notebooks: $(VENV)/.test
 	@$(BIN)/python scripts/write_notebooks.py $(ARGS)
+
+dist: $(VENV)/.test
+	@rm -rf dist
+	@$(BIN)/python -m build --wheel --sdist $(ARGS)
 
 firmware: packages
 	@$(MAKE) --no-print-directory -C firmware

@@ -1,15 +1,120 @@
-"""Changes to numba's undocumented internals: each with its reason."""
+"""Changes to numba's undocumented internals: each with its reason, and all of them can be left out.
+
+`load_numba` makes the changes, `compile_function` asks numba for a kernel. Neither touches numba's internals where the
+installed version is newer than `NEWEST`, the last that the tests have run with, or where HAPTORB_PLAIN_NUMBA is 1: then
+a first start takes longer, a call of a kernel some microseconds more, and a result may differ in its last bits between
+processes that called other kernels before. Nothing else differs.
+"""
 
 from __future__ import annotations
 
 import os
 import platform
+import re
 import sys
-from functools import wraps
+from collections.abc import Callable
+from functools import cache, wraps
 from importlib import import_module
 from typing import Any
 
-__all__ = ["call_own_copies", "remember_call_types"]
+__all__ = ["NEWEST", "call_own_copies", "compile_function", "is_patched", "load_numba", "remember_call_types"]
+
+NEWEST = (0, 68)  #: as in pyproject.toml
+_PLAIN = "HAPTORB_PLAIN_NUMBA"
+
+
+@cache
+def is_patched(version: str) -> bool:
+    """Whether numba of this `version` is changed; one line on stderr if it is too new for that."""
+    if os.environ.get(_PLAIN, "") not in ("", "0"):
+        return False
+    if tuple(map(int, re.findall(r"\d+", version)[:2])) <= NEWEST:
+        return True
+    tested = ".".join(map(str, NEWEST))
+    print(
+        f"haptorb: numba {version} is newer than {tested}, the last that haptorb was tested with: it is used as it is, "
+        f"and starts take longer; pip install 'numba<{NEWEST[0]}.{NEWEST[1] + 1}' brings the tested one",
+        file=sys.stderr,
+    )
+    os.environ[_PLAIN] = "1"  # the processes that this one starts say it no more
+    return False
+
+
+@cache
+def load_numba() -> Any:
+    """numba, changed where it may be."""
+    from importlib.metadata import version
+
+    if not is_patched(version("numba")):
+        return import_module("numba")
+    _silence_lock()
+    numba = import_module("numba")
+    _disable_gathers(numba)
+    _limit_optimisation(numba)
+    _postpone_linear_algebra()
+    call_own_copies(import_module("numba.core.codegen"))
+    remember_call_types()
+    return numba
+
+
+def compile_function(function: Callable[..., Any], folder: str, *, vectors: bool, brief: bool) -> Any:
+    """numba's dispatcher of `function`, which is kept in `folder` ("": nowhere).
+
+    vectors: its loops become vector code. brief: no reference is counted and the interpreter lock is not released.
+    """
+    numba = load_numba()
+    usual = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = folder  # read when a dispatcher is made
+    try:
+        compiled = numba.njit(
+            cache=bool(folder), nogil=not brief, fastmath={"reassoc", "contract"}, error_model="numpy",
+            **(_list_options(brief) if is_patched(numba.__version__) else {}),
+        )(function)  # fmt: skip
+    finally:
+        numba.config.CACHE_DIR = usual
+    if is_patched(numba.__version__):
+        if vectors and "NUMBA_LOOP_VECTORIZE" not in os.environ:
+            _vectorize_loops(numba, compiled)
+        _ignore_constants(numba, compiled)
+    return compiled
+
+
+def _list_options(brief: bool) -> dict[str, bool]:
+    """No kernel is called through a C pointer, so none has that entry.
+
+    `_nrt` is numba's counting of references to arrays, half of the time of a call; a kernel must say it, or it has what
+    the first kernel that calls it has.
+    """
+    return {"no_cfunc_wrapper": True, "_nrt": not brief}
+
+
+def _vectorize_loops(numba: Any, compiled: Any) -> None:
+    """Have the loops of `compiled`, a dispatcher, compiled to vector code; those of other kernels as ever.
+
+    Needed where `_limit_optimisation` took it from all; numba has this choice for a whole process only.
+    """
+    compile_plainly = compiled.compile
+
+    def compile_to_vectors(signature: Any) -> Any:
+        usual = numba.config.LOOP_VECTORIZE
+        numba.config.LOOP_VECTORIZE = 1
+        try:
+            return compile_plainly(signature)
+        finally:
+            numba.config.LOOP_VECTORIZE = usual
+
+    compiled.compile = compile_to_vectors
+
+
+def _ignore_constants(numba: Any, compiled: Any) -> None:
+    """Have `compiled`, a dispatcher, compiled once for each combination of types.
+
+    numba compiles it anew for each constant that another kernel passes, and keeps what it does not need.
+    """
+    find, plain = compiled.get_call_template, numba.types.unliteral
+    compiled.get_call_template = lambda args, named: find(
+        tuple(map(plain, args)), {name: plain(kind) for name, kind in named.items()}
+    )
 
 
 # --------------------------------------------------------------------------------------------------

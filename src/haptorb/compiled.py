@@ -20,7 +20,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, update_wrapper
-from importlib import import_module
 from pathlib import Path
 from threading import local
 from typing import Any, TypeVar, cast, final
@@ -28,14 +27,7 @@ from typing import Any, TypeVar, cast, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb._numba_patches import (
-    _disable_gathers,
-    _limit_optimisation,
-    _postpone_linear_algebra,
-    _silence_lock,
-    call_own_copies,
-    remember_call_types,
-)
+from haptorb._numba_patches import compile_function, is_patched, load_numba
 from haptorb.arrays import Array
 from haptorb.cache_folder import explain_shared, private_folder
 
@@ -50,7 +42,6 @@ __all__ = [
     "tell_compiling",
     "tick_kernel",
     "vector_kernel",
-    "watch_compiling",
 ]
 
 
@@ -86,21 +77,28 @@ def forbid_compiling() -> Iterator[list[str]]:
         _thread.missing = before
 
 
-def watch_compiling(compiled: Any) -> None:
-    """Have `compiled`, a dispatcher, ask first whether it may compile. What lies in the cache it loads as ever."""
-    compiler = compiled._compiler
-    compile_now, name = compiler.compile, f"{compiled.py_func.__module__}.{compiled.py_func.__qualname__}"
+@cache
+def _watch_compiling() -> None:
+    """Have every kernel of the package ask first whether it may be compiled. What lies in the cache is loaded."""
+    from numba.core.event import Event, Listener, register
 
-    def compile_if_allowed(args: Any, return_type: Any) -> Any:
-        missing: list[str] | None = getattr(_thread, "missing", None)
-        if missing is not None:
-            missing.append(name)
-            raise UncompiledKernelError(f"kernel '{name}' is not compiled yet")
-        for tell in _listeners:
-            tell()
-        return compile_now(args, return_type)
+    class Permission(Listener):  # type: ignore[misc]
+        def on_start(self, event: Event) -> None:
+            function = event.data["dispatcher"].py_func
+            if not _find_source(function).is_relative_to(_PACKAGE):
+                return
+            missing: list[str] | None = getattr(_thread, "missing", None)
+            if missing is not None:
+                name = f"{function.__module__}.{function.__qualname__}"
+                missing.append(name)
+                raise UncompiledKernelError(f"kernel '{name}' is not compiled yet")
+            for tell in _listeners:
+                tell()
 
-    compiler.compile = compile_if_allowed
+        def on_end(self, event: Event) -> None:
+            pass
+
+    register("numba:compile", Permission())
 
 
 _PACKAGE = Path(__file__).resolve().parent
@@ -176,7 +174,9 @@ def _folder(path: Path) -> str:
 
 
 def _name_state(path: Path) -> str:
-    return hashlib.sha256(_numba().__version__.encode() + _digest_sources(path)).hexdigest()[:16]
+    version = load_numba().__version__
+    plain = b"" if is_patched(version) else b"plain"
+    return hashlib.sha256(version.encode() + plain + _digest_sources(path)).hexdigest()[:16]
 
 
 @cache
@@ -195,64 +195,15 @@ def _chosen_folder() -> str:
     return chosen
 
 
-@cache
-def _numba() -> Any:
-    """numba, with what is always wanted of it."""
-    _silence_lock()
-    import numba
-
-    _disable_gathers(numba)
-    _limit_optimisation(numba)
-    _postpone_linear_algebra()
-    call_own_copies(import_module("numba.core.codegen"))
-    remember_call_types()
-    return numba
-
-
 def _find_source(function: Callable[..., Any]) -> Path:
     return Path(function.__code__.co_filename).resolve()
 
 
-def _vectorize_loops(numba: Any, compiled: Any) -> None:
-    """Have the loops of `compiled`, a dispatcher, compiled to vector code; those of other kernels as ever."""
-    compile_plainly = compiled.compile
-
-    def compile_to_vectors(signature: Any) -> Any:
-        usual = numba.config.LOOP_VECTORIZE
-        numba.config.LOOP_VECTORIZE = 1
-        try:
-            return compile_plainly(signature)
-        finally:
-            numba.config.LOOP_VECTORIZE = usual
-
-    compiled.compile = compile_to_vectors
-
-
 def _dispatcher(function: Callable[..., Any], vectors: bool, brief: bool) -> Any:
-    """numba's: it compiles `function` for each new combination of types, not for each constant that a kernel passes.
-
-    No kernel is called through a C pointer, so none has that entry. `_nrt` is numba's counting of references to arrays;
-    a kernel must say it, or it has what the first kernel that calls it has.
-    """
-    numba = _numba()
-    folder, usual = _folder(_find_source(function)), numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = folder
-    try:
-        compiled = numba.njit(
-            cache=bool(folder), nogil=not brief, _nrt=not brief, fastmath={"reassoc", "contract"}, error_model="numpy",
-            no_cfunc_wrapper=True,
-        )(function)  # fmt: skip
-    finally:
-        numba.config.CACHE_DIR = usual
-    if _find_source(function).is_relative_to(_PACKAGE):
-        watch_compiling(compiled)
-    if vectors and "NUMBA_LOOP_VECTORIZE" not in os.environ:
-        _vectorize_loops(numba, compiled)
-    template = compiled.get_call_template
-    compiled.get_call_template = lambda args, named: template(
-        tuple(map(numba.types.unliteral, args)), {name: numba.types.unliteral(kind) for name, kind in named.items()}
-    )
-    return compiled
+    """numba's: it compiles `function` for each new combination of types."""
+    load_numba()
+    _watch_compiling()
+    return compile_function(function, _folder(_find_source(function)), vectors=vectors, brief=brief)
 
 
 @final
@@ -297,7 +248,7 @@ _POSTPONED: list[PostponedKernel] = []
 
 def load_compiler() -> None:
     """Load numba, and have every module of haptorb hold compiled functions in place of its postponed kernels."""
-    _numba()
+    load_numba()
     if not _POSTPONED:
         return
     holders = {postponed.__module__ for postponed in _POSTPONED}

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-
 #: mypy without looking for garbage, of which it makes none: a third of its time, for 1 GB of memory more
 MYPY = """
 import gc

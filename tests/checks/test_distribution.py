@@ -1,0 +1,101 @@
+"""`make dist`: what the wheel installs into an empty environment runs, and the source archive has every source."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from haptorb.version import __version__
+
+
+@pytest.fixture(scope="module")
+def archives(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Wheel and source archive of this tree, by the tool that publishes them; no network is needed."""
+    folder = tmp_path_factory.mktemp("dist")
+    command = [sys.executable, "-m", "build", "--no-isolation", "--skip-dependency-check", "--wheel", "--sdist"]
+    done = subprocess.run([*command, "--outdir", folder, root], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder / f"haptorb-{__version__}-py3-none-any.whl", folder / f"haptorb-{__version__}.tar.gz"
+
+
+@pytest.fixture(scope="module")
+def installed(archives: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with nothing but the wheel; other packages are those of the tests."""
+    folder = tmp_path_factory.mktemp("installed")
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-index", "--no-deps"]
+    done = subprocess.run(
+        [*pip, "--prefix", folder, "--ignore-installed", archives[0]], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def _run(installed: Path, folder: Path, *words: str) -> str:
+    """What the installed `haptorb` prints, started in an empty folder."""
+    packages = sysconfig.get_path("purelib", vars={"base": str(installed)})
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    environment["PYTHONPATH"] = packages
+    program = [sys.executable, str(installed / "bin" / "haptorb")] if words[0] != "-c" else [sys.executable]
+    done = subprocess.run([*program, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_installed_command_is_this_version_and_reads_its_devices(installed: Path, tmp_path: Path) -> None:
+    assert __version__ in _run(installed, tmp_path, "--version")
+    assert "Omni: contact-free" in _run(installed, tmp_path, "inspect", "omni")
+    listed = _run(installed, tmp_path, "--help")
+    for command in ("run", "inspect", "study", "design"):
+        assert re.search(rf"\b{command}\b", listed), command
+    where = "import haptorb, haptorb_study, haptorb_design as last; print(haptorb.__file__, last.__file__)"
+    assert _run(installed, tmp_path, "-c", where).split() == [
+        str(next(installed.rglob(f"{name}/__init__.py"))) for name in ("haptorb", "haptorb_design")
+    ]
+
+
+@pytest.mark.slow
+def test_the_installed_command_runs_a_device(installed: Path, tmp_path: Path) -> None:
+    assert "on time" in _run(installed, tmp_path, "run", "omni", "--headless", "--duration", "0.5")
+
+
+def test_the_wheel_has_every_file_of_the_packages_and_the_built_pages(root: Path, archives: tuple[Path, Path]) -> None:
+    with zipfile.ZipFile(archives[0]) as wheel:
+        names = set(wheel.namelist())
+    tracked = [name.removeprefix("src/") for name in _list_tracked(root) if name.startswith("src/haptorb")]
+    assert [name for name in tracked if name not in names] == []
+    for page in ("haptorb/web/console_static/console.js", "haptorb_study/static/participant.js"):
+        assert page in names
+    assert not [name for name in names if name.startswith(("haptorb_papers", "haptorb_bench", "tests", "papers"))]
+
+
+def test_links_and_pictures_of_the_documents_in_the_wheel_are_in_it(installed: Path) -> None:
+    shared = installed / "share" / "doc" / "haptorb"
+    dead = []
+    for page in shared.rglob("*.md"):
+        text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        dead += [
+            f"{page.relative_to(shared)}: {target}"
+            for target in re.findall(r"\]\(([^)#:]+\.(?:md|png|svg))(?:#[^)]*)?\)", text)
+            if not (page.parent / target).exists()
+        ]
+    assert dead == []
+
+
+def test_the_source_archive_has_every_source(root: Path, archives: tuple[Path, Path]) -> None:
+    with tarfile.open(archives[1]) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    assert [name for name in _list_tracked(root) if name not in names] == []
+    assert not [name for name in names if "node_modules" in name or name.endswith(("console.js", "participant.js"))]
+
+
+def _list_tracked(root: Path) -> list[str]:
+    done = subprocess.run(["git", "ls-files", "-z"], cwd=root, capture_output=True, text=True, check=True)
+    return [name for name in done.stdout.split("\0") if name and not name.startswith(".")]

@@ -1,0 +1,128 @@
+"""With numba's internals left alone the program runs, and computes the same."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptorb._numba_patches import NEWEST, is_patched
+
+PLAIN = "HAPTORB_PLAIN_NUMBA"
+
+
+@pytest.fixture(autouse=True)
+def _leave_the_environment(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """`is_patched` tells its children; these tests' verdicts are not for others."""
+    monkeypatch.setenv(PLAIN, "0")
+    is_patched.cache_clear()
+    yield
+    is_patched.cache_clear()
+
+
+def test_the_newest_version_is_that_of_the_installation(root: Path) -> None:
+    project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
+    (bound,) = (one for one in project["dependencies"] if one.startswith("numba"))
+    low, high = re.fullmatch(r"numba>=0\.(\d+),<0\.(\d+)", bound).groups()  # type: ignore[union-attr]
+    assert (0, int(high) - 1) == NEWEST
+    assert is_patched(f"0.{low}.0")
+    assert is_patched(f"0.{NEWEST[1]}.9rc1")
+
+
+@pytest.mark.parametrize("version", ["0.69.0", "0.70.0rc1", "1.0", "2.0.0"])
+def test_a_newer_numba_is_used_as_it_is_and_both_versions_are_named(
+    version: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert not is_patched(version)
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert version in said
+    assert ".".join(map(str, NEWEST)) in said
+    is_patched.cache_clear()
+    assert not is_patched(version)  # as in a process that this one starts
+    assert capsys.readouterr().err == ""
+
+
+PROGRAM = """
+import json
+import numpy as np
+from haptorb.compiled import load_compiler
+from haptorb.devices import electromagnet_model
+
+load_compiler()
+from numba.core import codegen
+from numba.core.types.functions import BaseFunction
+
+dipole = electromagnet_model.dipole_per_ampere
+K = np.empty((6, 3))
+dipole(2.407, np.diag([0.1, 0.15, 0.2]), np.array([0.01, 0.02, 0.05]), np.eye(3), K)
+changed = ["__wrapped__" in vars(BaseFunction.get_call_type),
+           codegen.CPUCodeLibrary._finalize_final_module.__module__.startswith("haptorb"),
+           dipole.get_call_template.__module__.startswith("haptorb")]
+print(json.dumps({"K": K.tolist(), "changed": changed}))
+"""
+
+
+def test_without_changes_none_is_made_and_a_kernel_computes_the_same(tmp_path: Path) -> None:
+    plain, patched = (_run("-c", PROGRAM, plain=plain, cache=tmp_path) for plain in ("1", ""))
+    assert plain["changed"] == [False] * 3
+    assert patched["changed"] == [True] * 3
+    np.testing.assert_allclose(plain["K"], patched["K"], rtol=1e-12)
+
+
+@pytest.mark.parametrize("plain", ["1", ""])
+def test_where_compiling_is_forbidden_a_kernel_is_named_in_either_way(plain: str, tmp_path: Path) -> None:
+    program = """
+import json, sys
+from pathlib import Path
+from haptorb import compiled
+compiled._PACKAGE = Path(sys.argv[1])
+sys.path.insert(0, sys.argv[1])
+import double
+heard = []
+compiled.tell_compiling(lambda: heard.append(1))
+with compiled.forbid_compiling() as missing:
+    try:
+        double.double(1.0)
+    except compiled.UncompiledKernelError as error:
+        said = str(error)
+silent = len(heard)
+double.double(1.0)
+with compiled.forbid_compiling():
+    double.double(2.0)
+print(json.dumps([said, missing, silent, len(heard)]))
+"""
+    (tmp_path / "double.py").write_text(
+        "from haptorb.compiled import kernel\n\n@kernel\ndef double(x):\n    return x\n"
+    )
+    said, missing, silent, heard = _run("-c", program, str(tmp_path), plain=plain, cache=tmp_path / "cache")
+    assert "'double.double' is not compiled" in said
+    assert (missing, silent, heard) == (["double.double"], 0, 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("device", ["omni", "pmsm"])
+def test_a_recorded_run_is_replayed_without_changes(device: str, tmp_path: Path) -> None:
+    """The whole program: it runs, and every number of every tick is that of the changed numba."""
+    recorded = tmp_path / "run.mcap"
+    run = ("-m", "haptorb", "run", device, "--headless", "--duration", "1", "--json")
+    assert _run(*run, "--record", str(recorded), plain="", cache=tmp_path)["ticks"] > 500
+    assert _run(*run, plain="1", cache=tmp_path)["ticks"] > 500
+    replayed = _run("-m", "haptorb", "replay", str(recorded), "--json", plain="1", cache=tmp_path)
+    assert replayed["largest_difference"] < 1e-12
+
+
+def _run(*words: str, plain: str, cache: Path) -> Any:
+    """What a program prints as JSON, with a cache of its own."""
+    environment = os.environ | {PLAIN: plain, "XDG_CACHE_HOME": str(cache)}
+    done = subprocess.run([sys.executable, *words], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
