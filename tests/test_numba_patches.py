@@ -117,12 +117,14 @@ def test_a_recorded_run_is_replayed_without_changes(device: str, tmp_path: Path)
     assert _run(*run, "--record", str(recorded), plain="", cache=tmp_path)["ticks"] > 500
     assert _run(*run, plain="1", cache=tmp_path)["ticks"] > 500
     replayed = _run("-m", "haptorb", "replay", str(recorded), "--json", plain="1", cache=tmp_path)
-    assert replayed["largest_difference"] < 1e-12
+    assert replayed["ticks_compared"] > 500
+    for one in replayed["fields"]:
+        assert one["largest_difference"] <= 1e-12 * one["largest_recorded"], one["name"]
 
 
 def _run(*words: str, plain: str, cache: Path) -> Any:
-    """What a program prints as JSON, with a cache of its own."""
+    """What a program prints as JSON, with a cache of its own; a replay that differs in its last bits ends with 1."""
     environment = os.environ | {PLAIN: plain, "XDG_CACHE_HOME": str(cache)}
     done = subprocess.run([sys.executable, *words], env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode in ((0, 1) if "replay" in words else (0,)), done.stderr
     return json.loads(done.stdout.splitlines()[-1])
