@@ -243,10 +243,10 @@ def fork_server() -> Iterator[ForkServer]:
 def quick_starts(fork_server: ForkServer) -> Iterator[None]:
     """Processes of servos that a file's tests start are copies of one that has loaded its packages: most of a second
     less for each."""
-    from haptorb.runtime import linux as process_starter
+    from haptorb.runtime import linux
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(process_starter, "subprocess", SimpleNamespace(Popen=fork_server.start))
+        patch.setattr(linux, "subprocess", SimpleNamespace(Popen=fork_server.start))
         yield
 
 

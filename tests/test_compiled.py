@@ -14,12 +14,12 @@ import pytest
 
 from haptorb.arrays import Array
 from haptorb.compiled import PostponedKernel, kernel, load_compiler, tick_kernel
-from haptorb.devices import electromagnet_model as ring_tool
+from haptorb.devices import electromagnet_model
 
 PROGRAM = """
 import sys
 import numpy as np
-from haptorb.devices import electromagnet_model as ring_tool
+from haptorb.devices import electromagnet_model
 from haptorb.devices.electromagnet_model import dipole_per_ampere
 from haptorb.compiled import PostponedKernel
 
@@ -32,9 +32,10 @@ assert "numba" in sys.modules
 held = [key for module in list(sys.modules.values()) if module.__name__.startswith("haptorb")
         for key, value in vars(module).items() if type(value) is PostponedKernel]
 # What was imported before keeps its value, and so do modules that are read from here on.
-from haptorb.magnetics import special as zonal
+from haptorb.magnetics import special
 dipole_per_ampere(2.407, np.array([[0.0], [0.0], [0.2077]]), np.array([0.0, 0.0, 0.05]), np.eye(3), K)
-print(round(-1e3 * float(K[2, 0]), 1), held, type(ring_tool.dipole_per_ampere).__name__, type(zonal.zonal).__name__)
+kinds = [type(one).__name__ for one in (electromagnet_model.dipole_per_ampere, special.zonal)]
+print(round(-1e3 * float(K[2, 0]), 1), held, *kinds)
 """
 
 
@@ -87,8 +88,8 @@ def test_the_recorder_which_compiles_nothing_is_there_without_the_compiler() -> 
 def test_a_postponed_kernel_can_be_called_by_others_and_sent_elsewhere() -> None:
     from numba import njit
 
-    postponed = PostponedKernel(ring_tool.axis_frame.py_func)  # type: ignore[attr-defined]
-    assert postponed.__wrapped__ is ring_tool.axis_frame.py_func  # type: ignore[attr-defined]
+    postponed = PostponedKernel(electromagnet_model.axis_frame.py_func)  # type: ignore[attr-defined]
+    assert postponed.__wrapped__ is electromagnet_model.axis_frame.py_func  # type: ignore[attr-defined]
     assert not hasattr(postponed, "_not_there")
 
     @njit  # type: ignore[untyped-decorator]

@@ -9,7 +9,7 @@ import pytest
 
 from haptorb.arrays import Array, Record
 from haptorb.compiled import load_compiler
-from haptorb.estimation import hall_tracker as place_filter
+from haptorb.estimation import hall_tracker
 
 
 @pytest.fixture(scope="module")
@@ -18,8 +18,8 @@ def library() -> Any:
     load_compiler()
     from numba import njit
 
-    compiled: Any = njit(place_filter.extrapolate_pose.py_func)  # type: ignore[attr-defined]
-    believed: Record = np.zeros(1, place_filter.FILTER)[0]
+    compiled: Any = njit(hall_tracker.extrapolate_pose.py_func)  # type: ignore[attr-defined]
+    believed: Record = np.zeros(1, hall_tracker.FILTER)[0]
     believed["axis"] = 0.0, 0.0, 1.0
     told: tuple[Array, ...] = np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3)
     compiled(believed, 1e-3, *told)

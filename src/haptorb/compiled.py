@@ -84,8 +84,8 @@ def _watch_compiling() -> None:
 
     class Permission(Listener):  # type: ignore[misc]
         def on_start(self, event: Event) -> None:
-            function = event.data["dispatcher"].py_func
-            if not _find_source(function).is_relative_to(_PACKAGE):
+            function = getattr(event.data["dispatcher"], "py_func", None)  # a loop that numba takes out has none
+            if function is None or not _is_ours(function):
                 return
             missing: list[str] | None = getattr(_thread, "missing", None)
             if missing is not None:
@@ -197,6 +197,11 @@ def _chosen_folder() -> str:
 
 def _find_source(function: Callable[..., Any]) -> Path:
     return Path(function.__code__.co_filename).resolve()
+
+
+def _is_ours(function: Callable[..., Any]) -> bool:
+    source = Path(function.__code__.co_filename)  # of what is typed, no file: "<stdin>"
+    return source.is_absolute() and source.resolve().is_relative_to(_PACKAGE)
 
 
 def _dispatcher(function: Callable[..., Any], vectors: bool, brief: bool) -> Any:

@@ -7,7 +7,7 @@ from typing import cast
 
 import pytest
 
-from haptorb.cli import run as pose_wait
+from haptorb.cli import run
 from haptorb.runtime.servo import Servo
 
 
@@ -25,10 +25,10 @@ def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
 def test_it_says_once_what_is_waited_for_and_again_when_counts_change(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(pose_wait, "_FIRST", 0.005)
-    monkeypatch.setattr(pose_wait, "_AGAIN", 0.005)
+    monkeypatch.setattr(run, "_FIRST", 0.005)
+    monkeypatch.setattr(run, "_AGAIN", 0.005)
     servo = WaitingServo()
-    with pose_wait.tell_missing_pose(cast("Servo", servo)):
+    with run.tell_missing_pose(cast("Servo", servo)):
         time.sleep(0.2)
         servo.missing_pose = "waiting for a pose on OSC port 9109: 3 refused"
         time.sleep(0.2)
@@ -42,6 +42,6 @@ def test_it_says_once_what_is_waited_for_and_again_when_counts_change(
 def test_a_short_run_with_poses_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     servo = WaitingServo()
     servo.missing_pose = ""
-    with pose_wait.tell_missing_pose(cast("Servo", servo)):
+    with run.tell_missing_pose(cast("Servo", servo)):
         time.sleep(0.01)
     assert capsys.readouterr().err == ""

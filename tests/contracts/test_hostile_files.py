@@ -24,7 +24,7 @@ from haptorb.errors import CalibrationError, DeviceError, InputError, RecordingE
 from haptorb.estimation.calibration import Calibration, write_calibration
 from haptorb.file_kind import FileKind
 from haptorb.json_file import numbers, parse_document
-from haptorb.recording import destination as recording_file
+from haptorb.recording import destination
 from haptorb.recording.recording import Recording
 from haptorb.runtime.world_change import change_world, parse_request, request
 from haptorb_study.columns import COLUMNS
@@ -214,9 +214,9 @@ def test_names_that_no_file_can_have_are_refused_for_writing_as_well(hostile: Mo
         with pytest.raises(CalibrationError):
             write_calibration(calibration, tmp_path / name)
     with pytest.raises(RecordingError):
-        recording_file.create_recording(tmp_path / ("x" * 300), overwrite=False)
+        destination.create_recording(tmp_path / ("x" * 300), overwrite=False)
     with pytest.raises(RecordingError):
-        recording_file.create_recording(tmp_path / "a\0b", overwrite=False)
+        destination.create_recording(tmp_path / "a\0b", overwrite=False)
 
 
 @pytest.mark.parametrize("value", [[2.4], (2.4,), True, 10**400, float("nan"), "2.4", None, {"a": 1}, [[1.0]]])
@@ -255,13 +255,13 @@ def test_a_measured_number_is_a_number(value: str) -> None:
 def test_a_recording_is_as_open_as_its_owner_wants_files(tmp_path: Path, mask: int) -> None:
     before = os.umask(mask)
     try:
-        descriptor = recording_file.create_recording(tmp_path / "a.mcap", overwrite=False)
+        descriptor = destination.create_recording(tmp_path / "a.mcap", overwrite=False)
         during = os.fstat(descriptor).st_mode & 0o777
-        recording_file.complete(descriptor, temporary=False)
+        destination.complete(descriptor, temporary=False)
         after = os.fstat(descriptor).st_mode & 0o777
         os.close(descriptor)
-        place, descriptor, _ = recording_file.create_temporary()
-        recording_file.complete(descriptor, temporary=True)
+        place, descriptor, _ = destination.create_temporary()
+        destination.complete(descriptor, temporary=True)
         temporary = os.fstat(descriptor).st_mode & 0o777
         os.close(descriptor)
         place.unlink()

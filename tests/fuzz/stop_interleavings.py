@@ -39,9 +39,9 @@ from haptorb.runtime.loop import Loop
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.shared_memory import SharedMemory, Word
 from haptorb.runtime.world_change import request
-from haptorb.web import console_hub as console_room
+from haptorb.web import console_hub
 from haptorb.worlds import find_world
-from haptorb_study import pages as study_room
+from haptorb_study import pages
 from haptorb_study.pages import SessionManager
 from haptorb_study.procedures import Prompt
 from haptorb_study.study_file import study_of
@@ -227,14 +227,14 @@ class Trial:
         self.host = Host(self.shared)
         self.aio = WoundLoop()
         asyncio.set_event_loop(self.aio)
-        console_room.FRESH = SOON
-        self.console = console_room.ConsoleSocketHub(self.host, None)
+        console_hub.FRESH = SOON
+        self.console = console_hub.ConsoleSocketHub(self.host, None)
         self.pages: list[Socket] = []
         study = study_of('name = "stop"\n[trials]\nrepetitions = 2')
         self.manager = SessionManager(None, study, lambda file: self.host, open_session=Sitting)  # type: ignore[arg-type]
-        self.study = study_room.StudySocketHub(self.manager, "token", {}, {})
-        self.participant = study_room.StudyPage(SimpleNamespace(), participant=True)  # type: ignore[arg-type]
-        self.experimenter = study_room.StudyPage(SimpleNamespace(), participant=False)  # type: ignore[arg-type]
+        self.study = pages.StudySocketHub(self.manager, "token", {}, {})
+        self.participant = pages.StudyPage(SimpleNamespace(), participant=True)  # type: ignore[arg-type]
+        self.experimenter = pages.StudyPage(SimpleNamespace(), participant=False)  # type: ignore[arg-type]
         self.study.enter(self.participant)
         self.study.enter(self.experimenter)
         self.stopped, self.engaged = 0, 1  # the last deed of either kind, by number; the start engages by itself

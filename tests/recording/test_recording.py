@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from haptorb import Recording
 from haptorb.errors import RecordingError, UnknownName
-from haptorb.recording import destination as recording_file
+from haptorb.recording import destination
 from haptorb.recording.mcap import Recorder, fields_of, schema
 from haptorb.recording.row import RowLayout
 
@@ -258,7 +258,7 @@ def test_existing_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("precious")
     with pytest.raises(RecordingError, match="exists"):
-        recording_file.create_recording(path, overwrite=False)
+        destination.create_recording(path, overwrite=False)
     assert path.read_text() == "precious"
 
 
@@ -266,7 +266,7 @@ def test_existing_file_is_refused(tmp_path: Path) -> None:
 def test_place_that_cannot_be_written(tmp_path: Path, place: str) -> None:
     for overwrite in (False, True):
         with pytest.raises((RecordingError, ValueError)):
-            recording_file.create_recording(tmp_path / place, overwrite=overwrite)
+            destination.create_recording(tmp_path / place, overwrite=overwrite)
 
 
 def test_a_recording_to_a_pipe_is_the_same(tmp_path: Path) -> None:

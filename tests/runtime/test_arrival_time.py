@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from haptorb.runtime import sockets as arrival_time
+from haptorb.runtime import sockets
 from haptorb.runtime.sockets import DatagramTimes, StreamTimes
 
 WAIT = 0.3
@@ -55,8 +55,8 @@ def test_a_clock_that_was_set_meanwhile_makes_nothing_new(opened, monkeypatch, s
     looked = time.monotonic()
     opened.sendto(b"old", opened.getsockname())
     time.sleep(WAIT)
-    real = arrival_time.time_ns
-    monkeypatch.setattr(arrival_time, "time_ns", lambda: real() + int(step * 1e9))
+    real = sockets.time_ns
+    monkeypatch.setattr(sockets, "time_ns", lambda: real() + int(step * 1e9))
     assert read(opened, times) <= looked + 0.1
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from haptorb import worlds
-from haptorb.runtime import plan as plans
+from haptorb.runtime import plan
 from haptorb.runtime.first_start import CATALOGUE, CONTROLLER
 from haptorb.runtime.prestart import PLAN, WANTED, code_note, start_module
 from haptorb.runtime.servo import Servo
@@ -53,7 +53,7 @@ def test_the_controller_is_compiled_as_the_loop_uses_it(device: str) -> None:
 
 @pytest.mark.parametrize("what", [CONTROLLER, CATALOGUE])
 def test_it_is_a_program_that_ends(what: str, tmp_path: Path) -> None:
-    plans.save(Servo("omni", record=False)._plan, tmp_path / PLAN)
+    plan.save(Servo("omni", record=False)._plan, tmp_path / PLAN)
     (tmp_path / WANTED).write_text("button", encoding="utf-8")
     command = [sys.executable, "-m", "haptorb.runtime.first_start", what, str(tmp_path)]
     assert subprocess.run([*command, "0"], check=False, timeout=300).returncode == 1  # nobody's child

@@ -18,7 +18,7 @@ import pytest
 from haptorb import Recording
 from haptorb.control.trips import GuardState, Trip
 from haptorb.errors import InputError, RecordingError, ServoError
-from haptorb.runtime import linux as process_starter
+from haptorb.runtime import linux
 from haptorb.runtime.process_group import ProcessGroup
 from haptorb.worlds import Nothing
 
@@ -66,7 +66,7 @@ def test_told_to_end_at_any_moment(fake_servo: Any, number: signal.Signals) -> N
 
 def test_told_to_end_while_starting(fake_servo: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before the driver is open there is nothing to switch off; at every moment the process ends."""
-    monkeypatch.setattr(process_starter, "subprocess", subprocess)  # a start that takes its time
+    monkeypatch.setattr(linux, "subprocess", subprocess)  # a start that takes its time
     chance = random.Random(3)
     wait = ProcessGroup.wait_until_running
 

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from haptorb.runtime import sockets as socket_owner
+from haptorb.runtime import sockets
 from haptorb.runtime.sockets import UdpOwners, is_own_account, listener_owner, tcp_owner
 from oracles.other_account import NOBODY, as_nobody, needs_root
 
@@ -21,7 +21,7 @@ def way(request, monkeypatch):
         def refuse(*ends):
             raise OSError
 
-        monkeypatch.setattr(socket_owner, "_find", refuse)
+        monkeypatch.setattr(sockets, "_find", refuse)
 
 
 @pytest.fixture(params=["127.0.0.1", "::1"])

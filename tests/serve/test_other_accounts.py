@@ -14,7 +14,7 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 from websockets.sync.client import connect
 
 from haptorb.runtime.trackers.osc import OscFeed
-from haptorb.serve import foxglove as foxglove_server
+from haptorb.serve import foxglove
 from haptorb.serve.osc import OscSession
 from haptorb.worlds import Dome, Remote
 from oracles.other_account import as_nobody, needs_root
@@ -188,11 +188,9 @@ def test_foxglove_shows_nothing(said):
 
 
 def _look_at_foxglove(said, loop):
-    prepared = foxglove_server.prepare("0")
+    prepared = foxglove.prepare("0")
     number = int(prepared.address.rpartition(":")[2])
-    thread = threading.Thread(
-        target=foxglove_server.serve, args=(prepared.spec, list(prepared.descriptors), loop.served)
-    )
+    thread = threading.Thread(target=foxglove.serve, args=(prepared.spec, list(prepared.descriptors), loop.served))
     thread.start()
     try:
 

@@ -9,7 +9,7 @@ import pytest
 
 from haptorb.runtime.shared_memory import CAPACITY, Phase, Word
 from haptorb.runtime.world_change import description
-from haptorb.serve import base as served_device
+from haptorb.serve import base
 from haptorb.worlds import Remote, Terrain
 from haptorb.worlds.dynamic import FADE
 
@@ -32,8 +32,8 @@ def test_who_commands_first_holds_the_device_until_the_connection_is_lost(bench)
 def test_who_is_silent_lets_the_device_go(bench, monkeypatch):
     first, second = bench.served.open_session(), bench.served.open_session()
     bench.served.command(first, (0.1, 0.0, 0.0))
-    now = served_device.monotonic()
-    monkeypatch.setattr(served_device, "monotonic", lambda: now + served_device.SILENCE + 0.1)
+    now = base.monotonic()
+    monkeypatch.setattr(base, "monotonic", lambda: now + base.SILENCE + 0.1)
     assert bench.served.holder == 0
     assert bench.served.command(second, (0.2, 0.0, 0.0))
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from time import monotonic, sleep
 
 from haptorb.cache_folder import cache_folder
-from haptorb.runtime import plan as plans
+from haptorb.runtime import plan
 from haptorb.runtime.linux import die_with_parent, is_parent_gone
 from haptorb.runtime.prestart import PLAN, WANTED, code_note
 from haptorb.runtime.warm_up import Compilation
@@ -36,7 +36,7 @@ def main(what: str, folder: Path, parent: int) -> int:
     """Compile `what` for the plan in `folder` until that is done or the parent has gone."""
     die_with_parent()
     gc.disable()  # as in the servo's process: nearly all objects that compiling makes last
-    compilation = plans.load(folder / PLAN).compilation
+    compilation = plan.load(folder / PLAN).compilation
     parts: Iterable[object] = compilation.compile_controller()
     if what == CATALOGUE:
         os.nice(_LEAST)

@@ -42,7 +42,7 @@ from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.files import FileLock, sweep
 from haptorb.recording.destination import RunRecording, describe_machine, list_versions
 from haptorb.recording.row import RowLayout
-from haptorb.runtime import plan as plans
+from haptorb.runtime import plan
 from haptorb.runtime.assembly import (
     assemble,
     check_driver,
@@ -812,7 +812,7 @@ class Servo(ServoContext):
         self.frame = read_frame(frame) if isinstance(frame, str | Path) else frame  #: between tracker and stator
         if self.frame is not None:
             check_frame(self.frame, self.device, self.tracker, self.driver)
-        self._plan = plans.Plan(
+        self._plan = plan.Plan(
             self.device, first, self.rate, chain, practice, self._ahead if has_feed(self.tracker) else None,
             None if self.calibration is None else self.calibration.id,
             Compilation(self.device, first, self.estimator, self._model, gains),
@@ -913,7 +913,7 @@ class Servo(ServoContext):
         with standby or PrestartedProcess() as process:
             file = process.plan
             try:
-                plans.save(self._plan, file)
+                plan.save(self._plan, file)
             except OSError as cause:
                 raise ServoError(
                     f"cannot write to {file.parent.parent}: {cause.strerror}; free some room there, or name another "

@@ -9,7 +9,7 @@ import pytest
 
 from haptorb.devices.loader import load, parse
 from haptorb.errors import InputError
-from haptorb_design import report as writing
+from haptorb_design import report
 from haptorb_design.design_file import load_design, parse_design
 from haptorb_design.evaluate import describe_base_forces
 from haptorb_design.problem import build_device
@@ -27,7 +27,7 @@ def _make_plain(table, row, reason):
 
 @pytest.fixture
 def quick(monkeypatch):
-    monkeypatch.setattr(writing, "make_best", _make_plain)
+    monkeypatch.setattr(report, "make_best", _make_plain)
 
 
 def _table(count=300, goals=2, runs=1, method="sobol"):
@@ -142,7 +142,7 @@ def test_the_command_writes_all_files_and_says_which(quick, tmp_path, capsys, mo
 def test_a_wrong_output_is_one_line_and_nothing_is_written(quick, tmp_path):
     results = make_results(tmp_path / "r.sqlite", 120)
     page = tmp_path / "report.html"
-    name = writing.write_report(results, page)[1]
+    name = report.write_report(results, page)[1]
     page.write_text("before")
     name.write_text("kind = 'mine'")
     for output, count, told in (
@@ -150,7 +150,7 @@ def test_a_wrong_output_is_one_line_and_nothing_is_written(quick, tmp_path):
         (tmp_path, 5, "is a folder"), (page, 0, "from 1 to 20"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=told):
-            writing.write_report(results, output, count=count)
+            report.write_report(results, output, count=count)
     assert page.read_text() == "before"
     assert name.read_text() == "kind = 'mine'"
 

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import haptorb
 from haptorb import compiled
-from haptorb.devices import table_cache
-from haptorb.devices import tables as pair_table
+from haptorb.devices import table_cache, tables
 from haptorb.devices import tables as table_kernels
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.tables import PairTable, field_table, torque_table
@@ -210,7 +209,7 @@ def forbid(monkeypatch) -> None:
     def fail(*args: object, **kwargs: object) -> PairTable:
         raise AssertionError("computed again")
 
-    monkeypatch.setattr(pair_table, "field_table", fail)
+    monkeypatch.setattr(tables, "field_table", fail)
 
 
 def test_a_kept_table_is_read_back_bit_for_bit(folder, monkeypatch):
@@ -232,7 +231,7 @@ def test_another_body_distance_or_precision_is_another_table(folder):
 
 def test_the_code_of_all_that_makes_a_tables_numbers_is_in_its_name():
     package, seen = Path(haptorb.__file__).parent, set()
-    waiting = [Path(module.__file__) for module in (pair_table, cylinder, ring)]
+    waiting = [Path(module.__file__) for module in (tables, cylinder, ring)]
     while waiting:
         file = waiting.pop()
         if file not in seen:

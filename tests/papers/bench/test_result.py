@@ -10,8 +10,7 @@ from rich.console import Console
 
 from haptorb.cli import main
 from haptorb.errors import InputError, UnknownName
-from haptorb_bench import BENCHMARKS, BenchResult, Metric, load_result, run_benchmarks, starting
-from haptorb_bench import outside as programs
+from haptorb_bench import BENCHMARKS, BenchResult, Metric, load_result, outside, run_benchmarks, starting
 
 pytestmark = pytest.mark.timeout(900)  # the first run on a machine compiles all kernels
 
@@ -116,14 +115,14 @@ def test_unknown_names_and_efforts():
 
 
 def test_a_program_that_fails_is_a_row_that_says_so(monkeypatch, tmp_path):
-    monkeypatch.setattr(programs, "_CLONE", tmp_path)
-    for run in (programs.console, programs.serial, programs.study):
+    monkeypatch.setattr(outside, "_CLONE", tmp_path)
+    for run in (outside.console, outside.serial, outside.study):
         (row,) = run(SHORT, lambda what: None)
         assert row.value is None
         assert "clone" in row.note
     (tmp_path / "benchmarks").mkdir()
     (tmp_path / "benchmarks" / "serial_cycle.py").write_text("raise SystemExit('no emulator')")
-    (row,) = programs.serial(SHORT, lambda what: None)
+    (row,) = outside.serial(SHORT, lambda what: None)
     assert row.note == "failed: no emulator"
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.devices import tables as table_kernels
+from haptorb.devices import tables
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.tables import torque_table
 from haptorb.magnetics.multipole import MultipoleSource, load_published
@@ -63,7 +63,7 @@ def model_torque(magnet: MultipoleSource, coil: MultipoleSource) -> np.ndarray:
 def exact(body) -> np.ndarray:
     table = torque_table(PM.body, R_PM, body, R_EM, precision=1e-6)
     out = np.empty((len(WORKSPACE), 3, len(COILS)))
-    table_kernels.torque_characteristic(table.cells, table.scale, MAGNETS, POLARITY, COILS, WORKSPACE, out)
+    tables.torque_characteristic(table.cells, table.scale, MAGNETS, POLARITY, COILS, WORKSPACE, out)
     return out
 
 

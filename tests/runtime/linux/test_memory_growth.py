@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from haptorb.runtime import liveness as memory_growth
+from haptorb.runtime import liveness
 from haptorb.runtime.liveness import MemoryGrowth, resident_memory
 
 
@@ -20,7 +20,7 @@ def test_memory_of_a_process_and_of_one_that_has_ended() -> None:
 
 def test_growth_is_told_from_a_hundred_megabytes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     sizes = iter([300e6, 350e6, None, 401e6])
-    monkeypatch.setattr(memory_growth, "resident_memory", lambda pid: next(sizes))
+    monkeypatch.setattr(liveness, "resident_memory", lambda pid: next(sizes))
     growth = MemoryGrowth(1)
     assert growth.facts() == {}
     growth.look(10.0)
@@ -34,7 +34,7 @@ def test_growth_is_told_from_a_hundred_megabytes_on(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_servo_says_what_it_holds_and_warns(fake_servo: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory_growth, "_MUCH", -1.0)
+    monkeypatch.setattr(liveness, "_MUCH", -1.0)
     with fake_servo(record=False).servo as servo:
         servo.run(0.3)
     report = servo.report()

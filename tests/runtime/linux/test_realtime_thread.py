@@ -6,12 +6,12 @@ import sys
 
 import pytest
 
-from haptorb.runtime import linux as steady_module
+from haptorb.runtime import linux
 from haptorb.runtime.linux import prepare_thread
 
 
 def test_what_exists_is_not_looked_through_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(steady_module, "raise_priority", lambda: os.getpid() > 0)
+    monkeypatch.setattr(linux, "raise_priority", lambda: os.getpid() > 0)
     usual = sys.getswitchinterval()
     try:
         assert prepare_thread()

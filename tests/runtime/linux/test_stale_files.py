@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from haptorb import files as stale_files
+from haptorb import files
 from haptorb.devices.loader import load
 from haptorb.files import FileLock, sweep
 from haptorb.recording import destination as recording_file
@@ -24,7 +24,7 @@ from haptorb.runtime.shared_memory import SharedMemory
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where all that is temporary is made."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr(stale_files, "folders", lambda: [tmp_path])
+    monkeypatch.setattr(files, "folders", lambda: [tmp_path])
     monkeypatch.setattr("haptorb.runtime.shared_memory.folders", lambda: [tmp_path])
     return tmp_path
 

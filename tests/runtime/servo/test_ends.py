@@ -320,9 +320,9 @@ def test_every_end_beside_everything_that_hangs():
 
 def _stop_at_once(monkeypatch: pytest.MonkeyPatch, module: str) -> None:
     """Whoever starts `module` gets a process that is stopped before it does anything."""
-    from haptorb.runtime import linux as process_starter
+    from haptorb.runtime import linux
 
-    start = process_starter.start
+    start = linux.start
 
     def start_stopped(command, **options):
         process = start(command, **options)
@@ -330,7 +330,7 @@ def _stop_at_once(monkeypatch: pytest.MonkeyPatch, module: str) -> None:
             os.kill(process.pid, signal.SIGSTOP)
         return process
 
-    monkeypatch.setattr(process_starter, "start", start_stopped)
+    monkeypatch.setattr(linux, "start", start_stopped)
 
 
 def test_a_server_that_hangs_while_it_starts_is_refused_in_time(monkeypatch):

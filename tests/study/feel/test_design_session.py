@@ -15,12 +15,11 @@ import pytest
 
 from haptorb.devices.base import State
 from haptorb.errors import InputError, RecordingError
-from haptorb_study.feel import FeelSession, Trace, load_designs
-from haptorb_study.feel import designs as module
+from haptorb_study.feel import FeelSession, Trace, designs, load_designs
 from haptorb_study.feel.report import comparison, plot_comparison
 from haptorb_study.feel.session import COLUMNS
 
-EXAMPLE = Path(module.__file__).with_name("example.toml")
+EXAMPLE = Path(designs.__file__).with_name("example.toml")
 
 
 def feel(session: FeelSession, name: str) -> Trace:

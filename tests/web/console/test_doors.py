@@ -14,7 +14,7 @@ from starlette.datastructures import Headers
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from haptorb.web import server as browser
+from haptorb.web import server
 from haptorb.web.access import AccessGate
 
 OWN = "127.0.0.1:8765"
@@ -126,9 +126,9 @@ def test_a_browser_is_sent_there_by_a_file_of_ones_own(console, monkeypatch):
         path = Path(url.removeprefix("file://"))
         opened.append((url, path.read_text(), path.parent.stat().st_mode & 0o077))
 
-    monkeypatch.setattr(browser.webbrowser, "open", look)
-    monkeypatch.setattr(browser, "_LOADED", 0.0)
-    browser.open_browser_at(console.url)
+    monkeypatch.setattr(server.webbrowser, "open", look)
+    monkeypatch.setattr(server, "_LOADED", 0.0)
+    server.open_browser_at(console.url)
     ((url, text, others),) = opened
     assert console.token not in url
     assert console.url in text

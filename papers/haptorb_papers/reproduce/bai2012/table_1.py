@@ -8,7 +8,7 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.devices.motor import motor
-from haptorb.magnetics import multipole as _LIST
+from haptorb.magnetics import multipole
 from haptorb.magnetics.multipole import MAGNET_STRENGTHS, load_published
 from haptorb.magnetics.multipole_fit import residual, shell_region
 from haptorb.magnetics.source import Source
@@ -39,8 +39,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.item("pm-l", "PM: l, printed without a unit", 0.2, read_entry(device, "magnet.length", 1e3 / _INCH), "inch",
                  erratum="E1"),
         _AT.item("pm-polarization", "PM: μ₀M₀", 1.31, read_entry(device, "magnet.polarization"), "T"),
-        _AT.item("pm-n", "PM: n, dipoles on a loop", 10, read_entry(_LIST, "PUBLISHED[bai2012-pm].model.per_loop")),
-        _AT.claim("pm-strengths", "PM: number of strengths, k + 1", 5, read_count(_LIST, "MAGNET_STRENGTHS")),
+        _AT.item("pm-n", "PM: n, dipoles on a loop", 10, read_entry(multipole, "PUBLISHED[bai2012-pm].model.per_loop")),
+        _AT.claim("pm-strengths", "PM: number of strengths, k + 1", 5, read_count(multipole, "MAGNET_STRENGTHS")),
         _AT.item("pm-ratio", "PM: l̄/l that gives the magnet its moment", 0.3, per_metre / once, "1", 1e-3,
                  "strengths are printed with three digits", erratum="E1", corrected=0.2),
         _AT.claim("pm-moment", "PM: moment, by strengths (printed) and by polarization (here)", 33.5 * 5.08e-3 * 0.2
@@ -64,10 +64,10 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.item("em-l", "EM: l, printed without a unit", 0.3, read_entry(device, "electromagnet.length", 1e3 / _INCH),
                  "inch", erratum="E1"),
         _AT.item("em-turns", "EM: turns", 1000, read_entry(device, "electromagnet.turns")),
-        _AT.item("em-n", "EM: n, dipoles on a loop", 16, read_entry(_LIST, "PUBLISHED[bai2012-em].model.per_loop")),
-        _AT.claim("em-strengths", "EM: number of strengths, k + 1", 7, read_count(_LIST, "COIL_STRENGTHS")),
+        _AT.item("em-n", "EM: n, dipoles on a loop", 16, read_entry(multipole, "PUBLISHED[bai2012-em].model.per_loop")),
+        _AT.claim("em-strengths", "EM: number of strengths, k + 1", 7, read_count(multipole, "COIL_STRENGTHS")),
         _AT.item("em-ratio", "EM: l̄/l", 0.442,
-                 read_entry(_LIST, "PUBLISHED[bai2012-em].model.pole_distance", 1e3 / (0.3 * _INCH)), "1", 1e-9),
+                 read_entry(multipole, "PUBLISHED[bai2012-em].model.pole_distance", 1e3 / (0.3 * _INCH)), "1", 1e-9),
         _AT.note("em-moment", "EM: moment per ampere, by the winding", em.body.moment[2], "A·m²/A"),
         _AT.note("em-moments", "EM: moment of the strengths over that of the winding", em.model.moment[2]
                  / em.body.moment[2], "1", "they were fitted to the near field, not to the moment"),

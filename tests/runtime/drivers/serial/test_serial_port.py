@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from haptorb.errors import DriverError
-from haptorb.runtime.drivers import serial as serial_port
+from haptorb.runtime.drivers import serial
 from haptorb.runtime.drivers.serial import Board
 from haptorb.runtime.drivers.serial_protocol import PROTOCOL_VERSION, Command, Frame, FrameParser, encode
 
@@ -33,10 +33,10 @@ def test_a_port_that_cannot_be_opened_is_explained(number: int, told: str, monke
     def refuse(*arguments: object, **named: object) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(serial_port, "_serial", lambda: refuse)
-    monkeypatch.setattr(serial_port, "port_list", lambda: [("/dev/ttyACM7", "Arduino")])
+    monkeypatch.setattr(serial, "_serial", lambda: refuse)
+    monkeypatch.setattr(serial, "port_list", lambda: [("/dev/ttyACM7", "Arduino")])
     with pytest.raises(DriverError, match=told):
-        serial_port.SerialPort("/dev/ttyACM0")
+        serial.SerialPort("/dev/ttyACM0")
 
 
 @pytest.fixture
