@@ -414,11 +414,11 @@ class SimulatedElectromagnet(CoilSimulation):
     Raises InputError for a step above 1 ms.
 
     >>> from haptorb.devices.loader import load
-    >>> omni = SimulatedElectromagnet(load("omni"), seed=1)
+    >>> omni = SimulatedElectromagnet(replace(load("omni"), tolerance=None))      # as its file says
     >>> omni.place((0, 0, 0.06), (0, 0, 0, 1))
     >>> for _ in range(20):
     ...     omni.advance(1e-3, np.zeros(3), np.array([0, 0, 0.06]), np.array([0, 0, 0, 1.0]))
-    >>> bool(-14e-3 < omni.truth()[2] < -10.5e-3)      # currents off, and still the core pulls, erratum E18
+    >>> bool(-12.3e-3 < omni.truth()[2] < -12.2e-3)      # currents off, and still the core pulls, erratum E18
     True
     """
 

@@ -5,11 +5,12 @@ import pytest
 
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError
+from haptorb.estimation.hall_tracker import HallTracker
 from haptorb.estimation.sensor_calibration import without_errors
 from haptorb.worlds.dome import Dome
 from haptorb_papers.reproduce.zarate2020.drive import drive_course
 from haptorb_papers.reproduce.zarate2020.figure_6 import heating_course
-from haptorb_papers.reproduce.zarate2020.hall_position import placements, position_map
+from haptorb_papers.reproduce.zarate2020.hall_position import placements, position_map, shell_places, try_hall_tracker
 
 OMNI = load("omni")
 
@@ -61,6 +62,22 @@ def test_the_tools_place_is_as_exact_as_wanted(reproduction):
             for amperes, tolerance in ((0, 0.05), (20, 0.2)):  # at 20 A one draw of the calibration's errors per place
                 key = f"hall-{placement}-{amperes}-{kind}"
                 assert found[f"{key}-tried"] == pytest.approx(found[f"{key}-least-possible"], rel=tolerance)
+
+
+def test_every_place_is_tried_with_the_current_that_the_figure_names(monkeypatch):
+    """Coils that stayed warm from place to place would carry 15 A at the last one."""
+    update, amperes = HallTracker.update, []
+
+    def note_current(self, sample):
+        amperes.append(np.array(sample.currents))
+        return update(self, sample)
+
+    monkeypatch.setattr(HallTracker, "update", note_current)
+    try_hall_tracker(without_errors(OMNI), shell_places(OMNI)[0], 1.0)
+    assert len(amperes) == 64 * 120
+    settled = np.array(amperes).reshape(64, 120, 3)[:, 40:]
+    assert settled.min() > 19.2
+    assert settled.max() < 20.2
 
 
 def test_better_places_are_better_everywhere():

@@ -72,6 +72,7 @@ def try_hall_tracker(
     duties = np.full(device.channels, duty)
     world = SimulatedElectromagnet(still, seed, specimen=0)
     for row, p in zip(out, places, strict=True):
+        world.reset(int(rng.integers(2**31)))  # cold coils: warm ones take less current
         q = Rotation.from_matrix(rotation_to_axis(p)).as_quat()
         world.place(p, q)
         scale = calibration * np.linalg.norm(device.moment_per_current, axis=0)
