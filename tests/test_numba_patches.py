@@ -113,11 +113,11 @@ print(json.dumps([said, missing, silent, len(heard)]))
 def test_a_recorded_run_is_replayed_without_changes(device: str, tmp_path: Path) -> None:
     """The whole program: it runs, and every number of every tick is that of the changed numba."""
     recorded = tmp_path / "run.mcap"
-    run = ("-m", "haptorb", "run", device, "--headless", "--duration", "1", "--json")
+    run = ("-m", "haptorb", "run", device, "--headless", "--duration", "3", "--json")
     assert _run(*run, "--record", str(recorded), plain="", cache=tmp_path)["ticks"] > 500
     assert _run(*run, plain="1", cache=tmp_path)["ticks"] > 500
     replayed = _run("-m", "haptorb", "replay", str(recorded), "--json", plain="1", cache=tmp_path)
-    assert replayed["ticks_compared"] > 500
+    assert replayed["ticks_compared"] > 2000
     for one in replayed["fields"]:
         assert one["largest_difference"] <= 1e-12 * one["largest_recorded"], one["name"]
 
@@ -127,4 +127,4 @@ def _run(*words: str, plain: str, cache: Path) -> Any:
     environment = os.environ | {PLAIN: plain, "XDG_CACHE_HOME": str(cache)}
     done = subprocess.run([sys.executable, *words], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode in ((0, 1) if "replay" in words else (0,)), done.stderr
-    return json.loads(done.stdout.splitlines()[-1])
+    return json.loads(done.stdout)
