@@ -37,7 +37,6 @@ from haptorb.runtime.shared_memory import Phase, SharedMemory
 from haptorb.runtime.trackers.base import Goal, Tracker
 from haptorb.runtime.world_change import description
 from haptorb.serve import base, haply_protocol
-from haptorb.serve import haply_protocol as haply_session
 from haptorb.serve.base import ServedDevice
 from haptorb.serve.haply import reply
 from haptorb.serve.haply_protocol import Service
@@ -86,7 +85,7 @@ class Client:
 class Setting:
     def __init__(self, seed: int) -> None:
         self.random, self.clock = random.Random(seed), [100.0]
-        for module in (base, haply_protocol, haply_session):
+        for module in (base, haply_protocol):
             module.monotonic = lambda: self.clock[0]  # type: ignore[attr-defined]
         self.device = load("omni")
         self.shared = SharedMemory.create(RowLayout.of(self.device))
