@@ -57,6 +57,7 @@ MEMORY_TESTS, TICK_TESTS = "tests/runtime/tick/test_memory.py", "tests/runtime/t
 FEED_TESTS, FRAMED_TESTS = "tests/runtime/trackers/test_trackers.py", "tests/runtime/trackers/test_framed_feed.py"
 SENDER_TESTS = "tests/runtime/trackers/test_sender_clock.py"
 FRAME_TESTS = "tests/estimation/tracker_frame/test_frame_registration.py"
+NATIVE_TESTS = "tests/serve/native/test_server.py"
 OSC_TESTS = "tests/serve/osc/test_osc_session.py::test_without_the_token_nothing_happens"
 VIEWER_TESTS = "tests/serve/foxglove/test_viewer_connection.py"
 SERVED_TESTS, ACCESS_TESTS = "tests/serve/test_served_device.py", "tests/serve/test_server_choice.py"
@@ -318,6 +319,9 @@ RULES = [
     ("watcher-commands-nothing", "a client that watches commands nothing", "never", SERVED_TESTS),
     ("served-force-finite", "a command that is no force goes nowhere", "never", SERVED_TESTS),
     ("lost-client-told", "the loop is told of a lost connection", "drop", SERVED_TESTS),
+    ("native-commander-exists", "a claim of no process commands nothing", "always", NATIVE_TESTS),
+    ("native-exit-told", "the loop is told of a program's end", "never", NATIVE_TESTS),
+    ("native-own-commands-only", "a command under another claim is none", "never", NATIVE_TESTS),
     ("serve-origin", "pages of other sites command no device", "never", ACCESS_TESTS),
     ("serve-host", "a name that is not this computer's reaches no server", "never", ACCESS_TESTS),
     ("osc-finite", "an OSC message's numbers are finite", "never", "tests/serve/osc/test_requests.py"),
@@ -679,6 +683,7 @@ def _line(outcome: str, proof: Proof) -> str:
 def make_folder(folder: Path) -> Path:
     """A copy of the sources in `folder`, with the kernels that this account has compiled of them."""
     shutil.copytree(ROOT / "src", folder / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "native", folder / "native")
     kernels = cache_folder() / "kernels"
     if kernels.is_dir():
         shutil.copytree(kernels, folder / "cache" / "haptorb" / "kernels", ignore_dangling_symlinks=True)

@@ -34,7 +34,7 @@ class ServedRun:
             line = self._process.stderr.readline()
             assert line, f"the run ended: {''.join(self._lines)}"
             self._lines.append(line)
-            if (found := re.match(r"(haply|osc|lsl|foxglove): (.*)", line)) is not None:
+            if (found := re.match(r"(haply|osc|lsl|foxglove|native): (.*)", line)) is not None:
                 self.addresses[found[1]] = found[2].strip()
         self._reader = threading.Thread(target=self._lines.extend, args=(self._process.stderr,), daemon=True)
         self._reader.start()

@@ -201,7 +201,8 @@ def run(
     serve: Annotated[
         list[str] | None,
         typer.Option(
-            help="Serve programs: haply[:HOST][:PORT[:EVENTS]], osc[:[HOST:]PORT], lsl, foxglove[:PORT]; repeatable."
+            help="Serve programs: haply[:HOST][:PORT[:EVENTS]], osc[:[HOST:]PORT], lsl, foxglove[:PORT], "
+            "native[:SCALE]; repeatable."
         ),
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,

@@ -43,6 +43,7 @@ __all__ = [
     "raise_priority",
     "raise_termination",
     "repeat_signal",
+    "request_exact_timers",
     "request_real_time",
     "require_linux",
     "run_uninterrupted",
@@ -125,8 +126,7 @@ def request_real_time(*, real_time: bool = True) -> Facts:
     Without a real-time scheduler the process is not bound to a core either: the kernel could then not move it away
     from a busy one. Nor is it where other servos hold all cores: two real-time loops on one core wait for each other.
     """
-    # The default lets timers come up to 50 µs late so that wake-ups can be joined.
-    slack = _libc().prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0
+    slack = request_exact_timers()
     fifo = real_time and _fifo(_PRIORITY)
     if fifo:
         # Who computes for so long without ever waiting does not come back: the kernel kills it.
@@ -141,6 +141,12 @@ def request_real_time(*, real_time: bool = True) -> Facts:
         "core": _bind() if fifo else -1,
         "cores": len(os.sched_getaffinity(0)) if not fifo else os.cpu_count() or 1,
     }
+
+
+def request_exact_timers() -> bool:
+    """Ask that timers of this thread are not late; False if refused."""
+    # The default lets timers come up to 50 µs late so that wake-ups can be joined.
+    return bool(_libc().prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0)
 
 
 def raise_priority(number: int = 0) -> bool:

@@ -153,8 +153,13 @@ class ServedDevice:
     @property
     def buttons(self) -> dict[str, bool]:
         """Which of the buttons a, b, c a person holds down."""
-        bits = self._shared.words[Word.BUTTONS]
+        bits = self.button_bits
         return {name: bool(bits >> i & 1) for i, name in enumerate(BUTTONS)}
+
+    @property
+    def button_bits(self) -> int:
+        """The same as bits, a the first."""
+        return int(self._shared.words[Word.BUTTONS])
 
     def open_session(self) -> int:
         """A number for a new client, which no other client of this run has."""
@@ -281,6 +286,7 @@ KINDS: dict[str, ServerKind] = {
     "osc": ServerKind("osc[:[HOST:]PORT]", "haptorb.serve.osc", "pythonosc", "added"),
     "lsl": ServerKind("lsl", "haptorb.serve.lsl", "pylsl", "unchanged"),
     "foxglove": ServerKind("foxglove[:PORT]", "haptorb.serve.foxglove", "foxglove", "unchanged"),
+    "native": ServerKind("native[:SCALE]", "haptorb.serve.native", "", "alone"),
 }
 
 

@@ -1,0 +1,546 @@
+"""The server of `--serve native`: programs for Force Dimension's and OpenHaptics' interfaces, through shared memory.
+
+The libraries in `native/` map a small file that this process writes: facts, then the state after every tick. They write
+one command into it, with the time of CLOCK_MONOTONIC at which the program gave it. This process looks for it four times
+in a tick and hands it on like any client's; nothing in the file is believed before it is checked here.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import math
+import mmap
+import os
+import select
+import stat
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import singledispatch
+from pathlib import Path
+from time import monotonic, sleep
+from typing import Any, NamedTuple, final
+
+from haptorb.analysis.stability import GRIPS, SampledLoop
+from haptorb.control.trips import Trip
+from haptorb.devices.base import Device
+from haptorb.errors import InputError
+from haptorb.files import folders
+from haptorb.runtime.linux import raise_priority, request_exact_timers
+from haptorb.serve.base import ServedDevice, ServerPreparation
+from haptorb.version import __version__
+
+__all__ = [
+    "COMMAND",
+    "FACTS",
+    "SIZE",
+    "STATE",
+    "VERSION",
+    "Claim",
+    "Hardware",
+    "NativeServer",
+    "Page",
+    "Placement",
+    "describe_hardware",
+    "device_folder",
+    "prepare",
+    "read_claim",
+    "serve",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# The file: three pages of 8-byte words, the same table as native/link/layout.h.
+
+
+VERSION = 1
+_MAGIC = 0x6C6E62726F747061
+_PAGE = 4096
+SIZE = 3 * _PAGE  #: of the file [bytes]
+_STATE_AT, _COMMAND_AT = _PAGE, 2 * _PAGE
+_RUNNING, _ENDED = 1, 2  # of state.phase
+
+#: name → (byte in its page, numbers, type: q whole, d float, s text)
+Page = dict[str, tuple[int, int, str]]
+
+
+def _lay_out(*members: tuple[str, int, str]) -> Page:
+    found, at = {}, 0
+    for name, count, kind in members:
+        found[name] = at, count, kind
+        at += count if kind == "s" else 8 * count
+    assert at <= _PAGE
+    return found
+
+
+FACTS = _lay_out(
+    ("magic", 1, "q"), ("version", 1, "q"), ("size", 1, "q"), ("owner", 1, "q"), ("server", 1, "q"),
+    ("server_start", 1, "q"), ("type", 1, "q"), ("capabilities", 1, "q"), ("serial", 1, "q"), ("rate", 1, "d"),
+    ("workspace", 6, "d"), ("force_max", 1, "d"), ("force_continuous", 1, "d"), ("stiffness_max", 1, "d"),
+    ("mass", 1, "d"), ("torque_max", 1, "d"), ("grip_force_max", 1, "d"), ("grip_angle_max", 1, "d"),
+    ("grip_length", 1, "d"), ("name", 64, "s"), ("maker", 32, "s"), ("version_text", 32, "s"),
+)  # fmt: skip
+STATE = _lay_out(
+    ("sequence", 1, "q"), ("tick", 1, "q"), ("stamp", 1, "q"), ("phase", 1, "q"), ("valid", 1, "q"), ("guard", 1, "q"),
+    ("trip", 1, "q"), ("buttons", 1, "q"), ("warmth", 1, "d"), ("position", 3, "d"), ("rotation", 9, "d"),
+    ("velocity", 3, "d"), ("angular_velocity", 3, "d"), ("force", 3, "d"), ("torque", 3, "d"), ("grip_angle", 1, "d"),
+    ("grip_velocity", 1, "d"), ("grip_force", 1, "d"), ("joints", 1, "q"), ("joint_angles", 8, "d"),
+    ("trip_text", 160, "s"),
+)  # fmt: skip
+COMMAND = _lay_out(
+    ("claim", 1, "q"), ("sequence", 1, "q"), ("owner", 1, "q"), ("stamp", 1, "q"), ("enabled", 1, "q"),
+    ("force", 3, "d"), ("torque", 3, "d"), ("grip_force", 1, "d"), ("program", 64, "s"),
+)  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------
+# What a program is told of a device, and where it finds the tool.
+
+
+HAS_BASE, HAS_WRIST, SIMULATED = 1, 2, 64
+_OMEGA_3, _OMEGA_6 = 33, 34  # the types of Force Dimension's interface with the same abilities
+_PROGRAM_DELAY = 2e-3  #: from a pose to the force that a program computes for it, beside the tick [s]
+_MOTOR_SCALE = 10.0  #: a motor's target moves by millimetres
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """What a program of these interfaces can ask of a device; poses and box in the program's frame and scale.
+
+    centre         (3,) what programs see as the origin [m], stator frame
+    scale          metres for a program of one metre of the tool
+    workspace      box of the poses: least x y z, greatest x y z [m]
+    """
+
+    type: int
+    capabilities: int
+    centre: tuple[float, float, float]
+    scale: float
+    workspace: tuple[float, ...]
+    force: float  #: peak [N]
+    continuous: float  #: [N]
+    mass: float  #: of the tool [kg]; 0: unknown
+
+
+@singledispatch
+def describe_hardware(device: Device) -> Hardware:
+    """How a program sees `device`; a kind of device with more abilities registers its own."""
+    shell = device.shell
+    force = device.limits.force
+    if shell is None:
+        return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (0.0, 0.0, 0.0), _MOTOR_SCALE, (-0.1,) * 3 + (0.1,) * 3, force,
+                        force, 0.0)  # fmt: skip
+    rest, reach = shell.contact_distance, shell.contact_distance + shell.thickness
+    box = (-reach, -reach, -rest, reach, reach, shell.thickness)
+    return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (0.0, 0.0, rest), 1.0, box, force, force, 0.0)
+
+
+@final
+@dataclass(frozen=True)
+class Placement:
+    """From the stator's frame (x right, y away from the user, z up) into the program's: x towards the user, y right.
+
+    centre  (3,) what the program sees as the origin [m]; scale: its metres of one metre here
+
+    >>> Placement((0.0, 0.0, 0.5), 2.0).place((0.25, 0.5, 1.0))
+    (-1.0, 0.5, 1.0)
+    """
+
+    centre: tuple[float, float, float]
+    scale: float
+
+    def place(self, p: Any) -> tuple[float, float, float]:
+        """(3,) of a position [m]."""
+        x, y, z = (self.scale * (one - middle) for one, middle in zip(p, self.centre, strict=True))
+        return -y, x, z
+
+    @staticmethod
+    def turn(vector: Any) -> tuple[float, float, float]:
+        """(3,) of a force or any other vector, in its own unit."""
+        x, y, z = vector
+        return -y, x, z
+
+    @staticmethod
+    def turn_back(vector: Any) -> tuple[float, float, float]:
+        """(3,) a program's force [N] in the stator's frame."""
+        x, y, z = vector
+        return y, -x, z
+
+
+def _turn_rotation(q: tuple[float, float, float, float]) -> tuple[float, ...]:
+    """(9,) of the orientation `q` (x, y, z, w) in the stator's frame, row by row, both frames with the program's axes.
+
+    >>> _turn_rotation((0.0, 0.0, 0.0, 1.0))
+    (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    """
+    x, y, z, w = -q[1], q[0], q[2], q[3]
+    return (
+        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y),
+    )  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------
+# Who commands: the number that a library puts into the file, and whether that process exists.
+
+
+_PID_BITS, _LIBRARY_BITS = 22, 2
+
+
+class Claim(NamedTuple):
+    """Process, library (1: Force Dimension's, 2: OpenHaptics') and the start of the process, clock ticks since boot."""
+
+    process: int
+    library: int
+    start: int
+
+
+def read_claim(number: int) -> Claim:
+    """What a claim in the file says.
+
+    >>> read_claim((77 << 24) | (2 << 22) | 1234)
+    Claim(process=1234, library=2, start=77)
+    """
+    number &= (1 << 64) - 1
+    return Claim(
+        number & ((1 << _PID_BITS) - 1), number >> _PID_BITS & ((1 << _LIBRARY_BITS) - 1),
+        number >> (_PID_BITS + _LIBRARY_BITS),
+    )  # fmt: skip
+
+
+def _process_start(process: int) -> int:
+    """Clock ticks since boot; −1 if there is no such process."""
+    try:
+        return int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[19])
+    except (OSError, ValueError, IndexError):
+        return -1
+
+
+@final
+class _Commander:
+    """The process behind a claim; `alive` until it ends."""
+
+    def __init__(self, claim: Claim) -> None:
+        self.name, self._descriptor = f"process {claim.process}", -1
+        with suppress(OSError):
+            descriptor = os.pidfd_open(claim.process)
+            # After the descriptor: now the number cannot become another process's.
+            own = Path(f"/proc/{claim.process}").stat().st_uid == os.geteuid()
+            if own and _process_start(claim.process) == claim.start:  # safety: native-commander-exists
+                self._descriptor = descriptor
+            else:
+                os.close(descriptor)
+        self._poll = select.poll()
+        if self._descriptor >= 0:
+            self._poll.register(self._descriptor, select.POLLIN)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process runs, or is stopped."""
+        return self._descriptor >= 0 and not self._poll.poll(0)
+
+    def close(self) -> None:
+        """Forget it."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+
+# --------------------------------------------------------------------------------------------------
+# The server: the newest row into the file, the newest command out of it.
+
+
+_LOOK = 2e-4  #: between two looks [s]
+_REPORT = 0.5  #: between two reports of who commands [s]
+_TRIES = 5
+
+
+@final
+class NativeServer:
+    """Writes the rows of `served` into the mapped file behind `descriptor`, and commands what is written there."""
+
+    def __init__(self, served: ServedDevice, descriptor: int, scale: float | None = None) -> None:
+        self.served = served
+        self._map = mmap.mmap(descriptor, SIZE)
+        memory = memoryview(self._map)
+        self._bytes, self._words, self._floats = memory, memory.cast("q"), memory.cast("d")
+        hardware = describe_hardware(served.device)
+        self._placement = Placement(hardware.centre, hardware.scale if scale is None else scale)
+        self._hardware = hardware
+        self._direct = not served.facts.get("modes")
+        layout = served.layout
+        self._at = {name: layout[name] for name in ("t", "wall", "valid", "guard", "trip", "q", "v", "w")}
+        self._at["p"] = layout["p" if self._direct else "object"]
+        self._at["force"] = layout["asked" if self._direct else "object_wrench"]
+        self._tick, self._t, self._p, self._known = -1, 0.0, (0.0, 0.0, 0.0), False
+        self._velocity, self._q, self._trip = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 0
+        self._claim, self._session, self._sequence = 0, 0, 0
+        self._commander: _Commander | None = None
+        self._commands, self._counted_at, self._counted = 0, monotonic(), 0
+        self.program = ""  #: that commands
+        self.refused = 0  #: commands that were none: numbers that are not finite, processes that do not exist
+        self._write_facts()
+        self.publish()
+
+    def look(self) -> None:
+        """Publish the newest row if there is a newer one, and hand on what was commanded."""
+        if self.served.tick_count != self._tick:
+            self.publish()
+        self._take()
+
+    # ---- facts and state ----
+
+    def _write_facts(self) -> None:
+        served, device, hardware = self.served, self.served.device, self._hardware
+        rate = float(served.facts["rate_hz"])
+        simulated = SIMULATED if served.facts["driver"] == "sim" else 0
+        stiffness = SampledLoop(1 / rate, _PROGRAM_DELAY, 1 / rate).largest(GRIPS["light"]) / self._placement.scale
+        values: dict[str, Any] = {
+            "version": VERSION, "size": SIZE, "owner": os.geteuid(), "server": os.getpid(),
+            "server_start": _process_start(os.getpid()), "type": hardware.type,
+            "capabilities": hardware.capabilities | simulated, "serial": os.getppid() & 0xFFFF, "rate": rate,
+            "workspace": hardware.workspace, "force_max": min(hardware.force, self._find_limit()),
+            "force_continuous": min(hardware.continuous, self._find_limit()), "stiffness_max": stiffness,
+            "mass": hardware.mass, "name": f"haptorb {device.name}", "maker": "haptorb", "version_text": __version__,
+        }  # fmt: skip
+        for name, value in values.items():
+            self._store(0, FACTS[name], value)
+        self._words[FACTS["magic"][0] // 8] = _MAGIC  # the last: a library that sees it sees all
+
+    def _find_limit(self) -> float:
+        """What the world lets through of clients' forces [N]."""
+        values = self.served.world.get("values", {})
+        limit = values.get("limit") if self.served.world.get("name") == "remote" else None
+        return float(limit) if isinstance(limit, int | float) else 10.0
+
+    def _store(self, page: int, place: tuple[int, int, str], value: Any) -> None:
+        at, count, kind = place
+        if kind == "s":
+            text = str(value).encode()[: count - 1]
+            self._bytes[page + at : page + at + count] = text.ljust(count, b"\0")
+            return
+        cells = self._words if kind == "q" else self._floats
+        first = (page + at) // 8
+        for i, one in enumerate(value if count > 1 else (value,)):
+            cells[first + i] = one
+
+    def publish(self) -> None:
+        """Write the newest row as the state that programs read."""
+        served = self.served
+        self._tick = served.tick_count
+        row = served.latest()
+        if row is None:
+            return
+        n, at = row.tolist(), self._at
+        self._note_pose(n)
+        code = n[at["trip"].start]
+        trip = int(code) if math.isfinite(code) else 0
+        place, turn = self._placement.place, self._placement.turn
+        force = n[at["force"]]
+        floats, words = self._floats, self._words
+        start = _STATE_AT // 8
+        sequence = words[start] | 1
+        words[start] = sequence
+        wall, guard = n[at["wall"].start], n[at["guard"].start]
+        values = {
+            "tick": self._tick, "stamp": int(1e9 * wall) if math.isfinite(wall) else 0, "phase": _RUNNING,
+            "valid": int(n[at["valid"].start] == 1.0), "guard": int(guard) if math.isfinite(guard) else 0, "trip": trip,
+            "buttons": served.button_bits,
+        }  # fmt: skip
+        for name, value in values.items():
+            words[start + STATE[name][0] // 8] = value
+        numbers = (
+            *place(self._p), *_turn_rotation(self._q), *turn(self._velocity), *turn(_finite(n[at["w"]])),
+            *turn(_finite(force[:3])), *turn(_finite(force[3:])),
+        )  # fmt: skip
+        first = start + STATE["position"][0] // 8
+        for i, number in enumerate(numbers):
+            floats[first + i] = number
+        if trip != self._trip:
+            self._trip = trip
+            self._store(_STATE_AT, STATE["trip_text"], _explain_trip(trip))
+        words[start] = sequence + 1
+
+    def _note_pose(self, n: list[float]) -> None:
+        """Keep the last pose that was valid, and its velocity; a target's is the way since the row before."""
+        at = self._at
+        if not self._known:
+            self._p = self._placement.centre
+        if n[at["valid"].start] != 1.0:
+            self._velocity = (0.0, 0.0, 0.0)
+            return
+        x, y, z = n[at["p"]]
+        if not math.isfinite(x + y + z):
+            return
+        t = n[at["t"].start]
+        if self._direct:
+            scale = self._placement.scale
+            a, b, c = _finite(n[at["v"]])
+            self._velocity = (scale * a, scale * b, scale * c)
+        elif self._known and t > self._t:
+            scale = self._placement.scale / (t - self._t)
+            self._velocity = (scale * (x - self._p[0]), scale * (y - self._p[1]), scale * (z - self._p[2]))
+        self._p, self._t, self._known = (x, y, z), t, True
+        a, b, c, d = n[at["q"]]
+        if math.isfinite(a + b + c + d):
+            self._q = (a, b, c, d)
+
+    # ---- command ----
+
+    def _take(self) -> None:
+        words, start = self._words, _COMMAND_AT // 8
+        claim = words[start]
+        if claim != self._claim:
+            self._change_commander(claim)
+        if self._commander is None:
+            return
+        if not self._commander.alive:  # safety: native-exit-told
+            self._change_commander(0)
+            words[start] = 0
+            return
+        sequence = words[start + 1]
+        if sequence == self._sequence or sequence & 1:
+            return
+        for _ in range(_TRIES):
+            owner, stamp, enabled = words[start + 2], words[start + 3], words[start + 4]
+            force = self._floats[start + 5 : start + 8].tolist()
+            after = words[start + 1]
+            if after == sequence:
+                break
+            sequence = after
+        if sequence & 1 or owner != self._claim:  # safety: native-own-commands-only
+            return
+        self._sequence = sequence
+        self._commands += 1
+        if not enabled:
+            self.served.lose(self._session)
+            return
+        if not self.served.command(self._session, self._placement.turn_back(force), arrival=1e-9 * stamp):
+            self.refused += 1
+
+    def _change_commander(self, claim: int) -> None:
+        if self._commander is not None:
+            self.served.lose(self._session)
+            self._commander.close()
+            self._commander, self.program = None, ""
+        self._claim = claim
+        if claim == 0:
+            return
+        commander = _Commander(read_claim(claim))
+        if not commander.alive:
+            commander.close()
+            self.refused += 1
+            self._words[_COMMAND_AT // 8] = 0
+            self._claim = 0
+            return
+        self._commander, self._session = commander, self.served.open_session()
+        at, count, _ = COMMAND["program"]
+        text = bytes(self._bytes[_COMMAND_AT + at : _COMMAND_AT + at + count]).split(b"\0")[0]
+        self.program = text.decode(errors="replace") or commander.name
+
+    def report(self, address: str) -> None:
+        """Tell people which program commands."""
+        now = monotonic()
+        rate = (self._commands - self._counted) / max(now - self._counted_at, 1e-3)
+        self._counted, self._counted_at = self._commands, now
+        clients = [{"name": self.program, "session": self._session, "rate_hz": round(rate, 1),
+                    "holds": self.served.holder == self._session}] if self._commander is not None else []  # fmt: skip
+        self.served.report("native", address, clients, refused=self.refused)
+
+    def close(self) -> None:
+        """Programs see that the run has ended."""
+        self._change_commander(0)
+        start = _STATE_AT // 8
+        self._words[start + STATE["phase"][0] // 8] = _ENDED
+
+
+def _explain_trip(code: int) -> str:
+    return next((trip.text for trip in Trip if trip == code), f"tripped, code {code}")
+
+
+def _finite(numbers: list[float]) -> tuple[float, ...]:
+    return tuple(one if math.isfinite(one) else 0.0 for one in numbers)
+
+
+# --------------------------------------------------------------------------------------------------
+# Where programs find it: a folder that only this account can open, one file a run.
+
+
+_FORM = "native[:SCALE]"
+_SCALE_MOST = 1000.0
+
+
+def device_folder() -> Path:
+    """The folder of this account's devices, made if it is not there. InputError if another account has its place."""
+    refused = []
+    for parent in folders():
+        folder = parent / f"haptorb-native-{os.geteuid()}"
+        try:
+            folder.mkdir(mode=0o700, exist_ok=True)
+            found = folder.lstat()
+        except OSError as cause:
+            refused.append(f"{folder}: {cause.strerror}")
+            continue
+        if stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o077:
+            return folder
+        refused.append(f"{folder} belongs to another account, or others may open it")
+    raise InputError(f"--serve native finds no place for its file: {'; '.join(refused)}")
+
+
+def _remove_stale(folder: Path) -> None:
+    for path in folder.glob("*.device"):
+        with suppress(OSError):
+            descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # its server would hold it
+                path.unlink()
+            finally:
+                os.close(descriptor)
+
+
+def prepare(where: str) -> ServerPreparation:
+    """The file, locked for as long as a process of this run has it open; `where` is the scale of a program's metres."""
+    scale = None
+    if where:
+        try:
+            scale = float(where)
+        except ValueError:
+            scale = math.nan
+        if not 1 / _SCALE_MOST <= scale <= _SCALE_MOST:
+            raise InputError(
+                f"--serve {_FORM}: metres for a program of one metre of the tool, 0.001 to 1000; got '{where}'"
+            )
+    folder = device_folder()
+    _remove_stale(folder)
+    path = folder / f"{os.getpid()}.device"
+    path.unlink(missing_ok=True)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        os.posix_fallocate(descriptor, 0, SIZE)
+    except BaseException:
+        os.close(descriptor)
+        path.unlink(missing_ok=True)
+        raise
+    return ServerPreparation({"path": str(path), "scale": scale}, str(path), [descriptor])
+
+
+def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) -> None:
+    """Serve the file until the servo ends, then remove it."""
+    path = Path(spec["path"])
+    try:
+        request_exact_timers()
+        raise_priority()
+        server = NativeServer(served, descriptors[0], spec["scale"])
+        try:
+            report = 0.0
+            while not served.over:
+                server.look()
+                if monotonic() >= report:
+                    report = monotonic() + _REPORT
+                    server.report(str(path))
+                sleep(_LOOK)
+        finally:
+            server.close()
+    finally:
+        path.unlink(missing_ok=True)

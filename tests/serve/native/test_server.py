@@ -1,0 +1,285 @@
+"""What a program sees of the loop's rows and what the loop gets of its commands, through the real library."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+from time import monotonic, sleep
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptorb.errors import InputError
+from haptorb.rotations import rotation_from_euler
+from haptorb.serve.native import Placement, prepare
+from serve.native.conftest import ServedFile
+
+ANY = ctypes.c_char(b"\xff")
+
+
+def numbers(function: Any, count: int) -> list[float]:
+    values = [ctypes.c_double() for _ in range(count)]
+    assert function(*(ctypes.byref(one) for one in values), ANY) >= 0
+    return [one.value for one in values]
+
+
+def set_force(dhd: Any, *force: float) -> int:
+    return int(dhd.dhdSetForce(*(ctypes.c_double(one) for one in force), ANY))
+
+
+def await_position(dhd: Any, wanted: tuple[float, ...]) -> None:
+    end = monotonic() + 2.0
+    while numbers(dhd.dhdGetPosition, 3) != pytest.approx(wanted, abs=1e-12):
+        assert monotonic() < end, numbers(dhd.dhdGetPosition, 3)
+        sleep(0.001)
+
+
+def run_program(served: ServedFile, libraries: Path, source: str, **options: Any) -> subprocess.Popen[str]:
+    """A program of its own that has `dhd`, open; its text is Python."""
+    text = (
+        "import ctypes, os, sys, time, signal\n"
+        f"dhd = ctypes.CDLL({str(libraries / 'libdrd.so.3')!r})\n"
+        "dhd.dhdErrorGetLastStr.restype = ctypes.c_char_p\n"
+        "ANY, D = ctypes.c_char(b'\\xff'), ctypes.c_double\n"
+        "def force(x, y, z): return dhd.dhdSetForce(D(x), D(y), D(z), ANY)\n"
+        "def say(*words): print(*words, flush=True)\n"
+    )
+    return subprocess.Popen(
+        [sys.executable, "-c", text + textwrap.dedent(source)], env={**os.environ, **served.run}, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, **options,
+    )  # fmt: skip
+
+
+def test_pose_in_the_programs_frame(served: ServedFile, dhd: Any) -> None:
+    """x towards the user, y to the right, z up; the origin is the tool's place of rest."""
+    rest = served.loop.device.shell.contact_distance  # type: ignore[union-attr]
+    served.publish(p=(0.003, -0.007, rest + 0.002), v=(0.1, 0.2, 0.3), w=(1.0, 2.0, 3.0))
+    await_position(dhd, (0.007, 0.003, 0.002))
+    assert numbers(dhd.dhdGetLinearVelocity, 3) == pytest.approx([-0.2, 0.1, 0.3])
+    assert numbers(dhd.dhdGetAngularVelocityRad, 3) == pytest.approx([-2.0, 1.0, 3.0])
+
+
+def test_orientation_turns_what_it_says(served: ServedFile, dhd: Any) -> None:
+    """A turn about the user's right is one about +y here, +x in the stator's frame."""
+    served.publish(q=(np.sin(0.2), 0.0, 0.0, np.cos(0.2)), p=(0.001, 0.0, 0.05))
+    await_position(dhd, (0.0, 0.001, 0.05 - served.loop.device.shell.contact_distance))  # type: ignore[union-attr]
+    matrix = (ctypes.c_double * 9)()
+    assert dhd.dhdGetOrientationFrame(matrix, ANY) == 0
+    assert np.reshape(matrix, (3, 3)) == pytest.approx(rotation_from_euler(0.0, 0.4, 0.0))
+    assert numbers(dhd.dhdGetOrientationRad, 3) == pytest.approx([0.0, 0.4, 0.0])
+    assert numbers(dhd.dhdGetOrientationDeg, 3) == pytest.approx([0.0, np.degrees(0.4), 0.0])
+
+
+def test_force_reaches_the_loop_in_the_stators_frame(served: ServedFile, dhd: Any) -> None:
+    assert set_force(dhd, 0.1, 0.2, 0.3) == 0
+    assert served.await_force((0.2, -0.1, 0.3)) > 0.0
+
+
+def test_placement_is_a_rotation() -> None:
+    """Turned there and back nothing has changed; lengths stay."""
+    vector = (1.0, 2.0, 3.0)
+    assert Placement.turn_back(Placement.turn(vector)) == vector
+    axes = np.array([Placement.turn(one) for one in np.eye(3)])
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+    assert axes @ axes.T == pytest.approx(np.eye(3))
+
+
+def test_no_number_is_no_force(served: ServedFile, dhd: Any) -> None:
+    """And what was commanded before it has ended."""
+    for bad in (np.nan, np.inf, -np.inf):
+        assert set_force(dhd, 0.0, 0.0, 0.5) == 0
+        served.await_force((0.0, 0.0, 0.5))
+        assert set_force(dhd, 0.0, bad, 0.5) == -1
+        served.await_force((0.0, 0.0, 0.0))
+    assert b"finite" in dhd.dhdErrorGetLastStr()
+
+
+@pytest.mark.parametrize("huge", [2.0, 1e6, 1e300, 1.7e308])
+def test_huge_forces_keep_their_direction(served: ServedFile, dhd: Any, huge: float) -> None:
+    assert set_force(dhd, 0.6 * huge, 0.0, -0.8 * huge) == 2
+    most = served.loop.device.limits.force
+    served.await_force((0.0, -0.6 * most, -0.8 * most))
+
+
+def test_a_file_with_nonsense_commands_nothing(served: ServedFile, dhd: Any) -> None:
+    """Whatever a broken library writes: the server believes no number that is none."""
+    set_force(dhd, 0.0, 0.0, 0.5)
+    served.await_force((0.0, 0.0, 0.5))
+    with served.path.open("r+b") as file:
+        file.seek(2 * 4096 + 40)
+        file.write(np.array([np.nan, 1e300, np.inf]).tobytes())
+        file.seek(2 * 4096 + 8)
+        file.write(np.int64(1 << 40).tobytes())
+    sleep(0.02)
+    force, _ = served.receive()
+    assert np.isfinite(force).all()
+    assert np.abs(force).max() <= 0.5
+
+
+def test_a_command_under_another_claim_is_none(served: ServedFile, dhd: Any) -> None:
+    """A process that was overtaken, in the middle of its last command, commands nothing any more."""
+    set_force(dhd, 0.0, 0.0, 0.5)
+    served.await_force((0.0, 0.0, 0.5))
+    command = np.memmap(served.path, np.int64, "r+", 2 * 4096, (11,))
+    command[2] += 1
+    command.view(np.float64)[5:8] = 0.1, 0.0, 0.0
+    command[1] += 2
+    sleep(0.02)
+    assert served.receive()[0] == [0.0, 0.0, 0.5]
+
+
+def test_close_frees_the_device_at_once(served: ServedFile, dhd: Any, libraries: Path) -> None:
+    set_force(dhd, 0.0, 0.0, 0.5)
+    first = served.await_force((0.0, 0.0, 0.5))
+    second = run_program(
+        served, libraries, "dhd.dhdOpen(); sys.stdin.readline(); say(force(0, 0, 0.25)); time.sleep(5)"
+    )
+    with second:
+        try:
+            assert dhd.dhdClose(ANY) == 0
+            client = served.loop._client
+            served.receive()
+            end = monotonic() + 1.0
+            while client["lost"][0] <= 0.0:
+                assert monotonic() < end
+                served.receive()
+            assert second.stdin is not None
+            assert second.stdout is not None
+            second.stdin.write("\n")
+            second.stdin.flush()
+            assert second.stdout.readline().strip() == "0"
+            assert served.await_force((0.0, 0.0, 0.25)) != first
+        finally:
+            second.kill()
+
+
+def test_one_program_commands_and_others_read(served: ServedFile, dhd: Any, libraries: Path) -> None:
+    set_force(dhd, 0.0, 0.0, 0.5)
+    session = served.await_force((0.0, 0.0, 0.5))
+    source = """
+        say(dhd.dhdOpen(), dhd.dhdGetPosition(ctypes.byref(D()), ctypes.byref(D()), ctypes.byref(D()), ANY))
+        say(force(0, 0, 0), force(0, 0, 0.1), dhd.dhdErrorGetLastStr().decode())
+        say(dhd.dhdGetAvailableCount(), dhd.dhdGetDeviceCount())
+    """
+    said = run_program(served, libraries, source).communicate(timeout=30)[0].splitlines()
+    assert said[0] == "0 0"
+    assert said[1].startswith("0 -1 device in use")
+    assert str(os.getpid()) in said[1]
+    assert said[2] == "0 1"
+    assert served.receive() == ([0.0, 0.0, 0.5], session)
+
+
+def test_a_killed_programs_force_ends_at_once(served: ServedFile, libraries: Path) -> None:
+    """By its end, not by its silence: within some looks of the server, and others may command."""
+    program = run_program(
+        served, libraries, "dhd.dhdOpen()\nwhile True:\n    force(0, 0, 0.5); time.sleep(0.001)", stderr=subprocess.PIPE
+    )
+    with program:
+        session = served.await_force((0.0, 0.0, 0.5), 10.0)
+        program.kill()
+        killed = monotonic()
+        client = served.loop._client
+        while True:
+            served.receive()
+            if client["lost"][0] > 0.0:
+                break
+            assert monotonic() - killed < 0.5
+        assert client["session"][0] == session
+    assert not any(served.path.read_bytes()[2 * 4096 : 2 * 4096 + 8]), "the claim of a dead program stays"
+
+
+def test_a_claim_of_no_process_is_none(served: ServedFile, dhd: Any) -> None:
+    """A number that was left, or invented: of a process that has ended, and of one that started at another time."""
+    gone = subprocess.Popen(["true"])
+    gone.wait()
+    for claim in ((5 << 24) | (1 << 22) | gone.pid, (5 << 24) | (1 << 22) | os.getpid()):
+        with served.path.open("r+b") as file:
+            file.seek(2 * 4096)
+            file.write(np.int64(claim).tobytes())
+        end = monotonic() + 1.0
+        while any(served.path.read_bytes()[2 * 4096 : 2 * 4096 + 8]):
+            assert monotonic() < end
+            sleep(0.001)
+    assert set_force(dhd, 0.0, 0.0, 0.5) == 0
+    served.await_force((0.0, 0.0, 0.5))
+
+
+def test_a_fork_does_not_command(served: ServedFile, dhd: Any, libraries: Path) -> None:
+    source = """
+        dhd.dhdOpen()
+        say(force(0, 0, 0.5))
+        if os.fork() == 0:
+            say(force(0, 0, 0.25), dhd.dhdErrorGetLastStr().decode())
+            say(dhd.dhdOpen(), force(0, 0, 0.25), dhd.dhdErrorGetLastStr().decode())
+            os._exit(0)
+        os.wait()
+        say(force(0, 0, 0.5))
+    """
+    said = run_program(served, libraries, source).communicate(timeout=30)[0].splitlines()
+    assert said[0] == "0"
+    assert said[1].startswith("-1 device not ready: the device was opened before a fork")
+    assert said[2].startswith("0 -1 device in use")
+    assert said[3] == "0"
+
+
+def test_calls_before_open_after_close_and_of_numbers_that_are_none(libraries: Path, tmp_path: Path) -> None:
+    """Each says so; none crashes."""
+    with ServedFile() as served:
+        source = """
+            say(force(0, 0, 1), dhd.dhdErrorGetLastStr().decode())
+            say(dhd.dhdOpenID(7), dhd.dhdErrorGetLastStr().decode())
+            say(dhd.dhdOpenID(0), dhd.dhdGetPosition(None, None, None, ANY), dhd.dhdErrorGetLastStr().decode())
+            say(dhd.dhdSetForce(D(), D(), D(), ctypes.c_char(b'\\x63')), dhd.dhdErrorGetLastStr().decode())
+            say(dhd.dhdClose(ANY), dhd.dhdClose(ANY), force(0, 0, 1))
+        """
+        program = run_program(served, libraries, source, stderr=subprocess.PIPE)
+        said = program.communicate(timeout=30)[0].splitlines()
+    assert said[0].startswith("-1 device not ready")
+    assert said[1] == "-1 no device found: there is no device 7; there are 1"
+    assert said[2].startswith("0 -1 null argument")
+    assert said[3].startswith("-1 invalid index")
+    assert said[4] == "0 -1 -1"
+    assert program.returncode == 0
+
+
+def test_without_a_device(libraries: Path, tmp_path: Path) -> None:
+    """At once, with one line that says how to start one; a file that was left is no device."""
+    with ServedFile() as served:
+        left = tmp_path / "left.device"
+        left.write_bytes(served.path.read_bytes())
+        left.chmod(0o600)
+    for path, why in ((tmp_path / "none.device", "No such file"), (left, "was left by a run that has ended")):
+        served.run = {"HAPTORB_RUN": str(path)}
+        program = run_program(
+            served, libraries, "t = time.monotonic(); say(dhd.dhdOpen(), dhd.dhdGetDeviceCount()); dhd.dhdOpen(); "
+            "say(dhd.dhdErrorGetLastStr().decode()); say(time.monotonic() - t < 0.2)", stderr=subprocess.PIPE,
+        )  # fmt: skip
+        out, errors = program.communicate(timeout=30)
+        said = out.splitlines()
+        assert said[0] == "-1 0"
+        assert said[1].startswith("no device found")
+        assert why in said[1]
+        assert said[2] == "True"
+        assert errors.count("\n") == 1
+        assert "haptorb run omni --serve native" in errors
+
+
+def test_the_end_of_the_run_is_told(served: ServedFile, dhd: Any) -> None:
+    served.loop.served.ending = True
+    end = monotonic() + 2.0
+    while dhd.dhdGetPosition(*(ctypes.byref(ctypes.c_double()) for _ in range(3)), ANY) == 0:
+        assert monotonic() < end
+        sleep(0.01)
+    assert b"the servo has ended" in dhd.dhdErrorGetLastStr()
+    assert not served.path.exists()
+
+
+@pytest.mark.parametrize("where", ["0", "-1", "nan", "x", "1e9"])
+def test_a_scale_that_is_none(where: str) -> None:
+    with pytest.raises(InputError, match="metres for a program"):
+        prepare(where)
