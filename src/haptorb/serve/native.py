@@ -169,8 +169,8 @@ class Placement:
 def _turn_rotation(q: tuple[float, float, float, float]) -> tuple[float, ...]:
     """(9,) of the orientation `q` (x, y, z, w) in the stator's frame, row by row, both frames with the program's axes.
 
-    >>> _turn_rotation((0.0, 0.0, 0.0, 1.0))
-    (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    >>> [one + 0.0 for one in _turn_rotation((0.0, 0.0, 0.0, 1.0))]
+    [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     """
     x, y, z, w = -q[1], q[0], q[2], q[3]
     return (
