@@ -359,6 +359,12 @@ RULES = [
     ("sender-token", "a sender beyond this computer needs the token", "never", FEED_TESTS),
     ("replay-real", "a replay never moves a real device", "never", FEED_TESTS),
     (
+        "hand-file-real",
+        "a hand from a file moves no real tool",
+        "never",
+        "tests/runtime/test_hand_file.py::test_a_real_device_and_a_tracker_refuse_it",
+    ),
+    (
         "hold-real",
         "a pose that nobody measures is not held on a real device",
         "never",

@@ -28,6 +28,7 @@ class FileKind(Enum):
     DEVICE = "a device file", "`haptorb inspect` and `haptorb run` read it"
     CALIBRATION = "a calibration", "`haptorb run DEVICE --calibration` reads it"
     CALIBRATION_STEPS = "an unfinished calibration", "`haptorb calibrate` continues it"
+    HAND = "a hand's script", "`haptorb run --hand` reads it"
     FRAME = "a tracker's frame", "`haptorb run omni --tracker osc:9000 --frame FILE` reads it"
     DESIGN = "a design file of `haptorb design`", "`haptorb design sweep` and `optimise` read it"
     RESULTS = "results of `haptorb design`", "`haptorb design report` and `show` read them"
@@ -96,6 +97,8 @@ _STUDY_KEYS = frozenset(
 )  # fmt: skip
 _DEVICE_KEYS = frozenset({"kind", "based_on", "coils", "dome", "limits", "thermal", "magnets"})
 _TAG = re.compile(r"\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*<!?(\w+)", re.DOTALL)
+#: comments and empty lines, then the first command of every script
+_SCRIPT = re.compile(r"(?:[ \t]*(?:#[^\n]*)?\n)*[ \t]*start[ \t]+(?:turn\b|[-+.\d])")
 _HEADED = re.compile(r"[\w.\[\]]+(?: \[[^\]\n]*\])?(?:[,;\t][\w.\[\]]+(?: \[[^\]\n]*\])?)+\s*")
 
 
@@ -131,6 +134,8 @@ def _find(head: bytes, path: Path) -> FileKind | None:
         )
     if path.suffix == ".py":
         return FileKind.WORLD
+    if _SCRIPT.match(text):
+        return FileKind.HAND
     with suppress(ValueError):
         return _find_toml(parse_toml(text))
     return FileKind.TABLE if _HEADED.fullmatch(text.partition("\n")[0]) else None

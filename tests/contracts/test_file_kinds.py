@@ -32,6 +32,7 @@ COMMANDS: dict[str, tuple[FileKind, ...]] = {
     "train FILE": (K.DEVICE,),
     "run omni --headless --duration 0.1 --calibration FILE": (K.CALIBRATION,),
     "run omni --headless --duration 0.1 --tracker osc:9000 --frame FILE": (K.FRAME,),
+    "run omni --headless --duration 0.1 --hand FILE": (K.HAND, K.TABLE, K.RECORDING),
     "run omni --headless --duration 0.1 --world FILE": (K.WORLD,),
     "run omni --headless --duration 0.1 --scene FILE": (K.SCENE,),
     "check omni --world FILE": (K.WORLD,),

@@ -35,7 +35,7 @@ ROOT = Path(__file__).resolve().parents[2]
 OMNI = (files("haptorb.devices") / "catalogue" / "omni.toml").read_text(encoding="utf-8")
 
 KINDS = ("device", "motor", "variant", "design", "study", "calibration", "frame", "parameters", "recording", "network",
-         "progress", "ratings", "thermal", "loads")  # fmt: skip
+         "progress", "ratings", "thermal", "loads", "hand", "hand table")  # fmt: skip
 #: of those that take long to read: what is computed of them is the reader's check
 FEWER = {"device": 60, "motor": 2, "variant": 2, "design": 60, "study": 60, "recording": 60}
 

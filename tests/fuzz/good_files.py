@@ -34,7 +34,7 @@ NAMES = {
     K.RESULTS: "results.sqlite", K.FELT_DESIGNS: "felt.toml", K.STUDY: "study.toml", K.REGISTRATION: "plan.toml",
     K.STUDY_DATABASE: "study.db", K.DATABASE: "other.db", K.SCENE: "scene.xml", K.WORLD: "groove.py",
     K.NETWORK: "pmsm.network", K.TABLE: "run.csv", K.ARRAYS: "run.npz", K.PARQUET: "run.parquet", K.PAGE: "report.html",
-    K.PICTURE: "picture.png",
+    K.PICTURE: "picture.png", K.HAND: "push.hand",
 }  # fmt: skip
 
 _THERMAL = ",".join(
@@ -101,6 +101,7 @@ def fill(folder: Path) -> None:
         np.array([0.0, 0.0, 1.0]), 1e-4, 4.5, 1e-4, 3e-3,
     )  # fmt: skip
     (folder / NAMES[K.FRAME]).write_text(frame.text())
+    (folder / NAMES[K.HAND]).write_text("# onto the dome\nstart 0 0 62 mm\nmove 0 0 49 mm in 1 s\npress a\n")
     (folder / NAMES[K.DESIGN]).write_text(
         'name = "wider"\nbase = "omni"\n[parameters.ball]\nlow = "30 mm"\nhigh = "31 mm"\nplaces = ["dome.radius"]\n'
         "[objectives.heat_per_force_squared]\n"

@@ -58,6 +58,7 @@ COMMANDS: dict[FileKind, tuple[str, ...]] = {
     K.DEVICE: ("inspect FILE --json",),
     K.CALIBRATION: ("run omni --headless --duration 0.1 --calibration FILE",),
     K.FRAME: ("run omni --headless --duration 0.1 --tracker osc:9000 --frame FILE",),
+    K.HAND: ("run omni --headless --duration 0.1 --hand FILE",),
     K.DESIGN: ("DESIGN FILE",),
     K.RESULTS: ("design report FILE -o out.html --best 1",),
     K.STUDY: ("study check FILE",),
@@ -273,6 +274,11 @@ def _run(command: str) -> int:
             from haptorb.devices.loader import load
 
             thermal_record(words[0], load("omni"))
+        elif "--hand" in words:
+            from haptorb.devices.loader import load
+            from haptorb.runtime.hand_file import read_hand
+
+            read_hand(words[-1], load("omni"))
         elif "--calibration" in words or "--frame" in words:
             from haptorb.devices.loader import load
             from haptorb.estimation.calibration import read_calibration, read_frame

@@ -48,6 +48,7 @@ from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.recording.mcap import Recorder
 from haptorb.recording.recording import Recording
 from haptorb.recording.row import RowLayout
+from haptorb.runtime.hand_file import read_hand
 from haptorb.runtime.trackers.replay import load_poses
 from haptorb.runtime.world_change import change_world, parse_request, request
 from haptorb.worlds.base import parameters
@@ -274,6 +275,14 @@ THERMAL = "t_s,power_w,winding_degc,boundary_degc\n" + "".join(
     f"{t},10.5,{25 + t / 10},{24 + t / 20}\n" for t in range(40)
 )
 
+HAND = (
+    "# over the dome, onto it, along it\nstart 0 0 62 mm\nmove 0 0 48 mm in 1.5 s\npress a\nwait 300 ms\nrelease a\n"
+    "line 10 0 49 mm turn 0 10 0 ° in 0.5 s\nturn 0 0 0 ° in 1 s\ngrip 20 mm in 0.2 s\n"
+).encode()
+HAND_TABLE = "t [ms],x [mm],y [mm],z [mm],psi [°],lambda [°],phi [°],grip [mm],buttons\n" + "".join(
+    f"{10 * n},{n / 10},0,{60 - n / 5},0,{n},0,{n % 9},{'ab'[: n % 3]}\n" for n in range(40)
+)
+
 
 def kinds(folder: Path) -> list[Kind]:
     """All that haptorb reads; good files are made in `folder`."""
@@ -314,6 +323,7 @@ def kinds(folder: Path) -> list[Kind]:
             lambda: recording.layout,
             lambda: recording.to_csv(path.with_suffix(".csv"), overwrite=True),
             lambda: load_poses(path),
+            lambda: read_hand(path, omni),
             lambda: thermal_record(path, omni),
         ]
         refused: HaptorbError | None = None
@@ -360,6 +370,8 @@ def kinds(folder: Path) -> list[Kind]:
     rows = np.random.default_rng(0).normal(size=(60, layout.width))
     rows[:, layout["t"]] = rows[:, layout["wall"]] = np.arange(60)[:, None] / 1000.0
     rows[:, layout["valid"]], rows[:, layout["age"]] = 1.0, 0.001
+    rows[:, layout["target"]] *= 0.05
+    rows[:, layout["target_q"]], rows[:, layout["grip"]] = (0.0, 0.0, 0.0, 1.0), 0.02
     recorder.append(rows)
     recorder.finish()
 
@@ -396,6 +408,8 @@ def kinds(folder: Path) -> list[Kind]:
         Kind("ratings", f"{line}\n{choice}\n{line}\n".encode(), ".jsonl", of_ratings),
         Kind("thermal", THERMAL.encode(), ".csv", of_thermal),
         Kind("loads", LOADS.encode(), ".csv", lambda path: read_loads(path, omni)),
+        Kind("hand", HAND, ".hand", lambda path: read_hand(path, omni)),
+        Kind("hand table", HAND_TABLE.encode(), ".csv", lambda path: read_hand(path, omni)),
     ]
 
 

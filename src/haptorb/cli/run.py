@@ -188,6 +188,10 @@ def run(
             help="With --render both: arm that weights torque errors against force errors [mm] (default: 43.5)."
         ),
     ] = None,
+    hand: Annotated[
+        Path | None,
+        typer.Option(help="Motion of the simulated hand, with buttons: a CSV file, a script or a recording (MCAP)."),
+    ] = None,
     rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
     seed: Annotated[int, typer.Option(help="Seed of a simulated device: it chooses its deviations and its noise.")] = 0,
     record: Annotated[Path | None, typer.Option(help="Record to this MCAP file.")] = None,
@@ -246,7 +250,7 @@ def run(
             frame=frame, rate=rate, seed=seed, model=model, record=record or False,
             overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
             watchdog=not no_watchdog, render=render, torque_arm=None if torque_arm is None else 1e-3 * torque_arm,
-            grip=grip, latency=None if latency is None else 1e-3 * latency,
+            grip=grip, latency=None if latency is None else 1e-3 * latency, hand=hand,
         )  # fmt: skip
         for name, own in servo.own_worlds.items():
             for remark in list_world_remarks(own, 1.0 / servo.rate) if name == servo.world[0] else ():

@@ -745,6 +745,25 @@ class Device(Presentable, ABC):
         """Whether a tool is upright if no orientation is given; else its axis is radial."""
         return False
 
+    def check_hand_goals(self, places: Array, what: str) -> None:
+        """Check where a scripted hand would lead the mover.
+
+        By default anywhere within 1 m of the device's centre.
+
+        Parameters
+        ----------
+        places : ndarray, shape (n, 3)
+            Goals of the hand in the stator frame [m].
+        what : str
+            What states them, for the message.
+
+        Raises
+        ------
+        InputError
+            For a place outside the workspace.
+        """
+        check_distance(places, what)
+
     @property
     def rest_position(self) -> Array:
         """(3,) rest position of the mover: a position at which every model of the device is valid [m]."""

@@ -151,6 +151,8 @@ class RowLayout:
                 "memory, 32 the allocation; 64 its world reduces detail from the next tick on, 128 restores some; 256 "
                 "a step of its world that was computed in the background was taken over",
             ),
+            Field("buttons", 1, "1", "pressed buttons of the tool, a sum: 1 a, 2 b, 4 c"),
+            Field("grip", 1, "m", "opening of the gripper that a scripted hand sets; NaN: none"),
             # the last: a shorter row is filled as far as it reaches
             Field("memory", self.memory, "SI", "memory of the world; the metadata of the world have names and units"),
         )

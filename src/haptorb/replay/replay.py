@@ -63,8 +63,8 @@ __all__ = [
 # Two runs of the same ticks, number by number: the same to the bit, or where they differ first, and by how much.
 
 
-#: what the computer's clock said of the run, and no part of the chain
-CLOCK_FIELDS = frozenset({"tick", "wall", "lateness", "missed", "stages", "ahead"})
+#: what the computer's clock and the tool's buttons said of the run, and no part of the chain
+CLOCK_FIELDS = frozenset({"tick", "wall", "lateness", "missed", "stages", "ahead", "buttons", "grip"})
 
 
 @record

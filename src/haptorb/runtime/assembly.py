@@ -17,6 +17,7 @@ from haptorb.runtime.drivers.registry import is_real, real_driver
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.trackers.base import Tracker
+from haptorb.simulation.hand import GuidedMotion
 from haptorb.worlds.base import World, check_part
 
 __all__ = [
@@ -159,10 +160,11 @@ def assemble(
     watchdog: bool = True,
     render: str | None = None,
     torque_arm: float | None = None,
+    hand: GuidedMotion | None = None,
 ) -> Tick:
     """The chain that renders `world` on `device` at `rate` [Hz]; coils are off until its driver is opened.
 
-    What `calibration` measured is used by everything but the simulated device, which keeps its file's values. An
+    hand: motion of the simulated hand; None: that of the kind of device. What `calibration` measured is used by everything but the simulated device, which keeps its file's values. An
     I²C bus needs a monostable on its PWM chip's OE pin, unless `watchdog` is False.
     """
     from haptorb.runtime.drivers.sim import SimDriver  # the simulation is loaded only where it runs
@@ -170,7 +172,7 @@ def assemble(
     check_driver(driver)
     real = is_real(driver)
     if isinstance(tracker, PointerTracker):
-        tracker.guide = device.kind.part("guide")(device)
+        tracker.guide = hand or device.kind.part("guide")(device)
     axes = _choices(device)[check_estimator(device, estimator)].axes  # what a board has shows when it is opened
     return make_tick(
         device, world,

@@ -49,12 +49,13 @@ def _size(row: Array, at: int) -> float:
 def publish_row(
     row: Array, slot: Array, places: Records, counts: Records, tick: int, now: int, lateness: int, skipped: int
 ) -> None:  # fmt: skip
-    """Complete `row` with what the clock knows, all in [ns], and copy it to `slot`; both (width,), in SI.
+    """Complete `row` with what the clock knows, all in [ns], and the hand's signals; copy it to `slot`; both (width,).
 
     places is that of the `RowLayout`; counts (1,) COUNTS, where the greatest force [N] and torque [N·m] so far are.
     """
     at, most = places[0], counts[0]
     row[at.tick], row[at.wall], row[at.lateness], row[at.missed] = tick, now * 1e-9, lateness * 1e-9, skipped
+    row[at.buttons], row[at.grip] = most.buttons | most.hand_buttons, most.grip
     for i in range(row.shape[0]):
         slot[i] = row[i]
     given = at.given

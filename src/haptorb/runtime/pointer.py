@@ -8,9 +8,9 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.estimation.types import Pose
-from haptorb.runtime.shared_memory import PointerSource
+from haptorb.runtime.shared_memory import HandSignals, PointerSource
 from haptorb.runtime.trackers.base import Goal, Tracker
-from haptorb.simulation.hand import DomeMotion, GuidedMotion
+from haptorb.simulation.hand import DomeMotion, GuidedMotion, ScriptedMotion
 
 __all__ = ["PointerPose", "PointerTracker"]
 
@@ -70,13 +70,19 @@ class PointerTracker(Tracker):
     """Follows the host's pointer while it is held; plays the guided motion until it is held for the first time.
 
     After a release the hand goes back to the guided motion's resting place by the smoothest way.
-    `origin` is the computer's monotonic time [s] at which the loop's clock showed zero; `guide` is the guided motion.
+    `origin` is the computer's monotonic time [s] at which the loop's clock showed zero; `guide` is the guided motion;
+    `signals` receives the buttons and the gripper of a scripted one.
     """
 
     def __init__(
-        self, source: PointerSource | None = None, origin: float = 0.0, *, guide: GuidedMotion | None = None
+        self,
+        source: PointerSource | None = None,
+        origin: float = 0.0,
+        *,
+        guide: GuidedMotion | None = None,
+        signals: HandSignals | None = None,
     ) -> None:
-        self._source = source
+        self._source, self._signals = source, signals
         self.origin = origin
         self._guide = guide or DomeMotion()
         self._last: tuple[Array, Array] | None = None  # where a held pointer was last
@@ -97,6 +103,8 @@ class PointerTracker(Tracker):
     def goal(self, now: float) -> Goal:
         """The goal of a simulated hand at `now` [s] on the loop's clock; while its word is patient, as fresh as now."""
         goal, patience = self._find(now)
+        if self._signals is not None and isinstance(self._guide, ScriptedMotion):
+            self._signals.write(*((0, np.nan) if self._last is not None else self._guide.signals_at(now)))
         if not patience:
             return goal
         return Goal(goal.p, goal.q, max(goal.stamp, min(now, goal.stamp + patience)), goal.held)
@@ -114,7 +122,7 @@ class PointerTracker(Tracker):
                 return Goal(pointed.p, pointed.q, pointed.stamp - self.origin, True), pointed.patience
         guide, since, still = self._guide, now - self._released, False
         if since >= (guide.duration if self._last is None else _RELEASE):
-            (p, q), still = self._rest, True
+            (p, q), still = self._rest, guide.relaxes
         elif self._last is None:
             p, q = guide.at(now)
         else:

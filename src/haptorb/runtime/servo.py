@@ -56,6 +56,7 @@ from haptorb.runtime.assembly import (
 from haptorb.runtime.black_box import BlackBox, TripRecord
 from haptorb.runtime.clock import check_rate
 from haptorb.runtime.commands import Commands
+from haptorb.runtime.hand_file import choose_hand
 from haptorb.runtime.linux import require_linux, run_uninterrupted
 from haptorb.runtime.prestart import PrestartedProcess
 from haptorb.runtime.process_group import ProcessGroup, SignalStop
@@ -76,6 +77,7 @@ from haptorb.runtime.trackers.registry import Preparation, check_frame, check_tr
 from haptorb.runtime.warm_up import Compilation
 from haptorb.runtime.world_change import description, name_of
 from haptorb.runtime.world_loading import WorldWatcher, choose_world
+from haptorb.simulation.hand import ScriptedMotion
 from haptorb.worlds.base import PARTS, World, WrenchPart
 from haptorb.worlds.dynamic import DynamicWorld, check_world_period, count_numbers
 from haptorb.worlds.scene import SceneFile
@@ -727,6 +729,9 @@ class Servo(ServoContext):
         N·s/m and N/m.
     latency : float, optional
         Latency of the tracker for the same choice [s]; None: 5 ms (assumed) if it has its own process.
+    hand : str, Path or ScriptedMotion, optional
+        Motion of the simulated hand from the start of the loop: a CSV file, script or recording
+        (docs/how-to/scripted-hand.md); None: the guided motion. `point`, `hold` and `follow` replace it.
     about : Mapping, optional
         Texts by name that are stored in the recording, such as a study and its session.
 
@@ -767,6 +772,7 @@ class Servo(ServoContext):
         torque_arm: float | None = None,
         grip: str = "light",
         latency: float | None = None,
+        hand: str | Path | ScriptedMotion | None = None,
         about: Mapping[str, str] | None = None,
     ) -> None:
         require_linux("haptorb.Servo")
@@ -799,12 +805,13 @@ class Servo(ServoContext):
         ServoContext.__init__(self, first)
         # refuses here, not in another process, what the device cannot render
         check_world_period(fit_world(first, self.device), 1.0 / self.rate)
+        self.hand = choose_hand(hand, self.device, self.driver, self.tracker)  #: scripted motion of the simulated hand
         # Compiling in the first tick would be a silence at which a real device's firmware switches off.
         chain, practice = (
             partial(
                 assemble, self.device, first, through, self.rate, self.seed, self._model,
                 estimator=self.estimator, gains=gains, calibration=self.calibration, watchdog=watchdog,
-                render=render, torque_arm=torque_arm,
+                render=render, torque_arm=torque_arm, hand=self.hand,
             )
             for through in (self.driver, "sim")
         )  # fmt: skip
@@ -966,6 +973,7 @@ class Servo(ServoContext):
             "models": " ".join(self.device.models),
             "render": self.render or "",
             "calibration": "" if self.calibration is None else self.calibration.text(),
+            "hand": "" if self.hand is None else f"{self.hand.name} {self.hand.digest}".strip(),
             "seed": str(self.seed),
             "rate_hz": repr(self.rate),
             "first_world": description(self._plan.world),

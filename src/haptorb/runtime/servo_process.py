@@ -231,7 +231,7 @@ def _load_code(plan: plans.Plan, chain: Chain, world: World, row: Array, now: fl
 
 def _tracker(plan: plans.Plan, shared: SharedMemory) -> Tracker:
     if plan.prediction is None:
-        return PointerTracker(shared.pointer)
+        return PointerTracker(shared.pointer, signals=shared.hand)
     return FeedTracker(shared.tracked, plan.prediction)
 
 

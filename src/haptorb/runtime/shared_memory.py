@@ -43,6 +43,7 @@ __all__ = [
     "ClientForces",
     "Counts",
     "ForceBlock",
+    "HandSignals",
     "Histogram",
     "Phase",
     "PointerBlock",
@@ -468,6 +469,33 @@ class PointerBlock(PointerSource):
 
 
 # --------------------------------------------------------------------------------------------------
+# What a scripted hand does besides moving: the loop writes it, servers and the row read it.
+
+
+@final
+class HandSignals:
+    """Two words at `at`: the buttons that a scripted hand presses, and the gripper's opening."""
+
+    def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
+        self._words, self._floats, self._at = words, floats, at
+
+    def write(self, buttons: int, grip: float) -> None:
+        """Buttons as a sum of 1, 2 and 4; `grip` [m], NaN without a gripper. For the one writer, the loop."""
+        self._words[self._at] = buttons
+        self._floats[self._at + 1] = grip
+
+    @property
+    def buttons(self) -> int:
+        """The buttons that the scripted hand presses, a sum of 1, 2 and 4."""
+        return int(self._words[self._at])
+
+    @property
+    def grip(self) -> float:
+        """The opening of its gripper [m]; NaN without one."""
+        return float(self._floats[self._at + 1])
+
+
+# --------------------------------------------------------------------------------------------------
 # Snapshots of the chain in shared memory: the last ones, and the one from before the last trip. One writer.
 
 
@@ -572,7 +600,7 @@ def split_snapshot(layout: str, snapshot: NDArray[np.uint8]) -> dict[str, StateA
 
 
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
-_VERSION = 9
+_VERSION = 10
 _PAGE = 4096
 _END_NUMBERS = frozenset(map(int, END_SIGNALS))
 _TEXTS = 9
@@ -614,6 +642,9 @@ class Word(IntEnum):
     SCALE = 35  #: 0: as it is, else the scale of a motor's torques, in millionths
     BUTTONS = 36  #: bits of the buttons a, b, c that a person holds down: for servers, not for the loop
     RECORDING_PAUSED = 37  #: 1: rows are not recorded until it is 0 again
+    # servo → servers, row
+    HAND_BUTTONS = 38  #: bits of the buttons a, b, c that a scripted hand presses
+    HAND_GRIP = 39  #: float: opening of a scripted hand's gripper [m]; NaN: none
     # servo → host
     PID = 40
     PHASE = 41
@@ -649,13 +680,37 @@ _SERVER_TEXTS = 2 * BLOCKS
 _LATENESS = _PAGE + (_TEXTS + WORLDS + _SERVER_TEXTS) * SIZE + 16 * TRIPS  #: where the histograms begin
 _ROWS = _LATENESS + 2 * 8 * BINS
 
-#: What the loop counts in every tick, where it lies in the memory before the rows: words of the first page, histograms.
+#: What the loop counts, and publishes in a row, where it lies in the memory before the rows: words of the first page,
+#: histograms.
 COUNTS = np.dtype(
     {
-        "names": ["ticks", "missed", "on_time", "peak", "peak_torque", "lateness", "compute"],
-        "formats": ["i8", "i8", "i8", "f8", "f8", ("i8", (BINS,)), ("i8", (BINS,))],
+        "names": [
+            "ticks",
+            "missed",
+            "on_time",
+            "peak",
+            "peak_torque",
+            "buttons",
+            "hand_buttons",
+            "grip",
+            "lateness",
+            "compute",
+        ],
+        "formats": ["i8", "i8", "i8", "f8", "f8", "i8", "i8", "f8", ("i8", (BINS,)), ("i8", (BINS,))],
         "offsets": [
-            *(8 * word for word in (Word.TICKS, Word.MISSED, Word.ON_TIME, Word.PEAK, Word.PEAK_TORQUE)),
+            *(
+                8 * word
+                for word in (
+                    Word.TICKS,
+                    Word.MISSED,
+                    Word.ON_TIME,
+                    Word.PEAK,
+                    Word.PEAK_TORQUE,
+                    Word.BUTTONS,
+                    Word.HAND_BUTTONS,
+                    Word.HAND_GRIP,
+                )
+            ),
             _LATENESS,
             _LATENESS + 8 * BINS,
         ],
@@ -715,6 +770,7 @@ class SharedMemory:
             raise ServoError(f"{path} holds rows of another layout; end the program that created it")
 
         self.pointer = PointerBlock(self.words, self.floats, Word.POINTER)
+        self.hand = HandSignals(self.words, self.floats, Word.HAND_BUTTONS)
         self.tracked = PoseBlock(self.words, self.floats, Word.TRACKED)
         self.client_forces = ClientForces(self.words, self.floats, Word.FORCES)
         at = _PAGE
@@ -756,6 +812,7 @@ class SharedMemory:
                 head[_SHARED_MEMORY_LAYOUT] = layout.channels, layout.sensors, layout.contacts, layout.memory
                 os.pwrite(descriptor, head.tobytes(), 0)
                 made = cls(Path(name))
+                made.hand.write(0, float("nan"))
                 made._claim = claim
                 return made
             except OSError:
@@ -824,7 +881,8 @@ def _size(layout: RowLayout) -> int:
     return _ROWS + 8 * CAPACITY * layout.width + slots_size(layout.channels, layout.sensors)
 
 
-assert Word.POINTER + POINTER_BLOCK_WORDS <= Word.PID
+assert Word.POINTER + POINTER_BLOCK_WORDS <= Word.SCALE
+assert Word.HAND_BUTTONS + 1 == Word.HAND_GRIP
 assert Word.TRACKED + WORDS <= Word.FORCES
 assert Word.FORCES + FORCE_BLOCK_WORDS * BLOCKS <= Word.SERVERS
 assert 8 * (Word.SERVERS + BLOCKS) <= _PAGE

@@ -152,14 +152,19 @@ class ServedDevice:
 
     @property
     def buttons(self) -> dict[str, bool]:
-        """Which of the buttons a, b, c a person holds down."""
+        """Which of the buttons a, b, c a person or a scripted hand holds down."""
         bits = self.button_bits
         return {name: bool(bits >> i & 1) for i, name in enumerate(BUTTONS)}
 
     @property
     def button_bits(self) -> int:
         """The same as bits, a the first."""
-        return int(self._shared.words[Word.BUTTONS])
+        return int(self._shared.words[Word.BUTTONS]) | self._shared.hand.buttons
+
+    @property
+    def grip(self) -> float:
+        """The opening of a scripted hand's gripper [m]; NaN without one."""
+        return self._shared.hand.grip
 
     def open_session(self) -> int:
         """A number for a new client, which no other client of this run has."""

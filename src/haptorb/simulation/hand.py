@@ -28,6 +28,7 @@ __all__ = [
     "PathFunction",
     "RelaxedHand",
     "SampledPath",
+    "ScriptedMotion",
     "check_pose",
     "dome_guide",
     "handle_guide",
@@ -126,6 +127,7 @@ class GuidedMotion(ABC):
     """A motion that begins at time zero and rests after `duration` [s]; a pure function of time."""
 
     duration: float
+    relaxes = True  #: whether the hand gives way to what pushes it when the motion is over
 
     @abstractmethod
     def at(self, t: float) -> tuple[Array, Array]:
@@ -357,27 +359,102 @@ class SampledPath:
                 f"path must be poses (n, 3), or (n, 7) with quaternions, or a function of time [s] that returns one; "
                 f"got shape {rows.shape}"
             )
-        self._times = _check_numbers(times, len(rows), f"times must be {len(rows)} numbers [s], one for each pose")
-        if not (np.diff(self._times) > 0).all() or self._times[0] < 0:
+        self.times = _check_numbers(times, len(rows), f"times must be {len(rows)} numbers [s], one for each pose")
+        if not (np.diff(self.times) > 0).all() or self.times[0] < 0:
             raise InputError(f"times must increase from pose to pose and begin at 0 s or later; got {quote(times)}")
-        checked = []
-        for number, row in enumerate(rows):
+        with np.errstate(over="ignore"):
+            lengths = np.linalg.norm(rows[:, 3:], axis=1) if rows.shape[1] == 7 else np.ones(len(rows))
+            wrong = (np.linalg.norm(rows[:, :3], axis=1) > farthest) | (lengths < 1e-6) | ~np.isfinite(lengths)
+        if wrong.any():
+            number = int(np.argmax(wrong))
             try:
-                checked.append(check_pose(*split_pose(row), farthest, upright=upright))
+                check_pose(*split_pose(rows[number]), farthest, upright=upright)
             except InputError as cause:
                 raise InputError(f"pose {number} of the path: {cause}") from cause
-        self._places = np.array([place for place, _ in checked])
-        self._turns = np.array([turn for _, turn in checked])
-        for before, turn in zip(self._turns, self._turns[1:], strict=False):
-            if before @ turn < 0.0:  # the same turn, but the short way to it
-                turn *= -1.0
+            raise InputError(f"pose {number} of the path: its numbers are too large; got {quote(rows[number])}")
+        self.poses = np.empty((len(rows), 7))  #: (n, 7) position [m], quaternion (x, y, z, w)
+        self.poses[:, :3] = rows[:, :3]
+        if rows.shape[1] == 7:
+            lengths[np.abs(lengths - 1.0) < 1e-12] = 1.0  # a recorded pose stays the same to the bit
+            self.poses[:, 3:] = rows[:, 3:] / lengths[:, None]
+        elif upright:
+            self.poses[:, 3:] = 0.0, 0.0, 0.0, 1.0
+        else:
+            self.poses[:, 3:] = [upright_quaternion(place) for place in rows]
+        turned = np.sum(self.poses[1:, 3:] * self.poses[:-1, 3:], axis=1) < 0.0
+        self.poses[1:, 3:][np.logical_xor.accumulate(turned)] *= -1.0  # the same turn, but the short way to it
 
     def __call__(self, t: float) -> HandPose:
         """(3,) place [m] and (4,) quaternion `t` [s] after the start."""
-        place = np.array([np.interp(t, self._times, column) for column in self._places.T])
-        turn = np.array([np.interp(t, self._times, column) for column in self._turns.T])
-        length = float(np.linalg.norm(turn))
-        return place, turn / length if length > 1e-6 else upright_quaternion(place)
+        after = int(np.searchsorted(self.times, t, side="right"))
+        if after == 0 or after == len(self.times):
+            pose = self.poses[min(after, len(self.times) - 1)]
+            return pose[:3].copy(), pose[3:].copy()
+        start, before = self.times[after - 1], self.poses[after - 1]
+        share = float((t - start) / (self.times[after] - start))
+        if share == 0.0:  # at a sample, exactly that sample
+            return before[:3].copy(), before[3:].copy()
+        pose = before + share * (self.poses[after] - before)
+        length = float(pose[3:] @ pose[3:]) ** 0.5
+        return pose[:3], pose[3:] / length if length > 1e-6 else upright_quaternion(pose[:3])
+
+
+_TICK_ERROR = 1e-9  #: a tick's time is that of its deadline but for rounding [s]
+
+
+@final
+class ScriptedMotion(GuidedMotion):
+    """The motion of a hand that a file or a test states: poses, the opening of the gripper, and buttons, over time.
+
+    It begins at time zero of the loop's clock and stays at the last pose; a pointer that is held replaces it.
+
+    path     poses at times
+    presses  times (k,) [s] and pressed buttons (k,) [1] from then on, a sum: 1 a, 2 b, 4 c
+    grip     times (n,) [s] and the gripper's opening (n,) [m], straight lines between them; None: no gripper
+    name     of the file; `digest` is its SHA-256
+
+    >>> motion = ScriptedMotion(SampledPath([(0, 0, 0.06), (0, 0, 0.05)], [0.0, 1.0]), presses=([0.5], [1]))
+    >>> motion.at(1.0)[0].tolist(), motion.signals_at(0.4), motion.signals_at(0.5)
+    ([0.0, 0.0, 0.05], (0, nan), (1, nan))
+    """
+
+    relaxes = False
+
+    def __init__(
+        self,
+        path: SampledPath,
+        *,
+        presses: tuple[ArrayLike, ArrayLike] | None = None,
+        grip: tuple[ArrayLike, ArrayLike] | None = None,
+        name: str = "",
+        digest: str = "",
+    ) -> None:
+        self.path, self.name, self.digest = path, name, digest
+        times, pressed = ((), ()) if presses is None else presses
+        self.press_times, self.pressed = np.asarray(times, dtype=np.float64), np.asarray(pressed, dtype=np.int64)
+        self.grip: tuple[Array, Array] | None = None
+        ends = [float(self.path.times[-1]), *self.press_times[-1:].tolist()]
+        if grip is not None:
+            self.grip = np.asarray(grip[0], dtype=np.float64), np.asarray(grip[1], dtype=np.float64)
+            ends.append(float(self.grip[0][-1]))
+        self.duration = max(ends)
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """(3,) position [m] and (4,) quaternion (x, y, z, w) at time `t` [s]."""
+        return self.path(t)
+
+    def signals_at(self, t: float) -> tuple[int, float]:
+        """The pressed buttons at time `t` [s], a sum of 1, 2 and 4, and the gripper's opening [m], NaN without one."""
+        after = int(np.searchsorted(self.press_times, t + _TICK_ERROR, side="right"))
+        bits = int(self.pressed[after - 1]) if after else 0
+        return bits, math.nan if self.grip is None else float(np.interp(t, *self.grip))
+
+    def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
+        """From `p` (3,) [m] straight to the last pose, and from `q` (4,) the short way, (3,) and (4,)."""
+        place, turn = self.path.poses[-1, :3], self.path.poses[-1, 3:]
+        way = (1.0 - share) * q + share * (turn if float(q @ turn) >= 0.0 else -turn)
+        length = float(way @ way) ** 0.5
+        return (1.0 - share) * p + share * place, way / length if length > 1e-9 else turn
 
 
 def _check_numbers(value: ArrayLike, count: int | None, wanted: str) -> Array:
