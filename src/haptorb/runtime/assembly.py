@@ -164,8 +164,9 @@ def assemble(
 ) -> Tick:
     """The chain that renders `world` on `device` at `rate` [Hz]; coils are off until its driver is opened.
 
-    hand: motion of the simulated hand; None: that of the kind of device. What `calibration` measured is used by everything but the simulated device, which keeps its file's values. An
-    I²C bus needs a monostable on its PWM chip's OE pin, unless `watchdog` is False.
+    hand: motion of the simulated hand; None: that of the kind of device. What `calibration` measured is used by
+    everything but the simulated device, which keeps its file's values. An I²C bus needs a monostable on its PWM chip's
+    OE pin, unless `watchdog` is False.
     """
     from haptorb.runtime.drivers.sim import SimDriver  # the simulation is loaded only where it runs
 
