@@ -20,7 +20,8 @@ from sphinx.pycode import ModuleAnalyzer
 import haptorb
 
 #: the packages with public names
-PUBLIC = ("haptorb", "haptorb.worlds", "haptorb.devices", "haptorb.magnetics", "haptorb_study", "haptorb_design")
+PUBLIC = ("haptorb", "haptorb.worlds", "haptorb.devices", "haptorb.magnetics", "haptorb.testing",
+          "haptorb_study", "haptorb_design")  # fmt: skip
 PACKAGES = ("haptorb_design", "haptorb_study")  #: beside haptorb
 _FOUND = sorted(found.name for found in pkgutil.iter_modules(haptorb.__path__))
 ROOMS = [*(name for name in _FOUND if name != "version" and not name.startswith("_")), *PACKAGES]
@@ -31,8 +32,8 @@ _INTRODUCTION = """
 Public API
 ==========
 
-These six packages are the public API of haptorb: what the documentation uses is imported from them. A name's module is
-loaded when the name is first used.
+These seven packages are the public API of haptorb: what the documentation uses is imported from them. A name's module
+is loaded when the name is first used.
 
 All other modules are internal and may change without notice.
 ``haptorb_study`` and ``haptorb_design`` need the extras ``haptorb[study]`` and ``haptorb[design]``.

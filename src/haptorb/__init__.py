@@ -1,7 +1,7 @@
 """haptorb: design, simulate and run spherical electromagnetic haptic devices.
 
-Public names are here and in `haptorb.worlds`, `haptorb.devices`, `haptorb.magnetics`, `haptorb_study` and
-`haptorb_design`. All other modules are internal.
+Public names are here and in `haptorb.worlds`, `haptorb.devices`, `haptorb.magnetics`, `haptorb.testing`,
+`haptorb_study` and `haptorb_design`. All other modules are internal.
 """
 
 from __future__ import annotations

@@ -23,7 +23,8 @@ from haptorb_study.export import make_python_script
 from haptorb_study.study_file import study_of
 from haptorb_study.template import TEMPLATES, make_study_text
 
-PACKAGES = ("haptorb", "haptorb.worlds", "haptorb.devices", "haptorb.magnetics", "haptorb_study", "haptorb_design")
+PACKAGES = ("haptorb", "haptorb.worlds", "haptorb.devices", "haptorb.magnetics", "haptorb.testing",
+            "haptorb_study", "haptorb_design")  # fmt: skip
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```py(?:thon)?\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
 

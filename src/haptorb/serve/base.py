@@ -429,7 +429,7 @@ class Serving:
     def hold_tool(self) -> None:
         """Without a console no hand holds a simulated tool: it is held at rest, so that clients have a cursor."""
         servo = self._servo
-        if self._servers and servo.driver == "sim" and servo.tracker in ("pointer", "hall"):
+        if self._servers and servo.hand is None and servo.driver == "sim" and servo.tracker in ("pointer", "hall"):
             shell = servo.device.shell
             servo.hold((0.0, 0.0, 0.05 if shell is None else shell.contact_distance + _ABOVE))
 

@@ -1,0 +1,460 @@
+"""A simulated device with a scripted hand in a test: the whole loop, stepped by its own clock or in real time."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import weakref
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeAlias, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.analysis.coupling import CouplingSetting
+from haptorb.analysis.stability import check_grip
+from haptorb.arrays import Array, check_finite
+from haptorb.control.trips import GuardState, Trip
+from haptorb.devices.base import Device, State
+from haptorb.devices.loader import find_device
+from haptorb.errors import InputError, WorldError
+from haptorb.recording.mcap import Recorder
+from haptorb.recording.recording import Recording
+from haptorb.runtime.assembly import assemble, check_estimator, default_world
+from haptorb.runtime.clock import check_rate
+from haptorb.runtime.hand_file import choose_hand, parse_script
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.servo import LatestRow, Servo, check_seed, describe_choices, notes
+from haptorb.runtime.tick import StepWatch
+from haptorb.runtime.tick_log import TickFailure
+from haptorb.runtime.world_change import change_world, description, name_of
+from haptorb.runtime.world_loading import choose_world
+from haptorb.serve.base import Serving, add_client_force, check_servers
+from haptorb.simulation.hand import SampledPath, ScriptedMotion
+from haptorb.worlds import CATALOGUE
+from haptorb.worlds.base import World
+from haptorb.worlds.dynamic import BoundWorld, check_world_period
+from haptorb.worlds.user_world import fit_world
+
+__all__ = ["TEMPORARY", "DeviceRun", "HandSource", "haptic_device", "scripted_hand"]
+
+TEMPORARY = "haptorb-test-"  #: beginning of the name of a folder that is deleted with its run
+
+
+# --------------------------------------------------------------------------------------------------
+# The hand: a script as text, a file, or poses at times.
+
+
+#: a motion, or what makes it for the device on which it is played
+HandSource: TypeAlias = str | Path | ScriptedMotion | Callable[[Device], ScriptedMotion]
+
+
+def scripted_hand(
+    motion: str | Path | ArrayLike,
+    times: ArrayLike | None = None,
+    *,
+    buttons: Mapping[float, Sequence[str]] | None = None,
+) -> Callable[[Device], ScriptedMotion]:
+    """Make a hand for `haptic_device` from a script, a file, or poses.
+
+    Parameters
+    ----------
+    motion : str, Path or array_like, shape (n, 3) or (n, 7)
+        The text of a script (it has a line break, or begins with `start`), the path of a hand file, or positions [m],
+        with or without quaternions (x, y, z, w), at `times`.
+    times : array_like, shape (n,), optional
+        Times of the poses [s]; the hand goes straight between them and stays at the last one.
+    buttons : Mapping, optional
+        Time [s] → buttons that are pressed from then on, for poses: `{0.5: ["a"], 0.7: []}`.
+
+    Returns
+    -------
+    callable
+        (device) → the motion, checked for the device.
+
+    Raises
+    ------
+    InputError
+        If poses have no times; when the device is known: as for hand files.
+
+    Examples
+    --------
+    >>> from haptorb import load
+    >>> scripted_hand([(0, 0, 0.06), (0, 0, 0.05)], [0.0, 1.0])(load("omni")).at(0.5)[0].tolist()
+    [0.0, 0.0, 0.055]
+    """
+    if isinstance(motion, str | Path):
+        if times is not None or buttons is not None:
+            raise InputError("times and buttons are for poses; a script or file states its own")
+        if isinstance(motion, str) and ("\n" in motion or motion.lstrip().startswith("start")):
+            return partial(parse_script, motion, path="the hand's script")
+        return partial(_read, motion)
+    if times is None:
+        raise InputError("poses need times [s]: scripted_hand(poses, times)")
+    return partial(_sample, motion, times, buttons or {})
+
+
+def _read(path: str | Path, device: Device) -> ScriptedMotion:
+    motion = choose_hand(path, device, "sim", "pointer")
+    assert motion is not None
+    return motion
+
+
+def _sample(
+    poses: ArrayLike, times: ArrayLike, buttons: Mapping[float, Sequence[str]], device: Device
+) -> ScriptedMotion:
+    path = SampledPath(poses, times, upright=device.is_upright)
+    order = sorted(buttons)
+    bits = [sum(1 << "abc".index(name) for name in buttons[t]) for t in order]
+    if not device.kind.modes:
+        device.check_hand_goals(path.poses[:, :3], "the hand's path")
+    return ScriptedMotion(path, presses=(order, bits))
+
+
+def _choose_hand(hand: HandSource | None, device: Device) -> ScriptedMotion | None:
+    return hand(device) if callable(hand) else choose_hand(hand, device, "sim", "pointer")
+
+
+# --------------------------------------------------------------------------------------------------
+# The run: the chain of a servo, stepped here by its own clock, or a servo in its own process.
+
+
+class DeviceRun(ABC):
+    """A simulated device with a hand, in a `with` block of `haptic_device`.
+
+    Attributes
+    ----------
+    device : Device
+        The simulated device.
+    hand : ScriptedMotion or None
+        Motion of the hand; None: the guided motion of the kind of device.
+    """
+
+    device: Device
+    hand: ScriptedMotion | None
+
+    @property
+    @abstractmethod
+    def t(self) -> float:
+        """Time on the loop's clock [s]."""
+
+    @abstractmethod
+    def play(self, seconds: float | None = None) -> None:
+        """Let time pass.
+
+        Parameters
+        ----------
+        seconds : float, optional
+            How long [s]; None: to the end of the hand's motion.
+
+        Raises
+        ------
+        WorldError
+            If the world's code fails.
+        InputError
+            If `seconds` is negative or not finite, or is left out without a hand's motion.
+        """
+
+    @abstractmethod
+    def latest(self) -> LatestRow:
+        """Return the newest tick, by field name, in SI units.
+
+        Raises
+        ------
+        ServoError
+            Before the first tick, in real time.
+        InputError
+            Before the first tick, without real time.
+        """
+
+    @abstractmethod
+    def set_world(self, name: str, **values: Any) -> None:
+        """Render another world, or the same with other parameters, from the next tick on.
+
+        Parameters
+        ----------
+        name : str
+            Name in the catalogue, or of the world at the start.
+        **values
+            Parameters; those not given stay the same, or are the defaults of a new world.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such world or parameter.
+        InputError
+            If a value is invalid.
+        """
+
+    @property
+    @abstractmethod
+    def recording(self) -> Recording:
+        """Everything so far; also after the block."""
+
+    def _find_duration(self, seconds: float | None) -> float:
+        if seconds is None:
+            if self.hand is None:
+                raise InputError("play() needs a time [s] without a motion of the hand: play(2.0), or hand=…")
+            return max(self.hand.duration - self.t, 0.0)
+        duration = float(check_finite(seconds, "seconds"))
+        if duration < 0.0:
+            raise InputError(f"seconds must not be negative; got {seconds!r}")
+        return duration
+
+
+@final
+class _WholeDetail(StepWatch):
+    """No world reduces its detail, however long a step takes here: nobody waits for it."""
+
+    def begin(self, bound: BoundWorld) -> None:
+        """Nothing is to be taken over."""
+
+    def end(self, bound: BoundWorld) -> TickFailure:
+        """Nothing happened."""
+        return TickFailure(0)
+
+
+@final
+class _SteppedRun(DeviceRun):
+    """The chain of a servo, stepped by its own clock as fast as it computes."""
+
+    def __init__(
+        self, device: Device, world: World, hand: ScriptedMotion | None, file: Path, rate: float, seed: int,
+        choices: Mapping[str, Any],
+    ) -> None:  # fmt: skip
+        self.device, self.hand, self._file, self._rate = device, hand, file, rate
+        fit_world(world, device)
+        check_world_period(world, 1.0 / rate)
+        self._world, self._ticks = world, 0
+        self._chain = assemble(device, world, "sim", rate, seed, choices["model"], PointerTracker(), hand=hand,
+                               **{name: one for name, one in choices.items() if name != "model"})  # fmt: skip
+        self._chain.budget = _WholeDetail()
+        self._layout = self._chain.layout
+        self._rows: list[Array] = []
+        self._changes = [(0, description(world))]
+        name = name_of(world)
+        self._own = {} if type(world) is CATALOGUE.get(name) else {name: world}
+        self._first_model = self._chain.estimator.model
+        self._seed, self._choices = seed, choices
+        self._kept: Recording | None = None
+
+    @contextmanager
+    def open(self) -> Iterator[DeviceRun]:
+        """The driver is open in the block; the recording is complete after it."""
+        with self._chain.driver:
+            yield self
+        if self._rows:
+            _ = self.recording
+
+    @property
+    def t(self) -> float:
+        """Time of the next tick [s]."""
+        return self._ticks / self._rate
+
+    def play(self, seconds: float | None = None) -> None:
+        """Step the loop; a tick at the end belongs to it."""
+        last = self._ticks + round(self._find_duration(seconds) * self._rate) + (seconds is None)
+        at = self._layout
+        guard, trip = at["guard"].start, at["trip"].start
+        rows = np.full((max(last - self._ticks, 0), at.width), np.nan)
+        self._kept = None
+        for row in rows:
+            number, now = self._ticks, round(self._ticks / self._rate, 9)
+            self._chain.prepare(now)
+            self._chain.step(row, now)
+            row[at["tick"]], row[at["wall"]] = number, now
+            row[at["lateness"]] = row[at["missed"]] = row[at["stages"]] = row[at["ahead"]] = 0.0
+            bits, grip = (0, np.nan) if self.hand is None else self.hand.signals_at(now)
+            row[at["buttons"]], row[at["grip"]] = bits, grip
+            self._ticks += 1
+            if row[guard] == GuardState.TRIPPED and row[trip] in (Trip.WORLD_FAILED, Trip.MEMORY_NOT_FINITE):
+                self._rows.append(rows[: len(rows) - (last - self._ticks)])
+                raise WorldError(f"at {now:.3f} s: {self._chain.error}\nThe coils are off.")
+        self._rows.append(rows)
+
+    def latest(self) -> LatestRow:
+        """The newest tick."""
+        if not self._ticks:
+            raise InputError("no tick yet: play(seconds) lets time pass")
+        return LatestRow(self._layout, next(rows for rows in reversed(self._rows) if len(rows))[-1])
+
+    def set_world(self, name: str, **values: Any) -> None:
+        """From the next tick on."""
+        world = change_world(self._world, name, values, self._own)
+        self._chain.change_world(world)
+        self._world = world
+        self._changes.append((self._ticks, description(world)))
+
+    @property
+    def recording(self) -> Recording:
+        """All ticks so far, written to the file."""
+        if self._kept is None:
+            with self._file.open("wb") as file:
+                recorder = Recorder(file, self._layout, self._rate, 0)
+                for name, values in notes(self.device, self._describe()).items():
+                    recorder.note(name, values)
+                for change, (tick, text) in enumerate(self._changes):
+                    recorder.note("world", {"change": str(change), "tick": str(tick), "world": text})
+                for rows in self._rows:
+                    recorder.append(rows)
+                recorder.finish()
+            self._kept = Recording(self._file)
+        return self._kept
+
+    def _describe(self) -> dict[str, str]:
+        """The run, as a servo notes it."""
+        hand, choices = self.hand, self._choices
+        return {
+            "driver": "sim", "tracker": "pointer", "estimator": check_estimator(self.device, choices["estimator"]),
+            "model": self._first_model or "", "models": " ".join(self.device.models),
+            "render": choices["render"] or "", "calibration": "", "seed": str(self._seed), "rate_hz": repr(self._rate),
+            "hand": "" if hand is None else f"{hand.name} {hand.digest}".strip(), "first_world": self._changes[0][1],
+            **describe_choices(choices["gains"], choices["torque_arm"], (self._world, *self._own.values())),
+        }  # fmt: skip
+
+
+@final
+class _RealTimeRun(DeviceRun):
+    """A servo in its own process, with servers for other programs."""
+
+    def __init__(self, servo: Servo, serving: Serving) -> None:
+        self.device, self.hand, self.servo, self._serving = servo.device, servo.hand, servo, serving
+
+    @contextmanager
+    def open(self) -> Iterator[DeviceRun]:
+        """The servo runs in the block."""
+        with self.servo:
+            try:
+                self._serving.start()
+                self._serving.hold_tool()
+                yield self
+            finally:
+                self.servo.end_loop()
+                self._serving.end()
+
+    @property
+    def t(self) -> float:
+        """Time of the newest tick [s]."""
+        return float(self.servo.latest().t)
+
+    def play(self, seconds: float | None = None) -> None:
+        """Wait while the loop runs."""
+        self.servo.run(self._find_duration(seconds))
+
+    def latest(self) -> LatestRow:
+        """The newest tick."""
+        return self.servo.latest()
+
+    def set_world(self, name: str, **values: Any) -> None:
+        """From the next tick on."""
+        self.servo.set_world(name, values)
+
+    @property
+    def recording(self) -> Recording:
+        """The recording so far."""
+        return self.servo.recording
+
+
+@contextmanager
+def haptic_device(
+    device: str | Path | Device = "omni",
+    world: str | World | Callable[[State], Array] | None = None,
+    *,
+    hand: HandSource | None = None,
+    rate: float = 1000.0,
+    seed: int = 0,
+    model: str | None = None,
+    estimator: str | None = None,
+    render: str | None = None,
+    torque_arm: float | None = None,
+    grip: str = "light",
+    record: str | Path | None = None,
+    real_time: bool = False,
+    serve: Sequence[str] = (),
+) -> Iterator[DeviceRun]:
+    """Run a simulated device in a test.
+
+    Parameters
+    ----------
+    device : str, Path or Device
+        Name in the catalogue, path of a device file, or a Device.
+    world : str, World, callable or None
+        Name in the catalogue, "FILE.py:NAME", a World, or a function of a State that returns a wrench (6,) [N, N·m];
+        None: the default world of the kind of device, or the force of clients with `serve`.
+    hand : str, Path, ScriptedMotion or callable, optional
+        File or motion of `scripted_hand`; None: the guided motion of the kind of device.
+    rate : float
+        Rate of the loop [Hz].
+    seed : int
+        Seed of the simulation: it chooses the device's deviations and noise.
+    model : str, optional
+        Controller model, one of the device's `tick_models`; None: the first.
+    estimator : str, optional
+        Name of the estimator; None: the device's default.
+    render : str, optional
+        Part of the world's wrench to render, "force", "torque" or "both"; None: the part that the world defines.
+    torque_arm : float, optional
+        Length that weights torque against force if both are rendered [m]; None: 43.5 mm.
+    grip : str
+        Hand for which the coupling of a scene is chosen, as for `haptorb.Servo`.
+    record : str or Path, optional
+        File of the recording (MCAP); it is replaced. None: a temporary one, which is deleted with the run.
+    real_time : bool
+        True: a servo in its own process, by the computer's clock, as `haptorb run` has it.
+    serve : sequence of str
+        Servers for other programs, as `haptorb run --serve`; they need `real_time`.
+
+    Yields
+    ------
+    DeviceRun
+        `play` lets time pass; `recording` has all ticks, also after the block.
+
+    Raises
+    ------
+    InputError
+        If a value is invalid, or world or hand do not fit the device.
+    UnknownName
+        If a device, world, estimator or model does not exist.
+
+    Examples
+    --------
+    >>> with haptic_device("omni", "nothing", hand=scripted_hand("start 0 0 60 mm")) as run:
+    ...     run.play(0.01)
+    >>> len(run.recording)
+    10
+    """
+    found = find_device(device)
+    motion = _choose_hand(hand, found)
+    chosen, _ = choose_world(("remote" if serve else default_world(found)) if world is None else world)
+    folder = None if record is not None else tempfile.mkdtemp(prefix=TEMPORARY)
+    file = Path(record) if record is not None else Path(folder or "", "run.mcap")
+    run: _SteppedRun | _RealTimeRun
+    try:
+        if real_time:
+            choices = check_servers(list(serve))
+            servo = Servo(
+                found, add_client_force(chosen, choices), rate=rate, seed=seed, model=model, estimator=estimator,
+                render=render, torque_arm=torque_arm, grip=grip, record=file, overwrite=True, hand=motion,
+            )  # fmt: skip
+            run = _RealTimeRun(servo, Serving(choices, servo))
+        elif serve:
+            raise InputError("serve needs real_time=True: other programs have a clock of their own")
+        else:
+            setting = CouplingSetting(found, check_rate(rate), check_grip(grip), check_estimator(found, estimator))
+            run = _SteppedRun(
+                found, setting.couple(chosen), motion, file, check_rate(rate), check_seed(seed),
+                {"model": found.check_tick_model(model or found.tick_models[0]), "estimator": estimator,
+                 "render": render, "torque_arm": torque_arm, "gains": None},
+            )  # fmt: skip
+    except BaseException:
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+    if folder is not None:
+        weakref.finalize(run, shutil.rmtree, folder, ignore_errors=True)
+    with run.open():
+        yield run
