@@ -1,8 +1,8 @@
 /* The file that a running servo and the libraries share: three pages, one writer each, 8-byte words throughout.
  *
- * Page 0, facts: written once by the server before `magic`. Page 1, state: by the server after every tick, under a
- * sequence number that is odd while it writes. Both are mapped without write permission here. Page 2, command: by the
- * one process that holds `claim`, under a sequence number as well. Lengths in m, forces in N, torques in N·m, angles in
+ * Page 0, facts: written once by the server before `magic`. Page 1, states: by the server after every tick, into
+ * one of four slots in turn, so that a reader never waits for a writer. Both are mapped without write permission here.
+ * Page 2, command: by the one process that holds `claim`, under a sequence number that is odd while it writes. Lengths in m, forces in N, torques in N·m, angles in
  * rad, times in ns of CLOCK_MONOTONIC. Vectors are in the frame of Force Dimension's interface: x towards the user, y to
  * the right, z up, origin in the middle of the workspace. `src/haptorb/serve/native.py` has the same table; a test
  * compares them. */
@@ -54,14 +54,13 @@ struct facts {
 enum phase { PHASE_STARTING = 0, PHASE_RUNNING = 1, PHASE_ENDED = 2 };
 
 struct state {
-    int64_t sequence;
     int64_t tick;
     int64_t stamp;    /* when the tick of this state began */
-    int64_t phase;
     int64_t valid;    /* the pose is valid */
     int64_t guard;    /* 0 off, 1 ramping, 2 running, 3 derated, 4 tripped */
     int64_t trip;     /* code of the last trip */
     int64_t buttons;
+    int64_t joints;   /* how many joint angles the device has */
     double warmth;    /* winding temperature between ambient, 0, and the derating temperature, 1 */
     double position[3];
     double rotation[9]; /* row by row */
@@ -72,9 +71,21 @@ struct state {
     double grip_angle;
     double grip_velocity; /* [rad/s] */
     double grip_force;
-    int64_t joints;       /* how many joint angles the device has */
     double joint_angles[JOINTS_MAX];
     char trip_text[160];
+};
+
+#define SLOTS 4
+#define SLOT_SIZE 960
+
+struct states {
+    int64_t count; /* states written so far; state n is in slot n % SLOTS, and slot (n + 1) % SLOTS may be half written */
+    int64_t phase;
+    char reserved[LAYOUT_PAGE - SLOTS * SLOT_SIZE - 16];
+    struct {
+        struct state state;
+        char rest[SLOT_SIZE - sizeof(struct state)];
+    } slots[SLOTS];
 };
 
 struct command {

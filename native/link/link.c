@@ -15,7 +15,7 @@
 
 #define RUN_VARIABLE "HAPTORB_RUN" /* path of the one device that `haptorb exec` gives its program */
 #define SILENT_NS 500000000LL      /* a state so old is none any more */
-#define READ_TRIES 200
+#define READ_TRIES 10
 #define PID_BITS 22
 #define LIBRARY_BITS 2
 
@@ -227,7 +227,7 @@ static enum link_result map_device(struct link *link, char *why)
             return LINK_NO_MEMORY;
         }
         link->facts = (const struct facts *)seen;
-        link->state = (const struct state *)(seen + LAYOUT_PAGE);
+        link->states = (const struct states *)(seen + LAYOUT_PAGE);
         link->command = (struct command *)own;
         link->device = found.st_dev;
         link->inode = found.st_ino;
@@ -284,19 +284,20 @@ enum link_result link_read(struct link *link, struct state *state)
 
     if (result != LINK_OK)
         return result;
+    const struct states *states = link->states;
     for (int i = 0; i < READ_TRIES; i++) {
-        const int64_t before = __atomic_load_n(&link->state->sequence, __ATOMIC_ACQUIRE);
-        if (before & 1)
-            continue;
-        memcpy(state, link->state, sizeof *state);
+        const int64_t count = __atomic_load_n(&states->count, __ATOMIC_ACQUIRE);
+        if (count == 0)
+            break;
+        memcpy(state, &states->slots[count % SLOTS].state, sizeof *state);
         __atomic_thread_fence(__ATOMIC_ACQUIRE);
-        if (__atomic_load_n(&link->state->sequence, __ATOMIC_RELAXED) != before)
-            continue;
-        if (state->phase != PHASE_RUNNING || link_now() - state->stamp > SILENT_NS)
-            return LINK_SILENT;
+        if (__atomic_load_n(&states->count, __ATOMIC_RELAXED) - count >= SLOTS - 1)
+            continue; /* this thread was stopped meanwhile, and the slot may be the next one's */
+        if (states->phase != PHASE_RUNNING || link_now() - state->stamp > SILENT_NS)
+            break;
         return LINK_OK;
     }
-    return LINK_SILENT; /* its writer was stopped in the middle */
+    return LINK_SILENT;
 }
 
 static void name_program(char *name, size_t size)
@@ -432,7 +433,7 @@ enum link_result link_command(struct link *link, const double force[3], const do
         less = fabs(grip) > squeeze || less;
         write_command(link, wrench[0], wrench[1], fmax(fmin(grip, squeeze), -squeeze), true);
         result = less ? LINK_SATURATED : LINK_OK;
-        if (__atomic_load_n(&link->state->phase, __ATOMIC_RELAXED) != PHASE_RUNNING)
+        if (__atomic_load_n(&link->states->phase, __ATOMIC_RELAXED) != PHASE_RUNNING)
             result = LINK_SILENT;
     }
     pthread_mutex_unlock(&link->mutex);

@@ -30,7 +30,7 @@ struct link {
     bool forked;
     bool disabled; /* the program has switched its forces off itself */
     const struct facts *facts;
-    const struct state *state;
+    const struct states *states;
     struct command *command;
     uint64_t device, inode; /* of the mapped file */
     int64_t claim;          /* this library's, in this process */

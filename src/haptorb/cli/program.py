@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 import typer
 
-from haptorb.cli import calibrate, check, fit, frame, hardware, keys, recording, replay, run, show, train, view
+from haptorb.cli import calibrate, check, execute, fit, frame, hardware, keys, recording, replay, run, show, train, view
 from haptorb.errors import HaptorbError, InputError, RecordingWarning
 from haptorb.runtime.linux import Termination, raise_termination
 from haptorb.terminal import CommandLine, drop_output, open_output, say, tell, use_ascii_fallback
@@ -80,7 +80,7 @@ def _register_missing(point: EntryPoint, missing: ModuleNotFoundError) -> None:
         raise InputError(why)
 
 
-for module in (run, view, show, keys, check, recording, replay, calibrate, frame, fit, train, hardware):
+for module in (run, execute, view, show, keys, check, recording, replay, calibrate, frame, fit, train, hardware):
     module.register(app)
 for point in entry_points(group="haptorb.commands"):
     try:

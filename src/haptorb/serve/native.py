@@ -17,6 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import singledispatch
 from pathlib import Path
+from struct import Struct
 from time import monotonic, sleep
 from typing import Any, NamedTuple, final
 
@@ -33,6 +34,8 @@ __all__ = [
     "COMMAND",
     "FACTS",
     "SIZE",
+    "SLOTS",
+    "SLOT_SIZE",
     "STATE",
     "VERSION",
     "Claim",
@@ -56,8 +59,11 @@ VERSION = 1
 _MAGIC = 0x6C6E62726F747061
 _PAGE = 4096
 SIZE = 3 * _PAGE  #: of the file [bytes]
-_STATE_AT, _COMMAND_AT = _PAGE, 2 * _PAGE
-_RUNNING, _ENDED = 1, 2  # of state.phase
+_STATES_AT, _COMMAND_AT = _PAGE, 2 * _PAGE
+SLOTS, SLOT_SIZE = 4, 960  #: of states, at the end of their page
+_SLOTS_AT = 2 * _PAGE - SLOTS * SLOT_SIZE
+_COUNT, _PHASE = _STATES_AT // 8, _STATES_AT // 8 + 1  # words: states written so far, and whether the run runs
+_RUNNING, _ENDED = 1, 2
 
 #: name → (byte in its page, numbers, type: q whole, d float, s text)
 Page = dict[str, tuple[int, int, str]]
@@ -80,16 +86,20 @@ FACTS = _lay_out(
     ("grip_length", 1, "d"), ("name", 64, "s"), ("maker", 32, "s"), ("version_text", 32, "s"),
 )  # fmt: skip
 STATE = _lay_out(
-    ("sequence", 1, "q"), ("tick", 1, "q"), ("stamp", 1, "q"), ("phase", 1, "q"), ("valid", 1, "q"), ("guard", 1, "q"),
-    ("trip", 1, "q"), ("buttons", 1, "q"), ("warmth", 1, "d"), ("position", 3, "d"), ("rotation", 9, "d"),
-    ("velocity", 3, "d"), ("angular_velocity", 3, "d"), ("force", 3, "d"), ("torque", 3, "d"), ("grip_angle", 1, "d"),
-    ("grip_velocity", 1, "d"), ("grip_force", 1, "d"), ("joints", 1, "q"), ("joint_angles", 8, "d"),
-    ("trip_text", 160, "s"),
+    ("tick", 1, "q"), ("stamp", 1, "q"), ("valid", 1, "q"), ("guard", 1, "q"), ("trip", 1, "q"), ("buttons", 1, "q"),
+    ("joints", 1, "q"), ("warmth", 1, "d"), ("position", 3, "d"), ("rotation", 9, "d"), ("velocity", 3, "d"),
+    ("angular_velocity", 3, "d"), ("force", 3, "d"), ("torque", 3, "d"), ("grip_angle", 1, "d"),
+    ("grip_velocity", 1, "d"), ("grip_force", 1, "d"), ("joint_angles", 8, "d"), ("trip_text", 160, "s"),
 )  # fmt: skip
 COMMAND = _lay_out(
     ("claim", 1, "q"), ("sequence", 1, "q"), ("owner", 1, "q"), ("stamp", 1, "q"), ("enabled", 1, "q"),
     ("force", 3, "d"), ("torque", 3, "d"), ("grip_force", 1, "d"), ("program", 64, "s"),
 )  # fmt: skip
+
+
+#: all of a state but its text
+_NUMBERS = Struct("".join(f"{count}{kind}" for _, count, kind in STATE.values() if kind != "s"))
+_NO_JOINTS = (0.0,) * 8
 
 
 # --------------------------------------------------------------------------------------------------
@@ -100,6 +110,7 @@ HAS_BASE, HAS_WRIST, SIMULATED = 1, 2, 64
 _OMEGA_3, _OMEGA_6 = 33, 34  # the types of Force Dimension's interface with the same abilities
 _PROGRAM_DELAY = 2e-3  #: from a pose to the force that a program computes for it, beside the tick [s]
 _MOTOR_SCALE = 10.0  #: a motor's target moves by millimetres
+_MOTOR_REACH = 0.1  #: of its target, for a program [m]
 
 
 @dataclass(frozen=True)
@@ -118,7 +129,9 @@ class Hardware:
     workspace: tuple[float, ...]
     force: float  #: peak [N]
     continuous: float  #: [N]
-    mass: float  #: of the tool [kg]; 0: unknown
+    mass: float = 0.0  #: of the tool [kg]; 0: unknown
+    grip_length: float = 0.0  #: from a gripper's axis to thumb and finger [m]
+    grip_angle: float = 0.0  #: greatest [rad]
 
 
 @singledispatch
@@ -127,11 +140,11 @@ def describe_hardware(device: Device) -> Hardware:
     shell = device.shell
     force = device.limits.force
     if shell is None:
-        return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (0.0, 0.0, 0.0), _MOTOR_SCALE, (-0.1,) * 3 + (0.1,) * 3, force,
-                        force, 0.0)  # fmt: skip
+        box = (-_MOTOR_REACH,) * 3 + (_MOTOR_REACH,) * 3
+        return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (0.0, 0.0, 0.0), _MOTOR_SCALE, box, force, force)
     rest, reach = shell.contact_distance, shell.contact_distance + shell.thickness
     box = (-reach, -reach, -rest, reach, reach, shell.thickness)
-    return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (0.0, 0.0, rest), 1.0, box, force, force, 0.0)
+    return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (0.0, 0.0, rest), 1.0, box, force, force)
 
 
 @final
@@ -151,19 +164,19 @@ class Placement:
     def place(self, p: Any) -> tuple[float, float, float]:
         """(3,) of a position [m]."""
         x, y, z = (self.scale * (one - middle) for one, middle in zip(p, self.centre, strict=True))
-        return -y, x, z
+        return 0.0 - y, x, z  # no negative zeros for people
 
     @staticmethod
     def turn(vector: Any) -> tuple[float, float, float]:
         """(3,) of a force or any other vector, in its own unit."""
         x, y, z = vector
-        return -y, x, z
+        return 0.0 - y, x, z  # no negative zeros for people
 
     @staticmethod
     def turn_back(vector: Any) -> tuple[float, float, float]:
         """(3,) a program's force [N] in the stator's frame."""
         x, y, z = vector
-        return y, -x, z
+        return y, 0.0 - x, z
 
 
 def _turn_rotation(q: tuple[float, float, float, float]) -> tuple[float, ...]:
@@ -269,11 +282,11 @@ class NativeServer:
         self._hardware = hardware
         self._direct = not served.facts.get("modes")
         layout = served.layout
-        self._at = {name: layout[name] for name in ("t", "wall", "valid", "guard", "trip", "q", "v", "w")}
+        self._at = {name: layout[name] for name in ("t", "wall", "valid", "guard", "trip", "q", "v", "w", "winding")}
         self._at["p"] = layout["p" if self._direct else "object"]
         self._at["force"] = layout["asked" if self._direct else "object_wrench"]
         self._tick, self._t, self._p, self._known = -1, 0.0, (0.0, 0.0, 0.0), False
-        self._velocity, self._q, self._trip = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 0
+        self._velocity, self._q, self._trips = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), [0] * SLOTS
         self._claim, self._session, self._sequence = 0, 0, 0
         self._commander: _Commander | None = None
         self._commands, self._counted_at, self._counted = 0, monotonic(), 0
@@ -301,7 +314,8 @@ class NativeServer:
             "capabilities": hardware.capabilities | simulated, "serial": os.getppid() & 0xFFFF, "rate": rate,
             "workspace": hardware.workspace, "force_max": min(hardware.force, self._find_limit()),
             "force_continuous": min(hardware.continuous, self._find_limit()), "stiffness_max": stiffness,
-            "mass": hardware.mass, "name": f"haptorb {device.name}", "maker": "haptorb", "version_text": __version__,
+            "mass": hardware.mass, "grip_length": hardware.grip_length, "grip_angle_max": hardware.grip_angle,
+            "name": f"haptorb {device.name}", "maker": "haptorb", "version_text": __version__,
         }  # fmt: skip
         for name, value in values.items():
             self._store(0, FACTS[name], value)
@@ -336,30 +350,32 @@ class NativeServer:
         code = n[at["trip"].start]
         trip = int(code) if math.isfinite(code) else 0
         place, turn = self._placement.place, self._placement.turn
-        force = n[at["force"]]
-        floats, words = self._floats, self._words
-        start = _STATE_AT // 8
-        sequence = words[start] | 1
-        words[start] = sequence
-        wall, guard = n[at["wall"].start], n[at["guard"].start]
-        values = {
-            "tick": self._tick, "stamp": int(1e9 * wall) if math.isfinite(wall) else 0, "phase": _RUNNING,
-            "valid": int(n[at["valid"].start] == 1.0), "guard": int(guard) if math.isfinite(guard) else 0, "trip": trip,
-            "buttons": served.button_bits,
-        }  # fmt: skip
-        for name, value in values.items():
-            words[start + STATE[name][0] // 8] = value
-        numbers = (
+        force, wall, guard = n[at["force"]], n[at["wall"].start], n[at["guard"].start]
+        number = self._words[_COUNT] + 1
+        slot = _SLOTS_AT + SLOT_SIZE * (number % SLOTS)
+        _NUMBERS.pack_into(
+            self._bytes, slot,
+            self._tick, int(1e9 * wall) if math.isfinite(wall) else 0, n[at["valid"].start] == 1.0,
+            int(guard) if math.isfinite(guard) else 0, trip, served.button_bits, 0, self._find_warmth(n[at["winding"]]),
             *place(self._p), *_turn_rotation(self._q), *turn(self._velocity), *turn(_finite(n[at["w"]])),
-            *turn(_finite(force[:3])), *turn(_finite(force[3:])),
+            *turn(_finite(force[:3])), *turn(_finite(force[3:])), self._find_grip_angle(served.grip), 0.0, 0.0,
+            *_NO_JOINTS,
         )  # fmt: skip
-        first = start + STATE["position"][0] // 8
-        for i, number in enumerate(numbers):
-            floats[first + i] = number
-        if trip != self._trip:
-            self._trip = trip
-            self._store(_STATE_AT, STATE["trip_text"], _explain_trip(trip))
-        words[start] = sequence + 1
+        if trip != self._trips[number % SLOTS]:
+            self._trips[number % SLOTS] = trip
+            self._store(slot, STATE["trip_text"], _explain_trip(trip))
+        self._words[_PHASE], self._words[_COUNT] = _RUNNING, number
+
+    def _find_warmth(self, windings: list[float]) -> float:
+        heat = self.served.device.coils.heat
+        warmest = max(_finite(windings), default=0.0)
+        return min(max((warmest - heat.ambient) / (heat.derate - heat.ambient), 0.0), 1.0)
+
+    def _find_grip_angle(self, opening: float) -> float:
+        length = self._hardware.grip_length
+        if length == 0.0 or not math.isfinite(opening):
+            return 0.0
+        return 2.0 * math.asin(min(max(0.5 * opening / length, 0.0), 1.0))
 
     def _note_pose(self, n: list[float]) -> None:
         """Keep the last pose that was valid, and its velocity; a target's is the way since the row before."""
@@ -450,8 +466,7 @@ class NativeServer:
     def close(self) -> None:
         """Programs see that the run has ended."""
         self._change_commander(0)
-        start = _STATE_AT // 8
-        self._words[start + STATE["phase"][0] // 8] = _ENDED
+        self._words[_PHASE] = _ENDED
 
 
 def _explain_trip(code: int) -> str:

@@ -9,9 +9,9 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from haptorb.errors import DriverError
+from haptorb.errors import DriverError, InputError
 
-__all__ = ["NAMES", "find_libraries"]
+__all__ = ["NAMES", "find_libraries", "lay_out"]
 
 _SHIPPED = Path(__file__).parent / "libraries"  # in the wheel for Linux on x86-64
 _SOURCES = Path(__file__).resolve().parents[3] / "native"  # in the clone
@@ -53,3 +53,27 @@ def find_libraries() -> tuple[Path, Path]:
     if done.returncode:
         raise DriverError(f"the native libraries cannot be built: make -C {_SOURCES}\n{done.stderr.strip()[-1500:]}")
     return _SOURCES / "build", _SOURCES / "include"
+
+
+def lay_out(folder: Path, *, replace: bool = False) -> None:
+    """Put the libraries into `folder`: lib, include, and lib/release/lin-MACHINE-gcc, where some programs look.
+
+    Raises InputError if a file of that name is there already, unless it may be replaced.
+    """
+    libraries, headers = find_libraries()
+    lib, machine = folder / "lib", f"lin-{platform.machine()}-gcc"
+    try:
+        (lib / "release").mkdir(parents=True, exist_ok=True)
+        for name, target in [*NAMES.items(), (f"release/{machine}", "..")]:
+            path = lib / name
+            if path.is_symlink() or path.exists():
+                if not replace:
+                    raise InputError(f"{path} is there already; choose another folder, or replace it with --force")
+                path.unlink()
+            if target:
+                path.symlink_to(target)
+            else:
+                shutil.copyfile(libraries / name, path)
+        shutil.copytree(headers, folder / "include", dirs_exist_ok=True)
+    except OSError as cause:
+        raise InputError(f"{cause.filename or folder} cannot be written: {cause.strerror}") from cause

@@ -39,13 +39,24 @@ class ServedFile:
         self.preparation = prepare(where)
         self.path = Path(self.preparation.address)
         self.run = {"HAPTORB_RUN": str(self.path)}
+        self._fields: dict[str, Any] = {"p": (0.0, 0.0, 0.05)}
+        self._over = threading.Event()
+        self._publisher = threading.Thread(target=self._publish, daemon=True)
         self._descriptors = [os.dup(one) for one in self.preparation.descriptors]
         self._thread = threading.Thread(
             target=serve, args=(self.preparation.spec, self._descriptors, self.loop.served), daemon=True
         )
 
     def publish(self, **fields: Any) -> None:
-        self.loop.publish(**fields)
+        """These fields are in all rows from now on, one every 5 ms."""
+        self._fields = fields
+        count = self.loop.count
+        while self.loop.count < count + 2:
+            sleep(0.001)
+
+    def _publish(self) -> None:
+        while not self._over.wait(0.005):
+            self.loop.publish(**self._fields)
 
     def receive(self) -> tuple[list[float], float]:
         return self.loop.receive()
@@ -62,7 +73,7 @@ class ServedFile:
 
     def __enter__(self) -> Self:
         self.loop.__enter__()
-        self.loop.publish(p=(0.0, 0.0, 0.05))
+        self._publisher.start()
         self._thread.start()
         end = monotonic() + 5.0
         while not any(self.path.read_bytes()[4096:4104]):
@@ -73,6 +84,8 @@ class ServedFile:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.loop.served.ending = True
         self._thread.join(5.0)
+        self._over.set()
+        self._publisher.join(5.0)
         self.preparation.close()
         for one in self._descriptors:
             os.close(one)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.serve.native import COMMAND, FACTS, SIZE, STATE, VERSION
+from haptorb.serve.native import COMMAND, FACTS, SIZE, SLOT_SIZE, SLOTS, STATE, VERSION
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -32,12 +32,14 @@ def test_both_sides_have_the_same_table(tmp_path: Path) -> None:
     source = tmp_path / "layout.c"
     source.write_text(
         '#include "layout.h"\n#include <stddef.h>\n#include <stdio.h>\nint main(void)\n{\n'
-        f'printf("version %d %d\\n", LAYOUT_VERSION, LAYOUT_SIZE);\n{lines}{sizes}return 0;\n}}\n'
+        'printf("%d %d %zu %zu\\n", LAYOUT_VERSION, LAYOUT_SIZE, sizeof(struct states), '
+        "offsetof(struct states, slots));\n"
+        f"{lines}{sizes}return 0;\n}}\n"
     )
     program = tmp_path / "layout"
     subprocess.run(["cc", "-Werror", f"-I{ROOT / 'native/link'}", "-o", program, source], check=True)
     said = subprocess.run([program], capture_output=True, text=True, check=True).stdout.splitlines()
-    assert said[0] == f"version {VERSION} {SIZE}"
+    assert said[0] == f"{VERSION} {SIZE} 4096 {4096 - SLOTS * SLOT_SIZE}"
     found = {f"{page} {name}": rest for page, name, rest in (line.split(" ", 2) for line in said[1:])}
     for page, table in (("facts", FACTS), ("state", STATE), ("command", COMMAND)):
         at, count, kind = list(table.values())[-1]

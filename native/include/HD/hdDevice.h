@@ -1,0 +1,2 @@
+/* Part of the interface: all of it is in hd.h. */
+#include "hd.h"
