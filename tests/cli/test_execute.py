@@ -58,8 +58,8 @@ def test_openhaptics_program(tmp_path: Path) -> None:
         def callback():
             place = hd.get_transform()[3][:3]
             places.append(place[1])
-            floor[:] = floor or [place[1] + 1.0]
-            push = max(0.2 * (floor[0] - place[1]), 0.0)
+            floor[:] = floor or [place[1] + 2.0]
+            push = max(0.03 * (floor[0] - place[1]), 0.0)
             hd.set_force([0, push, 0])
             pushes.append(push)
             buttons.append(hd.get_buttons())
@@ -68,7 +68,9 @@ def test_openhaptics_program(tmp_path: Path) -> None:
         time.sleep(1.0)
         name, vendor = hd.get_model(), hd.get_vendor()
         device.close()
-        print(json.dumps([name, vendor, len(places), max(buttons), pushes[-1], places[-1] - places[0]]))
+        half = len(places) // 2
+        push, raised = sum(pushes[half:]) / (len(pushes) - half), sum(places[half:]) / (len(places) - half) - places[0]
+        print(json.dumps([name, vendor, len(places), max(buttons), push, raised]))
         sys.exit(7)
         """)
     )
@@ -78,10 +80,10 @@ def test_openhaptics_program(tmp_path: Path) -> None:
     name, vendor, count, buttons, push, raised = json.loads(done.stdout.splitlines()[-1])
     assert (name, vendor, buttons) == ("haptorb omni", "haptorb", 0)
     assert count > 50  # 1000 where a processor is free
-    assert 0.0 < push < 0.2
+    assert 0.0 < push <= 0.06
     assert raised > 0.0, "the floor raises a tool that is held loosely"
     asked = np.asarray(Recording(recording)["asked"])
-    assert asked[:, 2].max() == pytest.approx(push, abs=0.05)
+    assert 0.0 < asked[:, 2].max() < 0.1
     assert abs(asked[-50:]).max() == 0.0, "the force ends with the program"
 
 
