@@ -25,7 +25,7 @@ from haptorb.cli.inspect import report_errors
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load
 from haptorb.estimation.calibration import Calibration
-from haptorb.runtime.assembly import estimator_of
+from haptorb.estimation.registry import make_estimator
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import SimDriver
 
@@ -67,7 +67,7 @@ def count_coverage(
         trial = next(trials)
         believed = calibrate_trial(device, trial, seed + number, estimator).apply(device)
         try:
-            error = run_loop(believed, estimator_of(believed, estimator, None), trial, seed + number)
+            error = run_loop(believed, make_estimator(believed, estimator, None), trial, seed + number)
         except NoWrench:
             refused += 1
             continue

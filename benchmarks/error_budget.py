@@ -26,14 +26,15 @@ from haptorb.analysis.error_budget import ErrorBudget, WrenchBand
 from haptorb.arrays import Array
 from haptorb.cli.inspect import report_errors
 from haptorb.cli.progress import build_tables
+from haptorb.control.allocation import make_allocator
 from haptorb.devices.base import Device, rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.motor import SphericalMotor
+from haptorb.estimation.registry import make_estimator
 from haptorb.estimation.types import Estimator, Pose, Sample
 from haptorb.magnetics.magnets import RingMagnet
 from haptorb.rotations import quaternion, rotation_from_euler
-from haptorb.runtime.assembly import allocator_of, estimator_of
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.trackers.base import Goal
@@ -216,7 +217,7 @@ def run_loop(device: Device, estimator: Estimator, trial: Trial, seed: int) -> A
         return wrench
 
     world = FunctionWorld(lambda state: ask(round(state.t * RATE)))
-    tick = Tick(device, world, driver, estimator, allocator_of(device), 1 / RATE)
+    tick = Tick(device, world, driver, estimator, make_allocator(device), 1 / RATE)
     row = np.empty(tick.layout.width)
     with driver:
         for number in range(TICKS):
@@ -249,10 +250,10 @@ def count_coverage(
     components = ((0,), (1,), (2,)) if known else ((2,), (0, 1))
     names = (*budget.components, "size")
     inside, tried = (np.zeros((len(budget.bands), len(names))) for _ in range(2))
-    estimator, refused = estimator_of(device, budget.estimator, None), 0
+    estimator, refused = make_estimator(device, budget.estimator, None), 0
     for number in range(devices):
         if not known:  # a motor's takes long to make, and finds its way from one motor to the next
-            estimator = estimator_of(device, budget.estimator, None)
+            estimator = make_estimator(device, budget.estimator, None)
         trial = next(trials)
         try:
             error = run_loop(device, estimator, trial, seed + number)

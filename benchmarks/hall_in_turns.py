@@ -31,9 +31,9 @@ from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError
+from haptorb.estimation.registry import make_estimator
 from haptorb.estimation.sensor_calibration import without_errors
 from haptorb.estimation.types import Estimator
-from haptorb.runtime.assembly import estimator_of
 from haptorb.runtime.drivers.board_emulator import EmulatedDevice, Emulator
 from haptorb.runtime.drivers.serial import SerialDriver
 from haptorb_papers.reproduce.zarate2020.hall_position import clamp_tool, shell_places
@@ -73,7 +73,7 @@ def tracker_of(device: SphericalElectromagnet, driving: bool, seed: int) -> Esti
     rng = np.random.default_rng(seed)
     scale = CALIBRATED * driving * np.linalg.norm(device.moment_per_current, axis=0)
     moments = device.moment_per_current + scale * rng.standard_normal(device.moment_per_current.shape)
-    return estimator_of(replace(without_errors(device), moment_per_current=moments), "hall", None, in_turns=True)
+    return make_estimator(replace(without_errors(device), moment_per_current=moments), "hall", None, in_turns=True)
 
 
 def errors(place: Array, driving: bool, run: _Run, ticks: int, number: int) -> Array:

@@ -18,6 +18,7 @@ from haptorb import worlds
 from haptorb.devices.loader import load
 from haptorb.errors import HaptorbError
 from haptorb.runtime.assembly import assemble
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.terminal import Column, TextTable, make_console, print_table
 from haptorb.worlds.base import World
@@ -34,7 +35,7 @@ def rest_on(device: str, world: World, rest: float = REST, start: float = 0.0) -
     `start` [s] of the guided motion; at MOVED the hand is at rest from the beginning.
     """
     known = load(device)
-    tick = assemble(known, world, "sim", RATE, 0, None, PointerTracker())
+    tick = assemble(RunConfig(device=known, world=world, rate=RATE), PointerTracker())
     row, at = tick.layout.empty(), tick.layout["currents"]
     squares, looks = np.zeros(known.channels), 0
     with tick.driver:

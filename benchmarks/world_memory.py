@@ -25,6 +25,7 @@ from haptorb.compiled import kernel
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.runtime.assembly import assemble
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.tick import Tick
 from haptorb.worlds import DynamicWorld, MemoryField, World
@@ -82,7 +83,7 @@ class Runner:
     """A simulated Omni under `world`."""
 
     def __init__(self, world: World) -> None:
-        self.tick: Tick = assemble(load("omni"), world, "sim", 1 / _DT, 0, None, PointerTracker())
+        self.tick: Tick = assemble(RunConfig(device=load("omni"), world=world, rate=1 / _DT), PointerTracker())
         self.row, self.n = self.tick.layout.empty(), 0
         self.tick.driver.open()
         self.run(500)

@@ -11,7 +11,8 @@ import sys
 
 import haptorb
 from haptorb import worlds
-from haptorb.runtime.assembly import default_world, estimators_of
+from haptorb.estimation.registry import list_estimators
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.warm_up import Compilation
 
 
@@ -20,8 +21,8 @@ def compile_all(name: str) -> None:
     with haptorb.Servo(name, record=False) as servo:
         servo.run(seconds=0.1)
     device = haptorb.load(name)
-    for estimator in estimators_of(device):
-        made = Compilation(device, worlds.CATALOGUE[default_world(device)](), estimator)
+    for estimator in tuple(list_estimators(device)):
+        made = Compilation(RunConfig(device=device, world=worlds.CATALOGUE[device.kind.world](), estimator=estimator))
         for _ in made.compile_controller():
             pass
     for _ in made.compile_catalogue(str):

@@ -12,8 +12,10 @@ from haptorb import worlds
 from haptorb.devices.base import Device
 from haptorb.devices.electromagnet import electromagnet
 from haptorb.devices.loader import load
+from haptorb.estimation.registry import list_estimators
 from haptorb.estimation.sensor_calibration import without_errors
-from haptorb.runtime.assembly import default_world, estimators_of, make_tick
+from haptorb.runtime.assembly import make_tick
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.shared_memory import SLOTS
 from haptorb.runtime.tick_state import TickState
@@ -34,7 +36,7 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     out = []
     for name, estimator, limit in _CHAINS:
         device = load(name)
-        if estimator not in estimators_of(device):
+        if estimator not in tuple(list_estimators(device)):
             continue
         tell(f"{name}, {estimator}")
         whole, chain, snapshots = _time_ticks(device, estimator, max(int(6000 * effort), 400))
@@ -55,8 +57,8 @@ def _time_ticks(device: Device, estimator: str, ticks: int) -> tuple[list[float]
     if estimator == "hall":
         device = without_errors(electromagnet(device))  # calibrated sensors: the tool is found in every tick
     driver = SimDriver(simulate(device, 0), _DT, seed=0)
-    world = worlds.CATALOGUE[default_world(device)]()
-    tick = make_tick(device, world, driver, 1.0 / _DT, None, estimator=estimator)
+    world = worlds.CATALOGUE[device.kind.world]()
+    tick = make_tick(RunConfig(device=device, world=world, rate=1.0 / _DT, estimator=estimator), driver)
     row = tick.layout.empty()
     stages = tick.layout["stages"]
     state = TickState(tick)

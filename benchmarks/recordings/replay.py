@@ -21,7 +21,7 @@ from typing import Any
 
 from haptorb.devices.loader import load
 from haptorb.errors import HaptorbError
-from haptorb.runtime.assembly import check_estimator, estimators_of
+from haptorb.estimation.registry import check_estimator, list_estimators
 
 _PROGRAM = "import sys; from haptorb.cli.program import main; sys.exit(main())"
 _HOUR = 3600.0
@@ -32,7 +32,7 @@ def list_cases() -> list[str]:
     found = []
     for name in ("omni", "pmsm"):
         device = load(name)
-        for estimator in estimators_of(device):
+        for estimator in tuple(list_estimators(device)):
             try:
                 check_estimator(device, estimator)
             except HaptorbError:

@@ -20,8 +20,9 @@ import numpy as np
 
 from haptorb.devices.loader import load
 from haptorb.runtime import tick as module
-from haptorb.runtime.assembly import assemble, default_world
+from haptorb.runtime.assembly import assemble
 from haptorb.runtime.black_box import EVERY
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.shared_memory import SLOTS
 from haptorb.runtime.tick import Tick
@@ -51,7 +52,7 @@ def do_nothing(*given: Any) -> None:
 def measure_device(name: str, ticks: int) -> dict[str, float]:
     """Times of a tick [µs], and what the replay's part of it is [1]."""
     device = load(name)
-    tick = assemble(device, find_world(default_world(device))(), "sim", 1000.0, 0, None, PointerTracker())
+    tick = assemble(RunConfig(device=device, world=find_world(device.kind.world)()), PointerTracker())
     parts: list[tuple[Any, str, Callable[..., None]]] = [
         (module, "fill_pose", module.fill_pose), (TickLog, "fill", TickLog.fill),
     ]  # fmt: skip

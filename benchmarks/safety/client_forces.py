@@ -33,6 +33,7 @@ from haptorb.devices.loader import load
 from haptorb.estimation.types import Pose
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.assembly import assemble
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.shared_memory import Phase, SharedMemory
 from haptorb.runtime.trackers.base import Goal, Tracker
 from haptorb.runtime.world_change import description
@@ -96,7 +97,7 @@ class Setting:
         self.clients = [Client(), Client(), Client()]
         self.sessions: list[Any] = [self.service.open("127.0.0.1"), self.service.open("127.0.0.1")]
         self.other_session = self.other.open_session()
-        self.tick = assemble(self.device, WORLDS[0], "sim", 1.0 / DT, seed, None, Hand())
+        self.tick = assemble(RunConfig(device=self.device, world=WORLDS[0], rate=1.0 / DT, seed=seed), Hand())
         self.world = WORLDS[0]
         self.shared.announce_world(description(self.world))
         self.tick.driver.open()

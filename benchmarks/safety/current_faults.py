@@ -19,11 +19,13 @@ from dataclasses import replace
 import numpy as np
 
 from haptorb import worlds
+from haptorb.control.allocation import make_allocator
+from haptorb.control.linkage import make_linkage
 from haptorb.control.trips import Trip
 from haptorb.devices.base import Device
 from haptorb.devices.loader import load
 from haptorb.devices.motor import SphericalMotor
-from haptorb.runtime.assembly import allocator_of, check_estimator, estimator_of, linkage_of
+from haptorb.estimation.registry import check_estimator, make_estimator
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.pointer import PointerTracker
@@ -94,9 +96,9 @@ def chain(device: Device, built: Device, world: str, seed: int) -> tuple[Tick, L
         tracker.guide = HandleMotion()
     off = 0.0 if built is device else 0.005 * float(device.coils.current_limit[0])
     driver = Lying(SimDriver.of(built, DT, tracker.goal, seed), 1.0 if built is device else 1.02, off)
-    estimator = estimator_of(device, check_estimator(device, None), None)
+    estimator = make_estimator(device, check_estimator(device, None), None)
     kind = worlds.find_world(world)()
-    return Tick(device, kind, driver, estimator, allocator_of(device), DT, linkage_of(device)), driver
+    return Tick(device, kind, driver, estimator, make_allocator(device), DT, make_linkage(device)), driver
 
 
 def run(tick: Tick, ticks: int, start: int = 0) -> Iterator[int]:

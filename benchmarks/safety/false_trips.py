@@ -89,7 +89,7 @@ class Judge:
             pauses, known, computed = [0.0] * 30, 0, 0.0
             try:
                 while (t := monotonic() - start) < seconds:
-                    servo.point(place(t, distance))
+                    servo.hand.point(place(t, distance))
                     pauses = [*pauses[1:], monotonic() - last]
                     last, self._held_up = monotonic(), max(self._held_up, pauses[-1])
                     for tripped in servo.trips[known:]:

@@ -19,10 +19,12 @@ from itertools import cycle
 import numpy as np
 
 from haptorb.arrays import Array
+from haptorb.control.allocation import make_allocator
+from haptorb.control.linkage import make_linkage
 from haptorb.control.trips import Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.runtime.assembly import allocator_of, estimator_of, linkage_of
+from haptorb.estimation.registry import make_estimator
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.trackers.base import Goal
@@ -54,7 +56,13 @@ def try_case(steps: tuple[int, ...], seconds: float) -> tuple[float, float, floa
     goal = Goal(np.array([0.0, 0.0, device.contact_distance]), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, False)
     driver = SimDriver.of(device, MS, lambda now: goal)
     tick = Tick(
-        device, Push(), driver, estimator_of(device, "tracker", None), allocator_of(device), MS, linkage_of(device)
+        device,
+        Push(),
+        driver,
+        make_estimator(device, "tracker", None),
+        make_allocator(device),
+        MS,
+        make_linkage(device),
     )
     row = tick.layout.empty()
     error, above, longest, count = 0.0, -np.inf, 0.0, 0

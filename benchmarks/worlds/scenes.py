@@ -74,7 +74,7 @@ def time_ticks(seconds: float) -> dict[str, Any]:
             site.start()
             while time.monotonic() < end:
                 a = 0.35 * np.sin(1.3 * time.monotonic())
-                servo.point([0.056 * np.sin(a), 0.01 * np.cos(time.monotonic()), 0.056 * np.cos(a)])
+                servo.hand.point([0.056 * np.sin(a), 0.01 * np.cos(time.monotonic()), 0.056 * np.cos(a)])
                 time.sleep(0.02)
             site.join()
             report = servo.report()

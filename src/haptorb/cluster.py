@@ -7,6 +7,7 @@ checks the version of its worker, so that one that joins later cannot bring othe
 from __future__ import annotations
 
 import os
+import pickle
 import re
 import site
 import sys
@@ -25,6 +26,7 @@ from threading import RLock
 from typing import Any, TypeVar, cast
 
 from haptorb.errors import HaptorbError, InputError
+from haptorb.own_code import pickle_with_code
 from haptorb.version import __version__
 
 __all__ = [
@@ -307,6 +309,18 @@ def append_folders(folders: Iterable[str]) -> None:
         folder = os.path.abspath(one)
         if folder not in sys.path:
             sys.path.append(folder)  # safety: folders-last
+
+
+def pack(what: Any) -> bytes:
+    """`what` pickled with its code and with the folders in which its modules were found, for a process of this run."""
+    return pickle.dumps(([os.path.abspath(one) for one in sys.path], pickle_with_code(what)))
+
+
+def unpack(content: bytes) -> Any:
+    """What was given to `pack`; only for what a process of this run has just packed."""
+    folders, packed = pickle.loads(content)
+    append_folders(folders)
+    return pickle.loads(packed)
 
 
 # --------------------------------------------------------------------------------------------------

@@ -288,13 +288,12 @@ class Chooser:
             device = find_base(design)
         else:
             device = build_device(design, self._table.found[row][1].values, self._table.name(row), override=True)
-        compute = device.kind.part("tables")
-        if compute is not None and "tables" not in vars(device):
+        if not device.is_prepared:
 
             def report(done: int, total: int) -> None:
                 self.selection.report(f"Computing its exact torque and field: {100 * done // max(total, 1)} %.")
 
-            vars(device)["tables"] = compute(device, report)
+            device.prepare(report)
         self.selection.report("The first start after an installation compiles code: about 15 s on two cores.")
         return device
 

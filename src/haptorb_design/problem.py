@@ -390,7 +390,7 @@ def _check_schema(tables: DeviceTables, key: str, path: list[str | int]) -> None
     """InputError unless the file of such a device may have the key, though this one has not."""
     kind = tables.values.get("kind")
     if isinstance(kind, str):
-        model = kind_of_name(kind).require_part("file", tables.name, "a device file")
+        model = kind_of_name(kind).require_file(tables.name)
         if find_key(model, [part - 1 if isinstance(part, int) else part for part in path]) is not None:
             return
     known = list(dict.fromkeys(_list_keys(tables.values, "")))

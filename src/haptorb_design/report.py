@@ -18,7 +18,6 @@ from haptorb.cli.drawing import SectionPlane, draw_section, draw_space
 from haptorb.cli.inspect import card
 from haptorb.cli.progress import build_tables
 from haptorb.devices.base import Device
-from haptorb.devices.geometry import Geometry
 from haptorb.display import format_number
 from haptorb.errors import InputError
 from haptorb.files import open_regular, replace_files
@@ -65,7 +64,7 @@ def draw_beside(device: Device, base: Device) -> bytes:
     spaces: list[Any] = []
     entries: dict[str, Any] = {}
     for column, (name, one) in enumerate((("this design", device), (f"base device: {base.name}", base))):
-        geometry: Geometry = one.kind.require_part("geometry", one.name, "`haptorb design report`")(one)
+        geometry = one.require_geometry("`haptorb design report`")
         section = figure.add_subplot(places[0, column])
         entries |= draw_section(section, geometry, SectionPlane())
         section.set_title(f"Section, {name}", loc="left", fontsize=11)
@@ -124,7 +123,7 @@ def make_best(table: ResultsTable, row: int, reason: str) -> BestDesign:
     name = table.name(row)
     device = build_device(table.design, found.values, name, override=True)
     base = find_base(table.design)
-    drawn = device.kind.part("geometry") is not None and base.kind.part("geometry") is not None
+    drawn = device.geometry() is not None and base.geometry() is not None
     return BestDesign(
         row, name, reason, write_device_text(table.design, found.values, name), _print_card(device),
         draw_beside(device, base) if drawn else b"",

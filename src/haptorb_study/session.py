@@ -441,7 +441,7 @@ class TrialDevice:
             theta, phi = hypot(x, y), atan2(y, x)
             way = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
             # A little above contact: the hand rests on the dome, it does not dig in.
-            self.servo.point(way * self.contact, patience=_PATIENCE)
+            self.servo.hand.point(way * self.contact, patience=_PATIENCE)
 
     @property
     def position(self) -> tuple[float, float, float] | None:

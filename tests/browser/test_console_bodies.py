@@ -72,7 +72,7 @@ def test_a_ball_rolls_on_the_page_where_the_servo_has_it_and_leaves_with_its_wor
     spots = find_spots(screen)
     # The tool comes down onto the ball, which gives way.
     for tilt in np.linspace(0.5, -0.3, 40):
-        servo.point([0.05 * np.sin(tilt), 0.0, 0.05 * np.cos(tilt)])
+        servo.hand.point([0.05 * np.sin(tilt), 0.0, 0.05 * np.cos(tilt)])
         screen.page.wait_for_timeout(15)
     screen.until(f"Math.hypot(haptorb.shapes()[0][0] - {first[0]}, haptorb.shapes()[0][1] - {first[1]}) > 0.002")
     assert not screen.page.locator("#legend").is_visible()  # the dome has no colours: nothing to scale

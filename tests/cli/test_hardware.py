@@ -214,7 +214,7 @@ def test_a_servo_hands_on_that_there_is_no_monostable(monkeypatch: pytest.Monkey
     asked: list[object] = []
     monkeypatch.setattr("haptorb.runtime.drivers.i2c.I2cDriver", lambda *_, watchdog, **__: asked.append(watchdog))
     for told in ({}, {"watchdog": False}):
-        Servo("omni", "dome", driver="i2c:1", record=False, **told)._plan.assemble(
+        Servo("omni", "dome", driver="i2c:1", record=False, **told)._make_plan().assemble(
             PointerTracker.__new__(PointerTracker)
         )
     assert asked == [True, False]

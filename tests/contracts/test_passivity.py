@@ -8,9 +8,12 @@ import pytest
 from haptorb import worlds
 from haptorb.analysis.stability import GRIPS
 from haptorb.cli.check_world import PoseDelay
+from haptorb.control.allocation import make_allocator
 from haptorb.devices.electromagnet import Hand
 from haptorb.devices.loader import load
-from haptorb.runtime.assembly import allocator_of, assemble, estimator_of
+from haptorb.estimation.registry import make_estimator
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import ImperfectTracker, SimDriver
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.tick import Tick
@@ -35,7 +38,7 @@ def rows_of(tick, seconds, *fields):
 def test_a_passive_world_stays_untouched_in_a_well_sampled_loop(name):
     """Zero injection over the guided motion, landing, sliding and circling: not little, none."""
     device = load(HOMES[name])
-    tick = assemble(device, worlds.find_world(name)(), "sim", 1000.0, 0, None, PointerTracker())
+    tick = assemble(RunConfig(device=device, world=worlds.find_world(name)()), PointerTracker())
     seconds = 4.0 if HOMES[name] == "omni" else 1.5
     energy, balance, injected, softened = rows_of(tick, seconds, "energy", "balance", "injected", "softened")
     assert not injected.any()
@@ -75,7 +78,7 @@ def push_across(world, tracker_rate, latency, seconds=2.5, grip_name="light"):
         return Goal(middle + np.array([1e-3 * leaning, 0, 0]), upright, now, False)
 
     driver = ImperfectTracker(SimDriver.of(device, 1e-3, goal), PoseDelay(tracker_rate, latency))
-    tick = Tick(device, world, driver, estimator_of(device, "tracker", "exact"), allocator_of(device), 1e-3)
+    tick = Tick(device, world, driver, make_estimator(device, "tracker", "exact"), make_allocator(device), 1e-3)
     p, injected, softened = rows_of(tick, seconds, "p", "injected", "softened")[[0, 3, 4]]
     return p, np.maximum(injected, softened)
 

@@ -17,6 +17,7 @@ from trackers import SUBJECTS, FeedSubject, NatNet, Osc, Subject, natnet_frame
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.runtime.assembly import assemble
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.trackers.feed_tracker import PREDICTION
 from haptorb.worlds import find_world
 
@@ -157,7 +158,7 @@ def test_a_tracker_that_falls_silent_ramps_down_latches_and_waits_for_a_person(n
     subject = SUBJECTS[name](tmp_path)
     omni = load("omni")
     dt = 1e-3
-    tick = assemble(omni, find_world("dome")(), "sim", 1.0 / dt, 0, None, subject.tracker)
+    tick = assemble(RunConfig(device=omni, world=find_world("dome")(), rate=1.0 / dt), subject.tracker)
     layout, row = tick.layout, tick.layout.empty()
     at, slope, took = np.array([0.0, 0.0, 0.049]), [], 0.0
     with tick.driver:

@@ -18,7 +18,7 @@ def select_parts(found, role: str):
 
 
 def geometry(device):
-    return device.kind.part("geometry")(device)
+    return device.geometry()
 
 
 def change(text, *changes):

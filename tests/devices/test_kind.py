@@ -1,39 +1,64 @@
-"""Every part that a kind's record names is there, and nothing else in `src` asks for the class of a device."""
+"""What differs between kinds of device is registered for its class, and nothing else in `src` asks for the class."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import fields
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from haptorb.devices.base import DeviceKind, kind_names, kind_of_name, load_part
-from haptorb.devices.electromagnet import electromagnet
+from haptorb.analysis.coupling import hold_mover
+from haptorb.analysis.error_sources import error_model
+from haptorb.analysis.workspace import workspace
+from haptorb.cli.check_world import boundary
+from haptorb.cli.inspect import card
+from haptorb.control.allocation import describe_choice, has_choice, make_allocator, make_choice
+from haptorb.control.linkage import make_linkage
+from haptorb.devices.base import Device, kind_of_name
+from haptorb.devices.coil_array import CoilArray
+from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load
-from haptorb.devices.motor import motor
+from haptorb.devices.motor import SphericalMotor, motor
 from haptorb.errors import InputError
+from haptorb.estimation.registry import list_estimators
+from haptorb.simulation.base import simulate
+from haptorb.simulation.hand import guide_hand
+from haptorb.web.session import describe_scene
 
-KINDS = [kind_of_name(name) for name in kind_names()]
-PARTS = [
-    field.name for field in fields(DeviceKind) if field.name not in ("name", "title", "world", "modes", "contacts")
-]
+CLASSES = (SphericalElectromagnet, SphericalMotor, CoilArray)
 
 
-@pytest.mark.parametrize("part", PARTS)
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
-def test_every_part_is_where_the_record_says(kind: DeviceKind, part: str) -> None:
-    found = kind.part(part)
-    assert (found is None) == (getattr(kind, part) is None)
-    assert found is None or callable(found)
+@pytest.mark.parametrize("name", ["omni", "pmsm", "planar"])
+def test_every_function_answers_for_every_kind(name: str) -> None:
+    device = load(name)
+    assert make_allocator(device).allocate
+    assert (make_choice(device) is not None) == has_choice(device) == (name != "pmsm")
+    assert make_linkage(device).modes == device.kind.modes
+    assert "tracker" in list_estimators(device)
+    assert guide_hand(device).at(0.0)[0].shape == (3,)
+    assert simulate(device, 3).device is device
+    assert describe_scene(device)["kind"] in ("dome", "motor", "plate")
+    assert workspace(device).places.shape[1] == 3
+    assert device.geometry() is not None
+
+
+@pytest.mark.parametrize(
+    "function",
+    [make_allocator, make_choice, describe_choice, make_linkage, list_estimators, guide_hand, simulate, describe_scene,
+     workspace, hold_mover, error_model, card, boundary],
+    ids=lambda one: one.__name__,
+)  # fmt: skip
+def test_only_classes_of_devices_are_registered(function: Any) -> None:
+    assert set(function.registry) <= {object, *CLASSES} | {one for one in function.registry if issubclass(one, Device)}
+    assert any(one in function.registry for one in CLASSES)
 
 
 def test_a_device_names_its_kind() -> None:
     assert load("omni").kind is kind_of_name("spherical-electromagnet")
     assert load("pmsm").kind is kind_of_name("spherical-motor")
-    assert load("pmsm").kind.part("linkage")(load("pmsm"), None).modes == load("pmsm").kind.modes
-    assert load("omni").kind.part("linkage")(load("omni"), None).modes == load("omni").kind.modes
-    assert load_part(len) is len
 
 
 def test_a_program_for_one_kind_says_so() -> None:
@@ -52,3 +77,51 @@ def test_nothing_else_asks_for_the_class_of_a_device(root: Path) -> None:
         if asks.search(line)
     ]
     assert found == []
+
+
+SCRIPT = """
+import sys
+from dataclasses import dataclass, fields
+from typing import ClassVar
+from haptorb import load
+from haptorb.control.allocation import LeastSquaresAllocator, make_allocator
+from haptorb.devices import DeviceKind
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.runtime import plan
+from haptorb.runtime.config import RunConfig
+from haptorb.devices.base import own_implementations
+from haptorb.worlds import Nothing
+from pathlib import Path
+
+@dataclass(frozen=True, kw_only=True)
+class Mine(SphericalElectromagnet):
+    kind: ClassVar[DeviceKind] = DeviceKind(name="mine", title="device of a script", world="nothing")
+
+@make_allocator.register(Mine)
+def allocate_half(device):
+    return LeastSquaresAllocator.force(0.5 * device.coils.current_limit)
+
+omni = load("omni")
+mine = Mine(**{one.name: getattr(omni, one.name) for one in fields(omni)})
+config = RunConfig(device=mine, world=Nothing())
+plan.save(plan.Plan(config, {}, own_implementations(mine)), Path(sys.argv[1]))
+"""
+READER = """
+import sys
+from pathlib import Path
+from haptorb.control.allocation import make_allocator
+from haptorb.runtime import plan
+device = plan.load(Path(sys.argv[1])).config.device
+print(type(device).__name__, make_allocator(device).limits.tolist() if hasattr(make_allocator(device), "limits")
+      else make_allocator.dispatch(type(device)).__name__)
+"""
+
+
+def test_a_kind_that_a_script_defines_reaches_the_process_of_the_loop_with_its_implementations(tmp_path: Path) -> None:
+    script = tmp_path / "mine.py"
+    script.write_text(SCRIPT)
+    subprocess.run([sys.executable, str(script), str(tmp_path / "plan")], check=True, timeout=120)
+    read = subprocess.run(
+        [sys.executable, "-c", READER, str(tmp_path / "plan")], check=True, timeout=120, capture_output=True, text=True
+    )
+    assert read.stdout.split() == ["Mine", "allocate_half"]

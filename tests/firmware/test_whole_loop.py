@@ -13,8 +13,8 @@ from haptorb.control.allocation import LeastSquaresAllocator
 from haptorb.control.trips import GuardState
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
+from haptorb.estimation.registry import make_estimator
 from haptorb.estimation.sensor_calibration import without_errors
-from haptorb.runtime.assembly import estimator_of
 from haptorb.runtime.drivers.base import Driver, invalid_pose
 from haptorb.runtime.drivers.board_emulator import EmulatedDevice, Emulator
 from haptorb.runtime.drivers.serial import SerialDriver
@@ -58,7 +58,7 @@ def test_a_dome_is_felt_through_the_real_firmware(
 
     def chain(through: Driver) -> Tick:
         allocator = LeastSquaresAllocator.force(omni.coils.current_limit, compensate_passive=True)
-        estimator = estimator_of(omni, tracker, "exact", in_turns=True)
+        estimator = make_estimator(omni, tracker, "exact", in_turns=True)
         return Tick(omni, Dome(), through, estimator, allocator, 1e-3)
 
     tick = chain(driver)

@@ -33,7 +33,7 @@ from haptorb.errors import DriverError, HaptorbError
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.assembly import assemble
 from haptorb.runtime.clock import Schedule
-from haptorb.runtime.commands import Commands
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.loop import Loop
 from haptorb.runtime.pointer import PointerTracker
@@ -45,6 +45,7 @@ from haptorb_study import pages
 from haptorb_study.pages import SessionManager
 from haptorb_study.procedures import Prompt
 from haptorb_study.study_file import study_of
+from oracles.loop_host import make_host
 
 RATE, START = 1000.0, 1_000_000_000
 DEEDS, GAPS = 8, (0, 0, 1, 1, 2, 7)
@@ -93,28 +94,23 @@ class Failing(Driver):
         return self.inner.target()
 
 
-class Host(Commands):
-    """The servo as console and study hold it, over memory that the loop reads; its time is the loop's."""
-
-    driver, tracker, alive, rate = "sim", "pointer", True, 1000.0
+class Host:
+    """The servo as console and study use it, over memory that the loop reads; its time is the loop's."""
 
     def __init__(self, shared: SharedMemory) -> None:
-        self.device, self.modes, self.layout, self._model = load("omni"), (), shared.layout, "exact"
-        super().__init__(find_world("dome")())
+        self._servo = make_host(shared, "dome")
         self._shared, self.now, self._changes = shared, 0.0, 0
 
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._servo, name)
+
     @property
-    def _memory_or_none(self) -> SharedMemory:
-        return self._shared
+    def hand(self) -> Host:
+        """It takes the commands to the hand itself."""
+        return self
 
-    def _check_compiler(self) -> None:
-        return
-
-    def _compile_world(self, name: str) -> None:
-        return
-
-    def check(self) -> None:
-        return
+    def release(self) -> None:
+        self._servo.hand.release()
 
     def open(self) -> None:
         return
@@ -222,7 +218,7 @@ class Trial:
         self.shared.words[Word.HEARTBEAT] = START
         self.schedule = Schedule(RATE, START)
         tracker = PointerTracker(self.shared.pointer, START * 1e-9)
-        self.chain = assemble(omni, find_world("dome")(), "sim", RATE, seed, None, tracker)
+        self.chain = assemble(RunConfig(device=omni, world=find_world("dome")(), rate=RATE, seed=seed), tracker)
         self.chain.driver = self.device = Failing(self.chain.driver)
         self.host = Host(self.shared)
         self.aio = WoundLoop()

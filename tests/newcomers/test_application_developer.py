@@ -20,7 +20,7 @@ def spring(state):
     return np.append(force, np.zeros(3))
 
 with haptorb.Servo("omni", spring, record=False) as servo:
-    servo.hold((0.0, 0.0, 0.052))
+    servo.hand.hold((0.0, 0.0, 0.052))
     servo.run(seconds=0.6)
     row = servo.latest()
     print(servo)
@@ -28,7 +28,7 @@ with haptorb.Servo("omni", spring, record=False) as servo:
     print("asked", row.asked[2], row.units["asked"], "given", row["given"][2], "coils", row.temperature.max(), "K")
     assert abs(row.asked[2] - 20.0 * (0.06 - row.p[2])) < 0.02
     assert abs(row.given[2] - row.asked[2]) < 0.03
-    servo.follow([(0.0, 0.0, 0.052), (0.01, 0.0, 0.055)], times=[0.0, 0.3])
+    servo.hand.follow([(0.0, 0.0, 0.052), (0.01, 0.0, 0.055)], times=[0.0, 0.3])
     servo.run(seconds=0.6)
     row = servo.latest()
     assert np.allclose(row.target, (0.01, 0.0, 0.055)), row.target
@@ -49,7 +49,7 @@ async def main():
     ticker = asyncio.create_task(tick(ticks))
     async with haptorb.Servo("omni", "dome", record=False) as servo:
         started = len(ticks)
-        servo.hold((0.0, 0.0, 0.05))
+        servo.hand.hold((0.0, 0.0, 0.05))
         await servo.wait(0.3)
         async for row in servo.watch(every=0.02):
             rows.append(row.t)
@@ -91,8 +91,8 @@ refuse(lambda: haptorb.Servo("omny"), "did you mean 'omni'")
 refuse(lambda: haptorb.Servo("omni", "dme"), "did you mean 'dome'")
 refuse(lambda: haptorb.Servo("omni", 3), "function of a State")
 with haptorb.Servo("omni", "dome", record=False) as servo:
-    refuse(lambda: servo.point((0, 0, 50)), "50 mm are 0.05")
-    refuse(lambda: servo.hold((0, 0, float("nan"))), "finite")
+    refuse(lambda: servo.hand.point((0, 0, 50)), "50 mm are 0.05")
+    refuse(lambda: servo.hand.hold((0, 0, float("nan"))), "finite")
     refuse(lambda: servo.set_world("dome", {"momment": 1}), "did you mean 'moment'")
     refuse(lambda: servo.latest()["giben"], "did you mean 'given'")
     servo.run(seconds=0.1)

@@ -155,7 +155,7 @@ def load_devices() -> None:
 
     for device in DEVICES:
         servo = Servo(device, record=False)
-        chain, row = servo._plan.practice(PointerTracker()), servo.layout.empty()
+        chain, row = servo._make_plan().practice(PointerTracker()), servo.layout.empty()
         with chain.driver:
             for tick in range(10):
                 chain.prepare(1e-3 * tick)

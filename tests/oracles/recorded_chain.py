@@ -12,9 +12,9 @@ from haptorb import Recording
 from haptorb.arrays import Array
 from haptorb.devices.loader import load
 from haptorb.recording.mcap import Recorder
-from haptorb.runtime.assembly import assemble, check_estimator, default_world
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.pointer import PointerTracker
-from haptorb.runtime.servo import describe_choices, notes
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.world_change import description
 from haptorb.worlds import find_world
@@ -42,9 +42,10 @@ def record_chain(
     change: what is done to the rows (n, width) before they are written.
     """
     device = load(device_name)
-    world = world or find_world(default_world(device))()
-    tick = assemble(device, world, "sim", RATE, 7, None, PointerTracker(), estimator=estimator, **choices)
-    layout, now, first_model = tick.layout, 0.0, tick.estimator.model
+    world = world or find_world(device.kind.world)()
+    config = RunConfig(device=device, world=world, rate=RATE, seed=7, estimator=estimator, **choices)
+    tick = assemble(config, PointerTracker())
+    layout, now = tick.layout, 0.0
     rows = np.full((ticks, layout.width), np.nan)
     changes = [(0, description(world))]
     with tick.driver:
@@ -61,16 +62,9 @@ def record_chain(
             row[layout["lateness"]] = row[layout["missed"]] = 0.0
     if change is not None:
         change(rows)
-    run = {
-        "driver": "sim", "tracker": "pointer", "estimator": check_estimator(device, estimator),
-        "model": first_model, "models": " ".join(device.models), "render": choices.get("render") or "",
-        "calibration": "", "seed": "7",
-        "rate_hz": repr(RATE), "first_world": changes[0][1],
-        **describe_choices(choices.get("gains"), choices.get("torque_arm"), (world, *own)),
-    }  # fmt: skip
     with path.open("wb") as file:
         recorder = Recorder(file, layout, RATE, 0)
-        for name, values in notes(device, run).items():
+        for name, values in config.notes(own).items():
             recorder.note(name, values)
         for change_number, (number, text) in enumerate(changes):
             recorder.note("world", {"change": str(change_number), "tick": str(number), "world": text})

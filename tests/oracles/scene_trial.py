@@ -16,12 +16,13 @@ import numpy as np
 from haptorb.analysis.coupling import ASSUMED, CouplingSetting
 from haptorb.arrays import Array
 from haptorb.cli.check_world import PoseDelay
-from haptorb.control.linkage import MODES
+from haptorb.control.allocation import make_allocator
+from haptorb.control.linkage import MODES, make_linkage
 from haptorb.devices.base import Device, State
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import Hand, SphericalElectromagnet
+from haptorb.estimation.registry import check_estimator, make_estimator
 from haptorb.estimation.sensor_calibration import without_errors
-from haptorb.runtime.assembly import allocator_of, check_estimator, estimator_of, linkage_of
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import ImperfectTracker, SimDriver
 from haptorb.runtime.tick import Tick
@@ -132,8 +133,8 @@ def try_scene(
         late = ASSUMED if setting.latency is None else setting.latency
         driver = ImperfectTracker(driver, PoseNoise(NOISE, seed), PoseDelay(TRACKER_RATE, late))
     estimator = check_estimator(device, setting.estimator if moved else None)
-    estimator_used = estimator_of(device, estimator, None)
-    tick = Tick(device, scene, driver, estimator_used, allocator_of(device), dt, linkage_of(device))
+    estimator_used = make_estimator(device, estimator, None)
+    tick = Tick(device, scene, driver, estimator_used, make_allocator(device), dt, make_linkage(device))
     tick.budget = detail = _RandomDetail(change_every / dt, seed)
     row, layout = tick.layout.empty(), tick.layout
     given, asked, place = row[layout["given"]], row[layout["asked"]], simulation.state()

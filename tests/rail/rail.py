@@ -12,10 +12,12 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from haptorb import Device, Pose, Sample, Simulation, State, WrenchMap
-from haptorb.control.allocation import Allocator, LeastSquaresAllocator
+from haptorb.control.allocation import Allocator, LeastSquaresAllocator, make_allocator
 from haptorb.devices import DeviceFile, DeviceKind
 from haptorb.devices import quantity as q
 from haptorb.devices.schema import Positive, Section
+from haptorb.simulation.base import simulate
+from haptorb.web.session import describe_scene
 
 MU0 = 4e-7 * np.pi
 STEP = 5e-4  #: of the simulation [s]
@@ -51,6 +53,7 @@ class Rail(Device):
         return WrenchMap(matrix, np.zeros(6))
 
 
+@simulate.register(Rail)
 class RailSimulation(Simulation):
     """Currents behind resistance and inductance; a mass with friction on the hand's spring."""
 
@@ -104,11 +107,13 @@ class RailSimulation(Simulation):
         return np.round(np.clip(np.nan_to_num(duties), -1, 1) * steps) / steps
 
 
+@make_allocator.register(Rail)
 def allocate_along_rail(device: Rail) -> Allocator:
     """Least squares over the force along x alone: the rail carries the others."""
     return LeastSquaresAllocator(device.coils.current_limit, weights=(1, 0, 0, 0, 0, 0))
 
 
+@describe_scene.register(Rail)
 def describe_rail(device: Rail) -> dict[str, Any]:
     """For the console: a scene that its page does not know, so it draws axes and a marker."""
     return {"kind": "rail", "rest": [0.0, 0.0, 0.0], "travel": device.travel}
@@ -138,13 +143,5 @@ class RailFile(DeviceFile):
         return Rail(**self.common(), **self.rail.model_dump(), assumed=assumed, digest=digest)
 
 
-RAIL = DeviceKind(
-    name="rail",
-    title="magnet on a rail",
-    world="wall",
-    allocator=allocate_along_rail,
-    simulation=RailSimulation,
-    file=f"{__name__}:RailFile",
-    scene=describe_rail,
-)
+RAIL = DeviceKind(name="rail", title="magnet on a rail", world="wall", file=f"{__name__}:RailFile")
 Rail.kind = RAIL

@@ -19,9 +19,11 @@ from haptorb.errors import DriverError
 from haptorb.estimation import network as network_file
 from haptorb.estimation import registry
 from haptorb.estimation.network import train, write_networks
+from haptorb.estimation.registry import list_estimators
 from haptorb.recording.row import RowLayout
 from haptorb.replay.replay import Replay
-from haptorb.runtime.assembly import assemble, estimators_of
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.tick import Tick, WorldBudget
 from haptorb.runtime.tick_log import MODEL, TickCommand, TickFailure
@@ -32,7 +34,7 @@ from haptorb.worlds.user_world import FunctionWorld
 from oracles.recorded_chain import Deed, record_chain
 
 OMNI = RowLayout.of(load("omni"))
-CASES = [(name, estimator) for name in ("omni", "pmsm") for estimator in estimators_of(load(name))]
+CASES = [(name, estimator) for name in ("omni", "pmsm") for estimator in tuple(list_estimators(load(name)))]
 
 
 @pytest.fixture
@@ -143,7 +145,7 @@ def test_commands_are_noted_in_the_tick_that_obeys() -> None:
         5: lambda tick: tick.stop(),
         7: _both(lambda tick: tick.engage(), lambda tick: tick.change_model(1)),
     }
-    tick = assemble(load("omni"), Nothing(), "sim", 1000.0, 0, None, PointerTracker())
+    tick = assemble(RunConfig(device=load("omni"), world=Nothing()), PointerTracker())
     row, told = tick.layout.empty(), []
     with tick.driver:
         for number in range(10):

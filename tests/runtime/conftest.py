@@ -20,6 +20,7 @@ import haptorb
 from haptorb.control.trips import GuardState, Trip
 from haptorb.recording.row import RowLayout
 from haptorb.runtime import servo as servo_module
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.servo import Servo
 from haptorb.worlds.dynamic import make_client_force
@@ -144,17 +145,8 @@ def _making(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
         log = folder / f"driver{len(made)}.log"
         wants = dict(behaviour or {})
 
-        def assemble(
-            device: Any,
-            world: Any,
-            driver: str,
-            rate: float,
-            seed: int,
-            model: str | None,
-            tracker: Any,
-            **others: Any,
-        ) -> FakeChain:
-            return FakeChain(layout, world, log, tracker, **wants)
+        def assemble(config: RunConfig, tracker: Any) -> FakeChain:
+            return FakeChain(layout, config.world, log, tracker, **wants)
 
         monkeypatch.setattr(servo_module, "assemble", assemble)
         servo = Servo(device, arguments.pop("world", "nothing"), **arguments)
@@ -184,7 +176,7 @@ def servos(tmp_path_factory: pytest.TempPathFactory, quick_starts: None) -> Iter
             with pytest.MonkeyPatch.context() as patch:
                 make = stack.enter_context(_making(tmp_path_factory.mktemp("running"), patch))
                 servo: Servo = make(world="dome", record=False).servo
-            servo.open()
+                servo.open()
             return servo
 
         yield start
@@ -210,8 +202,8 @@ def ended(tmp_path_factory: pytest.TempPathFactory, quick_starts: None) -> Itera
     whether it was `alive`, and the `words` of its driver."""
     with pytest.MonkeyPatch.context() as patch, _making(tmp_path_factory.mktemp("ended"), patch) as make:
         made = make(rate=500.0)
-        patch.undo()
         with made.servo as servo:
+            patch.undo()  # it has started
             cursor, made.ticks = 0, []
             end = time.monotonic() + 0.5
             while time.monotonic() < end:

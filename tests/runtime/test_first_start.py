@@ -21,14 +21,15 @@ import gc, sys
 from numba.core.dispatcher import Dispatcher
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.servo import Servo
+from haptorb.runtime.warm_up import Compilation
 
 servo = Servo(sys.argv[1], record=False)
-compilation = servo._plan.compilation
+compilation = Compilation(servo.config)
 kernels = lambda: {(thing.py_func.__module__, thing.py_func.__qualname__, str(signature))
                    for thing in gc.get_objects() if isinstance(thing, Dispatcher) for signature in thing.overloads}
 parts = sum(1 for _ in compilation.compile_controller())
 compiled = kernels()
-chain, row = servo._plan.practice(PointerTracker()), servo.layout.empty()
+chain, row = servo._make_plan().practice(PointerTracker()), servo.layout.empty()
 with chain.driver:
     for tick in range(5):
         chain.prepare(tick * 1e-3)
@@ -53,7 +54,7 @@ def test_the_controller_is_compiled_as_the_loop_uses_it(device: str) -> None:
 
 @pytest.mark.parametrize("what", [CONTROLLER, CATALOGUE])
 def test_it_is_a_program_that_ends(what: str, tmp_path: Path) -> None:
-    plan.save(Servo("omni", record=False)._plan, tmp_path / PLAN)
+    plan.save(Servo("omni", record=False)._make_plan(), tmp_path / PLAN)
     (tmp_path / WANTED).write_text("button", encoding="utf-8")
     command = [sys.executable, "-m", "haptorb.runtime.first_start", what, str(tmp_path)]
     assert subprocess.run([*command, "0"], check=False, timeout=300).returncode == 1  # nobody's child

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,14 +15,16 @@ from haptorb.errors import InputError, UnknownName
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.assembly import assemble
 from haptorb.runtime.clock import Schedule
-from haptorb.runtime.commands import Commands
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.liveness import SILENCE, STARVATION, ProcessorWait
 from haptorb.runtime.loop import Loop
 from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.servo import Servo
 from haptorb.runtime.shared_memory import SharedMemory, Word
 from haptorb.worlds import find_world
 from haptorb.worlds.user_world import FunctionWorld
+from oracles.loop_host import make_host
 
 RAMPING, RUNNING, TRIPPED = int(GuardState.RAMPING), int(GuardState.RUNNING), int(GuardState.TRIPPED)
 RATE = 1000.0
@@ -67,50 +70,22 @@ class Script:
             yield number
 
 
-class Host(Commands):
-    """What a host says, into memory that a loop reads."""
-
-    def __init__(self, shared: SharedMemory) -> None:
-        self.device, self.modes, self.models, self._model = (
-            load("omni"),
-            (),
-            ("exact", "point-coils", "published"),
-            "exact",
-        )
-        self.driver = "sim"
-        super().__init__(find_world("nothing")())
-        self._shared = shared
-
-    @property
-    def _memory_or_none(self) -> SharedMemory:
-        return self._shared
-
-    def check(self) -> None:
-        return
-
-    def _check_compiler(self) -> None:
-        return
-
-    def _compile_world(self, name: str) -> None:
-        raise AssertionError(f"the code of {name} is there")
-
-
-def states_after(*deeds: Callable[[Host], None], apart: int = 50) -> list[int]:
+def states_after(*deeds: Callable[[Servo], None], apart: int = 50) -> list[int]:
     """State of the guard before the first deed, and `apart` ticks after each."""
     omni, world = load("omni"), find_world("dome")()
     shared = SharedMemory.create(RowLayout.of(omni))
     states: list[int] = []
     try:
-        host = Host(shared)
+        host = make_host(shared)
 
-        def do(deed: Callable[[Host], None] | None) -> None:
+        def do(deed: Callable[[Servo], None] | None) -> None:
             latest = shared.ring.latest()
             assert latest is not None
             states.append(int(latest[shared.layout["guard"]][0]))
             if deed is not None:
                 deed(host)
 
-        chain = assemble(omni, world, "sim", RATE, 0, None, PointerTracker())
+        chain = assemble(RunConfig(device=omni, world=world, rate=RATE), PointerTracker())
         script = {400 + apart * n: partial(do, deed) for n, deed in enumerate([*deeds, None])}
         clock = WoundClock(shared, Script(script, 401 + apart * len(deeds)), beating=True)
         chain.driver.open()
@@ -125,7 +100,7 @@ def test_simulated_coils_cool_when_the_host_says_so_and_real_ones_are_refused() 
     shared = SharedMemory.create(RowLayout.of(omni))
     warmest: list[float] = []
     try:
-        host = Host(shared)
+        host = make_host(shared)
 
         def look() -> None:
             latest = shared.ring.latest()
@@ -136,14 +111,14 @@ def test_simulated_coils_cool_when_the_host_says_so_and_real_ones_are_refused() 
             look()
             host.cool()
 
-        chain = assemble(omni, world, "sim", RATE, 0, None, PointerTracker())
+        chain = assemble(RunConfig(device=omni, world=world, rate=RATE), PointerTracker())
         clock = WoundClock(shared, Script({2500: cool, 2503: look}, 2504), beating=True)
         chain.driver.open()
         Loop(chain, world, shared, RATE, os.getppid()).run(clock)
         before, after = warmest
         assert before > omni.coils.heat.ambient + 0.5
         assert after < omni.coils.heat.ambient + 0.3
-        host.driver = "serial:/dev/ttyUSB0"
+        host.config = replace(host.config, driver="serial:/dev/ttyUSB0")
         with pytest.raises(InputError, match="only simulated coils can be cooled at once"):
             host.cool()
     finally:
@@ -178,8 +153,8 @@ def test_a_world_that_fails_again_in_the_first_tick_after_engage_is_another_trip
     world = FunctionWorld(brittle)
     shared = SharedMemory.create(RowLayout.of(omni))
     try:
-        host = Host(shared)
-        chain = assemble(omni, world, "sim", RATE, 0, None, PointerTracker())
+        host = make_host(shared)
+        chain = assemble(RunConfig(device=omni, world=world, rate=RATE), PointerTracker())
         clock = WoundClock(shared, Script({400: break_it, 450: host.engage, 500: host.engage}, 550), beating=True)
         chain.driver.open()
         Loop(chain, world, shared, RATE, os.getppid()).run(clock)
@@ -192,12 +167,10 @@ def test_a_world_that_fails_again_in_the_first_tick_after_engage_is_another_trip
 def test_another_model_is_inverted_from_the_next_tick_on() -> None:
     seen: list[float] = []
 
-    def see(host: Host) -> None:
-        latest = host._memory_or_none.ring.latest()
-        assert latest is not None
-        seen.append(latest[host._memory_or_none.layout["model"]][0])
+    def see(host: Servo) -> None:
+        seen.append(host.latest()["model"])
 
-    def choose(host: Host) -> None:
+    def choose(host: Servo) -> None:
         see(host)
         with pytest.raises(UnknownName, match="did you mean 'published'"):
             host.set_model("publishd")
@@ -210,11 +183,11 @@ def test_another_model_is_inverted_from_the_next_tick_on() -> None:
 
 
 def test_stop_and_engage_in_one_tick_are_taken_in_their_order() -> None:
-    def stop_then_engage(host: Host) -> None:
+    def stop_then_engage(host: Servo) -> None:
         host.stop()
         host.engage()
 
-    def engage_then_stop(host: Host) -> None:
+    def engage_then_stop(host: Servo) -> None:
         host.engage()
         host.stop()
 
@@ -238,7 +211,7 @@ def test_a_simulated_device_trips_for_slow_ticks_and_not_for_a_busy_computer(sim
         states.append(latest[shared.layout["guard"]][0])
 
     try:
-        chain = assemble(omni, world, "sim", RATE, 0, None, PointerTracker())
+        chain = assemble(RunConfig(device=omni, world=world, rate=RATE), PointerTracker())
         chain.driver.simulated = simulated
         script = Script({700: look}, 701)
         ticks = (n if n < 400 else 400 + 3 * (n - 400) for n in script)  # only every third deadline is met
@@ -263,7 +236,7 @@ def run(ticks: Iterable[int], beating: bool, *, simulated: bool = True) -> tuple
     shared = SharedMemory.create(RowLayout.of(omni))
     try:
         shared.words[Word.HEARTBEAT] = BEAT
-        chain = assemble(omni, world, "sim", RATE, 0, None, PointerTracker())
+        chain = assemble(RunConfig(device=omni, world=world, rate=RATE), PointerTracker())
         chain.driver.simulated = simulated
         loop = Loop(chain, world, shared, RATE, os.getppid())
         clock = WoundClock(shared, ticks, beating)

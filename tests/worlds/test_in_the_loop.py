@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from haptorb.analysis.stability import GRIPS
+from haptorb.control.allocation import make_allocator
 from haptorb.devices.electromagnet import Hand
 from haptorb.devices.loader import load
-from haptorb.runtime.assembly import allocator_of, estimator_of
+from haptorb.estimation.registry import make_estimator
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.trackers.base import Goal
@@ -24,7 +25,7 @@ def run(world, place, seconds, *fields):
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     device = replace(omni, hand=held)
     driver = SimDriver.of(device, DT, lambda now: Goal(np.asarray(place(now)), upright, now, False))
-    tick = Tick(device, world, driver, estimator_of(device, "tracker", "exact"), allocator_of(device), DT)
+    tick = Tick(device, world, driver, make_estimator(device, "tracker", "exact"), make_allocator(device), DT)
     row, out = tick.layout.empty(), []
     with tick.driver:
         for n in range(round(seconds / DT)):

@@ -10,11 +10,12 @@ import numpy as np
 from haptorb.analysis.stability import HandGrip
 from haptorb.arrays import Array, Records
 from haptorb.cli.check_world import PoseDelay
+from haptorb.control.allocation import make_allocator
 from haptorb.devices.base import State
 from haptorb.devices.electromagnet import Hand, SphericalElectromagnet
+from haptorb.estimation.registry import make_estimator
 from haptorb.estimation.sensor_calibration import without_errors
 from haptorb.estimation.types import Pose
-from haptorb.runtime.assembly import allocator_of, estimator_of
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import ImperfectTracker, PoseDistortion, SimDriver
 from haptorb.runtime.tick import Tick
@@ -94,7 +95,7 @@ def run_trial(
     driver: Driver = SimDriver(simulation, dt, person.goal, seed=seed)
     if sensing == "tracker":
         driver = ImperfectTracker(driver, PoseNoise(NOISE, seed), PoseDelay(TRACKER_RATE, LATENCY))
-    tick = Tick(held, world, driver, estimator_of(held, sensing, None), allocator_of(held), dt)
+    tick = Tick(held, world, driver, make_estimator(held, sensing, None), make_allocator(held), dt)
     row, layout = tick.layout.empty(), tick.layout
     count, first = round(duration * rate), round(_BEGIN * rate)
     places, forces = np.empty((count - first, 3)), np.empty((count - first, 3))

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, singledispatch
 
 import numpy as np
 
 from haptorb.analysis.stability import GRIPS, HandGrip, SampledLoop
 from haptorb.control.linkage import MOTOR_GAINS
-from haptorb.devices.base import Device
+from haptorb.devices.base import Device, device_function
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.motor import SphericalMotor
@@ -61,20 +61,21 @@ class HeldMover:
     strongest: float = math.inf
 
 
+@device_function
+@singledispatch
 def hold_mover(device: Device, hand: HandGrip) -> HeldMover:
-    """`hand` on the mover of `device`. Raises InputError for a kind of device that a scene cannot be coupled to."""
-    hold = device.kind.part("hold")
-    if hold is None:
-        raise InputError(f"device '{device.name}' ({device.kind.title}) has neither a tool nor a rotor for a scene")
-    held: HeldMover = hold(device, hand)
-    return held
+    """`hand` on the mover of `device`, by its kind. Raises InputError for a kind that a scene cannot be coupled to."""
+    raise InputError(f"device '{device.name}' ({device.kind.title}) has neither a tool nor a rotor for a scene")
 
 
+@hold_mover.register(CoilArray)
+@hold_mover.register(SphericalElectromagnet)
 def hold_tool(device: SphericalElectromagnet | CoilArray, hand: HandGrip) -> HeldMover:
     """`hand` on a tool, on which forces are rendered."""
     return HeldMover(hand.with_mass(device.tool.mass), strongest=device.limits.force)
 
 
+@hold_mover.register(SphericalMotor)
 def hold_rotor(device: SphericalMotor, hand: HandGrip) -> HeldMover:
     """`hand` on a handle, which moves a target in both modes by the default gains."""
     arm, gains = device.rotor.handle_length, MOTOR_GAINS

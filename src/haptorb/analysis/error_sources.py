@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import NamedTuple, Protocol, TypeVar, final
+from functools import cached_property, singledispatch
+from typing import Any, NamedTuple, Protocol, TypeVar, final
 
 import numpy as np
 from scipy.special import ndtr
@@ -17,7 +17,7 @@ from haptorb.control.array_allocation import array_allocator
 from haptorb.control.capability import array_capability, motor_capability
 from haptorb.control.guard import make_coils
 from haptorb.devices import tables
-from haptorb.devices.base import Device, State, WrenchMap, rotation_to_axis
+from haptorb.devices.base import Device, State, WrenchMap, device_function, rotation_to_axis, unsupported
 from haptorb.devices.coil_array import CoilArray, array_wrench, place_coils
 from haptorb.devices.electromagnet import (
     COILS_AS_POINTS,
@@ -63,6 +63,7 @@ __all__ = [
     "array_errors",
     "current_sources",
     "describe_share",
+    "error_model",
     "find_origin",
     "magnet_warmth",
     "motor_errors",
@@ -991,6 +992,23 @@ class EddyLag(ErrorSource[ToolTrial]):
         trial.turning = deviates[2:]
 
 
+@device_function
+@singledispatch
+def error_model(
+    device: Device,
+    asked: float | None = None,
+    estimator: str | None = None,
+    calibration: Calibration | None = None,
+) -> ErrorModel[Any, Any]:
+    """The error model of `device` for a commanded wrench of `asked` [N or N·m], by its kind.
+
+    None: half of the smallest peak in the workspace, the default estimator, no calibration. Raises InputError for a
+    kind without an error model, and for what the device cannot give or have; UnknownName for another estimator.
+    """
+    raise unsupported(device, "`haptorb inspect --errors`", error_model)
+
+
+@error_model.register(SphericalElectromagnet)
 def tool_errors(
     device: SphericalElectromagnet,
     asked: float | None = None,
@@ -1296,6 +1314,7 @@ class TrackedOrientation(ErrorSource[MotorTrial]):
         trial.turn += self._standard * deviates
 
 
+@error_model.register(SphericalMotor)
 def motor_errors(
     device: SphericalMotor,
     asked: float | None = None,
@@ -1536,6 +1555,7 @@ class ToolOrientation(ErrorSource[ArrayTrial]):
         trial.turn += self._standard * deviates
 
 
+@error_model.register(CoilArray)
 def array_errors(
     device: CoilArray,
     asked: float | None = None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import singledispatch
 from typing import final
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from haptorb.analysis.stability import Field, HandGrip, Steepest, Steepness
 from haptorb.arrays import Array
 from haptorb.control.linkage import MOTOR_GAINS
-from haptorb.devices.base import Device, State, rotation_to_axis
+from haptorb.devices.base import Device, State, device_function, rotation_to_axis, unsupported
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.motor import SphericalMotor
@@ -66,17 +67,20 @@ class Workspace:
     turning_grip: Callable[[HandGrip], HandGrip] | None = None
 
 
+@device_function
+@singledispatch
 def workspace(device: Device) -> Workspace:
-    """The workspace of `device`; InputError where its kind does not say it."""
-    found: Workspace = device.kind.require_part("workspace", device.name, "`haptorb check --world`")(device)
-    return found
+    """The workspace of `device`, by its kind. Raises InputError for a kind that does not state it."""
+    raise unsupported(device, "`haptorb check --world`", workspace)
 
 
+@workspace.register(SphericalElectromagnet)
 def shell_workspace(device: SphericalElectromagnet) -> Workspace:
     """The shell over a dome, where a hand moves a tool [m]."""
     return _go_over_dome(device, device.contact_distance, device.shell_thickness, device.workspace_half_angle)
 
 
+@workspace.register(CoilArray)
 def array_workspace(device: CoilArray) -> Workspace:
     """Where a hand moves the tool of a coil array [m]: over its dome, radially, or over its plate, upright."""
     surface, near = device.surface, device.contact_height
@@ -174,6 +178,7 @@ def _hold_turning(device: SphericalElectromagnet | CoilArray) -> Callable[[HandG
     return lambda grip: HandGrip(inertia + grip.mass * square, grip.damping * square, grip.stiffness * square)
 
 
+@workspace.register(SphericalMotor)
 def tilt_workspace(device: SphericalMotor) -> Workspace:
     """Translational mode with the default gains, eq. (6b): the target moves with the tilts, its force comes back."""
     rng = np.random.default_rng(0)

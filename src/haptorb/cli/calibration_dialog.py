@@ -375,7 +375,7 @@ def make_driver(
     """The driver `name` of `device`, not open yet, and its pace; UnknownName or InputError if there is no such."""
     if is_real(name):
         return real_driver(name, device, patience=_PATIENCE, watchdog=watchdog), Pace()
-    from haptorb.runtime.assembly import check_driver
+    from haptorb.runtime.drivers.registry import check_driver
     from haptorb.runtime.drivers.sim import SimDriver
     from haptorb.simulation.electromagnet import SimulatedElectromagnet
 

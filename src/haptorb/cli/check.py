@@ -153,7 +153,7 @@ def _bandwidth(device: Device, tracker: str | None, tracker_rate: float | None) 
     """Of the filter behind `tracker` [Hz]; None where there is none."""
     from haptorb.devices.electromagnet import electromagnet
     from haptorb.estimation.hall_tracker import HallTracker
-    from haptorb.runtime.assembly import check_estimator
+    from haptorb.estimation.registry import check_estimator
 
     if tracker is None:
         return None
@@ -173,8 +173,9 @@ def _try_hands(device: Device, verdict: WorldVerdict) -> list[tuple[float, float
     """(damping, largest stiffness) of the whole simulated chain for a few hands; none where its kind has none."""
     from dataclasses import replace
 
-    boundary = device.kind.part("boundary")
-    if boundary is None or verdict.part == "torque":  # its springs push, they do not turn
+    from haptorb.cli.check_world import boundary
+
+    if verdict.part == "torque":  # its springs push, they do not turn
         return []
     setting, found = verdict.setting, []
     with make_progress() as bar:
@@ -183,6 +184,8 @@ def _try_hands(device: Device, verdict: WorldVerdict) -> list[tuple[float, float
             expected = verdict.loop.largest(verdict.place.grip(hand))
             hall = setting.bandwidth is not None
             largest = boundary(device, hand, expected, setting.rate, setting.tracker_rate, setting.latency, hall=hall)
+            if largest is None:
+                return []
             found.append((damping, largest))
     return found
 

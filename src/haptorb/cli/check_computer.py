@@ -271,7 +271,7 @@ def measure_fitness(
         while (t := monotonic() - begin) < duration:
             servo.check()
             if dragging:
-                servo.point(drag_position(t))
+                servo.hand.point(drag_position(t))
                 cursor, _ = servo.rows(cursor)
             if int(t / _FRAME) % 30 == 0:
                 bar.update(task, completed=t)

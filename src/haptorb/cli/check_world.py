@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cached_property, singledispatch
 from math import floor, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, final
@@ -23,20 +23,21 @@ from haptorb.analysis.workspace import (
     workspace,
 )
 from haptorb.arrays import Array
-from haptorb.devices.base import Device, State
+from haptorb.control.allocation import make_allocator, make_choice
+from haptorb.devices.base import Device, State, device_function
 from haptorb.devices.electromagnet import Hand, SphericalElectromagnet
 from haptorb.errors import InputError
 from haptorb.estimation.hall_tracker import memory
+from haptorb.estimation.registry import make_estimator
 from haptorb.estimation.sensor_calibration import without_errors
 from haptorb.estimation.types import Pose
 from haptorb.notebook import NotebookReport
-from haptorb.runtime.assembly import allocator_of, choice_of, estimator_of
 from haptorb.runtime.drivers.sim import ImperfectTracker, PoseDistortion, SimDriver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.trackers.base import Goal
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
 from haptorb.terminal import Column, TextTable, make_console, print_table, print_text
-from haptorb.worlds.base import World, WrenchPart
+from haptorb.worlds.base import World, WrenchPart, check_part
 from haptorb.worlds.dynamic import DynamicWorld
 
 if TYPE_CHECKING:
@@ -231,7 +232,7 @@ def judge_world(
 ) -> WorldVerdict:
     """Check `world` over the whole workspace of `device`; takes seconds.
 
-    render: part of the wrench to render; None: as the world defines, see `choice_of`. Raises InputError for a
+    render: part of the wrench to render; None: as the world defines, see `make_choice`. Raises InputError for a
     latency above the expiry of poses, and for a part that the device cannot render.
     """
     if setting.latency > device.limits.expiry:
@@ -239,7 +240,7 @@ def judge_world(
             f"a latency of {1e3 * setting.latency:g} ms is above {1e3 * device.limits.expiry:g} ms, the expiry of "
             f"poses on '{device.name}': the coils would stay off"
         )
-    choice = choice_of(device, render)
+    choice = make_choice(device, None if render is None else check_part(render))
     place, loop, called = workspace(device), setting.loop(device), name or type(world).__name__
     part = None
     if choice is not None:  # a device that can render parts is one with a tool
@@ -530,8 +531,8 @@ def is_growing(
     dt = 1 / rate
     inner = SimDriver(SimulatedElectromagnet(held, step=_STEP), dt, goal)
     driver = inner if hall else ImperfectTracker(inner, PoseDelay(tracker_rate, latency))
-    estimator = estimator_of(held, "hall" if hall else "tracker", None)
-    tick = Tick(held, _Spring(stiffness), driver, estimator, allocator_of(held), dt)
+    estimator = make_estimator(held, "hall" if hall else "tracker", None)
+    tick = Tick(held, _Spring(stiffness), driver, estimator, make_allocator(held), dt)
     row = tick.layout.empty()
     window = _CYCLES * 4 * pushed_for
     start = _SETTLED + pushed_for + 0.25 * window
@@ -546,11 +547,24 @@ def is_growing(
     return bool(late > early)
 
 
+@device_function
+@singledispatch
 def boundary(
+    device: Device, grip: HandGrip, expected: float, rate: float, tracker_rate: float | None = None,
+    latency: float = 0.0, precision: float = 0.02, *, hall: bool = False,
+) -> float | None:  # fmt: skip
+    """The largest stiffness [N/m] of the whole simulated chain whose oscillation dies away, found by bisection.
+
+    None for a kind of device whose chain is not tried with a spring.
+    """
+    return None
+
+
+@boundary.register(SphericalElectromagnet)
+def _(
     device: SphericalElectromagnet, grip: HandGrip, expected: float, rate: float, tracker_rate: float | None = None,
     latency: float = 0.0, precision: float = 0.02, *, hall: bool = False,
 ) -> float:  # fmt: skip
-    """The largest stiffness [N/m] whose oscillation dies away, by bisection from about `expected`."""
     low, high = 0.7 * expected, 1.4 * expected
     while is_growing(device, grip, low, rate, tracker_rate, latency, hall=hall):
         low, high = 0.5 * low, low

@@ -444,7 +444,7 @@ def draw_device(device: Device, view: str = "both", azimuth: float = 0.0) -> Fig
         raise UnknownName("view of a drawing", view, VIEWS)
     if not math.isfinite(azimuth):
         raise InputError(f"the azimuth of the section must be a finite angle in degrees; got {azimuth!r}")
-    geometry: Geometry = device.kind.require_part("geometry", device.name, "`haptorb show`")(device)
+    geometry = device.require_geometry("`haptorb show`")
     wide = view == "both"
     figure = Figure(figsize=(13 if wide else 7.5, 8.0))
     notes = [line for note in geometry.notes
@@ -476,7 +476,7 @@ _UNITS = {
 
 def describe_geometry(device: Device) -> dict[str, Any]:
     """Every body and place of `device`, the mover's as they are at rest; InputError for a kind without geometry."""
-    geometry: Geometry = device.kind.require_part("geometry", device.name, "`haptorb show`")(device)
+    geometry = device.require_geometry("`haptorb show`")
     return {
         "name": device.name,
         "digest": device.digest,

@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import singledispatch
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -13,9 +14,10 @@ import numpy as np
 from rich.console import Console
 
 from haptorb.analysis.error_budget import COVERAGE, ErrorBudget, Report, WrenchBand, error_budget
+from haptorb.analysis.error_sources import error_model
 from haptorb.arrays import Array
 from haptorb.control.capability import array_capability, map_contact, motor_capability
-from haptorb.devices.base import Device, State, endurance, rotation_to_axis
+from haptorb.devices.base import Device, State, device_function, endurance, rotation_to_axis, unsupported
 from haptorb.devices.build_checks import BuildCheck, format_bound
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import (
@@ -190,10 +192,11 @@ class Card(NotebookReport, ABC):
         """The card as a picture."""
 
 
+@device_function
+@singledispatch
 def card(device: Device) -> Card:
-    """The card of `device`; InputError where its kind has none."""
-    made: Card = device.kind.require_part("card", device.name, "`haptorb inspect`")(device)
-    return made
+    """The card of `device`, by its kind. Raises InputError for a kind that has none."""
+    raise unsupported(device, "`haptorb inspect`", card)
 
 
 def facts(device: Device) -> dict[str, Any]:
@@ -311,6 +314,7 @@ def print_build_checks(device: Device, console: Console) -> None:
 _COIL_ARRAY_AXES = ("x", "y", "z")
 
 
+@card.register(CoilArray)
 @final
 class CoilArrayCard(Card):
     """Forces are those of the exact model on a tool held upright, over a dome radially; a torque accompanies them."""
@@ -859,6 +863,7 @@ def _state(p: Array, R: Array) -> State:
 _BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "frameon": False}
 
 
+@card.register(SphericalElectromagnet)
 @final
 class ElectromagnetCard(Card):
     """Forces are the least over the workspace, by the exact model, for a tool held radially."""
@@ -1342,9 +1347,7 @@ def report_errors(
     Propagation of distributions by Monte Carlo (JCGM 101:2008); shares are first-order Sobol indices.
     """
     known = find_device(device)
-    model = known.kind.require_part("errors", known.name, "`haptorb inspect --errors`")(
-        known, asked, estimator, calibration
-    )
+    model = error_model(known, asked, estimator, calibration)
     return ErrorReport(known, error_budget(model, samples, seed, report))
 
 
@@ -1372,6 +1375,7 @@ def _draw_sizes(place: Any, bands: tuple[WrenchBand, ...], across: Any) -> None:
 _AXES = ("X", "Y", "Z")
 
 
+@card.register(SphericalMotor)
 @final
 class MotorCard(Card):
     """Torques are about the stator's axes, each alone, by the table of the exact model."""

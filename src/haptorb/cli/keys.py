@@ -35,7 +35,9 @@ def list_device_sections() -> list[KeySection]:
     from haptorb.devices.base import kind_names, kind_of_name
     from haptorb.devices.schema import list_keys
 
-    return [KeySection(f'kind = "{name}"', tuple(list_keys(kind_of_name(name).part("file")))) for name in kind_names()]
+    return [
+        KeySection(f'kind = "{name}"', tuple(list_keys(kind_of_name(name).require_file(name)))) for name in kind_names()
+    ]
 
 
 def list_mapping_sections() -> list[KeySection]:

@@ -20,8 +20,7 @@ def build_tables(device: Device) -> None:
 
     Nothing is drawn where the tables come from the cache, or where standard error is not a terminal.
     """
-    compute = device.kind.part("tables")
-    if compute is None or "tables" in vars(device):
+    if device.is_prepared:
         return
     with make_progress() as bar:
         task = bar.add_task("exact torque and field", total=None, visible=False)
@@ -29,7 +28,7 @@ def build_tables(device: Device) -> None:
         def report(done: int, total: int) -> None:
             bar.update(task, completed=done, total=total, visible=True)
 
-        vars(device)["tables"] = compute(device, report)
+        device.prepare(report)
 
 
 @contextmanager

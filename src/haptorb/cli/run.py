@@ -229,7 +229,7 @@ def run(
         from haptorb.cli.world_option import choose_scene_option, choose_world_option, refuse_scene_options
         from haptorb.devices.loader import load
         from haptorb.files import state_folder
-        from haptorb.runtime.assembly import default_world
+        from haptorb.runtime.config import RunConfig
         from haptorb.runtime.servo import Servo
         from haptorb.serve.base import Serving, add_client_force, check_servers, is_client_force_alone
 
@@ -238,20 +238,20 @@ def run(
         chosen: World | WorldFile | SceneFile
         if scene is None and body is None:
             refuse_scene_options(world, grip, latency)
-            first = "remote" if is_client_force_alone(choices) else default_world(found)
+            first = "remote" if is_client_force_alone(choices) else found.kind.world
             chosen = choose_world_option(world or first, settings or [], found)
         else:
             chosen = choose_scene_option(scene, body, world, settings or [], found, assets)
         build_tables(found)
         from haptorb.web.session import list_world_remarks
 
-        servo = Servo(
-            device, add_client_force(chosen, choices), driver=driver, tracker=tracker, prediction=1e-3 * prediction,
-            frame=frame, rate=rate, seed=seed, model=model, record=record or False,
-            overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
+        config = RunConfig.of(
+            found, add_client_force(chosen, choices), driver=driver, tracker=tracker, prediction=1e-3 * prediction,
+            frame=frame, rate=rate, seed=seed, model=model, estimator=estimator, calibration=calibration,
             watchdog=not no_watchdog, render=render, torque_arm=None if torque_arm is None else 1e-3 * torque_arm,
             grip=grip, latency=None if latency is None else 1e-3 * latency, hand=hand,
         )  # fmt: skip
+        servo = Servo(config, record=record or False, overwrite=force, black_box=state_folder() / "trips")
         for name, own in servo.own_worlds.items():
             for remark in list_world_remarks(own, 1.0 / servo.rate) if name == servo.world[0] else ():
                 say(remark)

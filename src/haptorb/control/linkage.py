@@ -1,7 +1,7 @@
 """What connects the mover to the body that the world acts on: directly, or through two modes and a clutch.
 
 A world renders a wrench for a state. For a stylus over a dome the two are the mover's own. A motor's rotor only turns,
-while its plug moves in six degrees of freedom: between them is a linkage with a clutch (`moded_linkage.py`). Besides
+while its plug moves in six degrees of freedom: between them is a linkage with a clutch (`ModedLinkage`). Besides
 guard and drive it is the one part of the chain that remembers something from tick to tick.
 """
 
@@ -11,7 +11,8 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, Protocol, final
+from functools import singledispatch
+from typing import Literal, Protocol, final
 
 import numpy as np
 from numpy import ascontiguousarray
@@ -30,11 +31,9 @@ from haptorb.arrays import (
     state_zeros,
 )
 from haptorb.compiled import kernel, tick_kernel
-from haptorb.devices.base import Device, State
+from haptorb.devices.base import Device, State, device_function
+from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import InputError, UnknownName, quote
-
-if TYPE_CHECKING:
-    from haptorb.devices.motor import SphericalMotor
 
 __all__ = [
     "CLUTCH",
@@ -52,8 +51,7 @@ __all__ = [
     "advance_clutch",
     "fill_rotor_wrench",
     "follow_rotor",
-    "make_direct_linkage",
-    "make_moded_linkage",
+    "make_linkage",
     "three",
 ]
 
@@ -259,9 +257,11 @@ class Direct(Linkage):
         """Nothing is remembered."""
 
 
-def make_direct_linkage(device: Device, gains: Gains | None) -> Direct:
-    """The linkage of a device whose mover is the body that the world acts on. Raises InputError for gains: it has no
-    modes."""
+@device_function
+@singledispatch
+def make_linkage(device: Device, gains: Gains | None = None) -> Linkage:
+    """The linkage between the mover of `device` and the body that the world acts on, by its kind; by default both are
+    the same body. Raises InputError for `gains` where there are no modes."""
     if gains is not None:
         raise InputError(f"gains are for two-mode devices; a {device.kind.title} such as '{device.name}' has no modes")
     return Direct()
@@ -589,6 +589,7 @@ def _explain_loss(R: Array) -> InputError:
     )
 
 
-def make_moded_linkage(device: SphericalMotor, gains: Gains | None) -> ModedLinkage:
+@make_linkage.register(SphericalMotor)
+def _(device: SphericalMotor, gains: Gains | None = None) -> ModedLinkage:
     """The linkage of a motor, whose handle moves a target through two modes; MOTOR_GAINS unless others are given."""
     return ModedLinkage(gains or MOTOR_GAINS, arm=device.rotor.handle_length)

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Any, ClassVar, Final, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, check_finite, record, rotation, vectors
 from haptorb.devices.build_checks import BuildCheck
+from haptorb.devices.geometry import Geometry
 from haptorb.display import Presentable, facts_html, format_number, format_quantity, format_vector, table_html
 from haptorb.errors import InputError, UnknownName
 from haptorb.files import parse_toml
 from haptorb.magnetics.coil import COPPER_RESISTIVITY
 from haptorb.thermal import ThermalNetwork, TwoNode
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = [
     "FARTHEST",
@@ -29,21 +33,24 @@ __all__ = [
     "DeviceText",
     "Heat",
     "HeatCoupling",
+    "Implementation",
     "Inheritance",
     "Limits",
-    "Part",
     "Shell",
     "State",
     "Supply",
     "WrenchMap",
     "check_distance",
+    "device_function",
     "endurance",
     "kind_names",
     "kind_of_name",
-    "load_part",
+    "own_implementations",
     "register",
+    "register_implementations",
     "require",
     "rotation_to_axis",
+    "unsupported",
 ]
 
 
@@ -403,30 +410,17 @@ class WrenchMap:
 
 
 # --------------------------------------------------------------------------------------------------
-# One record per kind of device: everything that differs between kinds.
+# What differs between kinds of device.
 #
-# A class of devices names its record (`Device.kind`), so it is available wherever the device is, including the
-# servo's process. A part is a callable, or "module:name", which is imported when it is first needed. So a record
-# may name parts of higher layers, and reading a device file loads none of them.
-
-
-Part = str | Callable[..., Any]
-
-
-def load_part(part: Part) -> Any:
-    """The callable `part`, or the one at "module:name"."""
-    if not isinstance(part, str):
-        return part
-    module, _, name = part.partition(":")
-    return getattr(import_module(module), name)
+# A class of devices names its record (`Device.kind`) and has methods for what belongs to this layer. What higher layers
+# do differently is a `functools.singledispatch` function of theirs on the class of the device: `make_allocator`,
+# `simulate`, `describe_scene` and others. Each stands in the package that it belongs to, where every kind has its
+# implementation.
 
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceKind:
-    """Everything that programs do differently for one kind of device.
-
-    A part is a callable or "module:name", which is imported when it is first needed. A program that needs a part that
-    is None refuses devices of this kind.
+    """One kind of device: its name, and what a run of it begins with.
 
     Parameters
     ----------
@@ -436,82 +430,73 @@ class DeviceKind:
         Name in sentences: "spherical motor", or for several "spherical motors".
     world : str
         Name of the default world.
-    allocator : Part
-        (device) → Allocator.
-    wrench_choice : Part, optional
-        (device, part or None, arm or None) → WrenchChoice, for a kind that can render force, torque or both.
-    part_remarks : Part, optional
-        (device, WrenchChoice) → a remark for each part that can be rendered.
-    estimators : Part
-        (device) → {name: EstimatorChoice}, the default first.
-    linkage : Part
-        (device, gains or None) → Linkage.
     modes : tuple of str
         Names of the linkage's modes; empty for a direct linkage.
     contacts : int
         Number of contacts of a `ContactWorld` in each row, filled by the linkage.
-    simulation : Part, optional
-        (device, seed) → Simulation, for the driver "sim".
-    guide : Part
-        (device) → Guide: motion of the simulated hand before a person points; by default the hand rests.
-    file : Part, optional
-        Class of the device file (pydantic), with `build(assumed, digest, override=…)`; None: devices are made in
-        Python.
-    tables : Part, optional
-        (device, report) → data for `device.tables` that take long to compute.
-    geometry : Part, optional
-        (device) → Geometry: bodies and positions, for `haptorb show` and the console.
-    scene : Part, optional
-        (device) → JSON for the console, with "kind": one of the page's scenes; None: axes.
-    force_map : Part, optional
-        (device) → process that computes the force map on the dome in the console.
-    card : Part, optional
-        (device) → Card of `haptorb inspect`.
-    errors : Part, optional
-        (device, wrench asked, estimator, calibration) → ErrorModel of `haptorb inspect --errors`.
-    hold : Part, optional
-        (device, hand) → HeldMover, for a kind to which a scene can be coupled.
-    workspace : Part, optional
-        (device) → Workspace of `haptorb check --world`.
-    boundary : Part, optional
-        Largest stable stiffness of the simulated loop, for `haptorb check --world NAME --plot FILE`.
+    file : type or str, optional
+        Class of the device file (pydantic), with `build(assumed, digest, override=…)`, or "module:name", which is
+        imported when a file is read; None: devices are made in Python.
     """
 
     name: str
     title: str
     world: str
-    allocator: Part
-    wrench_choice: Part | None = None
-    part_remarks: Part | None = None
-    estimators: Part = "haptorb.estimation.types:tracker_only"
-    linkage: Part = "haptorb.control.linkage:make_direct_linkage"
     modes: tuple[str, ...] = ()
     contacts: int = 0
-    simulation: Part | None = None
-    guide: Part = "haptorb.simulation.hand:AtRest"
-    file: Part | None = None
-    tables: Part | None = None
-    geometry: Part | None = None
-    scene: Part | None = None
-    force_map: Part | None = None
-    card: Part | None = None
-    errors: Part | None = None
-    hold: Part | None = None
-    workspace: Part | None = None
-    boundary: Part | None = None
+    file: Any = None
 
-    def part(self, name: str) -> Any:
-        """The callable of part `name`; None if this kind has none."""
-        part = getattr(self, name)
-        return None if part is None else load_part(part)
+    def require_file(self, device: str) -> Any:
+        """The class of the device file. Raises InputError for a kind whose devices are made in Python."""
+        if self.file is None:
+            raise InputError(f"device '{device}' is a {self.title}, which has no device file: it is made in Python")
+        return _load(self.file)
 
-    def require_part(self, name: str, device: str, what: str) -> Any:
-        """The callable of part `name`; InputError that states which kinds support `what`, if this kind has none."""
-        found = self.part(name)
-        if found is None:
-            able = [f"{kind.title}s" for kind in map(kind_of_name, KINDS) if getattr(kind, name) is not None]
-            raise InputError(f"device '{device}' is a {self.title}; {what} works for {' and '.join(able)}")
-        return found
+
+def _load(place: Any) -> Any:
+    """The object at "module:name"; anything else itself."""
+    if not isinstance(place, str):
+        return place
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
+
+
+F = TypeVar("F", bound=Callable[..., Any])
+_FUNCTIONS: list[Any] = []
+
+
+def device_function(function: F) -> F:
+    """Decorator above `functools.singledispatch`, for a function that differs between kinds of device.
+
+    Other processes import haptorb's kinds and those of a user's module. A kind that is defined in a script goes there
+    by value, and its implementations of these functions with it: see `own_implementations`.
+    """
+    _FUNCTIONS.append(function)
+    return function
+
+
+Implementation: TypeAlias = tuple[Any, type, Callable[..., Any]]  #: function, class of device, what it does for that
+
+
+def own_implementations(device: Device) -> tuple[Implementation, ...]:
+    """The implementations that a user's code registered for the class of `device` or for a base of it."""
+    classes = (one for one in device.__class__.__mro__ if issubclass(one, Device))
+    own = [one for one in classes if not one.__module__.startswith("haptorb.")]
+    return tuple(
+        (function, one, function.registry[one]) for function in _FUNCTIONS for one in own if one in function.registry
+    )
+
+
+def register_implementations(found: Sequence[Implementation]) -> None:
+    """Register what `own_implementations` found in another process."""
+    for function, kind, implementation in found:
+        function.register(kind, implementation)
+
+
+def unsupported(device: Device, what: str, function: Any) -> InputError:
+    """The error for a program `what` whose device function has no implementation for the kind of `device`."""
+    able = " and ".join(sorted(f"{one.kind.title}s" for one in function.registry if "kind" in vars(one)))
+    return InputError(f"device '{device.name}' is a {device.kind.title}; {what} works for {able}")
 
 
 #: name → record, or where it stands
@@ -550,7 +535,7 @@ def kind_names() -> tuple[str, ...]:
 def kind_of_name(name: str) -> DeviceKind:
     """The record of that name; KeyError for another."""
     found = KINDS[name]
-    kind: DeviceKind = load_part(found) if isinstance(found, str) else found
+    kind: DeviceKind = _load(found)
     return kind
 
 
@@ -814,7 +799,39 @@ class Device(Presentable, ABC):
             If there is no such model.
         """
 
-    def draw(self, view: str = "both", azimuth: float = 0.0) -> Any:
+    def geometry(self) -> Geometry | None:
+        """Return the bodies and places of the device, for drawings and the console.
+
+        Returns
+        -------
+        Geometry or None
+            The mover's parts are where it rests; None for a kind that does not state them.
+        """
+        return None
+
+    def require_geometry(self, what: str) -> Geometry:
+        """`geometry` for a program `what`. Raises InputError for a kind that does not state it."""
+        if (found := self.geometry()) is None:
+            raise InputError(
+                f"device '{self.name}' is a {self.kind.title}, whose geometry is not stated: {what} needs it"
+            )
+        return found
+
+    @property
+    def is_prepared(self) -> bool:
+        """Whether nothing is left for `prepare` to compute."""
+        return True
+
+    def prepare(self, report: Callable[[int, int], None] | None = None) -> None:
+        """Compute what takes long, such as a motor's tables, and keep it; most kinds have nothing to compute.
+
+        Parameters
+        ----------
+        report : callable, optional
+            Receives the number of steps done, and of all.
+        """
+
+    def draw(self, view: str = "both", azimuth: float = 0.0) -> Figure:
         """Draw the device to scale, as `haptorb show` does.
 
         Parameters
@@ -834,7 +851,10 @@ class Device(Presentable, ABC):
         InputError
             If the kind of device has no geometry.
         """
-        return load_part("haptorb.cli.drawing:draw_device")(self, view, azimuth)
+        # The one import of a higher layer: people look for the drawing at the device.
+        from haptorb.cli.drawing import draw_device
+
+        return draw_device(self, view, azimuth)
 
     def with_recorded_models(self, noted: tuple[str, ...]) -> Device:
         """Return the device with the models of a recording, in the order in which its rows count them.
@@ -961,7 +981,7 @@ D = TypeVar("D", bound=Device)
 def require(device: Device, of: type[D], what: str) -> D:
     """`device`, for a program `what` that supports only class `of`. Raises InputError for another.
 
-    If several kinds support something in different ways, use a part of their records instead.
+    If several kinds support something in different ways, use a device function instead.
     """
     if not isinstance(device, of):
         raise InputError(f"device '{device.name}' is a {device.kind.title}; {what} works for {of.kind.title}s")

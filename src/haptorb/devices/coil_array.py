@@ -66,18 +66,7 @@ COIL_ARRAY = DeviceKind(
     name="coil-array",
     title="coil array",
     world="wall",
-    allocator="haptorb.control.array_allocation:array_allocator",
-    wrench_choice="haptorb.control.array_allocation:array_choice",
-    part_remarks="haptorb.control.array_allocation:array_remarks",
-    simulation="haptorb.simulation.coil_array:SimulatedCoilArray",
     file="haptorb.devices.coil_array_file:CoilArrayFile",
-    geometry="haptorb.devices.coil_array:array_geometry",
-    scene="haptorb.web.session:array_scene",
-    force_map="haptorb.web.force_map_process:ForceMapProcess",
-    card="haptorb.cli.inspect:CoilArrayCard",
-    errors="haptorb.analysis.error_sources:array_errors",
-    workspace="haptorb.analysis.workspace:array_workspace",
-    hold="haptorb.analysis.coupling:hold_tool",
 )
 
 
@@ -540,6 +529,10 @@ class CoilArray(Device):
     def build_checks(self) -> tuple[BuildCheck, ...]:
         """What must hold for this device to be buildable: the wire in each winding."""
         return (*super().build_checks, *self.windings.check_wires(self.coils))
+
+    def geometry(self) -> Geometry:
+        """The parts of the device, its tool in contact."""
+        return array_geometry(self)
 
     def wrench_map(self, state: State, model: str) -> WrenchMap:
         """(6, m) per ampere and (6,) passive, torque about the mover's origin; GeometryError in a coil or the core."""

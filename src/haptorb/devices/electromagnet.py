@@ -81,21 +81,7 @@ ELECTROMAGNET = DeviceKind(
     name="spherical-electromagnet",
     title="spherical electromagnet",
     world="dome",
-    allocator="haptorb.control.allocation:force_allocator",
-    wrench_choice="haptorb.control.allocation:tool_choice",
-    part_remarks="haptorb.control.allocation:part_remarks",
-    estimators="haptorb.estimation.hall_tracker:tool_estimators",
-    simulation="haptorb.simulation.electromagnet:SimulatedElectromagnet",
-    guide="haptorb.simulation.hand:dome_guide",
     file="haptorb.devices.electromagnet_file:ElectromagnetFile",
-    geometry="haptorb.devices.electromagnet:electromagnet_geometry",
-    scene="haptorb.web.session:dome_scene",
-    force_map="haptorb.web.force_map_process:ForceMapProcess",
-    card="haptorb.cli.inspect:ElectromagnetCard",
-    errors="haptorb.analysis.error_sources:tool_errors",
-    workspace="haptorb.analysis.workspace:shell_workspace",
-    hold="haptorb.analysis.coupling:hold_tool",
-    boundary="haptorb.cli.check_world:boundary",
 )
 
 
@@ -541,6 +527,10 @@ class SphericalElectromagnet(Device):
         across, along = np.hypot(moments[:, 0], moments[:, 1]), moments[:, 2]
         force = 3 * scale / self.contact_distance * np.hypot(across, 2 * along)
         return float(force.max()), float((scale * across).max())
+
+    def geometry(self) -> Geometry:
+        """The parts of the device, its tool in contact."""
+        return electromagnet_geometry(self)
 
     def wrench_map(self, state: State, model: str) -> WrenchMap:
         """(6, 3) per ampere and (6,) passive, torque about the tool's magnet; GeometryError inside the dome's core."""

@@ -158,7 +158,7 @@ def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
     if not isinstance(kind, str) or kind not in kind_names():
         raise DeviceError(f"device '{name}': kind must be one of {', '.join(kind_names())}; got {quote(kind)}")
     assumed: dict[str, str] = {}
-    file_class = kind_of_name(kind).require_part("file", name, "a device file")
+    file_class = kind_of_name(kind).require_file(name)
     try:
         # sizes that overflow, or divide by nothing, are refused here and not carried on as NaN
         with np.errstate(over="raise", invalid="raise", divide="raise"):
@@ -188,7 +188,7 @@ def list_mistakes(tables: DeviceTables) -> list[tuple[list[str | int], str]]:
     """
     from pydantic import ValidationError
 
-    file_class = kind_of_name(str(tables.values["kind"])).require_part("file", tables.name, "a device file")
+    file_class = kind_of_name(str(tables.values["kind"])).require_file(tables.name)
     try:
         file_class.model_validate({key: _strip_provenance(value, key, {}) for key, value in tables.values.items()})
     except ValidationError as cause:

@@ -35,6 +35,7 @@ from haptorb.devices.motor_model import (
     torque_over_sine,
 )
 from haptorb.devices.schema import list_limit_remarks
+from haptorb.devices.tables import Progress
 from haptorb.devices.uncertainty import MotorUncertainty
 from haptorb.errors import GeometryError, InputError
 from haptorb.magnetics.coil import Coil
@@ -77,21 +78,9 @@ MOTOR = DeviceKind(
     name="spherical-motor",
     title="spherical motor",
     world="outlet",
-    allocator="haptorb.control.allocation:torque_allocator",
-    estimators="haptorb.estimation.registry:motor_estimators",
-    linkage="haptorb.control.linkage:make_moded_linkage",
     modes=("translate", "rotate"),
     contacts=2,
-    simulation="haptorb.simulation.motor:SimulatedMotor",
-    guide="haptorb.simulation.hand:handle_guide",
     file="haptorb.devices.motor_file:MotorFile",
-    tables="haptorb.devices.motor_model:motor_tables",
-    geometry="haptorb.devices.motor:motor_geometry",
-    scene="haptorb.web.session:motor_scene",
-    card="haptorb.cli.inspect:MotorCard",
-    errors="haptorb.analysis.error_sources:motor_errors",
-    hold="haptorb.analysis.coupling:hold_rotor",
-    workspace="haptorb.analysis.workspace:tilt_workspace",
 )
 
 
@@ -233,6 +222,20 @@ class SphericalMotor(Device):
     def tables(self) -> MotorTables:
         """Torque and field of one pair of parts; built at first use (seconds), afterwards read from the cache."""
         return motor_tables(self)
+
+    @property
+    def is_prepared(self) -> bool:
+        """Whether the tables are there."""
+        return "tables" in vars(self)
+
+    def prepare(self, report: Progress | None = None) -> None:
+        """Compute the tables, or read them from the cache."""
+        if not self.is_prepared:
+            vars(self)["tables"] = motor_tables(self, report)
+
+    def geometry(self) -> Geometry:
+        """The parts of the device, its rotor upright and without spin."""
+        return motor_geometry(self)
 
     def torque_characteristic(self, R: Array, model: str) -> Array:
         """(n, 3, coils) torque on the rotor per ampere in every single coil [N·m/A], for R (n, 3, 3)."""

@@ -56,11 +56,8 @@ from haptorb.estimation.hall_fit import (
 from haptorb.estimation.types import (
     Estimate,
     Estimator,
-    EstimatorChoice,
-    EstimatorSettings,
     KeptEstimate,
     Sample,
-    tracker_only,
 )
 
 __all__ = [
@@ -89,7 +86,6 @@ __all__ = [
     "noise_share",
     "predict",
     "subtract_coils",
-    "tool_estimators",
 ]
 
 
@@ -862,18 +858,3 @@ def _choose_starts(places: Array, order: list[int], count: int) -> list[int]:
 
 # --------------------------------------------------------------------------------------------------
 # The ways of knowing where a spherical electromagnet's tool is, by name.
-
-
-def tool_estimators(device: SphericalElectromagnet) -> dict[str, EstimatorChoice]:
-    """Name → choice for `device`, the default first; "hall" where it has sensors enough."""
-    found = tracker_only(device)
-    if device.sensors > 1:
-        found["hall"] = EstimatorChoice(_hall, axes=3)
-    return found
-
-
-def _hall(device: SphericalElectromagnet, settings: EstimatorSettings) -> Estimator:
-    model, offsets = settings.model, settings.offsets
-    if settings.in_turns:
-        return HallTracker(device, model, offsets=offsets, bandwidth=IN_TURNS)
-    return HallTracker(device, model, offsets=offsets)

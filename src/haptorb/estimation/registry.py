@@ -1,12 +1,18 @@
-"""The ways of knowing a spherical motor from its field sensors, by name: a new one is one line."""
+"""The estimators that each kind of device can have, by name."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from functools import singledispatch
 from pathlib import Path
 
+from haptorb.arrays import Array
+from haptorb.devices.base import Device, device_function
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import UnknownName
+from haptorb.estimation.hall_tracker import IN_TURNS, HallTracker
 from haptorb.estimation.motor_orientation import LeastSquaresOrientation
 from haptorb.estimation.network import (
     FieldToTorque,
@@ -18,9 +24,43 @@ from haptorb.estimation.network import (
     parse_networks,
     read_networks,
 )
-from haptorb.estimation.types import Estimator, EstimatorChoice, EstimatorSettings, tracker_only
+from haptorb.estimation.types import Estimator, EstimatorChoice, EstimatorSettings, TrackedPose
 
-__all__ = ["FIELD_ESTIMATORS", "field_estimator", "motor_estimators"]
+__all__ = [
+    "FIELD_ESTIMATORS",
+    "check_estimator",
+    "field_estimator",
+    "list_estimators",
+    "make_estimator",
+    "read_learned",
+]
+
+
+@device_function
+@singledispatch
+def list_estimators(device: Device) -> dict[str, EstimatorChoice]:
+    """Name → choice for `device`, the default first; "tracker" for every kind of device.
+
+    >>> import haptorb
+    >>> list(list_estimators(haptorb.load("omni-sensor-ring"))), list(list_estimators(haptorb.load("pmsm")))
+    (['tracker', 'hall'], ['least-squares', 'network', 'linear', 'tracker'])
+    """
+    return {"tracker": EstimatorChoice(lambda device, settings: TrackedPose(device, settings.model))}
+
+
+@list_estimators.register(SphericalElectromagnet)
+def _(device: SphericalElectromagnet) -> dict[str, EstimatorChoice]:
+    found = list_estimators.dispatch(object)(device)
+    if device.sensors > 1:
+        found["hall"] = EstimatorChoice(_hall, axes=3)
+    return found
+
+
+def _hall(device: SphericalElectromagnet, settings: EstimatorSettings) -> Estimator:
+    model, offsets = settings.model, settings.offsets
+    if settings.in_turns:
+        return HallTracker(device, model, offsets=offsets, bandwidth=IN_TURNS)
+    return HallTracker(device, model, offsets=offsets)
 
 
 def _least_squares(motor: SphericalMotor, networks: TrainedNetworks | None) -> Estimator:
@@ -60,14 +100,9 @@ def field_estimator(name: str, motor: SphericalMotor, networks: Path | None = No
     return FIELD_ESTIMATORS[name](motor, None if networks is None else read_networks(networks))
 
 
-def motor_estimators(device: SphericalMotor) -> dict[str, EstimatorChoice]:
-    """Name → choice for the motor `device`, the default first.
-
-    >>> import haptorb
-    >>> list(motor_estimators(haptorb.load("pmsm")))
-    ['least-squares', 'network', 'linear', 'tracker']
-    """
-    return {name: _choice(name) for name in FIELD_ESTIMATORS} | tracker_only(device)
+@list_estimators.register(SphericalMotor)
+def _(device: SphericalMotor) -> dict[str, EstimatorChoice]:
+    return {name: _choice(name) for name in FIELD_ESTIMATORS} | list_estimators.dispatch(object)(device)
 
 
 def _choice(name: str) -> EstimatorChoice:
@@ -79,3 +114,51 @@ def _choice(name: str) -> EstimatorChoice:
         return _network(motor, parse_networks(learned, "the recording's network file") if learned else None)
 
     return EstimatorChoice(make, check_networks, read_learned=lambda motor: networks_path(motor).read_bytes())
+
+
+def check_estimator(device: Device, name: str | None) -> str:
+    """`name` itself, or the default of `device` for None.
+
+    Raises UnknownName for an estimator that it cannot have, InputError for one that it cannot have yet, such as
+    networks before their training.
+    """
+    known = list_estimators(device)
+    if name is None:
+        return next(iter(known))
+    check = _find(device, known, name).check
+    if check is not None:
+        check(device)
+    return name
+
+
+def make_estimator(
+    device: Device,
+    name: str,
+    model: str | None = None,
+    offsets: Array | None = None,
+    *,
+    in_turns: bool = False,
+    learned: bytes = b"",
+) -> Estimator:
+    """The estimator `name` of `device`, by its `model`; `offsets` (k, 3) [T] of its field sensors, if known.
+
+    in_turns: the driver reads a part of the field sensors in each tick. learned: as `read_learned` returns it, instead
+    of what this computer has. Raises UnknownName for an estimator that it cannot have.
+    """
+    choice = _find(device, list_estimators(device), name)
+    return choice.make(device, EstimatorSettings(model, offsets, in_turns, learned))
+
+
+def read_learned(device: Device, name: str) -> bytes:
+    """The file with what the estimator `name` of `device` learned, such as networks; empty for one that learns nothing,
+    or if there is none."""
+    read = list_estimators(device)[name].read_learned
+    with suppress(OSError):
+        return b"" if read is None else read(device)
+    return b""
+
+
+def _find(device: Device, known: dict[str, EstimatorChoice], name: str) -> EstimatorChoice:
+    if name not in known:
+        raise UnknownName(f"estimator of device '{device.name}'", name, known)
+    return known[name]

@@ -24,7 +24,6 @@ __all__ = [
     "Pose",
     "Sample",
     "TrackedPose",
-    "tracker_only",
 ]
 
 
@@ -333,13 +332,3 @@ class EstimatorChoice:
     check: Callable[[Any], object] | None = None  #: before anything starts: InputError if it cannot be made
     axes: int = 1  #: that each of the device's field sensors must measure
     read_learned: Callable[[Any], bytes] | None = None  #: the file with what it learned, beside the device's
-
-
-def tracker_only(device: Device) -> dict[str, EstimatorChoice]:
-    """The estimators of a device that has no other: "tracker".
-
-    >>> from haptorb.devices.loader import load
-    >>> list(tracker_only(load("omni")))
-    ['tracker']
-    """
-    return {"tracker": EstimatorChoice(lambda device, settings: TrackedPose(device, settings.model))}

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import json
-from base64 import b64decode
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, final
 
 import numpy as np
 
 from haptorb import worlds
 from haptorb.arrays import Array, Records
-from haptorb.control.linkage import Gains
 from haptorb.control.trips import CoilState
 from haptorb.devices.base import Device, DeviceText, State
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import DriverError, HaptorbError, InputError, RecordingError
-from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.registry import list_estimators
 from haptorb.estimation.types import Pose, Sample
 from haptorb.recording.destination import describe_machine, list_versions
 from haptorb.recording.recording import Recording
-from haptorb.runtime.assembly import default_world, estimators_of, make_tick
+from haptorb.runtime.assembly import make_tick
+from haptorb.runtime.config import RunConfig, find_number, read_object
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.tick_log import TickFailure
@@ -65,8 +64,8 @@ class RecordedRun:
         self._path, self._notes = recording.path, recording.metadata
         self._run: Mapping[str, str] = self._notes.get("run", {})
         self.device: Device = self._load_device()
-        self.rate = self._number("rate_hz") or self._measure_rate(recording)
-        estimator, known = self._run.get("estimator", ""), estimators_of(self.device)
+        self.rate = find_number(self._run, "rate_hz") or self._measure_rate(recording)
+        estimator, known = self._run.get("estimator", ""), tuple(list_estimators(self.device))
         self.estimator: str = estimator if estimator in known else known[0]
         if estimator not in ("", self.estimator):
             self.remarks.append(f"estimator '{estimator[:60]}' is unknown to this version; '{self.estimator}' is used")
@@ -78,7 +77,7 @@ class RecordedRun:
             self.remarks.append(f"model '{self.model}' is unknown to this version; '{self.device.models[0]}' is used")
             self.model = None
         self._descriptions = self._read_descriptions(recording)
-        self._made = self._read_object("worlds")
+        self._made = read_object(self._run, "worlds")
         self._worlds: dict[int, World] = {}
         self.code: dict[str, str] = {}  #: world → file and name of this account's own code that runs for it
 
@@ -105,21 +104,19 @@ class RecordedRun:
     ) -> Tick:
         """The chain behind `driver` at `rate` [Hz], with another `estimator` or `model` if one is given.
 
-        Raises what `make_tick` of the assembly raises.
+        Raises what `RunConfig.from_notes` and `make_tick` of the assembly raise.
         """
-        run = self._run
-        gains = self._read_object("gains")
-        text = run.get("calibration", "")
+        config = RunConfig.from_notes(self.device, world, self._run, str(self._path))
         return make_tick(
-            self.device, world, driver, rate, model or self.model,
-            estimator=estimator or self.estimator,
-            gains=Gains(**{name: tuple(value) for name, value in gains.items()}) if gains else None,
-            calibration=Calibration.parse(text, f"the calibration in {self._path}") if text else None,
-            render=run.get("render") or None,
-            torque_arm=self._number("torque_arm_m"),
-            in_turns=run.get("driver", "sim") not in ("", "sim"),
-            learned=self._read_learned() if estimator in (None, self.estimator) else b"",
-        )  # fmt: skip
+            replace(
+                config,
+                rate=rate,
+                model=model or self.model,
+                estimator=estimator or self.estimator,
+                learned=config.learned if estimator in (None, self.estimator) else b"",
+            ),
+            driver,
+        )
 
     def describe_world(self, change: int) -> str:
         """The note of the world after `change` changes; empty if the recording has none."""
@@ -172,29 +169,8 @@ class RecordedRun:
         if 0 not in found and first:
             found[0] = first
         if not found:  # of an old one
-            found[0] = json.dumps({"name": default_world(self.device), "values": {}})
+            found[0] = json.dumps({"name": self.device.kind.world, "values": {}})
         return found
-
-    def _read_object(self, key: str) -> dict[str, Any]:
-        try:
-            found = json.loads(self._run.get(key) or "{}")
-        except (ValueError, RecursionError):
-            found = {}
-        return found if isinstance(found, dict) else {}
-
-    def _read_learned(self) -> bytes:
-        """What the run's estimator had learned; empty in recordings that do not carry it."""
-        try:
-            return b64decode(self._run.get("learned", ""), validate=True)
-        except ValueError:
-            return b""
-
-    def _number(self, key: str) -> float | None:
-        try:
-            number = float(self._run.get(key, ""))
-        except ValueError:
-            return None
-        return number if np.isfinite(number) and number > 0.0 else None
 
     def _measure_rate(self, recording: Recording) -> float:
         steps = np.diff(recording["t"][:1000])

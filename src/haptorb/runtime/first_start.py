@@ -36,7 +36,7 @@ def main(what: str, folder: Path, parent: int) -> int:
     """Compile `what` for the plan in `folder` until that is done or the parent has gone."""
     die_with_parent()
     gc.disable()  # as in the servo's process: nearly all objects that compiling makes last
-    compilation = plan.load(folder / PLAN).compilation
+    compilation = Compilation(plan.load(folder / PLAN).config)
     parts: Iterable[object] = compilation.compile_controller()
     if what == CATALOGUE:
         os.nice(_LEAST)

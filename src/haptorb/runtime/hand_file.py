@@ -39,7 +39,7 @@ from haptorb.errors import InputError, RecordingError, UnknownName, quote
 from haptorb.file_kind import FileKind, find_kind
 from haptorb.files import open_regular, read_text
 from haptorb.recording.recording import Recording
-from haptorb.runtime.commands import BUTTONS
+from haptorb.runtime.shared_memory import BUTTONS
 from haptorb.runtime.trackers.registry import has_feed
 from haptorb.simulation.hand import SampledPath, ScriptedMotion, handle_quaternion, upright_quaternion
 

@@ -7,19 +7,21 @@ half a second later the process is killed. A stalled recorder is reported, and t
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import signal
 import subprocess
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from time import monotonic, monotonic_ns, sleep
+from time import monotonic, monotonic_ns, sleep, time_ns
 from types import FrameType
-from typing import final
+from typing import Any, final
 
 from haptorb.errors import DriverError, RecordingError, ServoError
+from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.runtime.black_box import BlackBox
 from haptorb.runtime.first_start import CATALOGUE, CONTROLLER
 from haptorb.runtime.linux import END_SIGNALS, end_process, raise_priority, repeat_signal, wait_for_end
@@ -27,6 +29,7 @@ from haptorb.runtime.liveness import HangWatch, MemoryGrowth, StallTime, Starved
 from haptorb.runtime.prestart import WANTED, PrestartedProcess, start_module
 from haptorb.runtime.report import count_recorded
 from haptorb.runtime.shared_memory import Phase, SharedMemory, Word, find_end_signal
+from haptorb.runtime.trackers.registry import Preparation
 from haptorb.runtime.world_output import OutputReader, show
 
 __all__ = ["CompilerProcess", "ProcessGroup", "SignalStop"]
@@ -248,19 +251,37 @@ class ProcessGroup:
         """Whether the loop runs: the process exists and has neither ended nor failed."""
         return self._shared.phase is Phase.RUNNING and self._servo.poll() is None
 
-    def record(self, spec: str, descriptor: int) -> None:
-        """Start the recorder with `spec` (JSON), which a command line could be too short for, and the open file
-        `descriptor`."""
-        path = self._errors.with_name("recorder.json")
-        path.write_text(spec, encoding="utf-8")
+    def record(self, descriptor: int, rate: float, temporary: Path | None, notes: Mapping[str, Any]) -> None:
+        """Start the recorder, which writes `notes` and the rows of a loop at `rate` [Hz] to the open file `descriptor`;
+        a `temporary` file it may delete."""
+        spec = {
+            "shared": str(self._shared.path),
+            "descriptor": descriptor,
+            "servo": self.servo_pid,
+            "parent": os.getpid(),
+            "rate": rate,
+            "unix_minus_monotonic": time_ns() - monotonic_ns(),
+            "temporary": None if temporary is None else str(temporary),
+            "notes": notes,
+        }
+        path = self._errors.with_name("recorder.json")  # a command line could be too short for it
+        path.write_text(json.dumps(spec), encoding="utf-8")
         with path.open("rb") as file:
             self._recorder = start_module(
                 "haptorb.runtime.recorder_process",
                 errors=self._errors, stdin=file.fileno(), descriptor=descriptor, isolated=True,
             )  # fmt: skip
 
-    def track(self, spec: str, descriptor: int | None) -> None:
-        """Start the tracker's process with `spec` (JSON) and its open socket `descriptor`, if it has one."""
+    def track(self, tracker: Preparation, frame: TrackerFrame | None) -> None:
+        """Start the process of the prepared `tracker`, with the `frame` between it and the stator if there is one."""
+        spec = {
+            "shared": str(self._shared.path),
+            "descriptor": tracker.descriptor,
+            "parent": os.getpid(),
+            "feed": tracker.spec,
+            "frame": "" if frame is None else frame.text(),
+        }
+        descriptor = tracker.descriptor if tracker.descriptor >= 0 else None
         # safety: secret-by-pipe
         self._tracker = start_module(
             "haptorb.runtime.tracker_process",
@@ -269,7 +290,7 @@ class ProcessGroup:
         assert self._tracker.stdin is not None
         # A token is in it: no argument, which every account of this computer can read.
         with suppress(BrokenPipeError), self._tracker.stdin as stdin:  # ended already: `check` reports why
-            stdin.write(spec.encode())
+            stdin.write(json.dumps(spec).encode())
 
     def wait_until_running(self) -> None:
         """Return when the loop has ticked, and recorder and tracker are ready. Raises ServoError, RecordingError or

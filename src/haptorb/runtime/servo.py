@@ -11,52 +11,36 @@ import json
 import os
 import shutil
 import threading
-from abc import abstractmethod
-from base64 import b64encode
-from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Collection, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict
-from functools import cached_property, partial
+from functools import cached_property
 from importlib import import_module
+from itertools import count
 from pathlib import Path
-from time import monotonic, monotonic_ns, sleep, time_ns
-from types import MappingProxyType, TracebackType
+from time import monotonic, sleep
+from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self, final
 
-import numpy as np
-from numpy.typing import DTypeLike
+from numpy.typing import ArrayLike
 
-from haptorb.analysis.coupling import CouplingSetting
-from haptorb.analysis.stability import check_grip
 from haptorb.arrays import Array, check_finite
-from haptorb.control.allocation import WrenchChoice
-from haptorb.control.linkage import Gains
-from haptorb.control.trips import CoilState, GuardState, Trip
-from haptorb.devices.base import Device, State
-from haptorb.devices.electromagnet import electromagnet
-from haptorb.devices.loader import find_device
-from haptorb.display import facts_html, format_number, format_quantity, format_vector
-from haptorb.errors import InputError, RecordingError, ServoError, UnknownName, WorldError
-from haptorb.estimation.calibration import Calibration, read_calibration, read_frame
+from haptorb.cluster import pack
+from haptorb.control.allocation import describe_choice, make_choice
+from haptorb.control.linkage import MODES, Gains
+from haptorb.control.trips import GuardState, Trip
+from haptorb.devices.base import Device, State, own_implementations
+from haptorb.display import format_vector
+from haptorb.errors import InputError, RecordingError, ServoError, UnknownName, WorldError, quote
+from haptorb.estimation.calibration import Calibration
 from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.files import FileLock, sweep
-from haptorb.recording.destination import RunRecording, describe_machine, list_versions
-from haptorb.recording.row import RowLayout
+from haptorb.recording.destination import RunRecording
+from haptorb.recording.row import LatestRow, RowLayout
 from haptorb.runtime import plan
-from haptorb.runtime.assembly import (
-    assemble,
-    check_driver,
-    check_estimator,
-    choice_of,
-    default_world,
-    linkage_of,
-    modes_of,
-    read_learned,
-)
+from haptorb.runtime.assembly import assemble
 from haptorb.runtime.black_box import BlackBox, TripRecord
-from haptorb.runtime.clock import check_rate
-from haptorb.runtime.commands import Commands
-from haptorb.runtime.hand_file import choose_hand
+from haptorb.runtime.config import RunConfig
+from haptorb.runtime.hand_commands import HandCommands
 from haptorb.runtime.linux import require_linux, run_uninterrupted
 from haptorb.runtime.prestart import PrestartedProcess
 from haptorb.runtime.process_group import ProcessGroup, SignalStop
@@ -70,170 +54,707 @@ from haptorb.runtime.report import (
     tracker_facts,
     world_failure,
 )
-from haptorb.runtime.shared_memory import SharedMemory, Word
-from haptorb.runtime.trackers.feed_tracker import PREDICTION, check_prediction
+from haptorb.runtime.shared_memory import BUTTONS, SharedMemory, Word, engage_request
+from haptorb.runtime.trackers.feed_tracker import PREDICTION
 from haptorb.runtime.trackers.pose_filter import describe_missing_pose
-from haptorb.runtime.trackers.registry import Preparation, check_frame, check_tracker, has_feed, prepare_tracker
-from haptorb.runtime.warm_up import Compilation
-from haptorb.runtime.world_change import description, name_of
-from haptorb.runtime.world_loading import WorldWatcher, choose_world
-from haptorb.simulation.hand import ScriptedMotion
+from haptorb.runtime.trackers.registry import Preparation, prepare_tracker
+from haptorb.runtime.world_change import name_of, parse_answer, parse_postponement, request, values_of
+from haptorb.runtime.world_loading import WorldWatcher
+from haptorb.simulation.hand import PathFunction, ScriptedMotion
+from haptorb.worlds import CATALOGUE
 from haptorb.worlds.base import PARTS, World, WrenchPart
-from haptorb.worlds.dynamic import DynamicWorld, check_world_period, count_numbers
+from haptorb.worlds.dynamic import DynamicWorld, count_numbers, split_remote
 from haptorb.worlds.scene import SceneFile
-from haptorb.worlds.user_world import FileWithRemote, WorldFile, fit_world, note_world
+from haptorb.worlds.user_world import FileWithRemote, WorldFile
 
 if TYPE_CHECKING:
     from haptorb.recording.recording import Recording
 
-__all__ = [
-    "LatestRow",
-    "Servo",
-    "ServoContext",
-    "ServoObserver",
-    "check_seed",
-    "describe_choices",
-    "notes",
-    "recorder_spec",
-    "tracker_spec",
-]
+__all__ = ["MAX_TORQUE_SCALE", "Servo"]
 
+MAX_TORQUE_SCALE = 100.0  #: of a motor's torques [1]
 
-# --------------------------------------------------------------------------------------------------
-# The newest tick of a servo, by field name, with units.
-
-
-#: what people call a field first → its name
-_ALSO = {"temperature": "winding"}
-_STATES = {"guard": GuardState, "trip": Trip, "coil_state": CoilState}
-_ICE = 273.15  #: [K]
-
-
-@final
-class LatestRow:
-    """One tick: `row.given` or `row["given"]`, in SI units; `row.units["given"]` is the unit.
-
-    A field with one number is a float, any other an array (width,). `row.temperature` is `row.winding`. `row.numbers`
-    holds all numbers in the order of the layout; a slice of the layout selects from it, as `row[layout["p"]]`.
-    `print(row)` shows every field with its unit.
-
-    >>> layout = RowLayout(channels=1, sensors=0)
-    >>> row = LatestRow(layout, np.zeros(layout.width))
-    >>> row.gain, row["p"].tolist(), row.units["p"]
-    (0.0, [0.0, 0.0, 0.0], 'm')
-    >>> row["giben"]  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    haptorb.errors.UnknownName: unknown field of a row 'giben'; did you mean 'given'? (known: age, ...)
-    """
-
-    __slots__ = ("layout", "numbers")
-
-    def __init__(self, layout: RowLayout, numbers: Array) -> None:
-        """`numbers` (width,) in the order and the units [..] of `layout`."""
-        self.layout = layout
-        self.numbers = numbers
-
-    @property
-    def units(self) -> MappingProxyType[str, str]:
-        """The unit of every field by its name; "N, N·m": three numbers in newtons, three in newton metres."""
-        units = {field.name: field.unit for field in self.layout.fields}
-        return MappingProxyType(units | {also: units[name] for also, name in _ALSO.items()})
-
-    def __getitem__(self, name: str | slice | int) -> Any:
-        """The field `name`, or numbers at places of the layout. Raises UnknownName if there is no such field."""
-        if not isinstance(name, str):
-            return self.numbers[name]
-        known = {field.name: field.width for field in self.layout.fields}
-        name = _ALSO.get(name, name)
-        if name not in known:
-            raise UnknownName("field of a row", name, [*known, *_ALSO])
-        values = self.numbers[self.layout[name]]
-        return float(values[0]) if known[name] == 1 else values
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name in self.__slots__:  # what Python itself looks for
-            raise AttributeError(name)
-        try:
-            return self[name]
-        except UnknownName as cause:
-            raise AttributeError(str(cause)) from None
-
-    def __dir__(self) -> list[str]:
-        return sorted([*super().__dir__(), *self.units])
-
-    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Any:
-        return np.array(self.numbers, dtype=dtype) if copy else np.asarray(self.numbers, dtype=dtype)
-
-    def __repr__(self) -> str:
-        """When it was, what the guard does, and the main quantities with their units; two lines."""
-        coils = _describe_state("coil_state", self.coil_state)
-        warm = f"winding at most {format_number(float(np.max(self.winding)) - _ICE)} °C"
-        main = [f"{name} {self._format(name)}" for name in ("p", "asked", "given")]
-        return (
-            f"<LatestRow of tick {format_number(self.tick, 15)}, {self.t:.3f} s: guard "
-            f"{_describe_state('guard', self.guard)}, coils {coils}\n  {'; '.join([*main, warm])}>"
-        )
-
-    def __str__(self) -> str:
-        """Every field: name, value and unit."""
-        return "\n".join(f"{name:14} {text}" for name, text in self._list_facts())
-
-    def _repr_html_(self) -> str:
-        return facts_html(f"Tick {format_number(self.tick, 15)} at {self.t:.3f} s", self._list_facts())
-
-    def _list_facts(self) -> list[tuple[str, str]]:
-        facts = [(field.name, self._format(field.name)) for field in self.layout.fields if field.width]
-        used = np.isfinite(self.numbers[self.layout["memory"]]).any()
-        return facts if used else [(name, text) for name, text in facts if name != "memory"]
-
-    def _format(self, name: str) -> str:
-        """The value of a field with its unit, and in words where it is a code."""
-        value, unit = self[name], self.units[name]
-        if name in _STATES:
-            return f"{format_number(value)} ({_describe_state(name, value)})"
-        if isinstance(value, float):
-            return format_quantity(value, unit.removeprefix("1"), 15 if name == "tick" else 4)
-        if unit == "N, N·m":
-            return f"{format_vector(value[:3], 'N')}, {format_vector(value[3:], 'N·m')}"
-        return format_vector(value, unit.removeprefix("1"), 4)
-
-
-def _describe_state(name: str, code: float) -> str:
-    """The code's name; `unknown` for a number that is none."""
-    kind = _STATES[name]
-    found = [one for one in kind if one.value == code]
-    return found[0].name.lower().replace("_", " ") if found else "unknown"
-
-
-# --------------------------------------------------------------------------------------------------
-# Observing a running servo: rows, report, trips, recording, and whether it is alive.
-
-
+_POLL_INTERVAL_S = 0.02  #: between two checks whether all is well
+_ANSWER_TIMEOUT_S = 2.0  #: of the servo, for another world
+_LOAD_TIMEOUT_S = 30.0  #: where it loads a world, which may be compiled there
+_COMPILE_TIMEOUT_S = 150.0  #: where that waits for code that another process compiles
+_NOT_STARTED = "the servo was not started: use `with haptorb.Servo(...) as servo:`"
 _PREPARING = "preparing world '{}': its code is being compiled, once on this computer; the previous world continues"
 
 
-class ServoObserver(Commands):
-    """Base of `Servo`: everything that comes back from the loop."""
+@final
+class Servo:
+    """Real-time loop that connects a device with a world, in a process of its own.
 
-    device: Device
-    driver: str
-    tracker: str
-    estimator: str
-    rate: float
-    seed: int
-    _recording: RunRecording
-    _black_box: BlackBox | None
-    _shared: SharedMemory | None
-    _children: ProcessGroup | None
-    _choice: WrenchChoice | None
-    _watcher: WorldWatcher | None
+    A `with` block starts it and ends it with the coils off, in whatever way the block ends.
+
+    Parameters
+    ----------
+    device : str, Path, Device or RunConfig
+        Name in the catalogue, path of a device file, or a Device; or the whole description of a run, which then states
+        everything from `world` to `hand`.
+    world : str, World, WorldFile, SceneFile, FileWithRemote, callable or None
+        Name in the catalogue, a World, a function of a State that returns a wrench (6,) [N, N·m], "FILE.py:NAME"
+        (WorldFile), or a SceneFile, which is reloaded whenever it is saved, with or without clients' force
+        (FileWithRemote). None: the default world of the kind of device.
+    driver : str
+        "sim": the simulated device; "serial:PORT" or "i2c:BUS": a real device.
+    tracker : str
+        "pointer": the pose set by `point`; "hall": the field sensors, while the simulated hand follows `point`;
+        "osc:PORT", "lsl:NAME", "replay:FILE", "natnet:HOST": a tracker in its own process.
+    prediction : float
+        Longest time by which the pose of such a tracker is extrapolated with its own velocity [s].
+    frame : str, Path or TrackerFrame, optional
+        File of `haptorb frame` that transforms such a tracker's poses to the tool in the stator frame; None: they are
+        in it.
+    rate : float
+        Rate of the loop [Hz], 50 to 4000.
+    record : str, Path, False or None
+        File to record to (MCAP); None: a temporary one, deleted at exit; False: no recording.
+    overwrite : bool
+        Whether `record` may replace a file.
+    seed : int
+        Seed of the simulation's noise.
+    model : str, optional
+        Controller model, one of the device's `tick_models`; None: the first.
+    estimator : str, optional
+        Name of the estimator; None: the device's default.
+    gains : Gains, optional
+        Gains of a motor's two modes; None: the default.
+    calibration : str, Path or Calibration, optional
+        File of `haptorb calibrate` for this device.
+    black_box : str or Path, optional
+        Folder for a recording of the last 100 ticks before every trip; None: they are in `trips` only.
+    watchdog : bool
+        False: drive an I²C bus although nothing switches off when this computer stops; do not touch the device.
+    render : str, optional
+        Part of the world's wrench to render, "force", "torque" or "both"; None: the part that the world defines.
+    torque_arm : float, optional
+        Length that weights torque against force if both are rendered [m]; None: 43.5 mm.
+    grip : str
+        Hand for which the coupling of a scene is chosen: "loose", "light", "firm", or "MASS,DAMPING,STIFFNESS" in kg,
+        N·s/m and N/m.
+    latency : float, optional
+        Latency of the tracker for the same choice [s]; None: 5 ms (assumed) if it has its own process.
+    hand : str, Path or ScriptedMotion, optional
+        Motion of the simulated hand from the start of the loop: a CSV file, script or recording
+        (docs/how-to/scripted-hand.md); None: the guided motion. `hand.point`, `hold` and `follow` replace it.
+    about : Mapping, optional
+        Texts by name that are stored in the recording, such as a study and its session.
+
+    Attributes
+    ----------
+    config : RunConfig
+        Description of the run.
+    hand : HandCommands
+        Commands to the hand: `servo.hand.point(p)`, `hold`, `follow`, `release`.
+
+    Raises
+    ------
+    UnknownName
+        If a device, world, estimator or model does not exist.
+    InputError
+        If a value is invalid, or world, tracker or gains do not fit the device.
+    DeviceError
+        If a device file is invalid.
+    CalibrationError
+        If a calibration or frame cannot be read, or belongs to another device or tracker.
+    PlatformError
+        If this is not Linux.
+    """
+
+    def __init__(
+        self,
+        device: str | Path | Device | RunConfig,
+        world: str | World | WorldFile | SceneFile | FileWithRemote | Callable[[State], Array] | None = None,
+        *,
+        driver: str = "sim",
+        tracker: str = "pointer",
+        prediction: float = PREDICTION,
+        frame: str | Path | TrackerFrame | None = None,
+        rate: float = 1000.0,
+        record: str | Path | Literal[False] | None = None,
+        overwrite: bool = False,
+        seed: int = 0,
+        model: str | None = None,
+        estimator: str | None = None,
+        gains: Gains | None = None,
+        calibration: str | Path | Calibration | None = None,
+        black_box: str | Path | None = None,
+        watchdog: bool = True,
+        render: str | None = None,
+        torque_arm: float | None = None,
+        grip: str = "light",
+        latency: float | None = None,
+        hand: str | Path | ScriptedMotion | None = None,
+        about: Mapping[str, str] | None = None,
+    ) -> None:
+        require_linux("haptorb.Servo")
+        settings: dict[str, Any] = {
+            "world": world, "driver": driver, "tracker": tracker, "prediction": prediction, "frame": frame,
+            "rate": rate, "seed": seed, "model": model, "estimator": estimator, "gains": gains,
+            "calibration": calibration, "watchdog": watchdog, "render": render, "torque_arm": torque_arm,
+            "grip": grip, "latency": latency, "hand": hand,
+        }  # fmt: skip
+        self.config = config = _describe(device, settings)
+        self.hand = HandCommands(config, lambda: self._memory)
+        self.tracker_token = ""  #: what senders on other computers must say first; known once the servo is open
+        name, (plain, _) = name_of(config.world), split_remote(config.world)
+        #: worlds beside the catalogue's that `set_world` knows, by name: the first one, if it is none of those
+        self.own_worlds: Mapping[str, World] = {} if type(plain) is CATALOGUE.get(name) else {name: plain}
+        self.world_ahead = ""  #: world that was chosen, and whose code is being compiled, once on this computer
+        self._requests = 0
+        self._requesting = threading.Lock()
+        self._stop_numbers = count(1)
+        self._stopped = 0  # number of the last stop
+        self._recording = RunRecording(record, overwrite=overwrite)
+        self._about = {name: str(text) for name, text in (about or {}).items()}
+        self._trips_folder = None if black_box is None else Path(black_box).expanduser().absolute()
+        self._black_box: BlackBox | None = None
+        self._shared: SharedMemory | None = None
+        self._signals: SignalStop | None = None
+        self._children: ProcessGroup | None = None
+        self._folder: Path | None = None
+        self._watcher: WorldWatcher | None = None
+        self._claim: FileLock | None = None  # on the folder
+
+    # What the description of the run says.
+
+    @property
+    def device(self) -> Device:
+        """The device."""
+        return self.config.device
+
+    @property
+    def driver(self) -> str:
+        """ "sim", or the port or bus of a real device."""
+        return self.config.driver
+
+    @property
+    def tracker(self) -> str:
+        """Source of the pose."""
+        return self.config.tracker
+
+    @property
+    def rate(self) -> float:
+        """Rate of the loop [Hz]."""
+        return self.config.rate
+
+    @property
+    def seed(self) -> int:
+        """Seed of the simulated device."""
+        return self.config.seed
+
+    @property
+    def estimator(self) -> str:
+        """Name of the estimator."""
+        return self.config.estimator or ""
+
+    @property
+    def render(self) -> WrenchPart | None:
+        """Part of the wrench to render, overriding the world; None: the world's."""
+        return self.config.render
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Controller models that `set_model` knows, the default first."""
+        return self.device.tick_models
+
+    @property
+    def modes(self) -> tuple[str, ...]:
+        """Modes that `set_mode` knows; empty where the device acts directly."""
+        return self.device.kind.modes
+
+    @property
+    def coupling(self) -> str:
+        """The coupling between mover and held body, and its stability margin; empty without a scene."""
+        setting = self.config.coupling
+        return "" if setting is None else setting.describe(self.config.world)
+
+    # Start and end.
+
+    def open(self, standby: PrestartedProcess | None = None) -> None:
+        """Start; returns when the loop runs.
+
+        Parameters
+        ----------
+        standby : PrestartedProcess, optional
+            Process that was started early, for this servo; None: start one now.
+
+        Raises
+        ------
+        ServoError
+            If the loop does not start, or this servo was already started; nothing is left running.
+        RecordingError
+            If the recording cannot be written; nothing is left running.
+        """
+        if self._children is not None:
+            raise ServoError("this servo was already started; create a new one")
+        preparation = prepare_tracker(self.tracker) if self.config.has_feed else None
+        descriptor: int | None = None
+        tidying = threading.Thread(target=sweep, name="haptorb-tidying", daemon=True)  # beside the start, which waits
+        tidying.start()
+        try:
+            descriptor = self._recording.open()
+            self._start(descriptor, preparation, standby)
+        except BaseException:
+            self.close()
+            self._recording.discard()
+            raise
+        finally:
+            if descriptor is not None:
+                os.close(descriptor)
+            if preparation is not None:
+                preparation.close()
+            tidying.join()
+
+    def end_loop(self) -> None:
+        """Coils off and the loop ended within a tick; returns at once. Every end of a run begins with this. `close`
+        does what else is to be done. May be called from any thread, and twice."""
+        if self._shared is not None:
+            self._shared.words[Word.QUIT] = 1  # safety: stop-first
+
+    def close(self) -> None:
+        """Coils off, processes ended, recording complete. May be called twice.
+
+        A signal meanwhile has its effect afterwards; Ctrl-C while the recorder takes long ends it at once.
+        """
+        try:
+            self.end_loop()
+        finally:
+            run_uninterrupted(self._tidy)
+
+    def _tidy(self, interrupted: threading.Event) -> None:
+        with ExitStack() as last:
+            # The last one first: each is done, though one before it fails.
+            if self._claim is not None:
+                last.callback(self._claim.close)
+            if self._folder is not None:
+                last.callback(shutil.rmtree, self._folder, ignore_errors=True)
+            if self._shared is not None:
+                last.callback(self._shared.unlink)
+            if self._signals is not None:
+                last.callback(self._signals.close)
+            last.callback(self.hand.end)
+            if self._children is not None:
+                last.callback(self._children.end, interrupted)
+            if self._watcher is not None:
+                self._watcher.end()
+
+    def _start(self, descriptor: int | None, tracker: Preparation | None, standby: PrestartedProcess | None) -> None:
+        with standby or PrestartedProcess() as process:
+            file = process.plan
+            try:
+                plan.save(self._make_plan(), file)
+            except OSError as cause:
+                raise ServoError(
+                    f"cannot write to {file.parent.parent}: {cause.strerror}; free some room there, or name another "
+                    "folder by TMPDIR"
+                ) from cause
+            except Exception as cause:
+                raise InputError(f"world or device cannot be sent to the servo's process: {cause}") from cause
+            self._attach(SharedMemory.create(self.layout))
+            assert self._shared is not None
+            notes = self.config.notes(self.own_worlds.values()) | ({"about": self._about} if self._about else {})
+            self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder, notes)
+            self._claim, self._folder = process.claim, process.folder
+            self._signals = SignalStop(self._shared, self.stop)
+            self._children = ProcessGroup(process, self._shared, self._black_box, self._signals)
+        if descriptor is not None:
+            self._children.record(descriptor, self.rate, self._recording.temporary_path, notes)
+        if tracker is not None:
+            self.tracker_token = tracker.token
+            self._children.track(tracker, self.config.frame)
+        # What `report` loads at its first percentile: while the loop runs it would delay this program's heartbeat.
+        import_module("numpy.ma")
+        self._children.wait_until_running()
+        if self.config.world_file is not None:
+            self._watcher = WorldWatcher(
+                self.config.world_file, self.config.world, self.device, self._reload, lambda: self.world
+            )
+
+    def _reload(self, world: World, values: dict[str, Any]) -> None:
+        assert self._folder is not None
+        coupling = self.config.coupling
+        self.replace_own_world(world if coupling is None else coupling.couple(world), values, self._folder)
+
+    def _make_plan(self) -> plan.Plan:
+        """For the servo's process."""
+        return plan.Plan(self.config, self.own_worlds, own_implementations(self.device), assemble)
+
+    def _attach(self, shared: SharedMemory) -> None:
+        """Exchange commands and rows with a loop through `shared`; an earlier stop takes effect from its first tick."""
+        self._shared = shared
+        if self._stopped:
+            shared.words[Word.STOP] = self._stopped
+
+    @property
+    def _memory(self) -> SharedMemory:
+        if self._shared is None:
+            raise ServoError(_NOT_STARTED)
+        return self._shared
+
+    # The block that it runs in: `with`, `async with`, and waiting in there.
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    async def __aenter__(self) -> Self:
+        try:
+            await _complete(self.open)
+        except asyncio.CancelledError:
+            await _complete(self.close)
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
+    ) -> None:
+        await _complete(self.close)
+
+    def run(self, seconds: float) -> None:
+        """Wait while the loop runs, and raise as soon as something fails.
+
+        Ctrl-C closes the servo first, then raises KeyboardInterrupt; so does whatever else ends the program.
+
+        Parameters
+        ----------
+        seconds : float
+            Time to wait [s].
+
+        Raises
+        ------
+        ServoError
+            If the loop ends by itself.
+        RecordingError
+            If the recorder ends.
+        WorldError
+            If the world's code fails, or takes too long.
+        InputError
+            If the path of the hand fails, or `seconds` is negative or not finite.
+        """
+        if self._signals is not None:
+            self._signals.look()  # what came before, and was caught, is not lost in here
+        begun = monotonic()
+        end = begun + _check_seconds(seconds)
+        try:
+            while (left := self._check_all(end)) > 0:
+                sleep(min(left, _POLL_INTERVAL_S))
+                if self._signals is not None:
+                    self._signals.repeat_lost(begun)
+        except BaseException as cause:
+            if not isinstance(cause, Exception):
+                self.close()
+            raise
+
+    async def wait(self, seconds: float) -> None:
+        """Wait while the loop runs, as `run` does, in an event loop: other tasks continue.
+
+        Parameters
+        ----------
+        seconds : float
+            Time to wait [s].
+
+        Raises
+        ------
+        ServoError
+            As `run`, with the other errors of `run`.
+        """
+        end = monotonic() + _check_seconds(seconds)
+        while (left := self._check_all(end)) > 0:
+            await asyncio.sleep(min(left, _POLL_INTERVAL_S))
+
+    async def watch(self, every: float = _POLL_INTERVAL_S) -> AsyncIterator[LatestRow]:
+        """Read the newest tick at an interval: `async for row in servo.watch()`.
+
+        Parameters
+        ----------
+        every : float
+            Interval [s].
+
+        Yields
+        ------
+        LatestRow
+            The newest tick.
+
+        Raises
+        ------
+        ServoError
+            As `run`, with the other errors of `run`.
+        """
+        pause = _check_seconds(every)
+        while True:
+            self._check_all(0.0)
+            yield self.latest()
+            await asyncio.sleep(pause)
+
+    def _check_all(self, end: float) -> float:
+        """Time until `end` [s]; raises if something is wrong."""
+        self.check()
+        self.check_world()
+        self.hand.check()
+        return end - monotonic()
+
+    # Commands, written into memory that the loop reads in every tick.
+
+    @property
+    def stops(self) -> int:
+        """Number of calls of `stop`. Read it when a person requests to engage, and pass it to `engage`."""
+        shared = self._shared
+        return self._stopped if shared is None else int(shared.words[Word.STOP])
+
+    def stop(self) -> None:
+        """Switch the coils off within a tick, until `engage`. May be called from any thread.
+
+        Before or during the start, it takes effect from the first tick.
+        """
+        # Every stop has a number of its own: two threads that stop at once cannot hide one's behind the other's.
+        self._stopped = number = next(self._stop_numbers)
+        shared = self._shared
+        if shared is not None:
+            shared.words[Word.STOP] = number
+
+    def engage(self, stops: int | None = None) -> None:
+        """Engage after a stop or a trip, from zero force. The guard refuses while the reason persists.
+
+        Parameters
+        ----------
+        stops : int, optional
+            Value of `stops` when the person requested to engage; None: now. The servo refuses if `stop` was called
+            since then.
+        """
+        words = self._memory.words
+        words[Word.ENGAGE] = engage_request(words[Word.ENGAGE], self.stops if stops is None else stops)
+
+    def cool(self) -> None:
+        """Set simulated coils to the ambient temperature, from the next tick on.
+
+        Raises
+        ------
+        InputError
+            On a real device.
+        """
+        if self.driver != "sim":
+            raise InputError(f"only simulated coils can be cooled at once; driver '{self.driver}' drives a real device")
+        self._memory.words[Word.COOL] += 1
+
+    def press(self, buttons: Collection[str]) -> None:
+        """Press buttons of the tool for connected programs, and release the others.
+
+        Parameters
+        ----------
+        buttons : collection of str
+            Pressed buttons, of "a", "b" and "c".
+
+        Raises
+        ------
+        UnknownName
+            If there is no such button.
+        """
+        for name in buttons:
+            if name not in BUTTONS:
+                raise UnknownName("button", str(name), BUTTONS)
+        self._memory.words[Word.BUTTONS] = sum(1 << i for i, name in enumerate(BUTTONS) if name in buttons)
+
+    def set_mode(self, mode: str) -> None:
+        """Change the mode of a motor, without a step of the target's pose or of torque.
+
+        Parameters
+        ----------
+        mode : str
+            "translate" or "rotate".
+
+        Raises
+        ------
+        UnknownName
+            If the device does not have this mode.
+        """
+        if mode not in self.modes:
+            raise UnknownName(f"mode of device '{self.device.name}'", str(mode), self.modes)
+        self._memory.words[Word.MODE] = 1 + MODES.index(mode)
+
+    def clutch(self, engaged: bool) -> None:
+        """Engage or release the clutch of a motor, to turn the handle back and reach further.
+
+        Parameters
+        ----------
+        engaged : bool
+            False: release it.
+
+        Raises
+        ------
+        InputError
+            If the device has no modes.
+        """
+        if not self.modes:
+            raise InputError(f"device '{self.device.name}' has no clutch; its mover acts directly")
+        self._memory.words[Word.CLUTCH] = 1 if engaged else 2
+
+    def set_torque_scale(self, scale: float) -> None:
+        """Scale all torques of a motor's handle, without a step.
+
+        The motion does not change, so the wrench on the target feels weaker or stronger.
+
+        Parameters
+        ----------
+        scale : float
+            Factor above 0 and up to 100 [1].
+
+        Raises
+        ------
+        InputError
+            For another number, or a device without modes.
+        """
+        if not self.modes:
+            raise InputError(f"device '{self.device.name}' has no torque scale; its mover acts directly")
+        if isinstance(scale, bool) or not isinstance(scale, int | float) or not 1e-6 <= scale <= MAX_TORQUE_SCALE:
+            raise InputError(f"torque scale must be above 0 and at most {MAX_TORQUE_SCALE:g}; got {quote(scale)}")
+        self._memory.words[Word.SCALE] = round(scale * 1e6)
+
+    def pause_recording(self, paused: bool) -> None:
+        """Pause or continue the recording; the file states how many rows are missing.
+
+        Parameters
+        ----------
+        paused : bool
+            True: leave rows out from now on.
+        """
+        self._memory.words[Word.RECORDING_PAUSED] = int(paused)
+
+    @property
+    def model(self) -> str:
+        """The controller model, or the one to which it is changing."""
+        shared = self._shared
+        number = 0 if shared is None else int(shared.words[Word.MODEL])
+        return self.device.models[number - 1] if number else (self.config.model or self.models[0])
+
+    def set_model(self, name: str) -> None:
+        """Change the controller model, without a step of the force: the currents change within 50 ms.
+
+        Parameters
+        ----------
+        name : str
+            One of `models`.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such model.
+        InputError
+            If the model takes too long for a tick.
+        """
+        self._memory.words[Word.MODEL] = 1 + self.device.models.index(self.device.check_tick_model(name))
+
+    @property
+    def world(self) -> tuple[str, dict[str, Any]]:
+        """Name and parameters of the current world."""
+        shared = self._shared
+        if shared is None or not (known := shared.words[Word.WORLD]):
+            return name_of(self.config.world), dict(values_of(self.config.world))
+        world = json.loads(shared.worlds_since(known - 1)[-1][1])
+        return world["name"], world["values"]
+
+    def add_world(self, world: World, name: str = "") -> None:
+        """Make a world available to `set_world`, before the start.
+
+        Parameters
+        ----------
+        world : World
+            The world.
+        name : str
+            Name for `set_world`; empty: the world's own.
+
+        Raises
+        ------
+        ServoError
+            After the start.
+        """
+        if self._shared is not None:
+            raise ServoError("call add_world before the start: the servo's process receives all worlds at once")
+        self.own_worlds = {**self.own_worlds, name or world.name: world}
+
+    def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
+        """Render another world, or the same with other parameters, from the next tick on.
+
+        After a first start its code may have to be compiled first; `world_ahead` then has its name.
+
+        Parameters
+        ----------
+        name : str
+            Name in the catalogue, or of a world of this servo.
+        values : Mapping, optional
+            Parameter → value; those not given stay the same, or are the defaults of a new world.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such world or parameter; nothing changes.
+        InputError
+            If a value is invalid; nothing changes.
+        """
+        self._request(name, values or {})
+
+    def replace_own_world(self, world: World, values: Mapping[str, Any], folder: Path) -> None:
+        """Render `world` with `values` instead of the own world of its name, as soon as the servo has loaded it.
+
+        `folder` is the servo's own. Raises InputError if the world cannot be sent, or fails there;
+        then nothing changes.
+        """
+        file = folder / f"world-{self._requests + 1}"
+        try:
+            file.write_bytes(pack(world.replace(**values)))
+        except Exception as cause:
+            raise InputError(f"world '{world.name}' cannot be sent to the servo's process: {cause}") from cause
+        try:
+            self._request(world.name, {}, file)
+        finally:
+            file.unlink(missing_ok=True)
+        self.own_worlds = {**self.own_worlds, world.name: world}
+
+    def _request(self, name: str, values: Mapping[str, Any], file: Path | None = None) -> None:
+        shared = self._memory
+        with self._requesting:
+            self.check()
+            self._requests += 1
+            shared.request.write(request(self._requests, name, values, "" if file is None else str(file)))
+            try:
+                self._await_answer(shared, name, _ANSWER_TIMEOUT_S if file is None else _LOAD_TIMEOUT_S)
+            finally:
+                self.world_ahead = ""
+
+    def _await_answer(self, shared: SharedMemory, name: str, longest: float) -> None:
+        """Return when the request for the world `name` is fulfilled, after at most `longest` [s]."""
+        patience = monotonic() + longest
+        while True:
+            text = shared.answer.read()[1]
+            number, error = parse_answer(text)
+            if number == self._requests:
+                if error is not None:
+                    raise error
+                return
+            if not self.world_ahead and parse_postponement(text) == self._requests:
+                self.world_ahead, longest = name, _COMPILE_TIMEOUT_S
+                patience = monotonic() + longest
+                self._processes.compiler.compile_world(name)
+            self.check()
+            if self.world_ahead:
+                self._processes.compiler.check()
+            if monotonic() > patience:
+                raise ServoError(f"the servo did not respond within {longest:g} s; close other programs, and try again")
+            sleep(0.0005)
+
+    # What comes back from the loop.
 
     @property
     def layout(self) -> RowLayout:
         """Which numbers of a row are what, with room for the memory of every world that this servo was given."""
         if self._shared is not None:
             return self._shared.layout
-        given = (self._first, *self.own_worlds.values())
+        given = (self.config.world, *self.own_worlds.values())
         sizes = [count_numbers(one.memory_fields) for one in given if isinstance(one, DynamicWorld)]
         return RowLayout.of(self.device, max(sizes, default=0))
 
@@ -262,6 +783,12 @@ class ServoObserver(Commands):
         return self._children is not None and self._children.alive
 
     @property
+    def _processes(self) -> ProcessGroup:
+        if self._children is None:
+            raise ServoError(_NOT_STARTED)
+        return self._children
+
+    @property
     def servo_pid(self) -> int:
         """Process id of the loop; 0 before the start."""
         return self._children.servo_pid if self._children is not None else 0
@@ -275,7 +802,7 @@ class ServoObserver(Commands):
     def connections(self) -> list[dict[str, Any]]:
         """The programs connected to each server, in the order of the `--serve` options: `server`,
         `address`, and `clients`, each with its name, `session`, `rate_hz` and whether it `holds` the device."""
-        shared = self._memory_or_none
+        shared = self._shared
         texts = () if shared is None else [slot.read()[1] for slot in shared.server_facts]
         return [json.loads(text) for text in texts if text]
 
@@ -284,14 +811,6 @@ class ServoObserver(Commands):
         """Why the recording ended early, or is stalled; empty if there is no problem."""
         return self._children.recorder_trouble if self._children is not None else ""
 
-    def _compile_world(self, name: str) -> None:
-        assert self._children is not None
-        self._children.compiler.compile_world(name)
-
-    def _check_compiler(self) -> None:
-        assert self._children is not None
-        self._children.compiler.check()
-
     @property
     def warning(self) -> str:
         """Warnings for the user: about the connected device, the servo's memory, the code of world and path, and a
@@ -299,7 +818,7 @@ class ServoObserver(Commands):
         if self._shared is None or self._children is None:
             return ""
         found = (
-            self._shared.warning.read()[1], self._children.memory.warning, self.world_trouble, self.hand_trouble,
+            self._shared.warning.read()[1], self._children.memory.warning, self.world_trouble, self.hand.trouble,
             _PREPARING.format(self.world_ahead) if self.world_ahead else "",
         )  # fmt: skip
         return "; ".join(filter(None, found))
@@ -326,7 +845,7 @@ class ServoObserver(Commands):
         """Raise ServoError with the servo's reason if the loop no longer runs, RecordingError if the recorder no
         longer runs."""
         if self._children is None:
-            raise ServoError("the servo was not started: use `with haptorb.Servo(...) as servo:`")
+            raise ServoError(_NOT_STARTED)
         self._children.check()
 
     def check_end(self) -> None:
@@ -376,8 +895,7 @@ class ServoObserver(Commands):
     def report(self) -> RunReport:
         """Report of the run so far, as plain JSON types: see `loop_report`."""
         world, values = self.world
-        loop, children = loop_report(self._memory, self.tracker), self._children
-        assert children is not None
+        loop, children = loop_report(self._memory, self.tracker), self._processes
         troubles = {"recording_trouble": children.recorder_trouble, "tracker_trouble": children.tracker_trouble}
         found = {
             "device": self.device.name,
@@ -404,14 +922,14 @@ class ServoObserver(Commands):
     @property
     def tracker_refusals(self) -> dict[str, int]:
         """Number of messages that the tracker's process has rejected so far, by the reasons of `pose_filter`."""
-        shared = self._memory_or_none
+        shared = self._shared
         return dict(tracker_facts(shared).get("refused", {})) if shared is not None else {}
 
     @property
     def missing_pose(self) -> str:
         """The pose that the servo waits for, with the counts so far, while the newest row has no valid pose from a
         tracker with its own process; else empty."""
-        shared = self._memory_or_none
+        shared = self._shared
         row = None if shared is None else shared.ring.latest()
         if shared is None or row is None or row[shared.layout["valid"].start] == 1.0:
             return ""
@@ -421,14 +939,14 @@ class ServoObserver(Commands):
     def part_remarks(self) -> tuple[str, ...]:
         """Remarks about each part of the wrench that can be rendered, by its number in the row; empty for a device
         without a choice, and for a part without remarks."""
-        remarks = self.device.kind.part("part_remarks")
-        return () if self._choice is None or remarks is None else tuple(remarks(self.device, self._choice))
+        choice = make_choice(self.device, self.config.render, self.config.torque_arm)
+        return () if choice is None else describe_choice(self.device, choice)
 
     @property
     def rendered_part(self) -> WrenchPart | None:
         """The part of the world's wrench that is rendered now; None for a device without a choice, and before the first
         tick."""
-        shared = self._memory_or_none
+        shared = self._shared
         row = None if shared is None else shared.ring.latest()
         number = -1.0 if row is None else float(row[self.layout["part"].start])
         return PARTS[int(number)] if number >= 0.0 else None  # NaN too: nothing is known
@@ -454,133 +972,49 @@ class ServoObserver(Commands):
         """
         return self._recording.read()
 
+    # The hand, by the names of earlier versions.
 
-# --------------------------------------------------------------------------------------------------
-# A servo in a `with` block, and in an `async with` block, whose event loop keeps running.
-
-
-_LOOK = 0.02  #: between two looks whether all is well [s]
-
-
-class ServoContext(ServoObserver):
-    """Base of `Servo`: it is open in the block and closed after it, however the block ends."""
-
-    @abstractmethod
-    def open(self) -> None:
-        """Start; returns when the loop runs."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Coils off, processes ended."""
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
-
-    async def __aenter__(self) -> Self:
-        try:
-            await _complete(self.open)
-        except asyncio.CancelledError:
-            await _complete(self.close)
-            raise
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
-    ) -> None:
-        await _complete(self.close)
-
-    def run(self, seconds: float) -> None:
-        """Wait while the loop runs, and raise as soon as something fails.
-
-        Ctrl-C closes the servo first, then raises KeyboardInterrupt; so does whatever else ends the program.
+    def point(self, p: ArrayLike, q: ArrayLike | None = None, *, patience: float = 0.0) -> None:
+        """Earlier name of `hand.point`; see there.
 
         Parameters
         ----------
-        seconds : float
-            Time to wait [s].
-
-        Raises
-        ------
-        ServoError
-            If the loop ends by itself.
-        RecordingError
-            If the recorder ends.
-        WorldError
-            If the world's code fails, or takes too long.
-        InputError
-            If the path of the hand fails, or `seconds` is negative or not finite.
+        p : array_like, shape (3,)
+            Position [m].
+        q : array_like, shape (4,), optional
+            Orientation as a unit quaternion [1].
+        patience : float
+            Time for which a simulated hand stays there longer [s].
         """
-        self._note_signals()  # what came before, and was caught, is not lost in here
-        begun = monotonic()
-        end = begun + _check_seconds(seconds)
-        try:
-            while (left := self._check_all(end)) > 0:
-                sleep(min(left, _LOOK))
-                self._repeat_lost_signal(begun)
-        except BaseException as cause:
-            if not isinstance(cause, Exception):
-                self.close()
-            raise
+        self.hand.point(p, q, patience=patience)
 
-    async def wait(self, seconds: float) -> None:
-        """Wait while the loop runs, as `run` does, in an event loop: other tasks continue.
+    def hold(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
+        """Earlier name of `hand.hold`; see there.
 
         Parameters
         ----------
-        seconds : float
-            Time to wait [s].
-
-        Raises
-        ------
-        ServoError
-            As `run`, with the other errors of `run`.
+        p : array_like, shape (3,)
+            Position [m].
+        q : array_like, shape (4,), optional
+            Orientation as a unit quaternion [1].
         """
-        end = monotonic() + _check_seconds(seconds)
-        while (left := self._check_all(end)) > 0:
-            await asyncio.sleep(min(left, _LOOK))
+        self.hand.hold(p, q)
 
-    async def watch(self, every: float = _LOOK) -> AsyncIterator[LatestRow]:
-        """Read the newest tick at an interval: `async for row in servo.watch()`.
+    def follow(self, path: PathFunction | ArrayLike, times: ArrayLike | None = None) -> None:
+        """Earlier name of `hand.follow`; see there.
 
         Parameters
         ----------
-        every : float
-            Interval [s].
-
-        Yields
-        ------
-        LatestRow
-            The newest tick.
-
-        Raises
-        ------
-        ServoError
-            As `run`, with the other errors of `run`.
+        path : callable or array_like, shape (n, 3) or (n, 7)
+            Function of time, or poses [m].
+        times : array_like, shape (n,), optional
+            Times of the poses [s].
         """
-        pause = _check_seconds(every)
-        while True:
-            self._check_all(0.0)
-            yield self.latest()
-            await asyncio.sleep(pause)
+        self.hand.follow(path, times)
 
-    @abstractmethod
-    def _note_signals(self) -> None:
-        """The signals that came until now are known."""
-
-    @abstractmethod
-    def _repeat_lost_signal(self, since: float) -> None:
-        """A signal that came after `since` [s] and whose exception was lost has its effect now."""
-
-    def _check_all(self, end: float) -> float:
-        """Time until `end` [s]; raises if something is wrong."""
-        self.check()
-        self.check_world()
-        self.check_hand()
-        return end - monotonic()
+    def release(self) -> None:
+        """Earlier name of `hand.release`; see there."""
+        self.hand.release()
 
 
 def _check_seconds(seconds: float) -> float:
@@ -606,377 +1040,20 @@ async def _complete(work: Callable[[], None]) -> None:
     task.result()
 
 
-# --------------------------------------------------------------------------------------------------
-# The parameters of the processes beside the loop, as plain JSON types.
+_DEFAULTS: Mapping[str, Any] = {
+    "world": None, "driver": "sim", "tracker": "pointer", "prediction": PREDICTION, "frame": None, "rate": 1000.0,
+    "seed": 0, "model": None, "estimator": None, "gains": None, "calibration": None, "watchdog": True, "render": None,
+    "torque_arm": None, "grip": "light", "latency": None, "hand": None,
+}  # fmt: skip
 
 
-_LONGEST = 1_000_000  #: characters of how a world is made
-
-
-def recorder_spec(
-    shared: SharedMemory, servo: int, descriptor: int, rate: float, *, temporary: Path | None, notes: Mapping[str, Any]
-) -> dict[str, Any]:
-    """For `recorder_process`: `servo` is the loop's process id, `rate` in Hz; a `temporary` file it may delete."""
-    return {
-        "shared": str(shared.path),
-        "descriptor": descriptor,
-        "servo": servo,
-        "parent": os.getpid(),
-        "rate": rate,
-        "unix_minus_monotonic": time_ns() - monotonic_ns(),
-        "temporary": None if temporary is None else str(temporary),
-        "notes": notes,
-    }
-
-
-def notes(device: Device, run: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """Metadata of a recording: its `device` (with its file, if it has one), the `run` (with what its estimator learned,
-    in base64), and the software."""
-    learned = b64encode(read_learned(device, run["estimator"])).decode()
-    return {
-        "device": {
-            "name": device.name,
-            "digest": device.digest,
-            "title": device.title,
-            "source": device.source,
-            **(device.text.as_note() if device.text else {"file": ""}),
-            "coils": json.dumps(device.coils.names),
-        },
-        "run": {**run, "learned": learned} if learned else dict(run),
-        "versions": list_versions(),
-        "machine": describe_machine(),
-    }
-
-
-def tracker_spec(shared: SharedMemory, tracker: Preparation, frame: TrackerFrame | None) -> dict[str, Any]:
-    """For `tracker_process`: the prepared tracker, and the `frame` between tracker and stator if there is one."""
-    return {
-        "shared": str(shared.path),
-        "descriptor": tracker.descriptor,
-        "parent": os.getpid(),
-        "feed": tracker.spec,
-        "frame": "" if frame is None else frame.text(),
-    }
-
-
-def describe_choices(gains: Gains | None, torque_arm: float | None, worlds: Iterable[World]) -> dict[str, str]:
-    """Further data for a replay: `gains`, `torque_arm` [m], and the source of each world."""
-    made = {name_of(world): note_world(world) for world in worlds}
-    return {
-        "gains": "" if gains is None else json.dumps(asdict(gains)),
-        "torque_arm_m": "" if torque_arm is None else repr(torque_arm),
-        "worlds": json.dumps({name: text for name, text in made.items() if len(text) <= _LONGEST}),
-    }
-
-
-def check_seed(seed: int) -> int:
-    """`seed` itself; InputError unless it is a whole number, 0 or more."""
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise InputError(f"seed must be a whole number, 0 or more; got {seed!r}")
-    return seed
-
-
-@final
-class Servo(ServoContext):
-    """Real-time loop that connects a device with a world, in a process of its own.
-
-    A `with` block starts it and ends it with the coils off, in whatever way the block ends.
-
-    Parameters
-    ----------
-    device : str, Path or Device
-        Name in the catalogue, path of a device file, or a Device.
-    world : str, World, WorldFile, SceneFile, FileWithRemote, callable or None
-        Name in the catalogue, a World, a function of a State that returns a wrench (6,) [N, N·m], "FILE.py:NAME"
-        (WorldFile), or a SceneFile, which is reloaded whenever it is saved, with or without clients' force
-        (FileWithRemote). None: the default world of the kind of device.
-    driver : str
-        "sim": the simulated device; "serial:PORT" or "i2c:BUS": a real device.
-    tracker : str
-        "pointer": the pose set by `point`; "hall": the field sensors, while the simulated hand follows `point`;
-        "osc:PORT", "lsl:NAME", "replay:FILE", "natnet:HOST": a tracker in its own process.
-    prediction : float
-        Longest time by which the pose of such a tracker is extrapolated with its own velocity [s].
-    frame : str, Path or TrackerFrame, optional
-        File of `haptorb frame` that transforms such a tracker's poses to the tool in the stator frame; None: they are
-        in it.
-    rate : float
-        Rate of the loop [Hz], 50 to 4000.
-    record : str, Path, False or None
-        File to record to (MCAP); None: a temporary one, deleted at exit; False: no recording.
-    overwrite : bool
-        Whether `record` may replace a file.
-    seed : int
-        Seed of the simulation's noise.
-    model : str, optional
-        Controller model, one of the device's `tick_models`; None: the first.
-    estimator : str, optional
-        Name of the estimator; None: the device's default.
-    gains : Gains, optional
-        Gains of a motor's two modes; None: the default.
-    calibration : str, Path or Calibration, optional
-        File of `haptorb calibrate` for this device.
-    black_box : str or Path, optional
-        Folder for a recording of the last 100 ticks before every trip; None: they are in `trips` only.
-    watchdog : bool
-        False: drive an I²C bus although nothing switches off when this computer stops; do not touch the device.
-    render : str, optional
-        Part of the world's wrench to render, "force", "torque" or "both"; None: the part that the world defines.
-    torque_arm : float, optional
-        Length that weights torque against force if both are rendered [m]; None: 43.5 mm.
-    grip : str
-        Hand for which the coupling of a scene is chosen: "loose", "light", "firm", or "MASS,DAMPING,STIFFNESS" in kg,
-        N·s/m and N/m.
-    latency : float, optional
-        Latency of the tracker for the same choice [s]; None: 5 ms (assumed) if it has its own process.
-    hand : str, Path or ScriptedMotion, optional
-        Motion of the simulated hand from the start of the loop: a CSV file, script or recording
-        (docs/how-to/scripted-hand.md); None: the guided motion. `point`, `hold` and `follow` replace it.
-    about : Mapping, optional
-        Texts by name that are stored in the recording, such as a study and its session.
-
-    Raises
-    ------
-    UnknownName
-        If a device, world, estimator or model does not exist.
-    InputError
-        If a value is invalid, or world, tracker or gains do not fit the device.
-    DeviceError
-        If a device file is invalid.
-    CalibrationError
-        If a calibration or frame cannot be read, or belongs to another device or tracker.
-    PlatformError
-        If this is not Linux.
-    """
-
-    def __init__(
-        self,
-        device: str | Path | Device,
-        world: str | World | WorldFile | SceneFile | FileWithRemote | Callable[[State], Array] | None = None,
-        *,
-        driver: str = "sim",
-        tracker: str = "pointer",
-        prediction: float = PREDICTION,
-        frame: str | Path | TrackerFrame | None = None,
-        rate: float = 1000.0,
-        record: str | Path | Literal[False] | None = None,
-        overwrite: bool = False,
-        seed: int = 0,
-        model: str | None = None,
-        estimator: str | None = None,
-        gains: Gains | None = None,
-        calibration: str | Path | Calibration | None = None,
-        black_box: str | Path | None = None,
-        watchdog: bool = True,
-        render: str | None = None,
-        torque_arm: float | None = None,
-        grip: str = "light",
-        latency: float | None = None,
-        hand: str | Path | ScriptedMotion | None = None,
-        about: Mapping[str, str] | None = None,
-    ) -> None:
-        require_linux("haptorb.Servo")
-        self.device = find_device(device)
-        self.driver = check_driver(driver)
-        self.tracker = check_tracker(tracker, self.driver)
-        self.tracker_token = ""  #: what senders on other computers must say first; known once the servo is open
-        self.rate = check_rate(rate)
-        self.seed = check_seed(seed)
-        self.estimator = check_estimator(self.device, "hall" if tracker == "hall" and estimator is None else estimator)
-        self.models = self.device.tick_models  #: that `set_model` knows
-        self._model = self.device.check_tick_model(model or self.models[0])
-        self.calibration = (
-            read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
-        )  #: the calibration that the controller uses beside the device file
-        if self.calibration is not None:
-            # refuses here what is another device's
-            self.calibration.apply(electromagnet(self.device, "a calibration"))
-        self.modes = modes_of(self.device)  #: that `set_mode` knows; empty where the device acts directly
-        self._gains, self._torque_arm = gains, torque_arm
-        if gains is not None:
-            linkage_of(self.device, gains)  # refuses here what does not fit
-        self._choice = choice_of(self.device, render, torque_arm)  # refuses here what does not fit
-        self.render = render  #: part of the wrench to render, overriding the world; None: the world's
-        first, self._world_file = choose_world(default_world(self.device) if world is None else world)
-        self._coupling = CouplingSetting(
-            self.device, self.rate, check_grip(grip), self.estimator, has_feed(self.tracker), latency
+def _describe(device: str | Path | Device | RunConfig, settings: Mapping[str, Any]) -> RunConfig:
+    """The description of a run, made or given. Raises InputError for settings beside one that is given."""
+    if not isinstance(device, RunConfig):
+        return RunConfig.of(device, settings["world"], **{name: settings[name] for name in settings if name != "world"})
+    beside = [name for name, usual in _DEFAULTS.items() if settings[name] is not usual and settings[name] != usual]
+    if beside:
+        raise InputError(
+            f"a RunConfig states everything about the run: leave out {', '.join(beside)}, or replace them in it"
         )
-        first = self._coupling.couple(first)
-        ServoContext.__init__(self, first)
-        # refuses here, not in another process, what the device cannot render
-        check_world_period(fit_world(first, self.device), 1.0 / self.rate)
-        self.hand = choose_hand(hand, self.device, self.driver, self.tracker)  #: scripted motion of the simulated hand
-        # Compiling in the first tick would be a silence at which a real device's firmware switches off.
-        chain, practice = (
-            partial(
-                assemble, self.device, first, through, self.rate, self.seed, self._model,
-                estimator=self.estimator, gains=gains, calibration=self.calibration, watchdog=watchdog,
-                render=render, torque_arm=torque_arm, hand=self.hand,
-            )
-            for through in (self.driver, "sim")
-        )  # fmt: skip
-        self._ahead = check_prediction(prediction)
-        self.frame = read_frame(frame) if isinstance(frame, str | Path) else frame  #: between tracker and stator
-        if self.frame is not None:
-            check_frame(self.frame, self.device, self.tracker, self.driver)
-        self._plan = plan.Plan(
-            self.device, first, self.rate, chain, practice, self._ahead if has_feed(self.tracker) else None,
-            None if self.calibration is None else self.calibration.id,
-            Compilation(self.device, first, self.estimator, self._model, gains),
-            self.own_worlds, reloads=self._world_file is not None,
-        )  # fmt: skip
-        self._recording = RunRecording(record, overwrite=overwrite)
-        self._about = {name: str(text) for name, text in (about or {}).items()}
-        self._trips_folder = None if black_box is None else Path(black_box).expanduser().absolute()
-        self._black_box: BlackBox | None = None
-        self._shared: SharedMemory | None = None
-        self._signals: SignalStop | None = None
-        self._children: ProcessGroup | None = None
-        self._folder: Path | None = None
-        self._watcher: WorldWatcher | None = None
-        self._claim: FileLock | None = None  # on the folder
-
-    def open(self, standby: PrestartedProcess | None = None) -> None:
-        """Start; returns when the loop runs.
-
-        Parameters
-        ----------
-        standby : PrestartedProcess, optional
-            Process that was started early, for this servo; None: start one now.
-
-        Raises
-        ------
-        ServoError
-            If the loop does not start, or this servo was already started; nothing is left running.
-        RecordingError
-            If the recording cannot be written; nothing is left running.
-        """
-        if self._children is not None:
-            raise ServoError("this servo was already started; create a new one")
-        preparation = prepare_tracker(self.tracker) if has_feed(self.tracker) else None
-        descriptor: int | None = None
-        tidying = threading.Thread(target=sweep, name="haptorb-tidying", daemon=True)  # beside the start, which waits
-        tidying.start()
-        try:
-            descriptor = self._recording.open()
-            self._start(descriptor, preparation, standby)
-        except BaseException:
-            self.close()
-            self._recording.discard()
-            raise
-        finally:
-            if descriptor is not None:
-                os.close(descriptor)
-            if preparation is not None:
-                preparation.close()
-            tidying.join()
-
-    def end_loop(self) -> None:
-        """Coils off and the loop ended within a tick; returns at once. Every end of a run begins with this. `close`
-        does what else is to be done. May be called from any thread, and twice."""
-        if self._shared is not None:
-            self._shared.words[Word.QUIT] = 1  # safety: stop-first
-
-    def close(self) -> None:
-        """Coils off, processes ended, recording complete. May be called twice.
-
-        A signal meanwhile has its effect afterwards; Ctrl-C while the recorder takes long ends it at once.
-        """
-        try:
-            self.end_loop()
-        finally:
-            run_uninterrupted(self._tidy)
-
-    def _note_signals(self) -> None:
-        if self._signals is not None:
-            self._signals.look()
-
-    def _repeat_lost_signal(self, since: float) -> None:
-        if self._signals is not None:
-            self._signals.repeat_lost(since)
-
-    def _tidy(self, interrupted: threading.Event) -> None:
-        with ExitStack() as last:
-            # The last one first: each is done, though one before it fails.
-            if self._claim is not None:
-                last.callback(self._claim.close)
-            if self._folder is not None:
-                last.callback(shutil.rmtree, self._folder, ignore_errors=True)
-            if self._shared is not None:
-                last.callback(self._shared.unlink)
-            if self._signals is not None:
-                last.callback(self._signals.close)
-            last.callback(self._end_hand)
-            if self._children is not None:
-                last.callback(self._children.end, interrupted)
-            if self._watcher is not None:
-                self._watcher.end()
-
-    @property
-    def _memory_or_none(self) -> SharedMemory | None:
-        return self._shared
-
-    def _start(self, descriptor: int | None, tracker: Preparation | None, standby: PrestartedProcess | None) -> None:
-        with standby or PrestartedProcess() as process:
-            file = process.plan
-            try:
-                plan.save(self._plan, file)
-            except OSError as cause:
-                raise ServoError(
-                    f"cannot write to {file.parent.parent}: {cause.strerror}; free some room there, or name another "
-                    "folder by TMPDIR"
-                ) from cause
-            except Exception as cause:
-                raise InputError(f"world or device cannot be sent to the servo's process: {cause}") from cause
-            self._shared = SharedMemory.create(self.layout)
-            self._carry_stops(self._shared)
-            self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder, self._notes())
-            self._claim, self._folder = process.claim, process.folder
-            self._signals = SignalStop(self._shared, self.stop)
-            self._children = ProcessGroup(process, self._shared, self._black_box, self._signals)
-        if descriptor is not None:
-            spec = recorder_spec(
-                self._shared, self._children.servo_pid, descriptor, self.rate,
-                temporary=self._recording.temporary_path, notes=self._notes(),
-            )  # fmt: skip
-            self._children.record(json.dumps(spec), descriptor)
-        if tracker is not None:
-            self.tracker_token = tracker.token
-            listening = tracker_spec(self._shared, tracker, self.frame)
-            self._children.track(json.dumps(listening), tracker.descriptor if tracker.descriptor >= 0 else None)
-        # What `report` loads at its first percentile: while the loop runs it would hold up this program's heart.
-        import_module("numpy.ma")
-        self._children.wait_until_running()
-        if self._world_file is not None:
-            self._watcher = WorldWatcher(
-                self._world_file, self._plan.world, self.device, self._reload, lambda: self.world
-            )
-
-    def _reload(self, world: World, values: dict[str, Any]) -> None:
-        assert self._folder is not None
-        self.replace_own_world(self._coupling.couple(world), values, self._folder)
-
-    @property
-    def coupling(self) -> str:
-        """The coupling between mover and held body, and its stability margin; empty without a scene."""
-        return self._coupling.describe(self._plan.world)
-
-    def _notes(self) -> dict[str, dict[str, str]]:
-        """What a recording says of its run."""
-        run = {
-            "driver": self.driver,
-            "tracker": self.tracker,
-            "prediction_s": repr(self._ahead) if has_feed(self.tracker) else "",
-            "frame": "" if self.frame is None else self.frame.text(),
-            "estimator": self.estimator,
-            "model": self._model,
-            "models": " ".join(self.device.models),
-            "render": self.render or "",
-            "calibration": "" if self.calibration is None else self.calibration.text(),
-            "hand": "" if self.hand is None else f"{self.hand.name} {self.hand.digest}".strip(),
-            "seed": str(self.seed),
-            "rate_hz": repr(self.rate),
-            "first_world": description(self._plan.world),
-            **describe_choices(self._gains, self._torque_arm, (self._plan.world, *self.own_worlds.values())),
-        }
-        return notes(self.device, run) | ({"about": self._about} if self._about else {})
+    return device

@@ -26,7 +26,6 @@ from types import FrameType
 from haptorb import worlds
 from haptorb.arrays import Array
 from haptorb.compiled import UncompiledKernelError, forbid_compiling, tell_compiling
-from haptorb.devices.base import kind_names, kind_of_name
 from haptorb.errors import HaptorbError
 from haptorb.runtime import plan as plans
 from haptorb.runtime.clock import Clock
@@ -40,7 +39,7 @@ from haptorb.runtime.tick import Chain, Tick
 from haptorb.runtime.tick_state import TickState
 from haptorb.runtime.trackers.base import Tracker
 from haptorb.runtime.trackers.feed_tracker import FeedTracker
-from haptorb.runtime.warm_up import find_uncompiled, list_companions, practise
+from haptorb.runtime.warm_up import Compilation, find_uncompiled, list_companions, practise
 from haptorb.runtime.world_change import description
 from haptorb.runtime.world_loading import WorldLoader
 from haptorb.runtime.world_output import WorldOutput
@@ -83,8 +82,10 @@ def disagreement(stored: bytes | None, believed: bytes | None) -> str:
 _REHEARSAL = 5  #: ticks
 _BEGIN = 3.0  #: to the first tick, then the loop says [s]
 _FORKED = 70  #: exit code of a child that a world forked
-_ALWAYS = ("haptorb.runtime.assembly", "haptorb.runtime.drivers.sim", "haptorb.simulation.base")
-_PARTS = ("allocator", "linkage", "simulation", "guide")  #: of any kind of device, that any servo may need
+_ALWAYS = (
+    "haptorb.runtime.assembly", "haptorb.runtime.drivers.sim", "haptorb.control.array_allocation",
+    "haptorb.simulation.electromagnet", "haptorb.simulation.motor", "haptorb.simulation.coil_array",
+)  # fmt: skip
 
 
 def main(folder: Path, parent: int) -> int:
@@ -127,23 +128,23 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     # Who forks in a world would have a second loop at the same device: the child ends before it comes back from there.
     os.register_at_fork(after_in_child=partial(os._exit, _FORKED))  # safety: world-forked
     plan = plans.load(path)
-    shared.announce_world(description(plan.world))
+    shared.announce_world(description(plan.config.world))
     gc.disable()  # compiling makes a million lasting objects; to scan them took an eighth of a first start
     tell_compiling(partial(shared.words.__setitem__, Word.COMPILED, 1))  # then another process compiles, too
     with redirect_stdout(None):
         uncompiled = _rehearse(plan, shared)
     shared.words[Word.UNCOMPILED] = len(uncompiled)
     tracker = _tracker(plan, shared)
-    chain = plan.assemble(tracker)
+    chain, calibration = plan.assemble(tracker), plan.config.calibration
     for own in plan.own_worlds.values():
         keep_source(own)
     loader = None
     if plan.reloads or uncompiled:
-        loader = WorldLoader(plan.device, plan.compilation.make_tick(), path.parent, uncompiled)
+        loader = WorldLoader(plan.config.device, Compilation(plan.config).make_tick(), path.parent, uncompiled)
     timer = KillTimer()
     loop = Loop(
-        chain, plan.world, shared, plan.rate, parent, timer.set, own_worlds=plan.own_worlds, loader=loader,
-        state=TickState(chain) if isinstance(chain, Tick) else None,
+        chain, plan.config.world, shared, plan.config.rate, parent, timer.set, own_worlds=plan.own_worlds,
+        loader=loader, state=TickState(chain) if isinstance(chain, Tick) else None,
     )  # fmt: skip
     # What a world prints, warnings included, is the host's to show; a tick must not wait for a terminal.
     sys.stdout = sys.stderr = WorldOutput(1)
@@ -158,8 +159,9 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
         if end_signals.early:
             sys.exit(128 + end_signals.early)
         chain.driver.open()
-        shared.warning.write(disagreement(chain.driver.calibration, plan.calibration) or chain.remark)
-        clock = Clock(plan.rate, chain.driver.lead)
+        believed = None if calibration is None else calibration.id
+        shared.warning.write(disagreement(chain.driver.calibration, believed) or chain.remark)
+        clock = Clock(plan.config.rate, chain.driver.lead)
         tracker.origin = clock.schedule.origin * 1e-9
         die_with_parent(signal.SIGUSR1)  # in order from here on, with the coils off first ...
         timer.set(_BEGIN)  # ... and by force if that takes long
@@ -181,9 +183,6 @@ def _load() -> None:
     """What any servo needs: its modules, the worlds, and what loading the first compiled function loads with it."""
     for module in _ALWAYS:
         import_module(module)
-    for device_kind in map(kind_of_name, kind_names()):
-        for part in _PARTS:
-            device_kind.part(part)
     for kind in worlds.CATALOGUE.values():
         kind()
 
@@ -195,24 +194,24 @@ def _rehearse(plan: plans.Plan, shared: SharedMemory) -> frozenset[str]:
     and neither must the coils. Those whose code lies in no cache are left to others: a first start is long enough.
     Returns their names.
     """
-    for own in (plan.world, *plan.own_worlds.values()):
+    for own in (plan.config.world, *plan.own_worlds.values()):
         if type(own) in worlds.CATALOGUE.values():
             continue
         shared.words[Word.FIRST_CALL] = monotonic_ns()  # the host ends one that does not return
         with suppress(HaptorbError):  # said in the first tick, with its place
-            try_world(own, plan.device)
+            try_world(own, plan.config.device)
         shared.words[Word.FIRST_CALL] = 0
     chain = plan.practice(PointerTracker())
     row = shared.layout.empty()
     with chain.driver:
         for tick in range(_REHEARSAL):  # the device alone: at a first start another process compiles the rest
-            chain.prepare(tick / plan.rate)
+            chain.prepare(tick / plan.config.rate)
         load_loop(row, shared.layout.places)
         for tick in range(_REHEARSAL, 2 * _REHEARSAL):
-            chain.step(row, tick / plan.rate)
-        now = 2 * _REHEARSAL / plan.rate
-        for own in (plan.world, *plan.own_worlds.values()):
-            for one in (*list_companions(plan.device, own), own):
+            chain.step(row, tick / plan.config.rate)
+        now = 2 * _REHEARSAL / plan.config.rate
+        for own in (plan.config.world, *plan.own_worlds.values()):
+            for one in (*list_companions(plan.config.device, own), own):
                 practise(chain, one, row, now)
         return frozenset(
             name for name, kind in worlds.CATALOGUE.items() if not _load_code(plan, chain, kind(), row, now)
@@ -223,16 +222,16 @@ def _load_code(plan: plans.Plan, chain: Chain, world: World, row: Array, now: fl
     """Load the code of `world`, as far as it is compiled; whether all of it is."""
     if world.remembers:  # without a valid pose the chain does not advance it
         with forbid_compiling() as missing, suppress(HaptorbError, UncompiledKernelError):
-            try_world(world, plan.device)
+            try_world(world, plan.config.device)
         if missing:
             return False
     return not find_uncompiled(chain, world, row, now)
 
 
 def _tracker(plan: plans.Plan, shared: SharedMemory) -> Tracker:
-    if plan.prediction is None:
-        return PointerTracker(shared.pointer, signals=shared.hand)
-    return FeedTracker(shared.tracked, plan.prediction)
+    if plan.config.has_feed:
+        return FeedTracker(shared.tracked, plan.config.prediction)
+    return PointerTracker(shared.pointer, signals=shared.hand)
 
 
 class _EndSignals:

@@ -30,6 +30,7 @@ from haptorb.worlds.dynamic import CLIENT_FORCE, FADE, HOLD
 __all__ = [
     "BINS",
     "BLOCKS",
+    "BUTTONS",
     "CAPACITY",
     "COUNTS",
     "FORCE_BLOCK_WORDS",
@@ -616,6 +617,9 @@ class Phase(IntEnum):
     RUNNING = 1
     ENDED = 2  #: as requested
     FAILED = 3  #: the status text says why
+
+
+BUTTONS = ("a", "b", "c")  #: of the tool, as programs that are connected see them; their bits in this order
 
 
 class Word(IntEnum):

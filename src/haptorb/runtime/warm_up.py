@@ -12,12 +12,14 @@ import numpy as np
 from haptorb import worlds
 from haptorb.arrays import Array
 from haptorb.compiled import UncompiledKernelError, forbid_compiling
-from haptorb.control.linkage import Gains
+from haptorb.control.allocation import has_choice, make_allocator, make_choice
+from haptorb.control.linkage import Gains, make_linkage
 from haptorb.devices.base import Device, State, WrenchMap
 from haptorb.errors import HaptorbError
+from haptorb.estimation.registry import check_estimator, make_estimator
 from haptorb.estimation.types import Estimate, Estimator, Pose, Sample
 from haptorb.recording.row import RowLayout
-from haptorb.runtime.assembly import allocator_of, choice_of, estimator_of, linkage_of
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.tick import Chain, Tick
 from haptorb.worlds.base import World
@@ -36,8 +38,8 @@ _AMBIENT = 298.15  #: [K]
 def make_idle_tick(device: Device, world: World, gains: Gains | None = None) -> Tick:
     """`world` on `device` between a driver and an estimator for which nothing needs to be compiled."""
     return Tick(
-        device, world, _IdleDriver(device), _IdleEstimator(device), allocator_of(device), _DT,
-        linkage_of(device, gains), choice=choice_of(device),
+        device, world, _IdleDriver(device), _IdleEstimator(device), make_allocator(device), _DT,
+        make_linkage(device, gains), choice=make_choice(device),
     )  # fmt: skip
 
 
@@ -106,7 +108,7 @@ def find_uncompiled(chain: Chain, world: World, row: Array, now: float) -> list[
 
 def list_companions(device: Device, world: World) -> list[World]:
     """Worlds that have a tool's torque allocated, if only the wrenches of `world` will tell whether it does, too."""
-    if world.asks is not None or device.kind.wrench_choice is None:
+    if world.asks is not None or not has_choice(device):
         return []
     return [kind() for kind in worlds.CATALOGUE.values() if kind.asks in ("torque", "both")]
 
@@ -114,21 +116,17 @@ def list_companions(device: Device, world: World) -> list[World]:
 @final
 @dataclass(frozen=True)
 class Compilation:
-    """Of the code that controls `device`, for processes beside the servo's: what one of them has compiled lies in the
-    cache for the others.
+    """Of the code that a run needs, for processes beside the servo's: what one of them has compiled lies in the cache
+    for the others.
 
     Failures are not reported: the servo's process meets them too, and reports them.
     """
 
-    device: Device
-    world: World  #: at the start
-    estimator: str
-    model: str | None = None
-    gains: Gains | None = None
+    config: RunConfig
 
     def make_tick(self) -> Chain:
         """The controller between a driver and an estimator for which nothing needs to be compiled."""
-        return make_idle_tick(self.device, self.world, self.gains)
+        return make_idle_tick(self.config.device, self.config.world, self.config.gains)
 
     def compile_controller(self) -> Iterator[None]:
         """Compile part after part, as it is iterated, what controls the device in the first world.
@@ -139,10 +137,11 @@ class Compilation:
         with suppress(HaptorbError):
             chain, row = self.make_tick(), self._make_row()
             yield
-            for n, one in enumerate((self.world, *list_companions(self.device, self.world))):
+            device, world = self.config.device, self.config.world
+            for n, one in enumerate((world, *list_companions(device, world))):
                 practise(chain, one, row, 1e-3 * n)
                 yield
-            learning = estimator_of(self.device, self.estimator, self.model)
+            learning = make_estimator(device, check_estimator(device, self.config.estimator), self.config.model)
             yield
             for n in range(_TICKS):
                 learning.update(chain.driver.read(1e-3 * n))
@@ -162,4 +161,4 @@ class Compilation:
             yield name
 
     def _make_row(self) -> Array:
-        return RowLayout.of(self.device).empty()
+        return RowLayout.of(self.config.device).empty()

@@ -20,12 +20,10 @@ from threading import Thread
 from time import monotonic, sleep
 from typing import Any, final
 
-from haptorb import worlds
-from haptorb.arrays import Array
-from haptorb.devices.base import Device, State
+from haptorb.cluster import unpack
+from haptorb.devices.base import Device
 from haptorb.errors import HaptorbError, InputError, UnknownName
 from haptorb.recording.row import RowLayout
-from haptorb.runtime.plan import unpack
 from haptorb.runtime.prestart import code_note
 from haptorb.runtime.tick import Chain
 from haptorb.runtime.warm_up import find_uncompiled, list_companions
@@ -36,16 +34,12 @@ from haptorb.worlds.base import values as parameter_values
 from haptorb.worlds.dynamic import split_remote
 from haptorb.worlds.scene import SceneFile
 from haptorb.worlds.user_world import (
-    FileWithRemote,
     WorldFile,
-    is_world_file,
     keep_source,
-    make_world,
-    parse_world_file,
     try_world,
 )
 
-__all__ = ["LoadedWorld", "WorldLoader", "WorldWatcher", "choose_world", "keep_changes"]
+__all__ = ["LoadedWorld", "WorldLoader", "WorldWatcher", "keep_changes"]
 
 
 _SWITCH = 2e-4  #: after which a thread that computes gives way [s]
@@ -140,22 +134,6 @@ class WorldLoader:
 _EVERY = 0.2  #: between two looks at the file [s]
 _SLOW = 2.0  #: a file that takes longer to load and to be called once is reported [s]
 _SETTLED = 0.03  #: for which a file that is being written must stay as it is [s]
-
-
-def choose_world(
-    given: str | World | WorldFile | SceneFile | FileWithRemote | Callable[[State], Array],
-) -> tuple[World, WorldFile | SceneFile | None]:
-    """The world `given` by name or object, and the file to watch if it comes from one.
-
-    A function as a world returns (6,) [N, N·m].
-
-    Raises UnknownName or InputError as `find_world`, `make_world` and `WorldFile.load` do.
-    """
-    if isinstance(given, str) and is_world_file(given):
-        given = parse_world_file(given)
-    if isinstance(given, WorldFile | SceneFile | FileWithRemote):
-        return given.load(), given.file if isinstance(given, FileWithRemote) else given
-    return (worlds.find_world(given)() if isinstance(given, str) else make_world(given)), None
 
 
 def _to_json(value: Any) -> Any:

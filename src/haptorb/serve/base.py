@@ -25,15 +25,14 @@ from typing import Any, Literal, Protocol, Self, cast, final
 from urllib.parse import urlsplit
 
 from haptorb.arrays import Array, record
+from haptorb.cluster import pack
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, HaptorbError, InputError, UnknownName
-from haptorb.runtime.commands import BUTTONS
 from haptorb.runtime.linux import end_process, is_parent_gone, run_uninterrupted
 from haptorb.runtime.liveness import HangWatch
-from haptorb.runtime.plan import pack
 from haptorb.runtime.prestart import start_module
 from haptorb.runtime.servo import Servo
-from haptorb.runtime.shared_memory import Phase, SharedMemory, TextSlot, Word
+from haptorb.runtime.shared_memory import BUTTONS, Phase, SharedMemory, TextSlot, Word
 from haptorb.runtime.sockets import is_own_account, tcp_owner
 from haptorb.runtime.world_output import show
 from haptorb.version import __version__
@@ -431,7 +430,7 @@ class Serving:
         servo = self._servo
         if self._servers and servo.hand is None and servo.driver == "sim" and servo.tracker in ("pointer", "hall"):
             shell = servo.device.shell
-            servo.hold((0.0, 0.0, 0.05 if shell is None else shell.contact_distance + _ABOVE))
+            servo.hand.hold((0.0, 0.0, 0.05 if shell is None else shell.contact_distance + _ABOVE))
 
     def _start_process(self, one: _Server) -> None:
         servo, prepared = self._servo, one.preparation

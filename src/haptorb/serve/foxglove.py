@@ -52,7 +52,7 @@ from websockets.typing import Subprotocol
 from haptorb.arrays import Array
 from haptorb.control.trips import CoilState, GuardState, Trip
 from haptorb.devices.base import Device
-from haptorb.devices.geometry import Ball, Geometry, Rod, RoundPart, Spot
+from haptorb.devices.geometry import Ball, Rod, RoundPart, Spot
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.trackers.pose_filter import describe_trip
 from haptorb.serve.base import (
@@ -115,10 +115,9 @@ def make_shape(device: Device, stamp: Timestamp) -> SceneUpdate:
 
     Parts of the mover are at their places relative to the mover's origin, so that frame "mover" carries them.
     """
-    describe = device.kind.part("geometry")
-    if describe is None:
+    geometry = device.geometry()
+    if geometry is None:
         return SceneUpdate(entities=[])
-    geometry: Geometry = describe(device)
     rest = np.asarray(device.rest_position, dtype=np.float64)
     entities = [_describe_part(part, rest, stamp) for part in geometry.round_parts]
     entities += [_describe_ball(ball, stamp) for ball in geometry.balls]

@@ -21,7 +21,7 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 from haptorb.arrays import Array
 from haptorb.errors import InputError, UnknownName, quote
 from haptorb.recording.row import RowLayout
-from haptorb.runtime.commands import BUTTONS
+from haptorb.runtime.shared_memory import BUTTONS
 from haptorb.runtime.sockets import DatagramTimes, UdpOwners, is_own_account
 from haptorb.runtime.trackers.osc import read_packet
 from haptorb.serve.base import (

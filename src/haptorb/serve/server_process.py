@@ -14,9 +14,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from haptorb.cluster import unpack
 from haptorb.errors import HaptorbError
 from haptorb.runtime.linux import die_with_parent
-from haptorb.runtime.plan import unpack
 from haptorb.runtime.shared_memory import Phase, SharedMemory, Word
 from haptorb.serve.base import ServedDevice, load_kind
 

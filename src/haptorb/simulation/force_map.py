@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, vectors
-from haptorb.control.allocation import Allocator, WrenchChoice
-from haptorb.devices.base import Device, State
+from haptorb.control.allocation import Allocator, make_choice
+from haptorb.devices.base import Device, State, unsupported
 from haptorb.devices.loader import find_device
 from haptorb.worlds import find_world
 from haptorb.worlds.base import World, WrenchPart
@@ -77,8 +77,9 @@ def force_map(
     """
     known, at = find_device(device), vectors(points, "points").reshape(-1, 3)
     fitted = (find_world(world)() if isinstance(world, str) else world).for_device(known)
-    choose = known.kind.require_part("wrench_choice", known.name, "a force map")
-    choice: WrenchChoice = choose(known, render, None)
+    choice = make_choice(known, render)
+    if choice is None:
+        raise unsupported(known, "a force map", make_choice)
     allocate = (allocator or choice.allocators[choice.choose_part(fitted)]).allocate
     inverted = known.check_model(model or known.models[0])
     radial = np.empty(len(at))

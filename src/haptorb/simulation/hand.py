@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import singledispatch
 from math import acos, exp
 from typing import Any, TypeAlias, final
 
@@ -13,8 +14,9 @@ from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array
 from haptorb.compiled import kernel
-from haptorb.devices.base import FARTHEST, Device, check_distance, rotation_to_axis
+from haptorb.devices.base import FARTHEST, Device, check_distance, device_function, rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import InputError, quote
 from haptorb.rotations import quaternion
 
@@ -30,8 +32,7 @@ __all__ = [
     "SampledPath",
     "ScriptedMotion",
     "check_pose",
-    "dome_guide",
-    "handle_guide",
+    "guide_hand",
     "handle_quaternion",
     "lead_tool",
     "position_on_path",
@@ -183,8 +184,15 @@ def _fill_arc(start: Array, rest: Array, s: float, p: Array) -> None:
         p[i] *= ((1.0 - s) * r0 + s * r1) / length
 
 
-def dome_guide(device: Device) -> DomeMotion:
-    """The guided motion over a dome; every dome's is the same."""
+@device_function
+@singledispatch
+def guide_hand(device: Device) -> GuidedMotion:
+    """The guided motion of the hand that holds the mover of `device`, by its kind; by default the hand rests."""
+    return AtRest(device)
+
+
+@guide_hand.register(SphericalElectromagnet)
+def _(device: SphericalElectromagnet) -> DomeMotion:
     return DomeMotion()
 
 
@@ -285,8 +293,8 @@ class HandleMotion(GuidedMotion):
         return _NOWHERE, way / length if length > 1e-9 else self._rest
 
 
-def handle_guide(device: Device) -> HandleMotion:
-    """The guided motion of a motor's handle; every motor's is the same."""
+@guide_hand.register(SphericalMotor)
+def _(device: SphericalMotor) -> HandleMotion:
     return HandleMotion()
 
 

@@ -16,7 +16,9 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 
+from haptorb.control.allocation import has_choice
 from haptorb.errors import InputError
+from haptorb.runtime.servo import Servo
 from haptorb.web.access import AccessGate, choose_token
 from haptorb.web.console_hub import ConsoleSocketHub, DesignSession
 from haptorb.web.force_map import ForceMapSource, ForceMapWorker
@@ -33,7 +35,7 @@ from haptorb.web.server import (
     server,
     signals,
 )
-from haptorb.web.session import RunningServo, session, worlds_now
+from haptorb.web.session import session, worlds_now
 
 __all__ = ["PORT", "STATIC", "Console", "application"]
 
@@ -47,7 +49,7 @@ STATIC = Path(__file__).parent / "console_static"
 
 
 def application(
-    servo: RunningServo,
+    servo: Servo,
     force_map: ForceMapSource | None = None,
     designs: DesignSession | None = None,
     framed_by: str = "",
@@ -70,10 +72,9 @@ def application(
         )
     device = servo.device
     painter, process = None, None
-    compute = device.kind.part("force_map")
-    if compute is not None and device.shell is not None:
+    if device.shell is not None and has_choice(device):
         if force_map is None:
-            force_map = process = compute(device)
+            force_map = process = ForceMapProcess(device)
             process.start()
             process.own_worlds = lambda: servo.own_worlds
             process.render = servo.render
@@ -132,7 +133,7 @@ class Console:
 
     def __init__(
         self,
-        servo: RunningServo,
+        servo: Servo,
         port: int = PORT,
         *,
         force_map: ForceMapSource | None = None,

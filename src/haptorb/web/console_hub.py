@@ -15,12 +15,13 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptorb.arrays import Array
 from haptorb.errors import HaptorbError, InputError
+from haptorb.runtime.servo import Servo
 from haptorb.runtime.trackers.pose_filter import REASONS
 from haptorb.web.access import PROTOCOL
 from haptorb.web.force_map import ForceMapWorker
 from haptorb.web.server import command as read_command
 from haptorb.web.server import is_stop_request
-from haptorb.web.session import PointerRelay, RunningServo, describe_world, prepare, press_buttons, read_world, worlds
+from haptorb.web.session import PointerRelay, describe_world, prepare, press_buttons, read_world, worlds
 from haptorb.web.wire import Columns, encode_force_frame, mesh_frame, pointer, rows_frame
 
 __all__ = [
@@ -107,7 +108,7 @@ WINDOW = 5.0
 _READ = 1.0
 
 
-def describe_troubles(servo: RunningServo) -> dict[str, Any]:
+def describe_troubles(servo: Servo) -> dict[str, Any]:
     """Whether the loop runs, texts that are empty while all is well, and which programs are connected."""
     return {
         "alive": servo.alive,
@@ -123,7 +124,7 @@ def describe_troubles(servo: RunningServo) -> dict[str, Any]:
 class Health:
     """Looks at every row twice a second and keeps five seconds of it."""
 
-    def __init__(self, servo: RunningServo) -> None:
+    def __init__(self, servo: Servo) -> None:
         self._servo = servo
         layout = servo.layout
         self._t, self._missed, self._lateness = (layout[name].start for name in ("t", "missed", "lateness"))
@@ -196,7 +197,7 @@ _AT_ONCE = 0.25
 class RecentRows:
     """A page says up to which row it has seen them, and gets what is newer; who is too slow misses the oldest."""
 
-    def __init__(self, servo: RunningServo) -> None:
+    def __init__(self, servo: Servo) -> None:
         self._servo = servo
         self._t = servo.layout["t"].start
         self._pieces: deque[tuple[int, Array]] = deque()  # number of the first row, rows (n, width)
@@ -333,9 +334,7 @@ _NAME = 64  #: of a world, a mode or a value [characters]
 class ConsoleSocketHub:
     """Joins pages to one servo, which must run before the first page comes."""
 
-    def __init__(
-        self, servo: RunningServo, painter: ForceMapWorker | None, designs: DesignSession | None = None
-    ) -> None:
+    def __init__(self, servo: Servo, painter: ForceMapWorker | None, designs: DesignSession | None = None) -> None:
         self._servo = servo
         self._painter = painter
         self._pages: list[ConsolePage] = []  # the first has the control

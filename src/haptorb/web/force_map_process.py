@@ -99,7 +99,7 @@ class ForceMapProcess:
 
 def _pack(world: World) -> bytes:
     # What a servo has loaded anyway: without one there is no own world, and nothing of it is needed.
-    from haptorb.runtime.plan import pack
+    from haptorb.cluster import pack
 
     return pack(world)
 
@@ -116,7 +116,7 @@ def main() -> None:
     os.nice(10)
     questions, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # a world's output is not a reply
-    from haptorb.runtime.plan import unpack
+    from haptorb.cluster import unpack
     from haptorb.simulation.force_map import force_map
     from haptorb.worlds import find_world
 

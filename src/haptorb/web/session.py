@@ -5,31 +5,30 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Collection, Mapping
-from functools import lru_cache
+from collections.abc import Mapping
+from functools import lru_cache, singledispatch
 from threading import Thread
-from typing import Any, NamedTuple, Protocol, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array
 from haptorb.beams import Hook, compliance, compute_bent_shape
 from haptorb.control.allocation import Saturation
 from haptorb.control.trips import Trip
-from haptorb.devices.base import Device
+from haptorb.devices.base import Device, device_function
 from haptorb.devices.coil_array import CoilArray, array_geometry
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet_geometry
 from haptorb.devices.geometry import Geometry, RoundPart
 from haptorb.devices.motor import SphericalMotor, motor_geometry
 from haptorb.errors import HaptorbError, InputError
 from haptorb.recording.row import RowLayout
+from haptorb.runtime.servo import Servo
 from haptorb.runtime.trackers.pose_filter import describe_trip
 from haptorb.runtime.trackers.registry import has_feed
 from haptorb.version import __version__
 from haptorb.web.wire import Columns, Pointer
 from haptorb.worlds import CATALOGUE, Outlet, SnapFit, World, find_world
-from haptorb.worlds.base import World as WorldWorld
 from haptorb.worlds.base import parameters
 from haptorb.worlds.base import values as parameter_values
 from haptorb.worlds.dynamic import DynamicWorld, find_number
@@ -37,17 +36,13 @@ from haptorb.worlds.dynamic import DynamicWorld, find_number
 __all__ = [
     "PATIENCE",
     "PATIENCE_SIMULATED",
-    "DescribedServo",
     "Patience",
     "PointerRelay",
-    "RunningServo",
-    "array_scene",
-    "axes_scene",
+    "RecordedServo",
     "describe_parts",
+    "describe_scene",
     "describe_world",
-    "dome_scene",
     "list_shapes",
-    "motor_scene",
     "patience_for",
     "prepare",
     "press_buttons",
@@ -67,18 +62,23 @@ __all__ = [
 # There is one description for each scene that `web/src/scene` knows.
 
 
-def axes_scene(device: Device) -> dict[str, Any]:
-    """Axes and a marker for the mover, and the device's parts where its kind knows them: for every other device."""
-    geometry = device.kind.part("geometry")
+@device_function
+@singledispatch
+def describe_scene(device: Device) -> dict[str, Any]:
+    """How the page draws `device`, by its kind; by default axes, a marker for the mover, and the device's geometry.
+
+    `kind` is one of the scenes that `web/src/scene` has; `gives` is "torque" where the device renders torque.
+    """
+    geometry = device.geometry()
     return {
         "kind": "axes",
         "rest": device.rest_position.tolist(),
-        **({} if geometry is None else describe_parts(geometry(device))),
+        **({} if geometry is None else describe_parts(geometry)),
     }
 
 
-def dome_scene(device: SphericalElectromagnet) -> dict[str, Any]:
-    """A tool over a dome, its coils about the core."""
+@describe_scene.register(SphericalElectromagnet)
+def _(device: SphericalElectromagnet) -> dict[str, Any]:
     return {
         "kind": "dome",
         "dome_radius": device.dome_radius,
@@ -96,8 +96,8 @@ def dome_scene(device: SphericalElectromagnet) -> dict[str, Any]:
     }
 
 
-def array_scene(device: CoilArray) -> dict[str, Any]:
-    """Coils where they are: a stylus over a dome, or the tool and its magnets over a plate."""
+@describe_scene.register(CoilArray)
+def _(device: CoilArray) -> dict[str, Any]:
     surface, magnet = device.surface, device.tool.magnets[0]
     if not surface.is_dome:
         return {
@@ -127,8 +127,8 @@ def array_scene(device: CoilArray) -> dict[str, Any]:
     }
 
 
-def motor_scene(device: SphericalMotor) -> dict[str, Any]:
-    """A rotor with magnets over a stator with coils, and its handle."""
+@describe_scene.register(SphericalMotor)
+def _(device: SphericalMotor) -> dict[str, Any]:
     return {
         "kind": "motor",
         "gives": "torque",
@@ -302,166 +302,6 @@ def _describe_scene(hook: Hook, at: Array, **others: Any) -> dict[str, Any]:
 
 
 # --------------------------------------------------------------------------------------------------
-# What the console needs of a servo, and nothing else of it.
-
-
-class DescribedServo(Protocol):
-    """A servo, running or recorded, as the page must know it before the first frame."""
-
-    @property
-    def device(self) -> Device:
-        """The device that runs."""
-        ...
-
-    @property
-    def layout(self) -> RowLayout:
-        """Which numbers of a row are what."""
-        ...
-
-    @property
-    def modes(self) -> tuple[str, ...]:
-        """How the mover can move a target; empty where the world acts on the mover itself."""
-        ...
-
-    @property
-    def models(self) -> tuple[str, ...]:
-        """The models of the device that its controller can invert, the default first."""
-        ...
-
-    @property
-    def part_remarks(self) -> tuple[str, ...]:
-        """What to say of each part that can be rendered, by its number in the row; empty where there is no choice."""
-        ...
-
-    @property
-    def driver(self) -> str:
-        """ "sim" for the simulated one."""
-        ...
-
-    @property
-    def tracker(self) -> str:
-        """Who knows where the mover is, as in `--tracker`."""
-        ...
-
-
-class RunningServo(DescribedServo, Protocol):
-    """A running servo as the console sees it."""
-
-    @property
-    def rate(self) -> float:
-        """Ticks in a second [Hz]."""
-        ...
-
-    @property
-    def model(self) -> str:
-        """The one that it inverts now."""
-        ...
-
-    @property
-    def world(self) -> tuple[str, Mapping[str, Any]]:
-        """Name and values of what is felt now."""
-        ...
-
-    @property
-    def own_worlds(self) -> Mapping[str, WorldWorld]:
-        """Worlds beside the catalogue's that `set_world` knows, by name; another mapping after one was reloaded."""
-        ...
-
-    @property
-    def world_trouble(self) -> str:
-        """What is wrong with the world's code, and where; empty while all is well. Part of `warning`."""
-        ...
-
-    @property
-    def render(self) -> str | None:
-        """Part of the wrench to render, overriding the world; None: the world's."""
-        ...
-
-    @property
-    def tracker_refusals(self) -> Mapping[str, int]:
-        """How many messages of the tracker's senders were refused so far, by reason."""
-        ...
-
-    @property
-    def missing_pose(self) -> str:
-        """Which pose of a tracker is waited for, with what came instead; empty while poses are valid."""
-        ...
-
-    @property
-    def recording_trouble(self) -> str:
-        """Why there is no recording any more, or none for the moment; empty while all is well."""
-        ...
-
-    @property
-    def warning(self) -> str:
-        """What a person should know of the device or of the servo's memory; empty if there is nothing."""
-        ...
-
-    @property
-    def connections(self) -> list[dict[str, Any]]:
-        """What each server says of the programs that are connected to it; empty without servers."""
-        ...
-
-    def press(self, buttons: Collection[str]) -> None:
-        """A person holds down these buttons, of a, b, c, and no others; UnknownName for another."""
-        ...
-
-    @property
-    def alive(self) -> bool:
-        """Whether the loop runs."""
-        ...
-
-    def rows(self, cursor: int = 0, most: int | None = None) -> tuple[int, Array]:
-        """The rows (n, width) since `cursor`, at most the newest `most`, and the cursor after them."""
-        ...
-
-    def point(self, p: ArrayLike, q: ArrayLike | None = None, *, patience: float = 0.0) -> None:
-        """The hand wants the mover at `p`; worth nothing after the device's expiry, and `patience` [s] longer where
-        the hand is simulated."""
-        ...
-
-    def release(self) -> None:
-        """The hand releases the pointer."""
-        ...
-
-    def stop(self) -> None:
-        """Coils off within a tick, and off until `engage`."""
-        ...
-
-    def end_loop(self) -> None:
-        """Coils off and the loop ended within a tick; returns at once."""
-        ...
-
-    @property
-    def stops(self) -> int:
-        """How often `stop` was called."""
-        ...
-
-    def engage(self, stops: int | None = None) -> None:
-        """After a stop or a trip: begin again from zero, unless the guard refuses, or `stops` has changed since."""
-        ...
-
-    def cool(self) -> None:
-        """Simulated coils at the ambient temperature, at once; InputError for a real device."""
-        ...
-
-    def set_mode(self, mode: str) -> None:
-        """Go over to `mode` without a step; UnknownName for one that there is not."""
-        ...
-
-    def set_model(self, name: str) -> None:
-        """Invert the device's model `name`, without a step of the force."""
-
-    def clutch(self, engaged: bool) -> None:
-        """Let the target go, or take hold of it again; InputError where there is no clutch."""
-        ...
-
-    def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
-        """Returns when the servo took it, or refused it with UnknownName or InputError."""
-        ...
-
-
-# --------------------------------------------------------------------------------------------------
 # The hand behind the page's pointer: held by a person, or at rest where it was released.
 #
 # While a person drags, their own messages keep the pose fresh: if the page freezes or goes away in the middle of a drag
@@ -506,7 +346,7 @@ def patience_for(driver: str) -> Patience:
 class PointerRelay:
     """Passes the controlling page's pointer to the servo, and finds the row that answers it."""
 
-    def __init__(self, servo: RunningServo) -> None:
+    def __init__(self, servo: Servo) -> None:
         self._servo = servo
         self._simulated, self._grace = servo.driver == "sim", patience_for(servo.driver).worker
         self._patience = _STARVATION if self._simulated else 0.0
@@ -519,7 +359,7 @@ class PointerRelay:
 
     def point(self, pointer: Pointer) -> None:
         """The page's pointer moved, or was released at `pointer.p`."""
-        self._servo.point(pointer.p, pointer.q, patience=self._patience)
+        self._servo.hand.point(pointer.p, pointer.q, patience=self._patience)
         self.held = pointer.held
         self._resting = None if pointer.held else (pointer.p, pointer.q)
         if not pointer.held:
@@ -531,10 +371,10 @@ class PointerRelay:
     def keep(self) -> None:
         """Refresh a hand at rest, or one whose page stutters; to be called well within the device's expiry."""
         if self._resting is not None:
-            self._servo.point(*self._resting, patience=self._patience)
+            self._servo.hand.point(*self._resting, patience=self._patience)
         elif self._last is not None:
             if time.monotonic() - self._last[2] < self._grace:  # safety: pointer-bridged
-                self._servo.point(self._last[0], self._last[1], patience=self._patience)
+                self._servo.hand.point(self._last[0], self._last[1], patience=self._patience)
             else:
                 self.drop()
 
@@ -544,7 +384,7 @@ class PointerRelay:
         A browser that closes a page in the middle of a drag first sends that the pointer was released; that is no rest.
         """
         if self._resting is not None and time.monotonic() - self._rested > SETTLED:
-            self._servo.release()
+            self._servo.hand.release()
         self._forget()
 
     def drop(self) -> None:
@@ -553,18 +393,18 @@ class PointerRelay:
         if self._last is None:
             return
         if self._simulated:
-            self._servo.release()
+            self._servo.hand.release()
         self._forget()
 
     def let_go(self) -> None:
         """Release the tool at once."""
-        self._servo.release()
+        self._servo.hand.release()
         self._forget()
 
     def end_expired_drag(self) -> None:
         """Before engaging: a drag that was left to expire is over, the hand goes home."""
         if not self.held and self._resting is None:
-            self._servo.release()
+            self._servo.hand.release()
 
     def _forget(self) -> None:
         self._resting = self._last = None
@@ -641,13 +481,6 @@ def _is_renderable(device: Device, kind: type[World]) -> bool:
     return True
 
 
-def _session_scene(device: Device) -> dict[str, Any]:
-    """How the page draws the device: its kind's own scene, or axes; a scene that does not say what it gives shows
-    force."""
-    describe = device.kind.part("scene")
-    return {"gives": "force", **(axes_scene(device) if describe is None else describe(device))}
-
-
 def _word(trip: Trip, tracker: str) -> str:
     """What the header says for `trip`."""
     if trip is Trip.STOPPED:
@@ -655,7 +488,24 @@ def _word(trip: Trip, tracker: str) -> str:
     return "tracker lost" if trip is Trip.POSE_LOST and tracker != "pointer" else "tripped"
 
 
-def session(servo: DescribedServo, started: str) -> dict[str, Any]:
+@final
+class RecordedServo:
+    """Device, driver, tracker and models of a run, by the recording's note of it."""
+
+    part_remarks: tuple[str, ...] = ()  #: the numbers alone show how a part was rendered
+
+    def __init__(self, device: Device, run: Mapping[str, str]) -> None:
+        self.device = device
+        self.layout = RowLayout.of(device)
+        self.modes = device.kind.modes
+        self.driver = run.get("driver", "") or "unknown"
+        self.tracker = run.get("tracker", "") or "pointer"
+        self.models: tuple[str, ...] = tuple(device.models)
+        self.model = run.get("model", "") if run.get("model", "") in self.models else self.models[0]
+        self.render = run.get("render", "") or None
+
+
+def session(servo: Servo | RecordedServo, started: str) -> dict[str, Any]:
     """The JSON of /api/session but for `worlds_now`; `started` distinguishes one run of the server from another."""
     device = servo.device
     heat = device.coils.heat
@@ -666,7 +516,7 @@ def session(servo: DescribedServo, started: str) -> dict[str, Any]:
         "steered": not has_feed(servo.tracker),
         "patience": patience_for(servo.driver).page,
         "device": {"name": device.name, "title": device.title, "source": device.source},
-        "scene": _session_scene(device),
+        "scene": {"gives": "force", **describe_scene(device)},
         "modes": list(servo.modes),
         "models": list(servo.models),
         "parts": list(servo.part_remarks),
@@ -690,21 +540,19 @@ def session(servo: DescribedServo, started: str) -> dict[str, Any]:
     }
 
 
-def worlds_now(servo: RunningServo, *, shown: bool = True) -> dict[str, Any]:
+def worlds_now(servo: Servo, *, shown: bool = True) -> dict[str, Any]:
     """The worlds that can be chosen, and the present one; nothing but its name unless it may be `shown`."""
     return {"worlds": worlds(servo.device, servo.own_worlds if shown else {}), "world": world_now(servo, shown=shown)}
 
 
-def world_now(servo: RunningServo, *, shown: bool = True) -> dict[str, Any]:
+def world_now(servo: Servo, *, shown: bool = True) -> dict[str, Any]:
     """Name and values of the world that is felt now, the model that is inverted, what there is to draw and to say."""
     name, values = servo.world
     plain = {key: _to_json(value) for key, value in values.items()}
     return describe_world(servo, name, plain, servo.model, shown=shown)
 
 
-def describe_world(
-    servo: RunningServo, name: str, values: Mapping[str, Any], model: str, *, shown: bool
-) -> dict[str, Any]:
+def describe_world(servo: Servo, name: str, values: Mapping[str, Any], model: str, *, shown: bool) -> dict[str, Any]:
     """The world `name` with `values` as JSON has them, what there is to draw and to say; of one that is not `shown`
     nothing but the `model`."""
     if not shown:
@@ -719,7 +567,7 @@ def describe_world(
     }
 
 
-def _own_remarks(servo: RunningServo, name: str) -> list[str]:
+def _own_remarks(servo: Servo, name: str) -> list[str]:
     """Remarks of a world of the user's own, such as a scene."""
     world = servo.own_worlds.get(name)
     return [] if world is None else list_world_remarks(world)
@@ -739,7 +587,7 @@ def _to_json(value: Any) -> Any:
     return list(value) if isinstance(value, tuple | list | np.ndarray) else value
 
 
-def press_buttons(servo: RunningServo, command: Mapping[str, Any]) -> None:
+def press_buttons(servo: Servo, command: Mapping[str, Any]) -> None:
     """The buttons that a page holds down, for programs that are connected; InputError for what is no list of names."""
     pressed = command.get("pressed")
     if not isinstance(pressed, list) or not all(isinstance(name, str) for name in pressed[:_VALUES]):

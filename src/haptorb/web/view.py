@@ -23,6 +23,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptorb.arrays import Array
+from haptorb.control.allocation import has_choice
 from haptorb.devices.base import Device, DeviceText
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import HaptorbError, InputError, quote
@@ -33,10 +34,11 @@ from haptorb.version import __version__
 from haptorb.web.access import PROTOCOL, AccessGate, choose_token
 from haptorb.web.console_hub import PATIENCE, to_json, wait_for_first
 from haptorb.web.force_map import ForceMapSource, shell
+from haptorb.web.force_map_process import ForceMapProcess
 from haptorb.web.overview import Overview
 from haptorb.web.server import HOST, bind_socket, open_browser_at, page_files, respond, server, signals
 from haptorb.web.server import command as read_command
-from haptorb.web.session import list_shapes, session, target_scene, world_remarks, worlds
+from haptorb.web.session import RecordedServo, list_shapes, session, target_scene, world_remarks, worlds
 from haptorb.web.wire import COLUMNS, MODED, encode_force_frame, mesh_frame, rows_frame
 from haptorb.worlds import CATALOGUE
 from haptorb.worlds.base import parameters
@@ -47,7 +49,6 @@ __all__ = [
     "STATIC",
     "PaintedWorlds",
     "PlayedRecording",
-    "RecordedServo",
     "RecordingPart",
     "RowColumns",
     "RowSocket",
@@ -98,27 +99,6 @@ def find_device(path: Path, note: Mapping[str, str], name: str | None) -> tuple[
         if one in known:
             return load(one), f"the recording does not describe its device: '{one}' is assumed"
     raise InputError(f"{path} does not state its device: name one with --as")
-
-
-# --------------------------------------------------------------------------------------------------
-# The servo that made a recording, as far as the console's description asks for it: nothing of it runs.
-
-
-@final
-class RecordedServo:
-    """Device, driver, tracker and models of a run, by the recording's note of it."""
-
-    part_remarks: tuple[str, ...] = ()  #: the numbers alone show how a part was rendered
-
-    def __init__(self, device: Device, run: Mapping[str, str]) -> None:
-        self.device = device
-        self.layout = RowLayout.of(device)
-        self.modes = device.kind.modes
-        self.driver = run.get("driver", "") or "unknown"
-        self.tracker = run.get("tracker", "") or "pointer"
-        self.models: tuple[str, ...] = tuple(device.models)
-        self.model = run.get("model", "") if run.get("model", "") in self.models else self.models[0]
-        self.render = run.get("render", "") or None
 
 
 # --------------------------------------------------------------------------------------------------
@@ -781,12 +761,11 @@ class Viewer:
 
 
 def _paint(recording: PlayedRecording, force_map: ForceMapSource | None) -> PaintedWorlds | None:
-    compute = recording.device.kind.part("force_map")
-    if compute is None or recording.device.shell is None:
+    if recording.device.shell is None or not has_choice(recording.device):
         return None
     if force_map is not None:
         return PaintedWorlds(recording, force_map)
-    process = compute(recording.device)
+    process = ForceMapProcess(recording.device)
     process.render = recording.render
     return PaintedWorlds(recording, process, process.close)
 

@@ -11,7 +11,7 @@ import pytest
 
 from haptorb.cli.inspect import report_errors
 from haptorb.devices.loader import load
-from haptorb.runtime.assembly import estimator_of
+from haptorb.estimation.registry import make_estimator
 
 DEVICES = {"omni": 18, "pmsm": 18}
 
@@ -28,7 +28,7 @@ def test_true_errors_are_as_large_as_the_budget_says(benchmark_of_budgets: Modul
     device = load(name)
     budget = report_errors(device, samples=200).budget
     tries = benchmark_of_budgets.try_electromagnets if name == "omni" else benchmark_of_budgets.try_motors
-    estimator = estimator_of(device, budget.estimator, None)
+    estimator = make_estimator(device, budget.estimator, None)
     trials = tries(device, budget.asked, 77)
     standard = budget.bands[-1].standard
     axes = [standard[1], standard[1], standard[0]] if name == "omni" else standard

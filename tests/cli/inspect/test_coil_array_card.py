@@ -11,6 +11,7 @@ from rich.console import Console
 
 from haptorb.cli.inspect import card
 from haptorb.devices.loader import load
+from haptorb.web.session import describe_scene
 
 
 @pytest.mark.parametrize("name", ["planar", "tetrahedron"])
@@ -36,7 +37,7 @@ def test_the_card_tells_forces_by_height(name):
 def test_coils_are_drawn_where_they_are():
     for name, kind in (("planar", "plate"), ("tetrahedron", "dome")):
         device = load(name)
-        scene = device.kind.part("scene")(device)
+        scene = describe_scene(device)
         assert scene["kind"] == kind
         coils = [part for part in scene["parts"] if part["role"] == "coil"]
         assert [coil["position"] for coil in coils] == device.windings.position.tolist()

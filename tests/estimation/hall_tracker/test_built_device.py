@@ -13,8 +13,8 @@ from haptorb.cli.calibration_dialog import Pace, hold_tool
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
+from haptorb.estimation.registry import make_estimator
 from haptorb.rotations import quaternion
-from haptorb.runtime.assembly import estimator_of
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
 
@@ -32,7 +32,7 @@ def follow(believed: SphericalElectromagnet, specimen: int, amperes: float) -> t
     )  # fmt: skip
     simulated, tracker = (
         SimulatedElectromagnet(replace(OMNI, hand=firm), specimen),
-        estimator_of(believed, "hall", None),
+        make_estimator(believed, "hall", None),
     )
     valid, errors = 0, []
     for tick in range(TICKS):

@@ -6,6 +6,7 @@ import pytest
 from haptorb import worlds
 from haptorb.devices.loader import load
 from haptorb.runtime.assembly import assemble
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.simulation.hand import RelaxedHand
 
@@ -64,7 +65,7 @@ def test_a_turn_fades_too_and_is_bounded():
 
 def test_the_force_on_an_untouched_tool_fades():
     """Without giving way 0.35 N are asked for ever. All worlds: benchmarks/heat_at_rest.py."""
-    tick = assemble(load("omni"), worlds.Guidance(), "sim", 500.0, 0, None, PointerTracker())
+    tick = assemble(RunConfig(device=load("omni"), world=worlds.Guidance(), rate=500.0), PointerTracker())
     row, asked = tick.layout.empty(), []
     with tick.driver:
         for n in range(10_000, 16_000):  # from 20 s on every guided motion is over

@@ -213,7 +213,7 @@ def test_bad_use_is_refused():
         name, channels, kind = (
             "unknown",
             1,
-            DeviceKind(name="unknown", title="device of an unknown kind", world="nothing", allocator=object),
+            DeviceKind(name="unknown", title="device of an unknown kind", world="nothing"),
         )
 
     with pytest.raises(DeviceError):

@@ -172,7 +172,7 @@ from haptorb.runtime.shared_memory import SharedMemory
 servo = Servo("omni", record=False)
 servo._shared = SharedMemory.create(servo.layout)
 with event.install_recorder("numba:compile") as compiled:
-    servo.point((0.0, 0.01, 0.05))
+    servo.hand.point((0.0, 0.01, 0.05))
 servo._shared.unlink()
 print(len(compiled.buffer))
 """

@@ -32,7 +32,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # a shell without a terminal may have it ignored
 try:
     with Servo("omni", record=False) as servo:
-        servo.hold((0.0, 0.0, 0.051))
+        servo.hand.hold((0.0, 0.0, 0.051))
         servo.run(0.5)
         print(servo.memory_path, flush=True)
         exec(sys.argv[1])
@@ -247,7 +247,7 @@ def test_what_fails_while_a_servo_is_closed_leaves_nothing(monkeypatch, tmp_path
 
 def test_a_program_that_survives_its_signal_has_a_trip_and_engages_again():
     with Servo("omni", record=False) as servo:
-        servo.hold((0.0, 0.0, 0.051))
+        servo.hand.hold((0.0, 0.0, 0.051))
         servo.run(0.3)
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
@@ -293,12 +293,12 @@ def test_a_run_that_was_interrupted_reports_no_trip():
 def test_a_servo_that_was_stopped_for_a_second_waits_for_a_person():
     """As a board does, whose firmware latches a silence."""
     with Servo("omni", record=False) as servo:
-        servo.hold((0.0, 0.0, 0.051))
+        servo.hand.hold((0.0, 0.0, 0.051))
         servo.run(0.5)
         os.kill(servo.servo_pid, signal.SIGSTOP)
         time.sleep(1.1)
         os.kill(servo.servo_pid, signal.SIGCONT)
-        servo.hold((0.0, 0.0, 0.051))
+        servo.hand.hold((0.0, 0.0, 0.051))
         servo.run(0.6)
         assert servo.latest().guard == GuardState.TRIPPED
         assert servo.latest().trip == Trip.OVERRUN

@@ -37,25 +37,25 @@ def _is_old(servo: Servo) -> bool:
 @pytest.fixture
 def servo(running: Servo) -> Servo:
     """A servo that runs, and whose hand nobody holds."""
-    running.release()
+    running.hand.release()
     _until(running, lambda: running.latest().age == 0.0)  # the guided motion
     return running
 
 
 def test_a_pose_is_held_until_something_else_is_said(servo: Servo) -> None:
-    servo.hold(HERE)
+    servo.hand.hold(HERE)
     _until(servo, lambda: _is_at(servo, HERE))
     cursor, _ = servo.rows()
     _until(servo, lambda: servo.rows()[0] > cursor + 500)
     _, rows = servo.rows(cursor)
     assert (rows[:, servo.layout["target"]] == HERE).all()
     assert np.median(rows[:, servo.layout["age"]]) < servo.device.limits.expiry / 2
-    servo.point(THERE)  # once: the pose that was held is not said again
+    servo.hand.point(THERE)  # once: the pose that was held is not said again
     _until(servo, lambda: _is_at(servo, THERE))
     _until(servo, lambda: _is_old(servo))
     assert _is_at(servo, THERE)
-    servo.hold(HERE)
-    servo.release()
+    servo.hand.hold(HERE)
+    servo.hand.release()
     _until(servo, lambda: servo.latest().age == 0.0)  # the guided motion
 
 
@@ -63,9 +63,9 @@ def test_a_patient_word_keeps_the_pose_fresh(servo: Servo) -> None:
     expiry, patience = servo.device.limits.expiry, 0.4
     for wrong in (-0.1, 1.5, float("nan")):
         with pytest.raises(InputError, match="patience"):
-            servo.point(HERE, patience=wrong)
+            servo.hand.point(HERE, patience=wrong)
     cursor, _ = servo.rows()
-    servo.point(HERE, patience=patience)
+    servo.hand.point(HERE, patience=patience)
     _until(servo, lambda: _is_old(servo))
     _, rows = servo.rows(cursor)
     rows = rows[(rows[:, servo.layout["target"]] == HERE).all(axis=1)]
@@ -76,7 +76,7 @@ def test_a_patient_word_keeps_the_pose_fresh(servo: Servo) -> None:
 
 def test_a_path_is_followed_to_its_last_pose(servo: Servo) -> None:
     cursor, _ = servo.rows()
-    servo.follow([HERE, THERE], [0.0, 0.3])
+    servo.hand.follow([HERE, THERE], [0.0, 0.3])
     _until(servo, lambda: _is_at(servo, THERE))
     _, rows = servo.rows(cursor)
     y = rows[:, servo.layout["target"]][:, 1]
@@ -84,7 +84,7 @@ def test_a_path_is_followed_to_its_last_pose(servo: Servo) -> None:
     cursor, _ = servo.rows()
     _until(servo, lambda: servo.rows()[0] > cursor + 300)
     assert not _is_old(servo)
-    servo.follow(lambda t: (0.0, 0.0, 0.05 + 0.001 * min(t, 1e-3)))
+    servo.hand.follow(lambda t: (0.0, 0.0, 0.05 + 0.001 * min(t, 1e-3)))
     _until(servo, lambda: _is_at(servo, (0.0, 0.0, 0.050001)))
 
 
@@ -95,16 +95,16 @@ def test_a_path_that_fails_is_told_with_its_line_and_its_pose_expires(servo: Ser
     def buggy(t: float) -> Any:
         return HERE if t < 0.1 else 1 / 0
 
-    servo.follow(path)
+    servo.hand.follow(path)
     with pytest.raises(InputError, match=r"path at 0\.\d+ s: p must be the position of the tool's magnet, 3 finite"):
         servo.run(20)
-    servo.follow(buggy)
-    assert servo.hand_trouble == ""
+    servo.hand.follow(buggy)
+    assert servo.hand.trouble == ""
     with pytest.raises(InputError, match=r"ZeroDivisionError[\s\S]*test_hand\.py\", line \d+, in buggy\n +return"):
         servo.run(20)
     assert "ZeroDivisionError" in servo.warning
     _until(servo, lambda: _is_old(servo))
-    servo.hold(HERE)
+    servo.hand.hold(HERE)
     servo.run(0.05)
 
 
@@ -117,10 +117,10 @@ def test_a_path_that_hangs_keeps_no_pose_alive(servo: Servo) -> None:
             go_on.wait(20)
         return HERE
 
-    servo.follow(path)
+    servo.hand.follow(path)
     assert hangs.wait(20)
     _until(servo, lambda: _is_old(servo))
-    servo.point(THERE)
+    servo.hand.point(THERE)
     _until(servo, lambda: _is_at(servo, THERE))
     go_on.set()
     _until(servo, lambda: _is_old(servo))
@@ -134,27 +134,27 @@ def _hands() -> set[threading.Thread]:
 @pytest.mark.parametrize(
     ("follow", "says"),
     [
-        (lambda servo: servo.hold((0, 0, 50)), "50 mm are 0.05"),
-        (lambda servo: servo.follow([HERE]), "needs the times"),
-        (lambda servo: servo.follow(lambda t: HERE, [0.0]), "times are for poses"),
-        (lambda servo: servo.follow(lambda t: None), r"path at 0.000 s: .*got None"),
-        (lambda servo: servo.follow(lambda: HERE), r"path at 0.000 s: TypeError"),
+        (lambda servo: servo.hand.hold((0, 0, 50)), "50 mm are 0.05"),
+        (lambda servo: servo.hand.follow([HERE]), "needs the times"),
+        (lambda servo: servo.hand.follow(lambda t: HERE, [0.0]), "times are for poses"),
+        (lambda servo: servo.hand.follow(lambda t: None), r"path at 0.000 s: .*got None"),
+        (lambda servo: servo.hand.follow(lambda: HERE), r"path at 0.000 s: TypeError"),
     ],
 )
 def test_what_cannot_be_followed_is_refused_and_the_hand_stays(running: Servo, follow: Any, says: str) -> None:
-    running.hold(HERE)
+    running.hand.hold(HERE)
     with pytest.raises(InputError, match=says):
         follow(running)
     _until(running, lambda: _is_at(running, HERE))
-    assert running.hand_trouble == ""
+    assert running.hand.trouble == ""
 
 
 def test_nothing_is_held_before_the_start_and_after_the_end(fake_servo: Any) -> None:
     servo, before = fake_servo(record=False).servo, _hands()
     with pytest.raises(ServoError, match="not started"):
-        servo.hold(HERE)
+        servo.hand.hold(HERE)
     with servo:
-        servo.hold(HERE)
+        servo.hand.hold(HERE)
         assert _hands() > before
     assert _hands() == before
 
@@ -169,6 +169,6 @@ def test_nothing_is_held_before_the_start_and_after_the_end(fake_servo: Any) -> 
 )
 def test_no_pose_is_held_that_a_tracker_should_measure(arguments: Any, says: str) -> None:
     servo = Servo("omni", **arguments)
-    for say in (lambda: servo.hold(HERE), lambda: servo.follow([HERE], [0.0])):
+    for say in (lambda: servo.hand.hold(HERE), lambda: servo.hand.follow([HERE], [0.0])):
         with pytest.raises(InputError, match=says):
             say()

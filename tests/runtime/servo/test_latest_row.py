@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from haptorb.errors import UnknownName
-from haptorb.recording.row import RowLayout
-from haptorb.runtime.servo import LatestRow
+from haptorb.recording.row import LatestRow, RowLayout
 
 LAYOUT = RowLayout(channels=3, sensors=0)
 

@@ -61,13 +61,13 @@ def test_time_is_that_of_the_deadlines(ended: Any) -> None:
 
 def test_pointer_reaches_the_loop_and_grows_old(running: Servo) -> None:
     at = running.layout
-    running.point((0.0, 0.03, 0.04))
+    running.hand.point((0.0, 0.03, 0.04))
     _until(running, lambda: (running.latest()[at["target"]] == (0.0, 0.03, 0.04)).all())
     young = running.latest()[at["age"]][0]
     time.sleep(0.2)
     assert 0 <= young < running.latest()[at["age"]][0]
     assert running.latest()[at["age"]][0] > 0.15
-    running.release()
+    running.hand.release()
     _until(running, lambda: running.latest()[at["age"]][0] == 0.0)
 
 
@@ -176,14 +176,14 @@ def test_seed_must_be_a_whole_number(seed: Any) -> None:
 @pytest.mark.parametrize("p", [(0, 0), (0, 0, np.nan), "here", np.zeros((2, 3))])
 def test_point_refuses_what_is_no_place(running: Servo, p: Any) -> None:
     with pytest.raises(InputError):
-        running.point(p)
+        running.hand.point(p)
     running.check()
 
 
 @pytest.mark.parametrize("q", [(0, 0, 0, 0), (0, 0, 1), (0, 0, 0, np.inf)])
 def test_point_refuses_what_is_no_turn(running: Servo, q: Any) -> None:
     with pytest.raises(InputError):
-        running.point((0, 0, 0.05), q)
+        running.hand.point((0, 0, 0.05), q)
     running.check()
 
 
@@ -213,7 +213,7 @@ def test_nothing_works_before_the_start(fake_servo: Any) -> None:
         lambda: servo.run(1),
         servo.engage,
         servo.report,
-        lambda: servo.point((0, 0, 1)),
+        lambda: servo.hand.point((0, 0, 1)),
         lambda: servo.rows(0),
         servo.latest,
     ):

@@ -8,6 +8,7 @@ import pytest
 from haptorb.control.trips import GuardState
 from haptorb.devices.loader import load
 from haptorb.runtime.assembly import assemble
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.worlds import Fluid, Remote
 
@@ -17,7 +18,7 @@ DT = 1e-3
 class Rig:
     def __init__(self, device, world):
         self.device = load(device)
-        self.tick = assemble(self.device, world, "sim", 1 / DT, 0, None, PointerTracker())
+        self.tick = assemble(RunConfig(device=self.device, world=world, rate=1 / DT), PointerTracker())
         self.row, self.n = self.tick.layout.empty(), 0
         self.tick.driver.open()
 

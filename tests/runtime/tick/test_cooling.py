@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from haptorb.control.allocation import make_allocator
+from haptorb.control.linkage import make_linkage
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
-from haptorb.runtime.assembly import allocator_of, check_estimator, default_world, estimator_of, linkage_of
+from haptorb.estimation.registry import check_estimator, make_estimator
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.tick import Tick
+from haptorb.simulation.hand import guide_hand
 from haptorb.worlds import find_world
 
 DT = 1e-3
@@ -21,11 +24,11 @@ class Rig:
 
     def __init__(self, name: str, start: float = 0.0) -> None:
         device = load(name)
-        hand = PointerTracker(guide=device.kind.part("guide")(device))
+        hand = PointerTracker(guide=guide_hand(device))
         self.driver = SimDriver.of(device, DT, lambda now: hand.goal(now + start))
-        estimator = estimator_of(device, check_estimator(device, None), None)
-        world = find_world(default_world(device))()
-        self.tick = Tick(device, world, self.driver, estimator, allocator_of(device), DT, linkage_of(device, None))
+        estimator = make_estimator(device, check_estimator(device, None), None)
+        world = find_world(device.kind.world)()
+        self.tick = Tick(device, world, self.driver, estimator, make_allocator(device), DT, make_linkage(device, None))
         self.device, self.row, self.n = device, self.tick.layout.empty(), 0
 
     def go(self, ticks: int) -> Rig:
@@ -80,7 +83,7 @@ def test_real_coils_do_not_cool_at_a_word(monkeypatch: pytest.MonkeyPatch) -> No
 def test_a_demonstration_that_nobody_touches_never_derates(name: str) -> None:
     """While it moves, and after it: at the load of the hand's rest no winding ever reaches its derating temperature."""
     moving, resting = Rig(name), Rig(name, start=100.0)
-    duration = moving.device.kind.part("guide")(moving.device).duration
+    duration = guide_hand(moving.device).duration
     with moving.driver:
         hottest = max(moving.go(200)["winding"].max() for _ in range(int(5 * duration)))
         assert hottest < moving.device.coils.heat.warn

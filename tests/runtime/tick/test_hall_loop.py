@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from haptorb.cli.calibration_dialog import calibrate, make_driver
+from haptorb.control.allocation import make_allocator
 from haptorb.control.protection import Protection
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
 from haptorb.estimation.hall_tracker import HallTracker
+from haptorb.estimation.registry import check_estimator, make_estimator
 from haptorb.estimation.sensor_calibration import without_errors
-from haptorb.runtime.assembly import allocator_of, assemble, check_estimator, estimator_of
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.servo import Servo
@@ -35,7 +38,9 @@ def run(tick, seconds):
 
 
 def test_the_dome_is_rendered_from_the_field():
-    tick = assemble(OMNI, find_world("dome")(), "sim", 1000.0, 3, "exact", PointerTracker(), estimator="hall")
+    tick = assemble(
+        RunConfig(device=OMNI, world=find_world("dome")(), seed=3, model="exact", estimator="hall"), PointerTracker()
+    )
     assert isinstance(tick.estimator, HallTracker)
     rows, places = run(tick, 2.5)
     at = tick.layout
@@ -54,7 +59,7 @@ def test_a_reversed_magnet_is_never_pushed():
     """With it every force would be the opposite of what is asked: the coils must stay off."""
     wrong = replace(OMNI, tool=replace(OMNI.tool, remanence=-OMNI.tool.remanence))
     driver = SimDriver.of(wrong, 1e-3, PointerTracker().goal, 0)
-    tick = Tick(OMNI, find_world("dome")(), driver, HallTracker(OMNI, "exact"), allocator_of(OMNI), 1e-3)
+    tick = Tick(OMNI, find_world("dome")(), driver, HallTracker(OMNI, "exact"), make_allocator(OMNI), 1e-3)
     rows, _ = run(tick, 0.6)
     assert not rows[:, tick.layout["valid"].start].any()
     assert not rows[:, tick.layout["duties"]].any()
@@ -77,14 +82,15 @@ def test_a_calibration_is_believed_by_the_controller_only(tmp_path):
     driver, pace = make_driver("sim", truth)
     found = calibrate(OMNI, driver, pace=pace)
     tick = assemble(
-        OMNI, find_world("dome")(), "sim", 1000.0, 0, "exact", PointerTracker(), estimator="hall", calibration=found
+        RunConfig(device=OMNI, world=find_world("dome")(), model="exact", estimator="hall", calibration=found),
+        PointerTracker(),
     )
     assert np.array_equal(tick._device.moment_per_current, found.moment_per_current)
     assert np.array_equal(tick.driver.simulation.device.moment_per_current, OMNI.moment_per_current)
     assert isinstance(tick.protection, Protection)
     path = tmp_path / "omni.json"
     path.write_text(found.text())
-    assert Servo("omni", calibration=path).calibration.text() == found.text()
+    assert Servo("omni", calibration=path).config.calibration.text() == found.text()
     path.write_text(replace(found, digest="f" * 64).text())
     with pytest.raises(CalibrationError, match="calibrate again"):
         Servo("omni", calibration=path)
@@ -96,4 +102,4 @@ def test_a_calibration_is_believed_by_the_controller_only(tmp_path):
 
 def test_offsets_go_to_the_tracker():
     earth = np.tile([2e-5, 0.0, 0.0], (9, 1))
-    assert np.array_equal(estimator_of(OMNI, "hall", None, earth)._sensors["offset"], earth)
+    assert np.array_equal(make_estimator(OMNI, "hall", None, earth)._sensors["offset"], earth)

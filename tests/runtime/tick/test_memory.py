@@ -10,6 +10,7 @@ from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb.runtime.assembly import assemble
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.worlds import DynamicWorld, MemoryField
 from haptorb.worlds.base import parameter
@@ -45,7 +46,7 @@ class Rig:
     """A simulated device that renders `world`, a clock, and the last row."""
 
     def __init__(self, world, device="omni"):
-        self.tick = assemble(DEVICES[device], world, "sim", 1 / DT, 0, None, PointerTracker())
+        self.tick = assemble(RunConfig(device=DEVICES[device], world=world, rate=1 / DT), PointerTracker())
         self.row, self.n = self.tick.layout.empty(), 0
         self.tick.driver.open()
         self._update = self.tick.estimator.update

@@ -6,20 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.control.linkage import MOTOR_GAINS
+from haptorb.control.allocation import make_allocator
+from haptorb.control.linkage import MOTOR_GAINS, make_linkage
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
-from haptorb.runtime.assembly import (
-    allocator_of,
-    assemble,
-    check_estimator,
-    default_world,
-    estimator_of,
-    estimators_of,
-    linkage_of,
-    modes_of,
-)
+from haptorb.estimation.registry import check_estimator, list_estimators, make_estimator
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.servo import Servo
@@ -41,8 +35,8 @@ class Rig:
         hand = lambda now: Goal(np.zeros(3), handle_quaternion(*angles(now)), now, False)  # noqa: E731
         self.driver = SimDriver(self.motor, DT, hand, seed=seed)
         self.tick = Tick(
-            PMSM, world or Outlet(), self.driver, estimator_of(PMSM, estimator, None), allocator_of(PMSM), DT,
-            linkage_of(PMSM),
+            PMSM, world or Outlet(), self.driver, make_estimator(PMSM, estimator, None), make_allocator(PMSM), DT,
+            make_linkage(PMSM),
         )  # fmt: skip
         self.row = self.tick.layout.empty()
         self.rows = []
@@ -213,16 +207,16 @@ def test_two_runs_are_alike_to_the_bit():
 
 def test_names():
     omni = load("omni")
-    assert default_world(PMSM) == "outlet"
-    assert modes_of(PMSM) == ("translate", "rotate")
-    assert modes_of(omni) == ()
-    assert estimators_of(PMSM)[0] == "least-squares"
+    assert PMSM.kind.world == "outlet"
+    assert PMSM.kind.modes == ("translate", "rotate")
+    assert omni.kind.modes == ()
+    assert next(iter(list_estimators(PMSM))) == "least-squares"
     assert check_estimator(omni, None) == "tracker"
     with pytest.raises(UnknownName, match="least-squares"):
         check_estimator(PMSM, "least-square")
     with pytest.raises(UnknownName, match="tracker"):
         check_estimator(omni, "network")
-    assert assemble(PMSM, Outlet(), "sim", 1000.0, 0, None, PointerTracker()).linkage.modes == modes_of(PMSM)
+    assert assemble(RunConfig(device=PMSM, world=Outlet()), PointerTracker()).linkage.modes == PMSM.kind.modes
 
 
 def test_the_servo_refuses_before_it_starts():

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
-from haptorb.control.allocation import Saturation
+from haptorb.control.allocation import Saturation, make_allocator, make_choice
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.types import TrackedPose
-from haptorb.runtime.assembly import allocator_of, choice_of
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.trackers.base import Goal
@@ -34,9 +34,9 @@ class Rig:
 
     def __init__(self, world, render=None, age=0.0):
         self.driver = SimDriver.of(OMNI, DT, hold)
-        choice = choice_of(OMNI, render)
+        choice = make_choice(OMNI, render)
         estimator = TrackedPose(OMNI, "exact")
-        self.tick = Tick(OMNI, world, self.driver, estimator, allocator_of(OMNI), DT, choice=choice)
+        self.tick = Tick(OMNI, world, self.driver, estimator, make_allocator(OMNI), DT, choice=choice)
         self.row, self.n = self.tick.layout.empty(), 0
         self.driver.open()
 
@@ -109,7 +109,7 @@ def test_a_person_can_choose_another_part(render, part):
 def test_force_worlds_get_the_same_currents_as_ever():
     """Bit for bit those of the force allocator alone."""
     chosen, alone = Rig(worlds.Dome()), Rig(worlds.Dome())
-    alone.tick = Tick(OMNI, worlds.Dome(), alone.driver, TrackedPose(OMNI, "exact"), allocator_of(OMNI), DT)
+    alone.tick = Tick(OMNI, worlds.Dome(), alone.driver, TrackedPose(OMNI, "exact"), make_allocator(OMNI), DT)
     for rig in (chosen, alone):
         rig.go(300)
     assert (chosen.course("wanted") == alone.course("wanted")).all()
@@ -139,12 +139,12 @@ def test_a_world_that_does_not_say_is_found_out_and_stays_so():
 
 def test_choices_that_cannot_be_are_refused():
     with pytest.raises(UnknownName, match="torque"):
-        choice_of(OMNI, "torqe")
+        RunConfig.of(OMNI, render="torqe")
     with pytest.raises(InputError, match="torque arm"):
-        choice_of(OMNI, "both", -1.0)
-    assert choice_of(load("pmsm")) is None
+        make_choice(OMNI, "both", -1.0)
+    assert make_choice(load("pmsm")) is None
     with pytest.raises(InputError, match="no choice of force or torque"):
-        choice_of(load("pmsm"), "force")
+        make_choice(load("pmsm"), "force")
 
 
 # -- safety: the same limits for torque ------------------------------------------------------------------------------
@@ -185,7 +185,7 @@ def test_a_torque_fades_when_the_pose_expires():
 
 def test_a_turning_spring_beyond_the_loop_is_damped_and_a_soft_one_is_not():
     """What sampling makes of a stiff spring of torque is counted, at the arm of the hand that holds the tool."""
-    choice = choice_of(OMNI)
+    choice = make_choice(OMNI)
     bound = 2 * choice.arm**2 / DT  # K T/2 of the loosest hand's damping [N·m/rad]
     for factor, acts in ((0.5, False), (4.0, True)):
         rig = Rig(worlds.Compass())

@@ -13,16 +13,19 @@ from haptorb.control.linkage import Mode
 from haptorb.devices.base import Device
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
+from haptorb.estimation.registry import list_estimators
 from haptorb.estimation.types import Sample
 from haptorb.replay.recorded_run import PlayedDriver
 from haptorb.replay.replay import CLOCK_FIELDS
-from haptorb.runtime.assembly import default_world, estimators_of, make_tick
+from haptorb.runtime.assembly import make_tick
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.shared_memory import split_snapshot
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.tick_state import TickState, load_state, save_state
+from haptorb.simulation.hand import guide_hand
 from haptorb.worlds import RollingBall, World, find_world
 from runtime.tick.memory_differences import list_differences
 
@@ -109,7 +112,9 @@ def go_on(
 ) -> Tick:
     """A chain that is given the `state` after row `first`, after the ticks that follow; it fills the same rows."""
     driver = PlayedDriver(device.sensors)
-    tick = make_tick(device, world, driver, 1000.0, None, estimator=estimator, in_turns=turns)
+    tick = make_tick(
+        RunConfig(device=device, world=world, estimator=estimator, driver="i2c:1" if turns else "sim"), driver
+    )
     layout = tick.layout
     driver.load({field.name: rows[:, layout[field.name]] for field in layout.fields}, rows[:, layout["t"].start].copy())
     load_state(tick, state, rows[first, layout["memory"]])
@@ -125,7 +130,12 @@ def go_on(
 
 
 CASES = [
-    *((name, one, False) for name in ("omni", "pmsm") for one in estimators_of(load(name)) if one != "network"),
+    *(
+        (name, one, False)
+        for name in ("omni", "pmsm")
+        for one in tuple(list_estimators(load(name)))
+        if one != "network"
+    ),
     ("omni", "hall", True),
     ("omni", "memory", False),
 ]
@@ -133,14 +143,16 @@ CASES = [
 
 @pytest.mark.parametrize(("name", "estimator", "turns"), CASES)
 def test_a_state_has_all_that_a_chain_remembers(name: str, estimator: str, turns: bool) -> None:
-    device, world = load(name), find_world(default_world(load(name)))()
+    device, world = load(name), find_world(load(name).kind.world)()
     if estimator == "memory":
         estimator, world = "tracker", RollingBall()
     tracker = PointerTracker()
-    tracker.guide = device.kind.part("guide")(device)
+    tracker.guide = guide_hand(device)
     simulated = SimDriver.of(device, 1e-3, tracker.goal, 3)
     driver = InTurns(simulated) if turns else simulated
-    tick = make_tick(device, world, driver, 1000.0, None, estimator=estimator, in_turns=turns)
+    tick = make_tick(
+        RunConfig(device=device, world=world, estimator=estimator, driver="i2c:1" if turns else "sim"), driver
+    )
     rows, states = np.full((POINTS[-1] + WINDOW + 1, tick.layout.width), np.nan), dict[int, Mapping[str, StateArray]]()
     now, invalid = 0.0, 0
     with driver:
@@ -181,7 +193,7 @@ def test_a_state_of_an_older_version_goes_on_to_the_bit() -> None:
     """Where the passivity control does nothing: with its newest wrenches, of which poses that are late need many."""
     device, world = load("omni"), find_world("dome")()
     simulated = SimDriver.of(device, 1e-3, None, 3)
-    tick = make_tick(device, world, simulated, 1000.0, None, estimator="tracker")
+    tick = make_tick(RunConfig(device=device, world=world, estimator="tracker"), simulated)
     rows, states = np.full((700, tick.layout.width), np.nan), {}
     with simulated:
         for number, row in enumerate(rows):
@@ -196,11 +208,13 @@ def test_a_state_of_an_older_version_goes_on_to_the_bit() -> None:
 @pytest.mark.parametrize(("name", "estimator", "turns"), CASES)
 def test_a_snapshot_is_one_copy(name: str, estimator: str, turns: bool) -> None:
     """All that a chain remembers lies in one block, whoever owns it; 17 copies of parts took three times as long."""
-    device, world = load(name), find_world(default_world(load(name)))()
+    device, world = load(name), find_world(load(name).kind.world)()
     if estimator == "memory":
         estimator, world = "tracker", RollingBall()
     driver = SimDriver.of(device, 1e-3, None, 3)
-    tick = make_tick(device, world, driver, 1000.0, None, estimator=estimator, in_turns=turns)
+    tick = make_tick(
+        RunConfig(device=device, world=world, estimator=estimator, driver="i2c:1" if turns else "sim"), driver
+    )
     state = TickState(tick)
     memory = np.full(state.size, 255, dtype=np.uint8)
     ((there, here),) = state.find_places(memory)

@@ -129,4 +129,6 @@ def test_a_frame_that_is_another_ones_is_refused_before_anything_starts(
 def test_a_rehearsed_frame_never_moves_a_real_device() -> None:
     with pytest.raises(InputError, match="registered in a rehearsal, driver 'serial:/dev/none' moves a real device"):
         Servo("omni", driver="serial:/dev/none", tracker="osc:9000", frame=frame("osc:9000"))
-    assert Servo("omni", driver="serial:/dev/none", tracker="osc:9000", frame=frame("osc:9000", simulated=False)).frame
+    assert Servo(
+        "omni", driver="serial:/dev/none", tracker="osc:9000", frame=frame("osc:9000", simulated=False)
+    ).config.frame

@@ -101,7 +101,7 @@ def test_the_shape_has_every_part_of_the_device(name: str) -> None:
     shape = make_shape(device, Timestamp(1, 0))
     schema = Schema(shape.get_schema().data)
     entities = {one["id"]: one for one in schema.read("foxglove.SceneUpdate", shape.encode())["entities"]}
-    geometry = device.kind.part("geometry")(device)
+    geometry = device.geometry()
     for part in geometry.round_parts:
         entity = entities[part.name]
         assert entity["frame_id"] == ("mover" if part.moves else "stator")

@@ -79,6 +79,6 @@ def test_a_frame_reaches_the_servo_and_the_command_that_resumes(
         main(["study", "run", *words])
     assert not end.value.code
     (servo,) = made
-    assert (servo.tracker, servo.frame.text()) == ("osc:9000", FRAME.text())
+    assert (servo.tracker, servo.config.frame.text()) == ("osc:9000", FRAME.text())
     again = "haptorb study run s.toml --terminal -p P01 --db study.db --tracker osc:9000 --frame a.frame.json"
     assert f"`{again}` resumes at trial 1" in capsys.readouterr().err

@@ -79,6 +79,11 @@ class FakeServo:
         self._name = name
         self._changes += 1
 
+    @property
+    def hand(self) -> FakeServo:
+        """It takes the commands to the hand itself."""
+        return self
+
     def point(self, p: Any, q: Any = None, *, patience: float = 0.0) -> None:
         self.calls.append(("point", tuple(p), q))
         self.patience = patience

@@ -12,6 +12,7 @@ import pytest
 
 import haptorb
 from haptorb.devices.loader import parse
+from haptorb.web.session import describe_scene
 
 OMNI = (files("haptorb.devices") / "catalogue" / "omni.toml").read_text(encoding="utf-8")
 TURNED = """
@@ -72,7 +73,7 @@ def drawn(tmp_path_factory, root):
     subprocess.run([tool, "--input-type=module", "-e", make], cwd=web, check=True, timeout=120)
 
     def draw(device):
-        scene = json.dumps(device.kind.part("scene")(device))
+        scene = json.dumps(describe_scene(device))
         run = subprocess.run([tool, str(bundle), scene], check=True, timeout=120, capture_output=True)
         return [np.array(corners) for corners in json.loads(run.stdout)]
 

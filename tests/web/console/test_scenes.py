@@ -10,7 +10,7 @@ import pytest
 
 import haptorb
 from haptorb.devices.loader import parse
-from haptorb.web.session import axes_scene
+from haptorb.web.session import describe_scene
 
 CATALOGUE = files("haptorb.devices") / "catalogue"
 OMNI = (CATALOGUE / "omni.toml").read_text(encoding="utf-8")
@@ -30,7 +30,7 @@ rings = [
 
 def arriving_scene(device):
     """The scene as it arrives at the page."""
-    return json.loads(json.dumps(device.kind.part("scene")(device)))
+    return json.loads(json.dumps(describe_scene(device)))
 
 
 def coils(scene):
@@ -72,6 +72,6 @@ def test_moved_coils_of_a_motor_move_in_the_picture():
 
 
 def test_a_kind_without_a_scene_of_its_own_is_drawn_by_its_geometry():
-    scene = axes_scene(haptorb.load("omni"))
+    scene = describe_scene.dispatch(object)(haptorb.load("omni"))
     assert scene["kind"] == "axes"
     assert len(coils(scene)) == 3

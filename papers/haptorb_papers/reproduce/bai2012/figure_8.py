@@ -16,14 +16,14 @@ from typing import Any, final
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.control.allocation import MinimumPowerAllocator
+from haptorb.control.allocation import MinimumPowerAllocator, make_allocator
 from haptorb.control.linkage import Gains, ModedLinkage
 from haptorb.devices.base import WrenchMap
 from haptorb.devices.motor import Grasp, motor
 from haptorb.estimation.network import networks_path
+from haptorb.estimation.registry import make_estimator
 from haptorb.estimation.types import Estimate, Estimator, Sample
 from haptorb.recording.row import RowLayout
-from haptorb.runtime.assembly import allocator_of, estimator_of
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.trackers.base import Goal
@@ -144,9 +144,9 @@ def two_phases(
         return Goal(np.zeros(3), handle_quaternion(0.0, lam, phi), now, False)
 
     driver = SimDriver(SimulatedMotor(known, seed, grasp=_STEEL), _DT, hand, seed=seed)
-    recorder = _RecordingEstimator(estimator_of(known, estimator, None))
+    recorder = _RecordingEstimator(make_estimator(known, estimator, None))
     linkage = ModedLinkage(gains, position=(X_0, 0.0, 0.0), attitude=(0.0, 0.0, -TILT))
-    tick = Tick(known, _WORLD, driver, recorder, allocator_of(known), _DT, linkage)
+    tick = Tick(known, _WORLD, driver, recorder, make_allocator(known), _DT, linkage)
     parts = MinimumPowerAllocator(known.coils.current_limit, resistance=known.coils.resistance)
     layout, row = tick.layout, tick.layout.empty()
     asked = layout["asked"]

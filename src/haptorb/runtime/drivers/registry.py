@@ -5,12 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from haptorb.devices.base import Device
-from haptorb.errors import InputError
+from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.types import Pose
 from haptorb.runtime.drivers.base import Driver, invalid_pose
 from haptorb.runtime.linux import require_linux
 
-__all__ = ["is_real", "real_driver"]
+__all__ = ["DRIVERS", "check_driver", "is_real", "real_driver"]
+
+
+DRIVERS = ("sim",)
+
+
+def check_driver(name: str) -> str:
+    """`name` itself, or UnknownName; whether a port or bus is there shows when it is opened."""
+    if name not in DRIVERS and not is_real(name):
+        raise UnknownName("driver", name, (*DRIVERS, "serial:PORT", "i2c:BUS"))
+    return name
 
 
 def is_real(name: str) -> bool:
