@@ -26,7 +26,7 @@ from haptorb.analysis.error_budget import ErrorBudget, WrenchBand
 from haptorb.arrays import Array
 from haptorb.cli.inspect import report_errors
 from haptorb.cli.progress import build_tables
-from haptorb.control.allocation import make_allocator
+from haptorb.control.registry import make_allocator
 from haptorb.devices.base import Device, rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load

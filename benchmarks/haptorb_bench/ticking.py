@@ -19,7 +19,7 @@ from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.shared_memory import SLOTS
 from haptorb.runtime.tick_state import TickState
-from haptorb.simulation.base import simulate
+from haptorb.simulation.registry import simulate
 from haptorb_bench.row import Metric
 
 __all__ = ["rows"]

@@ -19,8 +19,8 @@ from dataclasses import replace
 import numpy as np
 
 from haptorb import worlds
-from haptorb.control.allocation import make_allocator
 from haptorb.control.linkage import make_linkage
+from haptorb.control.registry import make_allocator
 from haptorb.control.trips import Trip
 from haptorb.devices.base import Device
 from haptorb.devices.loader import load

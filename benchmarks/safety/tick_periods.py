@@ -19,8 +19,8 @@ from itertools import cycle
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.control.allocation import make_allocator
 from haptorb.control.linkage import make_linkage
+from haptorb.control.registry import make_allocator
 from haptorb.control.trips import Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptorb.cli.drawing import SectionPlane, draw_section, draw_space
 from haptorb.cli.inspect import card
 from haptorb.cli.progress import build_tables
-from haptorb.devices.base import Device
+from haptorb.devices.base import Device, require_geometry
+from haptorb.devices.drawing import SectionPlane, draw_section, draw_space
 from haptorb.display import format_number
 from haptorb.errors import InputError
 from haptorb.files import open_regular, replace_files
@@ -64,7 +64,7 @@ def draw_beside(device: Device, base: Device) -> bytes:
     spaces: list[Any] = []
     entries: dict[str, Any] = {}
     for column, (name, one) in enumerate((("this design", device), (f"base device: {base.name}", base))):
-        geometry = one.require_geometry("`haptorb design report`")
+        geometry = require_geometry(one, "`haptorb design report`")
         section = figure.add_subplot(places[0, column])
         entries |= draw_section(section, geometry, SectionPlane())
         section.set_title(f"Section, {name}", loc="left", fontsize=11)

@@ -203,7 +203,7 @@ def test_only_no_watchdog_drives_a_bus_without_a_monostable(
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("haptorb.runtime.drivers.i2c.I2cDriver", refuse)
-    monkeypatch.setattr("haptorb.runtime.servo.Servo", refuse)
+    monkeypatch.setattr("haptorb.runtime.config.RunConfig.of", refuse)
     for more in ([], ["--no-watchdog"]):
         with suppress(RefusalError, SystemExit):
             main([*command, *more])

@@ -8,7 +8,7 @@ import pytest
 from haptorb import worlds
 from haptorb.analysis.stability import GRIPS
 from haptorb.cli.check_world import PoseDelay
-from haptorb.control.allocation import make_allocator
+from haptorb.control.registry import make_allocator
 from haptorb.devices.electromagnet import Hand
 from haptorb.devices.loader import load
 from haptorb.estimation.registry import make_estimator

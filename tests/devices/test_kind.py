@@ -15,8 +15,8 @@ from haptorb.analysis.error_sources import error_model
 from haptorb.analysis.workspace import workspace
 from haptorb.cli.check_world import boundary
 from haptorb.cli.inspect import card
-from haptorb.control.allocation import describe_choice, has_choice, make_allocator, make_choice
 from haptorb.control.linkage import make_linkage
+from haptorb.control.registry import describe_choice, has_choice, make_allocator, make_choice
 from haptorb.devices.base import Device, kind_of_name
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
@@ -24,8 +24,8 @@ from haptorb.devices.loader import load
 from haptorb.devices.motor import SphericalMotor, motor
 from haptorb.errors import InputError
 from haptorb.estimation.registry import list_estimators
-from haptorb.simulation.base import simulate
 from haptorb.simulation.hand import guide_hand
+from haptorb.simulation.registry import simulate
 from haptorb.web.session import describe_scene
 
 CLASSES = (SphericalElectromagnet, SphericalMotor, CoilArray)
@@ -84,7 +84,8 @@ import sys
 from dataclasses import dataclass, fields
 from typing import ClassVar
 from haptorb import load
-from haptorb.control.allocation import LeastSquaresAllocator, make_allocator
+from haptorb.control.allocation import LeastSquaresAllocator
+from haptorb.control.registry import make_allocator
 from haptorb.devices import DeviceKind
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.runtime import plan
@@ -109,7 +110,7 @@ plan.save(plan.Plan(config, {}, own_implementations(mine)), Path(sys.argv[1]))
 READER = """
 import sys
 from pathlib import Path
-from haptorb.control.allocation import make_allocator
+from haptorb.control.registry import make_allocator
 from haptorb.runtime import plan
 device = plan.load(Path(sys.argv[1])).config.device
 print(type(device).__name__, make_allocator(device).limits.tolist() if hasattr(make_allocator(device), "limits")

@@ -26,6 +26,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from loop_host import make_host
 
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
@@ -45,7 +46,6 @@ from haptorb_study import pages
 from haptorb_study.pages import SessionManager
 from haptorb_study.procedures import Prompt
 from haptorb_study.study_file import study_of
-from oracles.loop_host import make_host
 
 RATE, START = 1000.0, 1_000_000_000
 DEEDS, GAPS = 8, (0, 0, 1, 1, 2, 7)

@@ -244,6 +244,11 @@ class Servo:
         self.tick()
         self.check()
 
+    @property
+    def hand(self) -> Any:
+        """It takes the commands to the hand itself."""
+        return self
+
     def point(self, p: Any, *, patience: float = 0.0) -> None:
         """The hand."""
 

@@ -16,8 +16,8 @@ import numpy as np
 from haptorb.analysis.coupling import ASSUMED, CouplingSetting
 from haptorb.arrays import Array
 from haptorb.cli.check_world import PoseDelay
-from haptorb.control.allocation import make_allocator
 from haptorb.control.linkage import MODES, make_linkage
+from haptorb.control.registry import make_allocator
 from haptorb.devices.base import Device, State
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import Hand, SphericalElectromagnet
@@ -28,7 +28,7 @@ from haptorb.runtime.drivers.sim import ImperfectTracker, SimDriver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.tick_log import TickFailure
 from haptorb.runtime.trackers.base import Goal
-from haptorb.simulation.base import simulate
+from haptorb.simulation.registry import simulate
 from haptorb.worlds.dynamic import BoundWorld
 from haptorb.worlds.scene import Scene
 from haptorb_papers.guidance.trial import PoseNoise

@@ -12,11 +12,12 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from haptorb import Device, Pose, Sample, Simulation, State, WrenchMap
-from haptorb.control.allocation import Allocator, LeastSquaresAllocator, make_allocator
+from haptorb.control.allocation import Allocator, LeastSquaresAllocator
+from haptorb.control.registry import make_allocator
 from haptorb.devices import DeviceFile, DeviceKind
 from haptorb.devices import quantity as q
 from haptorb.devices.schema import Positive, Section
-from haptorb.simulation.base import simulate
+from haptorb.simulation.registry import simulate
 from haptorb.web.session import describe_scene
 
 MU0 = 4e-7 * np.pi

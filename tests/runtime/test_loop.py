@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from fuzz.loop_host import make_host
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
@@ -24,7 +25,6 @@ from haptorb.runtime.servo import Servo
 from haptorb.runtime.shared_memory import SharedMemory, Word
 from haptorb.worlds import find_world
 from haptorb.worlds.user_world import FunctionWorld
-from oracles.loop_host import make_host
 
 RAMPING, RUNNING, TRIPPED = int(GuardState.RAMPING), int(GuardState.RUNNING), int(GuardState.TRIPPED)
 RATE = 1000.0

@@ -33,6 +33,11 @@ class FakeServo:
         self.calls.append((name, (values or {}).get("summit")))
         self.worlds += 1
 
+    @property
+    def hand(self) -> Any:
+        """It takes the commands to the hand itself."""
+        return self
+
     def point(self, p: np.ndarray, *, patience: float = 0.0) -> None:
         self.p = p
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptorb.analysis.stability import GRIPS
-from haptorb.control.allocation import make_allocator
+from haptorb.control.registry import make_allocator
 from haptorb.devices.electromagnet import Hand
 from haptorb.devices.loader import load
 from haptorb.estimation.registry import make_estimator

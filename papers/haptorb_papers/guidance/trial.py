@@ -10,7 +10,7 @@ import numpy as np
 from haptorb.analysis.stability import HandGrip
 from haptorb.arrays import Array, Records
 from haptorb.cli.check_world import PoseDelay
-from haptorb.control.allocation import make_allocator
+from haptorb.control.registry import make_allocator
 from haptorb.devices.base import State
 from haptorb.devices.electromagnet import Hand, SphericalElectromagnet
 from haptorb.estimation.registry import make_estimator

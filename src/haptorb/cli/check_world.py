@@ -23,7 +23,7 @@ from haptorb.analysis.workspace import (
     workspace,
 )
 from haptorb.arrays import Array
-from haptorb.control.allocation import make_allocator, make_choice
+from haptorb.control.registry import make_allocator, make_choice
 from haptorb.devices.base import Device, State, device_function
 from haptorb.devices.electromagnet import Hand, SphericalElectromagnet
 from haptorb.errors import InputError

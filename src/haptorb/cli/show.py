@@ -227,7 +227,8 @@ def show(
     override: Annotated[bool, typer.Option("--override", help="Draw a device that fails the validation.")] = False,
 ) -> None:
     """Draw a device to scale: coils, magnets, core and sensors in section and in three dimensions."""
-    from haptorb.cli.drawing import describe_geometry
+    from haptorb.devices.base import require_geometry
+    from haptorb.devices.geometry import describe_geometry
     from haptorb.devices.loader import load
     from haptorb.figure_file import check_figure_file, write_figure
 
@@ -238,7 +239,8 @@ def show(
         check_figure_file(output, "--output")
         write_figure(found.draw(view, azimuth), output, "--output")
     if json:
-        print_json(describe_geometry(found))
+        geometry = require_geometry(found, "`haptorb show`")
+        print_json({"name": found.name, "digest": found.digest, **describe_geometry(geometry)})
     else:
         tell(f"written: {output}")
 

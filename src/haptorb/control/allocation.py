@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from enum import IntEnum
-from functools import singledispatch
 from typing import Final, final
 
 import numpy as np
@@ -15,10 +14,8 @@ from numpy.typing import ArrayLike
 from haptorb.arrays import Array, Record, Records, check_finite, fields, record, vectors
 from haptorb.compiled import kernel, tick_kernel
 from haptorb.control.box_qp import NOT_FINITE, solve_bounded_power, solve_compromise
-from haptorb.devices.base import Device, WrenchMap, device_function, unsupported
-from haptorb.devices.coil_array import CoilArray
+from haptorb.devices.base import Device, WrenchMap
 from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import InputError, UnknownName
 from haptorb.magnetics.dipole import MU0
 from haptorb.worlds.base import PARTS, World, WrenchPart
@@ -40,15 +37,11 @@ __all__ = [
     "check_limit",
     "check_power",
     "check_problem",
-    "describe_choice",
     "force_allocator",
-    "has_choice",
     "hold_limits",
     "hold_power",
     "is_missing",
     "least_squares_currents",
-    "make_allocator",
-    "make_choice",
     "minimum_power_currents",
     "part_remarks",
     "solve_problem",
@@ -844,42 +837,6 @@ class WrenchChoice:
 # comes from the supply's capacitors.
 
 
-@device_function
-@singledispatch
-def make_allocator(device: Device) -> Allocator:
-    """The allocator of `device`, by its kind. Raises InputError for a kind that has none."""
-    raise unsupported(device, "`haptorb run`", make_allocator)
-
-
-@device_function
-@singledispatch
-def make_choice(device: Device, part: WrenchPart | None = None, arm: float | None = None) -> WrenchChoice | None:
-    """Allocators for force, torque and both on `device`, by its kind; None for a kind without that choice.
-
-    part: the one that is rendered, whatever the world defines. arm: weight of a torque [m]. Raises InputError for an
-    arm that is no length, and for a part or an arm where there is no choice.
-    """
-    if part is None and arm is None:
-        return None
-    raise InputError(
-        f"device '{device.name}' ({device.kind.title}) has no choice of force or torque: it always renders every "
-        "component; leave out render and torque arm"
-    )
-
-
-def has_choice(device: Device) -> bool:
-    """Whether `device` renders force, torque or both, as a world defines."""
-    return make_choice.dispatch(device.__class__) is not make_choice.dispatch(object)
-
-
-@device_function
-@singledispatch
-def describe_choice(device: Device, choice: WrenchChoice) -> tuple[str, ...]:
-    """A sentence or two for each of `PARTS`, by its number in recordings; empty where there is nothing to say."""
-    return ()
-
-
-@make_allocator.register(SphericalElectromagnet)
 def force_allocator(device: Device) -> Allocator:
     """Least squares for the force; the passive wrench that the model knows is taken out ("published": none).
 
@@ -893,7 +850,6 @@ def force_allocator(device: Device) -> Allocator:
     )
 
 
-@make_allocator.register(SphericalMotor)
 def torque_allocator(device: Device) -> Allocator:
     """Least heat for the torque, the passive torque taken out.
 
@@ -907,7 +863,6 @@ def torque_allocator(device: Device) -> Allocator:
     )  # fmt: skip
 
 
-@make_choice.register(SphericalElectromagnet)
 def tool_choice(
     device: SphericalElectromagnet, part: WrenchPart | None = None, arm: float | None = None
 ) -> WrenchChoice:
@@ -937,7 +892,6 @@ def tool_choice(
 # What a person should know of the part of the wrench that a tool over a dome renders, with its figures.
 
 
-@describe_choice.register(SphericalElectromagnet)
 def part_remarks(device: SphericalElectromagnet, choice: WrenchChoice) -> tuple[str, ...]:
     """A sentence or two for each of `PARTS`, by its number in recordings; empty where there is nothing to say.
 
@@ -967,28 +921,3 @@ def part_remarks(device: SphericalElectromagnet, choice: WrenchChoice) -> tuple[
         f"independent components; errors of 1 N are weighted like {1e3 * choice.weight:.3g} mm × 1 N of torque. {axis}"
     )
     return tuple(texts[part] for part in PARTS)
-
-
-# --------------------------------------------------------------------------------------------------
-# Arrays: their allocator builds on this file.
-
-
-@make_allocator.register(CoilArray)
-def _(device: CoilArray) -> Allocator:
-    from haptorb.control.array_allocation import array_allocator
-
-    return array_allocator(device)
-
-
-@make_choice.register(CoilArray)
-def _(device: CoilArray, part: WrenchPart | None = None, arm: float | None = None) -> WrenchChoice:
-    from haptorb.control.array_allocation import array_choice
-
-    return array_choice(device, part, arm)
-
-
-@describe_choice.register(CoilArray)
-def _(device: CoilArray, choice: WrenchChoice) -> tuple[str, ...]:
-    from haptorb.control.array_allocation import array_remarks
-
-    return array_remarks(device, choice)

@@ -49,6 +49,7 @@ __all__ = [
     "register",
     "register_implementations",
     "require",
+    "require_geometry",
     "rotation_to_axis",
     "unsupported",
 ]
@@ -809,14 +810,6 @@ class Device(Presentable, ABC):
         """
         return None
 
-    def require_geometry(self, what: str) -> Geometry:
-        """`geometry` for a program `what`. Raises InputError for a kind that does not state it."""
-        if (found := self.geometry()) is None:
-            raise InputError(
-                f"device '{self.name}' is a {self.kind.title}, whose geometry is not stated: {what} needs it"
-            )
-        return found
-
     @property
     def is_prepared(self) -> bool:
         """Whether nothing is left for `prepare` to compute."""
@@ -851,10 +844,9 @@ class Device(Presentable, ABC):
         InputError
             If the kind of device has no geometry.
         """
-        # The one import of a higher layer: people look for the drawing at the device.
-        from haptorb.cli.drawing import draw_device
+        from haptorb.devices.drawing import draw_geometry  # most programs draw nothing
 
-        return draw_device(self, view, azimuth)
+        return draw_geometry(require_geometry(self, "`haptorb show`"), self.title, view, azimuth)
 
     def with_recorded_models(self, noted: tuple[str, ...]) -> Device:
         """Return the device with the models of a recording, in the order in which its rows count them.
@@ -973,6 +965,13 @@ class Device(Presentable, ABC):
             np.full(self.channels, coils.heat.derate)
         )
         return rise
+
+
+def require_geometry(device: Device, what: str) -> Geometry:
+    """The geometry of `device` for a program `what`. Raises InputError for a kind that does not state it."""
+    if (found := device.geometry()) is None:
+        raise InputError(f"device '{device.name}' is a {device.kind.title}, which states no geometry: {what} needs it")
+    return found
 
 
 D = TypeVar("D", bound=Device)

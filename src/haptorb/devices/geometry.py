@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
-from typing import final
+from dataclasses import dataclass, fields
+from typing import Any, final
 
 import numpy as np
 
 from haptorb.arrays import Array
 
-__all__ = ["Ball", "Geometry", "Reach", "Rod", "RoundPart", "Spot", "list_assumed"]
+__all__ = ["Ball", "Geometry", "Reach", "Rod", "RoundPart", "Spot", "describe_geometry", "list_assumed"]
 
 
 @final
@@ -126,3 +127,39 @@ def list_assumed(assumed: Mapping[str, str], keys: Collection[str]) -> tuple[str
     """
     found = [name for name in assumed if any(name == key or name.startswith(f"{key}.") for key in keys)]
     return (f"assumed, not from the source: {', '.join(found)}",) if found else ()
+
+
+# --------------------------------------------------------------------------------------------------
+# A geometry in numbers, for programs: plain JSON types, units in the keys.
+
+
+_UNITS = {
+    **dict.fromkeys(("position", "inner_radius", "outer_radius", "length", "radius", "start", "end"), "m"),
+    **dict.fromkeys(("nearest", "farthest"), "m"),
+    "half_angle": "deg",
+}
+
+
+def describe_geometry(geometry: Geometry) -> dict[str, Any]:
+    """Every body and place of `geometry`, the mover's as they are at rest."""
+    return {
+        "parts": [_describe(part) for part in geometry.round_parts],
+        "balls": [_describe(ball) for ball in geometry.balls],
+        "spots": [_describe(spot) for spot in geometry.spots],
+        "rods": [_describe(rod) for rod in geometry.rods],
+        "workspace": None if geometry.reach is None else _describe(geometry.reach),
+        "notes": list(geometry.notes),
+    }
+
+
+def _describe(record: Any) -> dict[str, Any]:
+    numbers = {}
+    for one in fields(record):
+        value = getattr(record, one.name)
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
+        elif one.name == "half_angle":
+            value = math.degrees(value)
+        unit = _UNITS.get(one.name)
+        numbers[f"{one.name}_{unit}" if unit else one.name] = value
+    return numbers

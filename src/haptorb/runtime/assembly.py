@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from haptorb.arrays import one_block
-from haptorb.control.allocation import make_allocator, make_choice
 from haptorb.control.linkage import make_linkage
+from haptorb.control.registry import make_allocator, make_choice
 from haptorb.devices.electromagnet import electromagnet
 from haptorb.estimation.registry import check_estimator, list_estimators, make_estimator
 from haptorb.runtime.config import RunConfig

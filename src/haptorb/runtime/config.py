@@ -15,8 +15,8 @@ from haptorb import worlds
 from haptorb.analysis.coupling import CouplingSetting
 from haptorb.analysis.stability import check_grip
 from haptorb.arrays import Array
-from haptorb.control.allocation import make_choice
 from haptorb.control.linkage import Gains, make_linkage
+from haptorb.control.registry import make_choice
 from haptorb.devices.base import Device, State
 from haptorb.devices.electromagnet import electromagnet
 from haptorb.devices.loader import find_device
@@ -150,7 +150,8 @@ class RunConfig:
         device : str, Path or Device
             Device, or its name in the catalogue, or path of its file.
         world : str, World, WorldFile, SceneFile, FileWithRemote, callable or None
-            World, its name, its file, or a function; None: the default world of the kind of device.
+            World, its name, its file, or a function that returns a wrench, shape (6,) [N, N·m]; None: the default
+            world of the kind of device.
         driver, tracker, prediction, rate, seed, model, estimator, gains, watchdog, render, torque_arm
             As the fields of that name.
         frame : str, Path or TrackerFrame, optional

@@ -25,8 +25,8 @@ from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, check_finite
 from haptorb.cluster import pack
-from haptorb.control.allocation import describe_choice, make_choice
 from haptorb.control.linkage import MODES, Gains
+from haptorb.control.registry import describe_choice, make_choice
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.base import Device, State, own_implementations
 from haptorb.display import format_vector

@@ -82,10 +82,7 @@ def disagreement(stored: bytes | None, believed: bytes | None) -> str:
 _REHEARSAL = 5  #: ticks
 _BEGIN = 3.0  #: to the first tick, then the loop says [s]
 _FORKED = 70  #: exit code of a child that a world forked
-_ALWAYS = (
-    "haptorb.runtime.assembly", "haptorb.runtime.drivers.sim", "haptorb.control.array_allocation",
-    "haptorb.simulation.electromagnet", "haptorb.simulation.motor", "haptorb.simulation.coil_array",
-)  # fmt: skip
+_ALWAYS = ("haptorb.runtime.assembly", "haptorb.runtime.drivers.sim", "haptorb.simulation.registry")
 
 
 def main(folder: Path, parent: int) -> int:

@@ -12,8 +12,8 @@ import numpy as np
 from haptorb import worlds
 from haptorb.arrays import Array
 from haptorb.compiled import UncompiledKernelError, forbid_compiling
-from haptorb.control.allocation import has_choice, make_allocator, make_choice
 from haptorb.control.linkage import Gains, make_linkage
+from haptorb.control.registry import has_choice, make_allocator, make_choice
 from haptorb.devices.base import Device, State, WrenchMap
 from haptorb.errors import HaptorbError
 from haptorb.estimation.registry import check_estimator, make_estimator

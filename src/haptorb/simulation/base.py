@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from functools import singledispatch
 from math import ceil
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, Records
-from haptorb.devices.base import Device, State, device_function
-from haptorb.devices.coil_array import CoilArray
-from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.devices.motor import SphericalMotor
-from haptorb.errors import DeviceError, InputError
+from haptorb.devices.base import Device, State
+from haptorb.errors import InputError
 from haptorb.estimation.types import Sample
 from haptorb.simulation.parts import chop
 
-__all__ = ["CoilSimulation", "Simulation", "simulate"]
+__all__ = ["CoilSimulation", "Simulation"]
 
 
 class Simulation(ABC):
@@ -186,43 +182,3 @@ class CoilSimulation(Simulation):
         """(m,) the windings' true temperatures [K]."""
         winding: Array = self._coils["winding"].copy()
         return winding
-
-
-# --------------------------------------------------------------------------------------------------
-# From a device to its simulation. Each class builds on this file.
-
-
-@device_function
-@singledispatch
-def simulate(device: Device, seed: int = 0) -> Simulation:
-    """A simulation of `device` whose noise is that of `seed`; DeviceError if there is none for its kind.
-
-    >>> from haptorb.devices.loader import load
-    >>> simulate(load("omni")).device.name
-    'omni'
-    """
-    raise DeviceError(
-        f"device '{device.name}' is a {device.kind.title}, which cannot be simulated; choose a driver for the real "
-        "device"
-    )
-
-
-@simulate.register(SphericalElectromagnet)
-def _(device: SphericalElectromagnet, seed: int = 0) -> Simulation:
-    from haptorb.simulation.electromagnet import SimulatedElectromagnet
-
-    return SimulatedElectromagnet(device, seed)
-
-
-@simulate.register(SphericalMotor)
-def _(device: SphericalMotor, seed: int = 0) -> Simulation:
-    from haptorb.simulation.motor import SimulatedMotor
-
-    return SimulatedMotor(device, seed)
-
-
-@simulate.register(CoilArray)
-def _(device: CoilArray, seed: int = 0) -> Simulation:
-    from haptorb.simulation.coil_array import SimulatedCoilArray
-
-    return SimulatedCoilArray(device, seed)

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, vectors
-from haptorb.control.allocation import Allocator, make_choice
+from haptorb.control.allocation import Allocator
+from haptorb.control.registry import make_choice
 from haptorb.devices.base import Device, State, unsupported
 from haptorb.devices.loader import find_device
 from haptorb.worlds import find_world

@@ -16,7 +16,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 
-from haptorb.control.allocation import has_choice
+from haptorb.control.registry import has_choice
 from haptorb.errors import InputError
 from haptorb.runtime.servo import Servo
 from haptorb.web.access import AccessGate, choose_token

@@ -23,7 +23,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptorb.arrays import Array
-from haptorb.control.allocation import has_choice
+from haptorb.control.registry import has_choice
 from haptorb.devices.base import Device, DeviceText
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import HaptorbError, InputError, quote

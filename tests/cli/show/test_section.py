@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptorb.cli.drawing import SectionPlane, cut_part, split_poles
+from haptorb.devices.drawing import SectionPlane, cut_part, split_poles
 from haptorb.devices.geometry import RoundPart
 
 

@@ -13,7 +13,7 @@ from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import DeviceError
 from haptorb.magnetics.magnets import RingMagnet
 from haptorb.rotations import rotation_from_euler
-from haptorb.simulation.base import simulate
+from haptorb.simulation.registry import simulate
 from haptorb_design.problem import BUILD
 from oracles import wound_coils
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptorb.control.allocation import make_allocator
 from haptorb.control.linkage import make_linkage
+from haptorb.control.registry import make_allocator
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.estimation.registry import check_estimator, make_estimator

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from haptorb.cli.calibration_dialog import calibrate, make_driver
-from haptorb.control.allocation import make_allocator
 from haptorb.control.protection import Protection
+from haptorb.control.registry import make_allocator
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.control.allocation import make_allocator
 from haptorb.control.linkage import MOTOR_GAINS, make_linkage
+from haptorb.control.registry import make_allocator
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
-from haptorb.control.allocation import Saturation, make_allocator, make_choice
+from haptorb.control.allocation import Saturation
+from haptorb.control.registry import make_allocator, make_choice
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load

@@ -12,8 +12,8 @@ from haptorb.devices.base import DeviceKind
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
 from haptorb.estimation.sensor_calibration import without_errors
-from haptorb.simulation.base import simulate
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
+from haptorb.simulation.registry import simulate
 
 OMNI = without_errors(load("omni"))  # sensors with noise and steps only
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
@@ -253,7 +253,7 @@ def test_the_registry_knows_which_simulation_belongs_to_a_device():
 
     class Unknown:
         name = "unknown"
-        kind = DeviceKind(name="unknown", title="mystery", world="nothing", allocator="none:none")
+        kind = DeviceKind(name="unknown", title="mystery", world="nothing")
 
     with pytest.raises(DeviceError, match="cannot be simulated"):
         simulate(Unknown())  # type: ignore[arg-type]

@@ -15,8 +15,8 @@ from haptorb.devices.loader import load
 from haptorb.devices.motor import HANDLE_LOOSE, torque_characteristic
 from haptorb.errors import InputError, UnknownName
 from haptorb.rotations import rotation_from_euler
-from haptorb.simulation.base import simulate
 from haptorb.simulation.motor import SimulatedMotor, pack_magnetics
+from haptorb.simulation.registry import simulate
 
 PMSM = load("pmsm")
 OFF = np.zeros(12)

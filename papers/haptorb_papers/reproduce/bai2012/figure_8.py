@@ -16,8 +16,9 @@ from typing import Any, final
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.control.allocation import MinimumPowerAllocator, make_allocator
+from haptorb.control.allocation import MinimumPowerAllocator
 from haptorb.control.linkage import Gains, ModedLinkage
+from haptorb.control.registry import make_allocator
 from haptorb.devices.base import WrenchMap
 from haptorb.devices.motor import Grasp, motor
 from haptorb.estimation.network import networks_path

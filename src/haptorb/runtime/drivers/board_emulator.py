@@ -27,7 +27,7 @@ from haptorb.errors import DriverError
 from haptorb.estimation.types import Pose
 from haptorb.runtime.drivers.base import HallSensors
 from haptorb.runtime.linux import raise_priority
-from haptorb.simulation.base import simulate
+from haptorb.simulation.registry import simulate
 
 __all__ = ["EmulatedDevice", "Emulator"]
 

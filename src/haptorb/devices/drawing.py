@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import textwrap
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.devices.base import Device
 from haptorb.devices.geometry import Geometry, Reach, RoundPart, Spot
 from haptorb.devices.motor_model import spherical_frames
 from haptorb.errors import InputError, UnknownName
@@ -31,8 +30,7 @@ __all__ = [
     "ball_facets",
     "choose_bar",
     "cut_part",
-    "describe_geometry",
-    "draw_device",
+    "draw_geometry",
     "draw_section",
     "draw_space",
     "part_facets",
@@ -337,7 +335,7 @@ def ball_facets(radius: float) -> Array:
 
 
 def shade(facets: Array, colour: tuple[float, float, float], opacity: float = 1.0) -> Array:
-    """(n, 4) colours of `facets` (n, 4, 3) of a body of that `colour`, 0 to 1, under a lamp from the upper left."""
+    """(n, 4) colours [1] of `facets` (n, 4, 3) [m] of a body of that `colour`, 0 to 1, under a lamp from the upper left."""
     normals = np.cross(facets[:, 2] - facets[:, 0], facets[:, 3] - facets[:, 1])
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     light = np.clip(normals / np.maximum(length, 1e-30) @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
@@ -433,10 +431,10 @@ def _space_view_finish(axes: Any, geometry: Geometry, corners: Array) -> None:
 VIEWS = ("section", "3d", "both")
 
 
-def draw_device(device: Device, view: str = "both", azimuth: float = 0.0) -> Figure:
-    """The drawing of `device`; `azimuth` [°] turns the plane of the section about +z, from +x towards +y.
+def draw_geometry(geometry: Geometry, title: str, view: str = "both", azimuth: float = 0.0) -> Figure:
+    """The drawing of `geometry`; `azimuth` [°] turns the plane of the section about +z, from +x towards +y.
 
-    Raises UnknownName for another view, InputError for an angle that is none or a kind that has no geometry.
+    Raises UnknownName for another view, InputError for an angle that is not finite.
     """
     from matplotlib.figure import Figure
 
@@ -444,14 +442,13 @@ def draw_device(device: Device, view: str = "both", azimuth: float = 0.0) -> Fig
         raise UnknownName("view of a drawing", view, VIEWS)
     if not math.isfinite(azimuth):
         raise InputError(f"the azimuth of the section must be a finite angle in degrees; got {azimuth!r}")
-    geometry = device.require_geometry("`haptorb show`")
     wide = view == "both"
     figure = Figure(figsize=(13 if wide else 7.5, 8.0))
     notes = [line for note in geometry.notes
              for line in textwrap.wrap(note, 190 if wide else 105, subsequent_indent="   ")]  # fmt: skip
     base = 0.02 + 0.018 * len(notes)
     figure.text(0.02, 0.01, "\n".join(notes), fontsize=8, color="0.3", va="bottom")
-    figure.suptitle(device.title, x=0.02, ha="left", fontweight="bold")
+    figure.suptitle(title, x=0.02, ha="left", fontweight="bold")
     places = figure.add_gridspec(1, 2 if wide else 1, left=0.07, right=0.97, top=0.9, bottom=base + 0.17, wspace=0.12)
     if view != "3d":
         plane = SectionPlane(math.radians(azimuth))
@@ -461,42 +458,3 @@ def draw_device(device: Device, view: str = "both", azimuth: float = 0.0) -> Fig
     if view != "section":
         draw_space(figure.add_subplot(places[-1], projection="3d"), geometry)
     return figure
-
-
-# --------------------------------------------------------------------------------------------------
-# The geometry of a device in numbers, for programs: plain JSON types, units in the keys.
-
-
-_UNITS = {
-    **dict.fromkeys(("position", "inner_radius", "outer_radius", "length", "radius", "start", "end"), "m"),
-    **dict.fromkeys(("nearest", "farthest"), "m"),
-    "half_angle": "deg",
-}
-
-
-def describe_geometry(device: Device) -> dict[str, Any]:
-    """Every body and place of `device`, the mover's as they are at rest; InputError for a kind without geometry."""
-    geometry = device.require_geometry("`haptorb show`")
-    return {
-        "name": device.name,
-        "digest": device.digest,
-        "parts": [_describe(part) for part in geometry.round_parts],
-        "balls": [_describe(ball) for ball in geometry.balls],
-        "spots": [_describe(spot) for spot in geometry.spots],
-        "rods": [_describe(rod) for rod in geometry.rods],
-        "workspace": None if geometry.reach is None else _describe(geometry.reach),
-        "notes": list(geometry.notes),
-    }
-
-
-def _describe(record: Any) -> dict[str, Any]:
-    numbers = {}
-    for one in fields(record):
-        value = getattr(record, one.name)
-        if isinstance(value, np.ndarray):
-            value = value.tolist()
-        elif one.name == "half_angle":
-            value = math.degrees(value)
-        unit = _UNITS.get(one.name)
-        numbers[f"{one.name}_{unit}" if unit else one.name] = value
-    return numbers

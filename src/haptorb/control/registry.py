@@ -1,0 +1,67 @@
+"""Allocators of each kind of device: for the wrench that it renders, and for force, torque or both."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+
+from haptorb.control.allocation import (
+    Allocator,
+    WrenchChoice,
+    force_allocator,
+    part_remarks,
+    tool_choice,
+    torque_allocator,
+)
+from haptorb.control.array_allocation import array_allocator, array_choice, array_remarks
+from haptorb.devices.base import Device, device_function, unsupported
+from haptorb.devices.coil_array import CoilArray
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.motor import SphericalMotor
+from haptorb.errors import InputError
+from haptorb.worlds.base import WrenchPart
+
+__all__ = ["describe_choice", "has_choice", "make_allocator", "make_choice"]
+
+
+@device_function
+@singledispatch
+def make_allocator(device: Device) -> Allocator:
+    """The allocator of `device`, by its kind. Raises InputError for a kind that has none."""
+    raise unsupported(device, "`haptorb run`", make_allocator)
+
+
+@device_function
+@singledispatch
+def make_choice(device: Device, part: WrenchPart | None = None, arm: float | None = None) -> WrenchChoice | None:
+    """Allocators for force, torque and both on `device`, by its kind; None for a kind without that choice.
+
+    part: the one that is rendered, whatever the world defines. arm: weight of a torque [m]. Raises InputError for an
+    arm that is no length, and for a part or an arm where there is no choice.
+    """
+    if part is None and arm is None:
+        return None
+    raise InputError(
+        f"device '{device.name}' ({device.kind.title}) has no choice of force or torque: it always renders every "
+        "component; leave out render and torque arm"
+    )
+
+
+def has_choice(device: Device) -> bool:
+    """Whether `device` renders force, torque or both, as a world defines."""
+    return make_choice.dispatch(device.__class__) is not make_choice.dispatch(object)
+
+
+@device_function
+@singledispatch
+def describe_choice(device: Device, choice: WrenchChoice) -> tuple[str, ...]:
+    """A sentence or two for each of `PARTS`, by its number in recordings; empty where there is nothing to say."""
+    return ()
+
+
+make_allocator.register(SphericalElectromagnet, force_allocator)
+make_allocator.register(SphericalMotor, torque_allocator)
+make_allocator.register(CoilArray, array_allocator)
+make_choice.register(SphericalElectromagnet, tool_choice)
+make_choice.register(CoilArray, array_choice)
+describe_choice.register(SphericalElectromagnet, part_remarks)
+describe_choice.register(CoilArray, array_remarks)

@@ -1,0 +1,37 @@
+"""The simulation of each kind of device."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+
+from haptorb.devices.base import Device, device_function
+from haptorb.devices.coil_array import CoilArray
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.motor import SphericalMotor
+from haptorb.errors import DeviceError
+from haptorb.simulation.base import Simulation
+from haptorb.simulation.coil_array import SimulatedCoilArray
+from haptorb.simulation.electromagnet import SimulatedElectromagnet
+from haptorb.simulation.motor import SimulatedMotor
+
+__all__ = ["simulate"]
+
+
+@device_function
+@singledispatch
+def simulate(device: Device, seed: int = 0) -> Simulation:
+    """A simulation of `device` whose noise is that of `seed`; DeviceError if there is none for its kind.
+
+    >>> from haptorb.devices.loader import load
+    >>> simulate(load("omni")).device.name
+    'omni'
+    """
+    raise DeviceError(
+        f"device '{device.name}' is a {device.kind.title}, which cannot be simulated; choose a driver for the real "
+        "device"
+    )
+
+
+simulate.register(SphericalElectromagnet, SimulatedElectromagnet)
+simulate.register(SphericalMotor, SimulatedMotor)
+simulate.register(CoilArray, SimulatedCoilArray)
