@@ -335,7 +335,7 @@ def ball_facets(radius: float) -> Array:
 
 
 def shade(facets: Array, colour: tuple[float, float, float], opacity: float = 1.0) -> Array:
-    """(n, 4) colours [1] of `facets` (n, 4, 3) [m] of a body of that `colour`, 0 to 1, under a lamp from the upper left."""
+    """(n, 4) colours [1] of `facets` (n, 4, 3) [m] of a body of that `colour`, 0 to 1; light from upper left."""
     normals = np.cross(facets[:, 2] - facets[:, 0], facets[:, 3] - facets[:, 1])
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     light = np.clip(normals / np.maximum(length, 1e-30) @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)

@@ -15,8 +15,6 @@ from typing import Any, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.analysis.coupling import CouplingSetting
-from haptorb.analysis.stability import check_grip
 from haptorb.arrays import Array, check_finite
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.base import Device, State
@@ -24,21 +22,20 @@ from haptorb.devices.loader import find_device
 from haptorb.errors import InputError, WorldError
 from haptorb.recording.mcap import Recorder
 from haptorb.recording.recording import Recording
-from haptorb.runtime.assembly import assemble, check_estimator, default_world
-from haptorb.runtime.clock import check_rate
+from haptorb.recording.row import LatestRow
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.config import RunConfig, choose_world
 from haptorb.runtime.hand_file import choose_hand, parse_script
 from haptorb.runtime.pointer import PointerTracker
-from haptorb.runtime.servo import LatestRow, Servo, check_seed, describe_choices, notes
+from haptorb.runtime.servo import Servo
 from haptorb.runtime.tick import StepWatch
 from haptorb.runtime.tick_log import TickFailure
 from haptorb.runtime.world_change import change_world, description, name_of
-from haptorb.runtime.world_loading import choose_world
 from haptorb.serve.base import Serving, add_client_force, check_servers
 from haptorb.simulation.hand import SampledPath, ScriptedMotion
 from haptorb.worlds import CATALOGUE
 from haptorb.worlds.base import World
-from haptorb.worlds.dynamic import BoundWorld, check_world_period
-from haptorb.worlds.user_world import fit_world
+from haptorb.worlds.dynamic import BoundWorld
 
 __all__ = ["TEMPORARY", "DeviceRun", "HandSource", "haptic_device", "scripted_hand"]
 
@@ -222,24 +219,17 @@ class _WholeDetail(StepWatch):
 class _SteppedRun(DeviceRun):
     """The chain of a servo, stepped by its own clock as fast as it computes."""
 
-    def __init__(
-        self, device: Device, world: World, hand: ScriptedMotion | None, file: Path, rate: float, seed: int,
-        choices: Mapping[str, Any],
-    ) -> None:  # fmt: skip
-        self.device, self.hand, self._file, self._rate = device, hand, file, rate
-        fit_world(world, device)
-        check_world_period(world, 1.0 / rate)
-        self._world, self._ticks = world, 0
-        self._chain = assemble(device, world, "sim", rate, seed, choices["model"], PointerTracker(), hand=hand,
-                               **{name: one for name, one in choices.items() if name != "model"})  # fmt: skip
+    def __init__(self, config: RunConfig, file: Path) -> None:
+        self._config, self._file = config, file
+        self.device, self.hand, self._rate = config.device, config.hand, config.rate
+        self._world, self._ticks = config.world, 0
+        self._chain = assemble(config, PointerTracker())
         self._chain.budget = _WholeDetail()
         self._layout = self._chain.layout
         self._rows: list[Array] = []
-        self._changes = [(0, description(world))]
-        name = name_of(world)
-        self._own = {} if type(world) is CATALOGUE.get(name) else {name: world}
-        self._first_model = self._chain.estimator.model
-        self._seed, self._choices = seed, choices
+        self._changes = [(0, description(self._world))]
+        name = name_of(self._world)
+        self._own = {} if type(self._world) is CATALOGUE.get(name) else {name: self._world}
         self._kept: Recording | None = None
 
     @contextmanager
@@ -295,7 +285,7 @@ class _SteppedRun(DeviceRun):
         if self._kept is None:
             with self._file.open("wb") as file:
                 recorder = Recorder(file, self._layout, self._rate, 0)
-                for name, values in notes(self.device, self._describe()).items():
+                for name, values in self._config.notes(self._own.values()).items():
                     recorder.note(name, values)
                 for change, (tick, text) in enumerate(self._changes):
                     recorder.note("world", {"change": str(change), "tick": str(tick), "world": text})
@@ -305,24 +295,13 @@ class _SteppedRun(DeviceRun):
             self._kept = Recording(self._file)
         return self._kept
 
-    def _describe(self) -> dict[str, str]:
-        """The run, as a servo notes it."""
-        hand, choices = self.hand, self._choices
-        return {
-            "driver": "sim", "tracker": "pointer", "estimator": check_estimator(self.device, choices["estimator"]),
-            "model": self._first_model or "", "models": " ".join(self.device.models),
-            "render": choices["render"] or "", "calibration": "", "seed": str(self._seed), "rate_hz": repr(self._rate),
-            "hand": "" if hand is None else f"{hand.name} {hand.digest}".strip(), "first_world": self._changes[0][1],
-            **describe_choices(choices["gains"], choices["torque_arm"], (self._world, *self._own.values())),
-        }  # fmt: skip
-
 
 @final
 class _RealTimeRun(DeviceRun):
     """A servo in its own process, with servers for other programs."""
 
     def __init__(self, servo: Servo, serving: Serving) -> None:
-        self.device, self.hand, self.servo, self._serving = servo.device, servo.hand, servo, serving
+        self.device, self.hand, self.servo, self._serving = servo.device, servo.config.hand, servo, serving
 
     @contextmanager
     def open(self) -> Iterator[DeviceRun]:
@@ -429,27 +408,23 @@ def haptic_device(
     """
     found = find_device(device)
     motion = _choose_hand(hand, found)
-    chosen, _ = choose_world(("remote" if serve else default_world(found)) if world is None else world)
+    if serve and not real_time:
+        raise InputError("serve needs real_time=True: other programs have a clock of their own")
+    choices = check_servers(list(serve))
+    chosen, _ = choose_world(("remote" if serve else found.kind.world) if world is None else world)
+    config = RunConfig.of(
+        found, add_client_force(chosen, choices), rate=rate, seed=seed, model=model, estimator=estimator,
+        render=render, torque_arm=torque_arm, grip=grip, hand=motion,
+    )  # fmt: skip
     folder = None if record is not None else tempfile.mkdtemp(prefix=TEMPORARY)
     file = Path(record) if record is not None else Path(folder or "", "run.mcap")
     run: _SteppedRun | _RealTimeRun
     try:
         if real_time:
-            choices = check_servers(list(serve))
-            servo = Servo(
-                found, add_client_force(chosen, choices), rate=rate, seed=seed, model=model, estimator=estimator,
-                render=render, torque_arm=torque_arm, grip=grip, record=file, overwrite=True, hand=motion,
-            )  # fmt: skip
+            servo = Servo(config, record=file, overwrite=True)
             run = _RealTimeRun(servo, Serving(choices, servo))
-        elif serve:
-            raise InputError("serve needs real_time=True: other programs have a clock of their own")
         else:
-            setting = CouplingSetting(found, check_rate(rate), check_grip(grip), check_estimator(found, estimator))
-            run = _SteppedRun(
-                found, setting.couple(chosen), motion, file, check_rate(rate), check_seed(seed),
-                {"model": found.check_tick_model(model or found.tick_models[0]), "estimator": estimator,
-                 "render": render, "torque_arm": torque_arm, "gains": None},
-            )  # fmt: skip
+            run = _SteppedRun(config, file)
     except BaseException:
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)
