@@ -36,7 +36,7 @@ POISONED_TEST = f"{POISONED}::test_text_of_a_strangers_file_is_shown_and_does_no
 KIND_TEST = "tests/contracts/test_file_kinds.py::test_a_file_of_another_kind_is_called_by_its_name[info FILE]"
 SCENE_TESTS = "tests/worlds/scene/test_strangers_scenes.py"
 CACHE_TESTS = "tests/test_cache_folder.py"
-CONSOLE_TESTS, PAGES_TESTS = "tests/web/console/test_socket_hub.py", "tests/study/test_pages.py"
+CONSOLE_TESTS, PAGES_TESTS = "tests/web/console/test_socket_hub.py", "tests/study/pages/test_pages.py"
 MERGE_TESTS = "tests/study/database/test_merge.py"
 STOP_TESTS, EXPORT_TESTS = "tests/study/test_stop.py", "tests/study/database/test_export.py"
 TERMINAL_TESTS = "tests/study/session/test_terminal_session.py"
@@ -338,7 +338,7 @@ RULES = [
     ("state-length", "a state has all of its numbers and no more", "never", BAD_RECORDINGS),
     ("state-shapes", "a state of another chain is refused", "never", BAD_RECORDINGS),
     ("memory-length", "a recorded world's memory fits into rows", "never", BAD_RECORDINGS),
-    ("report-token", "no token, no recording", "never", "tests/study/test_trial_viewers.py"),
+    ("report-token", "no token, no recording", "never", "tests/study/pages/test_trial_viewers.py"),
     ("dead-sensors", "dead sensors are no weak magnets", "never", ORIENTATION_TESTS),
     ("readings-possible", "readings that cannot be are left out", "always", MAP_TESTS),
     ("network-device", "networks of another device are refused", "never", MAP_TESTS),

@@ -33,7 +33,8 @@ from websockets.sync.client import connect
 from haptorb.control.trips import GuardState
 from haptorb.runtime.servo import Servo
 from haptorb_study.database import database
-from haptorb_study.pages import SessionManager, StudyServer
+from haptorb_study.pages.session_manager import SessionManager
+from haptorb_study.pages.study_server import StudyServer
 from haptorb_study.study_file import Study, study_of
 
 LIMIT = 20.0  #: [ms]

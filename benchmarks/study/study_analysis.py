@@ -19,12 +19,13 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from haptorb_study.analysis import analysis_of
+from haptorb_study.analysis.analysis import analysis_of
+from haptorb_study.analysis.report import write_report
 from haptorb_study.database import database, trials
 from haptorb_study.procedures import Prompt
-from haptorb_study.psychometric import SlopeLikelihood, fit_group
-from haptorb_study.report import write_report
-from haptorb_study.session import StoredSession
+from haptorb_study.statistics.population import fit_group
+from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
+from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
 
 LEVELS = "[levels]\nreference = 1.2\nvalues = [0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7]\n"

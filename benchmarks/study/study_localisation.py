@@ -22,9 +22,11 @@ from typing import Any
 import numpy as np
 
 from haptorb.cluster import count_cores
-from haptorb_study.analysis import compare_conditions
-from haptorb_study.statistics import local_axes, transfer_information
-from haptorb_study.study_file import Study, directions, study_of
+from haptorb_study.analysis.comparison import compare_conditions
+from haptorb_study.set_points import directions
+from haptorb_study.statistics.information import transfer_information
+from haptorb_study.statistics.sphere import local_axes
+from haptorb_study.study_file import Study, study_of
 
 BIAS, SLOPE = 2.0, 0.08  #: planted: [deg], [mm/deg]
 SPREADS = (0.0, 0.5, 1.5)  #: between people, in parts of the bias or of the slope

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from haptorb_study.database import database, trials
-from haptorb_study.session import StoredSession
+from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import study_of
 
 STUDY = 'name = "merged"\n[trials]\nrepetitions = {}\n[[questions]]\nname = "hand"\ntext = "Hand?"\nwhen = "before"\n'

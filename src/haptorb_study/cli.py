@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from haptorb.runtime.servo import Servo
     from haptorb.web.server import PageAddress
     from haptorb_study.order import OrderSummary
-    from haptorb_study.pages import SessionManager
+    from haptorb_study.pages.session_manager import SessionManager
     from haptorb_study.study_file import Study
 
 __all__ = [
@@ -141,7 +141,7 @@ def analyse(
     json: Annotated[bool, typer.Option("--json", help="Only print the numbers as JSON.")] = False,
 ) -> None:
     """Analyse the answers: confusion, accuracy, error over θ, psychometric curves; write an HTML report."""
-    from haptorb_study.analysis import analysis_of
+    from haptorb_study.analysis.analysis import analysis_of
     from haptorb_study.copies import check_kind
 
     if figures not in ("svg", "png"):
@@ -162,8 +162,8 @@ def analyse(
     if json:
         print_json(done.numbers())
         return
-    from haptorb_study.report import write_report
-    from haptorb_study.tables import print_summary
+    from haptorb_study.analysis.report import write_report
+    from haptorb_study.analysis.tables import print_summary
 
     print_summary(done, make_console())
     pages = list[str]()
@@ -183,7 +183,7 @@ def _find_beside(db: str, part: str) -> str:
 
 
 def _serve_report(html: str, parts: list[str], port: int) -> None:
-    from haptorb_study.pages import ReportServer
+    from haptorb_study.pages.report_server import ReportServer
 
     server = ReportServer(html, parts, port)
     number = server.serve(lambda: say(f"Open {server.url} in a browser: the report, with its recordings. Ctrl-C ends."))
@@ -202,9 +202,9 @@ def figures(
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
 ) -> None:
     """Draw all figures for a paper: vector graphics, colour-blind safe, fonts embedded, with captions."""
-    from haptorb_study.analysis import analysis_of
+    from haptorb_study.analysis.analysis import analysis_of
+    from haptorb_study.analysis.paper_figures import KINDS, PaperSize, write_figures
     from haptorb_study.copies import check_kind
-    from haptorb_study.paper_figures import KINDS, PaperSize, write_figures
 
     if kind not in KINDS:
         raise InputError(f"--format must be {', '.join(KINDS)}; got '{kind}'")
@@ -244,7 +244,7 @@ def export(
 
 def print_forecast(known: Study) -> bool:
     """Say what a session will be like; whether the thermal budget holds and every trial has something to feel."""
-    from haptorb_study.simulated import find_unfelt, forecast, overlap
+    from haptorb_study.simulated.forecast import find_unfelt, forecast, overlap
 
     found = forecast(known)
     say(("" if found.holds else "warning: ") + found.sentence)
@@ -331,7 +331,7 @@ def check(
         made = write_registration(known, register)
         say(f"registered: plan {made.plan} of study {made.study}, {made.written}, in {register}")
     if json:
-        from haptorb_study.simulated import find_unfelt, forecast, overlap
+        from haptorb_study.simulated.forecast import find_unfelt, forecast, overlap
 
         result, reach, unfelt = forecast(known), overlap(known), find_unfelt(known)
         about = {"study": known.name, "procedure": known.procedure, "device": known.device}
@@ -361,7 +361,7 @@ def simulate(
     """Rehearse the study with SIMULATED participants. Their answers are not evidence about people."""
     from haptorb_study.copies import check_contents
     from haptorb_study.database import database
-    from haptorb_study.simulated import rehearse
+    from haptorb_study.simulated.rehearsal import rehearse
     from haptorb_study.study_file import read_study
 
     known = read_study(file)  # before a database is made
@@ -414,8 +414,8 @@ def power(
 ) -> None:
     """Estimate how many participants a study needs, with simulated participants."""
     from haptorb.cluster import count_cores
-    from haptorb_study.simulated import power as estimate_power
-    from haptorb_study.statistics import check_test
+    from haptorb_study.simulated.power import power as estimate_power
+    from haptorb_study.statistics.significance import check_test
     from haptorb_study.study_file import read_study
 
     known = read_study(file)
@@ -517,8 +517,8 @@ def run(
         again = join(["haptorb", "study", "run", str(file), "--terminal", "-p", str(participant), "--db", db, *more])
         _run_in_terminal(known, engine, str(participant), start, db, again, record, pilot)
     else:
-        from haptorb_study.pages import SessionManager
-        from haptorb_study.session import StoredSession
+        from haptorb_study.pages.session_manager import SessionManager
+        from haptorb_study.stored_session import StoredSession
 
         def find_path(session: StoredSession) -> Path | None:
             return find_recording_path(db, session) if record else None
@@ -533,7 +533,7 @@ def _run_in_terminal(
     record: bool, pilot: bool,
 ) -> None:  # fmt: skip
     from haptorb_study.recordings import find_recording_path
-    from haptorb_study.session import StoredSession
+    from haptorb_study.stored_session import StoredSession
 
     with StoredSession(engine, known, participant, pilot=pilot) as session:
         if session.resumed:
@@ -552,8 +552,8 @@ def _run_in_browser(
     where: PageAddress,
 ) -> None:  # fmt: skip
     from haptorb.sql import mask_password
-    from haptorb_study.pages import StudyServer
-    from haptorb_study.simulated import forecast
+    from haptorb_study.pages.study_server import StudyServer
+    from haptorb_study.simulated.forecast import forecast
 
     more = {
         "database": mask_password(db),

@@ -17,7 +17,8 @@ from haptorb_study.copies import KINDS, Kind
 from haptorb_study.database import contents, events, participants, replies, sessions, studies, trials
 from haptorb_study.incidents import COLUMNS as EVENT_COLUMNS
 from haptorb_study.procedures import read_value
-from haptorb_study.study_file import Study, angles_between, list_older, study_of
+from haptorb_study.set_points import angles_between
+from haptorb_study.study_file import Study, list_older, study_of
 
 __all__ = [
     "COLUMNS",

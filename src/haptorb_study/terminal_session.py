@@ -32,7 +32,9 @@ from haptorb.terminal import make_console, say
 from haptorb_study.halt import StopCount, StopSwitch
 from haptorb_study.order import ask_number
 from haptorb_study.procedures import Prompt
-from haptorb_study.session import OVER, StoredSession, TrialDevice, TrialRunner
+from haptorb_study.stored_session import StoredSession
+from haptorb_study.trial_device import TrialDevice
+from haptorb_study.trial_runner import OVER, TrialRunner
 
 __all__ = ["END", "Keyboard", "Keys", "Screen", "TerminalSession", "View", "name_keys", "run_session"]
 

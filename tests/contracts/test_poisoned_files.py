@@ -27,7 +27,7 @@ from haptorb.recording.row import RowLayout
 from haptorb_design.problem import Evaluation
 from haptorb_design.store import open_results
 from haptorb_study.database import database
-from haptorb_study.simulated import rehearse
+from haptorb_study.simulated.rehearsal import rehearse
 from haptorb_study.study_file import study_of
 from oracles.designs.small_design import make_design
 

@@ -19,7 +19,7 @@ from haptorb_design.store import open_results, read_results
 from haptorb_study.cli import _find_beside
 from haptorb_study.columns import read_study
 from haptorb_study.database import database
-from haptorb_study.simulated import rehearse
+from haptorb_study.simulated.rehearsal import rehearse
 from haptorb_study.study_file import study_of
 from oracles.designs.small_design import make_design
 

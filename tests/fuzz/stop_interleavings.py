@@ -42,8 +42,8 @@ from haptorb.runtime.shared_memory import SharedMemory, Word
 from haptorb.runtime.world_change import request
 from haptorb.web import console_hub
 from haptorb.worlds import find_world
-from haptorb_study import pages
-from haptorb_study.pages import SessionManager
+from haptorb_study.pages.session_manager import SessionManager
+from haptorb_study.pages.socket_hub import StudyPage, StudySocketHub
 from haptorb_study.procedures import Prompt
 from haptorb_study.study_file import study_of
 
@@ -228,9 +228,9 @@ class Trial:
         self.pages: list[Socket] = []
         study = study_of('name = "stop"\n[trials]\nrepetitions = 2')
         self.manager = SessionManager(None, study, lambda file: self.host, open_session=Sitting)  # type: ignore[arg-type]
-        self.study = pages.StudySocketHub(self.manager, "token", {}, {})
-        self.participant = pages.StudyPage(SimpleNamespace(), participant=True)  # type: ignore[arg-type]
-        self.experimenter = pages.StudyPage(SimpleNamespace(), participant=False)  # type: ignore[arg-type]
+        self.study = StudySocketHub(self.manager, "token", {}, {})
+        self.participant = StudyPage(SimpleNamespace(), participant=True)  # type: ignore[arg-type]
+        self.experimenter = StudyPage(SimpleNamespace(), participant=False)  # type: ignore[arg-type]
         self.study.enter(self.participant)
         self.study.enter(self.experimenter)
         self.stopped, self.engaged = 0, 1  # the last deed of either kind, by number; the start engages by itself

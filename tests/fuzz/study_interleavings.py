@@ -28,7 +28,8 @@ from haptorb.devices.loader import load
 from haptorb.errors import RecordingError, ServoError
 from haptorb.recording.row import RowLayout
 from haptorb_study.order import plan, procedure_of
-from haptorb_study.pages import SessionManager, StudyPage, StudySocketHub
+from haptorb_study.pages.session_manager import SessionManager
+from haptorb_study.pages.socket_hub import StudyPage, StudySocketHub
 from haptorb_study.procedures import Answer
 from haptorb_study.study_file import Study, study_of
 

@@ -21,7 +21,7 @@ from haptorb.errors import InputError, RecordingError
 from haptorb_study.columns import tidy
 from haptorb_study.database import database
 from haptorb_study.halt import StopSwitch
-from haptorb_study.session import StoredSession
+from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
 from haptorb_study.terminal_session import Keyboard, name_keys
 

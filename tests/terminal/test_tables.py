@@ -162,9 +162,9 @@ def world():
 
 
 def study(text, **parts):
-    from haptorb_study.analysis import Analysis
+    from haptorb_study.analysis.analysis import Analysis
+    from haptorb_study.analysis.tables import print_summary
     from haptorb_study.study_file import study_of
-    from haptorb_study.tables import print_summary
 
     made = Analysis(study_of(text), 6, 120, 12, 6, 0, **parts)
     assert json.dumps(made.numbers(), allow_nan=False)
@@ -172,7 +172,9 @@ def study(text, **parts):
 
 
 def identification():
-    from haptorb_study.analysis import Arrow, ConditionComparison, Confusion, LatitudeError
+    from haptorb_study.analysis.comparison import ConditionComparison
+    from haptorb_study.analysis.confusion import Arrow, Confusion
+    from haptorb_study.analysis.error_by_latitude import LatitudeError
 
     points = "".join(f"{{ number = {n}, theta_deg = {6 * n}, phi_deg = 45 }}," for n in range(1, 10))
     square = np.full((9, 9), 0.1)
@@ -190,8 +192,10 @@ def identification():
 
 
 def curves():
-    from haptorb_study.analysis import ConditionCurves
-    from haptorb_study.psychometric import LevelCounts, NormalEffect, PersonFit, Population, PsychometricCurve
+    from haptorb_study.analysis.curves import ConditionCurves
+    from haptorb_study.statistics.person_fit import PersonFit
+    from haptorb_study.statistics.population import NormalEffect, Population
+    from haptorb_study.statistics.psychometric import LevelCounts, PsychometricCurve
 
     fit = PersonFit(180, PsychometricCurve(2.345, 0.4567, 0.02, 0.02), (2.2, 2.5), (0.4, 0.51), (0.001, 0.06),
                     (0.001, 0.06), 5.4, 0.37, ("too few trials for the spread",))  # fmt: skip
@@ -207,8 +211,8 @@ def curves():
 
 
 def tracks():
-    from haptorb_study.analysis import ConditionTracks, TrackFit
-    from haptorb_study.psychometric import NormalEffect
+    from haptorb_study.analysis.tracks import ConditionTracks, TrackFit
+    from haptorb_study.statistics.population import NormalEffect
 
     people = {"P01": TrackFit(60, True, 0.3214, 0.3187, (0.25, 0.3999)),
               "P02": TrackFit(60, True, 0.41, 0.4, (0.31, 0.52))}  # fmt: skip
@@ -220,7 +224,7 @@ def tracks():
 
 
 def ratings():
-    from haptorb_study.analysis import RatingMean
+    from haptorb_study.analysis.comparison import RatingMean
 
     show = study(
         'name = "r"\nprocedure = "rating"\n',

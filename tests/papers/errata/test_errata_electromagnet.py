@@ -14,7 +14,7 @@ from haptorb.magnetics import dipole
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.worlds import Dome
-from haptorb_study.study_file import directions, list_equal_rings, list_published
+from haptorb_study.set_points import directions, list_equal_rings, list_published
 
 ZARATE = "zarate2020"
 

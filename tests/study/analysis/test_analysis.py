@@ -12,13 +12,14 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 
 from haptorb.errors import InputError, RecordingError
-from haptorb_study.analysis import analyse, analysis_of
+from haptorb_study.analysis.analysis import analyse, analysis_of
+from haptorb_study.analysis.report import page, write_report
 from haptorb_study.columns import tidy
 from haptorb_study.database import database
 from haptorb_study.procedures import Answer
-from haptorb_study.report import page, write_report
-from haptorb_study.session import StoredSession
-from haptorb_study.statistics import binomial_tail, mean_interval, wilson
+from haptorb_study.statistics.intervals import mean_interval, wilson
+from haptorb_study.statistics.significance import binomial_tail
+from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
 
 WAYS = {1: (0.0, 0.0, 0.05), 2: (0.0294, 0.0, 0.0405), 3: (-0.0294, 0.0, 0.0405)}

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from haptorb_study.analysis import Analysis, analyse, compare_conditions
+from haptorb_study.analysis.analysis import Analysis, analyse
+from haptorb_study.analysis.comparison import compare_conditions
+from haptorb_study.analysis.tables import print_summary
 from haptorb_study.columns import Columns
-from haptorb_study.statistics import find_away_axes, local_axes
-from haptorb_study.study_file import Study, directions, study_of
-from haptorb_study.tables import print_summary
+from haptorb_study.set_points import directions
+from haptorb_study.statistics.sphere import find_away_axes, local_axes
+from haptorb_study.study_file import Study, study_of
 
 REACH = study_of('name = "reach"\nprocedure = "localisation"\nhand_deg = 90')
 NAME = study_of('name = "name"')

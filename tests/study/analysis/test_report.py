@@ -12,14 +12,14 @@ import pytest
 from matplotlib.text import Text
 
 from haptorb.terminal import make_console
-from haptorb_study.analysis import Analysis, analysis_of
+from haptorb_study.analysis.analysis import Analysis, analysis_of
+from haptorb_study.analysis.figures import figures
+from haptorb_study.analysis.report import page
+from haptorb_study.analysis.tables import print_summary
 from haptorb_study.database import database
-from haptorb_study.figures import figures
 from haptorb_study.procedures import Answer
-from haptorb_study.report import page
-from haptorb_study.session import StoredSession
+from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
-from haptorb_study.tables import print_summary
 
 PLACES = "[set_points]\npoints = [{number = 1, theta_deg = 0}, {number = 2, theta_deg = 36}]\n"
 ONCE = "[trials]\nrepetitions = 1\n"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptorb_study.analysis import find_response_times, list_response_times
-from haptorb_study.statistics import mean_interval
+from haptorb_study.analysis.response_times import find_response_times, list_response_times
+from haptorb_study.statistics.intervals import mean_interval
 from haptorb_study.study_file import study_of
 
 TWO = 'name = "x"\n[trials]\ntime_limit = 10\n[[conditions]]\nname = "a"\n[[conditions]]\nname = "b"\n'

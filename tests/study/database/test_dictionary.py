@@ -14,7 +14,7 @@ import pytest
 from haptorb_study.columns import COLUMNS, FLAGS, WORDS, Columns, describe_columns, describe_questions, tidy
 from haptorb_study.database import database
 from haptorb_study.export import make_r_script, write_bids, write_csv, write_parquet
-from haptorb_study.simulated import rehearse
+from haptorb_study.simulated.rehearsal import rehearse
 from haptorb_study.study_file import Study, study_of
 
 TWO = """

@@ -19,7 +19,7 @@ from haptorb_study.columns import COLUMNS, Columns, read_replies, tidy
 from haptorb_study.database import database
 from haptorb_study.export import write_bids, write_csv, write_parquet
 from haptorb_study.procedures import Answer, Prompt
-from haptorb_study.session import StoredSession
+from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
 
 POINTS = "[set_points]\npoints = [{ number = 1, theta_deg = 0 }, { number = 2, theta_deg = 36, phi_deg = 90 }]\n"

@@ -14,14 +14,14 @@ from sqlalchemy import text
 
 from haptorb.cli.program import main
 from haptorb.errors import InputError
-from haptorb_study.analysis import Analysis, analysis_of
+from haptorb_study.analysis.analysis import Analysis, analysis_of
+from haptorb_study.analysis.report import page
+from haptorb_study.analysis.tables import print_summary
 from haptorb_study.database import database
 from haptorb_study.procedures import Answer
 from haptorb_study.registration import read_registration, write_registration
-from haptorb_study.report import page
-from haptorb_study.session import StoredSession
+from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
-from haptorb_study.tables import print_summary
 
 BARE = """
 name = "planned"

@@ -17,7 +17,7 @@ from haptorb_study.columns import COLUMNS, keep_older, read_replies, read_study,
 from haptorb_study.database import SCHEMA, database, list_participants, lock_session
 from haptorb_study.export import write_bids, write_csv
 from haptorb_study.procedures import Answer
-from haptorb_study.session import StoredSession
+from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
 
 HERE = (0.0, 0.0, 0.05)

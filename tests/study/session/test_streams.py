@@ -15,9 +15,11 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb.recording.row import RowLayout
 from haptorb_study.database import database
-from haptorb_study.session import StoredSession, TrialDevice, TrialRunner
+from haptorb_study.stored_session import StoredSession
 from haptorb_study.streams import Streams, open_streams
 from haptorb_study.study_file import Study
+from haptorb_study.trial_device import TrialDevice
+from haptorb_study.trial_runner import TrialRunner
 
 pytestmark = pytest.mark.realtime
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from haptorb.runtime.servo import Servo
-from haptorb_study.session import TrialDevice
 from haptorb_study.study_file import Study
+from haptorb_study.trial_device import TrialDevice
 
 
 @pytest.mark.realtime

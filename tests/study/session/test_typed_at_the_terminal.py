@@ -18,9 +18,10 @@ from haptorb.cli import main
 from haptorb_study.database import database
 from haptorb_study.feel import FeelSession, load_designs
 from haptorb_study.feel.live_session import LiveSession, read_lines
-from haptorb_study.session import StoredSession, TrialDevice
+from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import study_of
 from haptorb_study.terminal_session import END, Keys, TerminalSession, View, name_keys
+from haptorb_study.trial_device import TrialDevice
 from typed_texts import TEXTS
 
 _SPEC = importlib.util.spec_from_file_location("fake_servo", Path(__file__).parents[1] / "fake_servo.py")

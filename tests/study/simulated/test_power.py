@@ -7,8 +7,9 @@ import pytest
 from scipy.stats import nct, t
 
 from haptorb.errors import InputError
-from haptorb_study.analysis import analyse
-from haptorb_study.simulated import power, power_of, simulate_value
+from haptorb_study.analysis.analysis import analyse
+from haptorb_study.simulated.pool import simulate_value
+from haptorb_study.simulated.power import power, power_of
 from haptorb_study.study_file import study_of
 from oracles.repetitions import repetitions
 

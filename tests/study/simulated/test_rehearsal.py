@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 
 from haptorb.errors import InputError
-from haptorb_study.analysis import LatitudeError, analysis_of, measure_tool_rings
+from haptorb_study.analysis.analysis import analysis_of
+from haptorb_study.analysis.error_by_latitude import LatitudeError, measure_tool_rings
+from haptorb_study.analysis.report import page
 from haptorb_study.columns import tidy
 from haptorb_study.database import database
 from haptorb_study.procedures import Answer, Prompt
-from haptorb_study.report import page
-from haptorb_study.session import StoredSession
-from haptorb_study.simulated import Participant, answer_rest, rehearse
-from haptorb_study.study_file import PUBLISHED_ERRORS, Study, study_of
+from haptorb_study.set_points import PUBLISHED_ERRORS
+from haptorb_study.simulated.participant import Participant
+from haptorb_study.simulated.rehearsal import answer_rest, rehearse
+from haptorb_study.stored_session import StoredSession
+from haptorb_study.study_file import Study, study_of
 
 #: as in the paper, whose controller inverts point dipoles; with the set-points that participants were calibrated with
 PUBLISHED = 'name = "published"\nmodel = "published"\n[set_points]\nlayout = "1-8-8-8"'

@@ -9,7 +9,7 @@ import pytest
 
 from haptorb.cli import main
 from haptorb.errors import InputError
-from haptorb_study.simulated import find_unfelt
+from haptorb_study.simulated.forecast import find_unfelt
 from haptorb_study.study_file import study_of
 
 WELL = """

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import entropy
 
 from haptorb.errors import InputError
-from haptorb_study.statistics import plug_in_information, transfer_information
+from haptorb_study.statistics.information import plug_in_information, transfer_information
 
 RING = 0.8 * np.eye(8) + 0.1 * np.roll(np.eye(8), 1, axis=1) + 0.1 * np.roll(np.eye(8), -1, axis=1)
 #: by hand: log₂ 8 less the entropy of (0.8, 0.1, 0.1)

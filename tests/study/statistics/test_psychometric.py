@@ -14,15 +14,10 @@ from scipy.special import ndtr
 from scipy.stats import beta, binom
 
 from haptorb.errors import InputError
-from haptorb_study.psychometric import (
-    LevelCounts,
-    PersonFit,
-    PsychometricGrid,
-    SlopeLikelihood,
-    count_by_level,
-    fit_person,
-    psychometric_fit,
-)
+from haptorb_study.statistics.person_fit import PersonFit, fit_person, psychometric_fit
+from haptorb_study.statistics.psychometric import LevelCounts, count_by_level
+from haptorb_study.statistics.psychometric_grid import PsychometricGrid
+from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
 
 X = np.linspace(0.7, 1.3, 7)
 YES = np.array([[1.0, 2, 6, 13, 19, 24, 25], [0, 4, 9, 20, 23, 25, 24]])

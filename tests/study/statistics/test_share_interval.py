@@ -12,7 +12,7 @@ from scipy.optimize import brentq, minimize_scalar
 from scipy.stats import betabinom, t
 from tests.oracles.repetitions import repetitions
 
-from haptorb_study.statistics import mean_interval, share_interval
+from haptorb_study.statistics.intervals import mean_interval, share_interval
 
 
 def test_the_interval_is_that_of_brute_force() -> None:

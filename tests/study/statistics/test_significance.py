@@ -7,7 +7,9 @@ import pytest
 from scipy.stats import nct, permutation_test, ttest_1samp
 
 from haptorb.errors import InputError
-from haptorb_study.statistics import correct_p, decide_p, effect_size, fewest_people, mean_interval
+from haptorb_study.statistics.effect_size import effect_size
+from haptorb_study.statistics.intervals import mean_interval
+from haptorb_study.statistics.significance import correct_p, decide_p, fewest_people
 
 DRAW = np.random.default_rng(5)
 

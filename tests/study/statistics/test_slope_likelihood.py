@@ -13,17 +13,11 @@ import pytest
 from scipy.optimize import minimize, minimize_scalar
 from scipy.stats import norm
 
-from haptorb_study.psychometric import (
-    FLAT,
-    LAPSE_EDGES,
-    NO_LIMIT,
-    REVERSED,
-    UPPER_LIMIT,
-    LevelCounts,
-    SlopeLikelihood,
-    fit_group,
-    fit_person,
-)
+from haptorb_study.statistics.person_fit import FLAT, NO_LIMIT, REVERSED, UPPER_LIMIT, fit_person
+from haptorb_study.statistics.population import fit_group
+from haptorb_study.statistics.psychometric import LevelCounts
+from haptorb_study.statistics.psychometric_grid import LAPSE_EDGES
+from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
 
 ROOT = Path(__file__).resolve().parents[3]
 X = np.linspace(0.6, 1.4, 9)

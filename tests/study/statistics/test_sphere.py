@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import vonmises_fisher
 
 from haptorb.errors import InputError
-from haptorb_study.statistics import error_vectors, find_away_axes, local_axes, summarize_directions
+from haptorb_study.statistics.sphere import error_vectors, find_away_axes, local_axes, summarize_directions
 
 angles = st.tuples(st.floats(0.01, 3.13), st.floats(-3.14, 3.14))
 

@@ -24,8 +24,8 @@ from haptorb_study.order import (
     summarize_order,
 )
 from haptorb_study.procedures import Answer, InterleavedProcedures, Procedure, Prompt
-from haptorb_study.session import StoredSession
-from haptorb_study.simulated import forecast
+from haptorb_study.simulated.forecast import forecast
+from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, list_older, study_of
 
 CONDITIONS = "".join(f'[[conditions]]\nname = "{name}"\n' for name in ("one", "two", "three"))

@@ -14,9 +14,10 @@ from haptorb_study.columns import read_study as read_stored
 from haptorb_study.database import database
 from haptorb_study.order import balance_conditions, plan, procedure_of
 from haptorb_study.procedures import Answer
-from haptorb_study.session import StoredSession
-from haptorb_study.simulated import forecast, load_squared, overlap
-from haptorb_study.study_file import Study, list_equal_rings, list_published, read_study, study_of
+from haptorb_study.set_points import list_equal_rings, list_published
+from haptorb_study.simulated.forecast import forecast, load_squared, overlap
+from haptorb_study.stored_session import StoredSession
+from haptorb_study.study_file import Study, read_study, study_of
 
 LEVELS = 'name = "x"\nprocedure = "{}"\n[levels]\nreference = 1.0\n'
 

@@ -10,12 +10,13 @@ import pytest
 from haptorb.cli import main
 from haptorb.devices.schema import list_keys
 from haptorb.errors import InputError, RecordingError
-from haptorb_study.analysis import analysis_of
+from haptorb_study.analysis.analysis import analysis_of
+from haptorb_study.analysis.report import page
+from haptorb_study.analysis.tables import print_summary
 from haptorb_study.database import database
-from haptorb_study.report import page
-from haptorb_study.simulated import forecast, rehearse
+from haptorb_study.simulated.forecast import forecast
+from haptorb_study.simulated.rehearsal import rehearse
 from haptorb_study.study_file import read_study, study_of
-from haptorb_study.tables import print_summary
 from haptorb_study.template import TEMPLATES, make_study_text, write_study
 
 

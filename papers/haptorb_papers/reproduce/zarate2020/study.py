@@ -15,9 +15,10 @@ from haptorb_papers.reproduce.citation import Citation
 from haptorb_papers.reproduce.entry import Entry, read_entry
 from haptorb_papers.reproduce.item import Item
 from haptorb_papers.reproduce.registry import Drawing, Report
-from haptorb_study.analysis import Analysis
+from haptorb_study.analysis.analysis import Analysis
 from haptorb_study.order import plan
-from haptorb_study.study_file import PUBLISHED_ERRORS, directions, list_published, study_of
+from haptorb_study.set_points import PUBLISHED_ERRORS, directions, list_published
+from haptorb_study.study_file import study_of
 
 __all__ = ["draw_study", "items", "simulate_study"]
 
@@ -25,7 +26,7 @@ __all__ = ["draw_study", "items", "simulate_study"]
 # --------------------------------------------------------------------------------------------------
 # Zárate 2020, Figs. 8 and 9 as the kit draws them, for simulated participants: the procedure, no evidence.
 #
-# The participants' recall was fitted to the errors of Fig. 9 (`haptorb_study.simulated`), so their
+# The participants' recall was fitted to the errors of Fig. 9 (`haptorb_study.simulated.participant`), so their
 # errors follow the print by construction. What the pictures show is that the same 25 places, 300 trials and analysis
 # give figures that can be laid beside the published ones.
 
@@ -36,10 +37,11 @@ _SIMULATED_STUDY_PEOPLE = 6
 @cache
 def simulate_study(seed: int = 0) -> Analysis:
     """The published study, 25 set-points asked twice, answered by six simulated participants."""
-    from haptorb_study.analysis import analysis_of, measure_tool_rings
+    from haptorb_study.analysis.analysis import analysis_of
+    from haptorb_study.analysis.error_by_latitude import measure_tool_rings
     from haptorb_study.columns import tidy
     from haptorb_study.database import database
-    from haptorb_study.simulated import rehearse
+    from haptorb_study.simulated.rehearsal import rehearse
     from haptorb_study.study_file import study_of
 
     with TemporaryDirectory() as folder:
@@ -58,7 +60,7 @@ def draw_study(path: Path) -> Path:
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
-    from haptorb_study.figures import draw_answers, draw_confusion, draw_error
+    from haptorb_study.analysis.figures import draw_answers, draw_confusion, draw_error
 
     analysis = simulate_study()
     figure = Figure(figsize=(13, 10.5), layout="constrained")

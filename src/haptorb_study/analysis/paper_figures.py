@@ -20,8 +20,8 @@ from matplotlib.ticker import LogLocator
 from haptorb.errors import InputError, RecordingError
 from haptorb.files import read_text, replace_files
 from haptorb.version import __version__
-from haptorb_study.analysis import Analysis
-from haptorb_study.study_file import PUBLISHED_ERRORS
+from haptorb_study.analysis.analysis import Analysis
+from haptorb_study.set_points import PUBLISHED_ERRORS
 
 __all__ = [
     "COLOURS",

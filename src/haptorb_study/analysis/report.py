@@ -13,22 +13,21 @@ from shlex import quote
 from haptorb.display import Link, scroll_table_html
 from haptorb.errors import InputError, RecordingError
 from haptorb.terminal import TextTable
-from haptorb_study.analysis import (
-    Analysis,
-    describe_accuracy,
-    format_p,
-    format_percent,
-    format_range,
-    format_value,
-    list_wrong_answers,
-    make_condition_table,
-    make_magnitude_tables,
-    make_response_table,
-    name_error,
+from haptorb_study.analysis.analysis import Analysis
+from haptorb_study.analysis.condition_means import make_condition_table
+from haptorb_study.analysis.confusion import describe_accuracy, list_wrong_answers
+from haptorb_study.analysis.error_by_latitude import name_error
+from haptorb_study.analysis.figures import figures
+from haptorb_study.analysis.magnitude import make_magnitude_tables
+from haptorb_study.analysis.number_format import format_p, format_percent, format_range, format_value
+from haptorb_study.analysis.response_times import make_response_table
+from haptorb_study.analysis.tables import (
+    list_group_tables,
+    list_notes,
+    list_psychometric_notes,
+    list_psychometric_tables,
 )
-from haptorb_study.figures import figures
 from haptorb_study.incidents import count_incidents
-from haptorb_study.tables import list_group_tables, list_notes, list_psychometric_notes, list_psychometric_tables
 
 __all__ = ["page", "write_report"]
 

@@ -22,7 +22,8 @@ from haptorb.control.trips import Trip
 from haptorb.errors import InputError, RecordingError, ServoError
 from haptorb_study.columns import read_replies, tidy
 from haptorb_study.database import database
-from haptorb_study.pages import STATIC, SessionManager, StudyServer, try_step
+from haptorb_study.pages.session_manager import SessionManager, try_step
+from haptorb_study.pages.study_server import STATIC, StudyServer
 from haptorb_study.study_file import Study, study_of
 
 pytestmark = pytest.mark.realtime

@@ -15,11 +15,12 @@ from matplotlib.text import Text
 
 from haptorb.cli import main
 from haptorb.errors import InputError, RecordingError
-from haptorb_study.analysis import Analysis, analysis_of
+from haptorb_study.analysis.analysis import Analysis, analysis_of
+from haptorb_study.analysis.paper_figures import COLOURS, DASHES, MARKERS, PaperSize, draw_figures, write_figures
 from haptorb_study.database import database
-from haptorb_study.paper_figures import COLOURS, DASHES, MARKERS, PaperSize, draw_figures, write_figures
-from haptorb_study.simulated import rehearse
-from haptorb_study.study_file import PUBLISHED_ERRORS, study_of
+from haptorb_study.set_points import PUBLISHED_ERRORS
+from haptorb_study.simulated.rehearsal import rehearse
+from haptorb_study.study_file import study_of
 
 POINTS = "[set_points]\npoints = [{ number = 1, theta_deg = 0 }, { number = 2, theta_deg = 36 }]\n"
 TWO = '[[conditions]]\nname = "a"\n[[conditions]]\nname = "b"\nparameters = { moment = 0.5 }\n'

@@ -8,23 +8,17 @@ from collections.abc import Iterable, Iterator
 from rich.console import Console
 
 from haptorb.terminal import Column, TextTable, make_console, print_table, print_text
-from haptorb_study.analysis import (
-    ERROR_MEANING,
-    JND,
-    Analysis,
-    ConditionComparison,
-    Localisation,
-    PlanReport,
-    describe_accuracy,
-    format_p,
-    format_range,
-    format_value,
-    list_wrong_answers,
-    make_condition_table,
-    make_magnitude_tables,
-    make_response_table,
-    name_error,
-)
+from haptorb_study.analysis.analysis import Analysis
+from haptorb_study.analysis.comparison import ConditionComparison
+from haptorb_study.analysis.condition_means import make_condition_table
+from haptorb_study.analysis.confusion import describe_accuracy, list_wrong_answers
+from haptorb_study.analysis.curves import JND
+from haptorb_study.analysis.error_by_latitude import ERROR_MEANING, name_error
+from haptorb_study.analysis.localisation import Localisation
+from haptorb_study.analysis.magnitude import make_magnitude_tables
+from haptorb_study.analysis.number_format import format_p, format_range, format_value
+from haptorb_study.analysis.plan_report import PlanReport
+from haptorb_study.analysis.response_times import make_response_table
 from haptorb_study.incidents import count_incidents
 
 __all__ = ["list_group_tables", "list_notes", "list_psychometric_notes", "list_psychometric_tables", "print_summary"]

@@ -10,7 +10,8 @@ import urllib.request
 import pytest
 
 from haptorb.errors import InputError
-from haptorb_study.pages import ReportServer, TrialViewers
+from haptorb_study.pages.report_server import ReportServer
+from haptorb_study.pages.trial_viewers import TrialViewers
 from oracles.made_recording import make_recording
 
 

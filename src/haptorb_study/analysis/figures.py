@@ -8,9 +8,11 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
-from haptorb_study.analysis import Analysis, format_range, name_error
-from haptorb_study.paper_figures import draw_open_interval
-from haptorb_study.study_file import PUBLISHED_ERRORS
+from haptorb_study.analysis.analysis import Analysis
+from haptorb_study.analysis.error_by_latitude import name_error
+from haptorb_study.analysis.number_format import format_range
+from haptorb_study.analysis.paper_figures import draw_open_interval
+from haptorb_study.set_points import PUBLISHED_ERRORS
 
 __all__ = ["draw_answers", "draw_confusion", "draw_curves", "draw_error", "figures"]
 

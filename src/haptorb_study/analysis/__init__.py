@@ -1,0 +1,1 @@
+"""Analysis of the answers of a study: tables, figures, report."""

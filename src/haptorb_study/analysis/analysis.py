@@ -1,0 +1,345 @@
+"""From a database to its analysis, in one call."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from sqlalchemy import select
+from sqlalchemy.engine import Engine
+
+from haptorb.errors import InputError
+from haptorb.notebook import NotebookReport
+from haptorb_study.analysis.answer_directions import SPHERICAL
+from haptorb_study.analysis.comparison import (
+    ConditionComparison,
+    RatingMean,
+    compare_conditions,
+    count_choices,
+    rate_condition,
+)
+from haptorb_study.analysis.condition_means import ConditionMean, average_conditions, list_condition_means
+from haptorb_study.analysis.confusion import Arrow, Confusion, count_answers, find_arrows
+from haptorb_study.analysis.curves import ConditionCurves, fit_curves
+from haptorb_study.analysis.error_by_latitude import LatitudeError, measure_rings
+from haptorb_study.analysis.localisation import Localisation, localise
+from haptorb_study.analysis.magnitude import MagnitudeScale, estimate_magnitudes, list_magnitudes
+from haptorb_study.analysis.number_format import json_number
+from haptorb_study.analysis.plan_report import PlanReport, SessionPlan, find_plan, report_plan
+from haptorb_study.analysis.response_times import ResponseTime, find_response_times, list_response_times
+from haptorb_study.analysis.tracks import ConditionTracks, follow_tracks
+from haptorb_study.columns import Columns, read_study, select_kind, tidy
+from haptorb_study.copies import Kind
+from haptorb_study.database import database, participants, sessions
+from haptorb_study.incidents import Incident, list_incidents
+from haptorb_study.registration import Registration
+from haptorb_study.study_file import Study
+
+__all__ = ["Analysis", "analyse", "analysis_of", "read_plans"]
+
+
+_RECORDED = ("participant", "trial", "safety", "recording")
+
+
+@dataclass(frozen=True)
+class Analysis(NotebookReport):
+    """Everything that is reported of a study; parts that its procedure does not have are empty.
+
+    `analysis_of` makes one. In a notebook it shows the summary that `haptorb study analyse` prints.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    participants : int
+        Number of participants.
+    trials : int
+        Number of answered trials, without practice.
+    practice : int
+        Number of practice trials.
+    simulated : int
+        Number of simulated participants.
+    trips : int
+        Number of trials in which the device tripped.
+    repeated : int
+        Number of trials that were restarted before they were answered.
+    on_simulated_device : int
+        Number of trials of people on a simulated device, without a rendered force.
+    on_unknown_device : int
+        Number of trials of people stored by an older version, which did not note the device.
+    confusion : Confusion, optional
+        Answers by set-point.
+    arrows : tuple of Arrow
+        Most frequent wrong answers.
+    means : tuple of ConditionMean
+        Error and accuracy by condition.
+    rings : tuple of LatitudeError
+        Error by latitude.
+    curves : dict
+        Condition → psychometric functions.
+    tracks : dict
+        Condition → tracks of an adaptive procedure.
+    thresholds : dict
+        Condition → participant → threshold.
+    scores : dict
+        Condition → mean rating.
+    chosen : dict
+        Pair of conditions → times chosen, number of choices, and 95 % interval of the share.
+    comparisons : tuple of ConditionComparison
+        Conditions compared.
+    localisation : Localisation, optional
+        Errors on the sphere and information transferred.
+    plan : PlanReport, optional
+        Result of the planned tests.
+    magnitudes : tuple of MagnitudeScale
+        Estimated magnitudes by condition.
+    times : tuple of ResponseTime
+        Response times by condition [s].
+    notes : tuple of str
+        What the data cannot tell.
+    left_out : str
+        Data of another kind (real, pilot, simulated) in the same database.
+    incidents : tuple of Incident
+        Stops, repeats, safety events, and ends before the last trial.
+    recorded : tuple
+        Participant, trial, safety, and part of a recording, of each recorded trial.
+    """
+
+    study: Study
+    participants: int
+    trials: int
+    practice: int
+    simulated: int
+    trips: int
+    repeated: int = 0
+    on_simulated_device: int = 0
+    on_unknown_device: int = 0
+    confusion: Confusion | None = None
+    arrows: tuple[Arrow, ...] = ()
+    means: tuple[ConditionMean, ...] = ()
+    rings: tuple[LatitudeError, ...] = ()
+    curves: dict[str, ConditionCurves] = field(default_factory=dict)
+    tracks: dict[str, ConditionTracks] = field(default_factory=dict)
+    thresholds: dict[str, dict[str, float]] = field(default_factory=dict)
+    scores: dict[str, RatingMean] = field(default_factory=dict)
+    chosen: dict[tuple[str, str], tuple[int, int, tuple[float, float]]] = field(default_factory=dict)
+    comparisons: tuple[ConditionComparison, ...] = ()
+    localisation: Localisation | None = None
+    plan: PlanReport | None = None
+    magnitudes: tuple[MagnitudeScale, ...] = ()
+    times: tuple[ResponseTime, ...] = ()
+    notes: tuple[str, ...] = ()
+    left_out: str = ""
+    incidents: tuple[Incident, ...] = ()
+    recorded: tuple[tuple[str, int, str, str], ...] = ()
+
+    printer: ClassVar[str] = "haptorb_study.analysis.tables:print_summary"
+
+    def _summarize(self) -> str:
+        return f"<Analysis of study {self.study.name!r}: {self.trials} trials; {self.origin}>"
+
+    @property
+    def origin(self) -> str:
+        """Who answered, and on what, in words that go onto every page and figure."""
+        people = f"{self.participants} participant{'' if self.participants == 1 else 's'}"
+        if self.simulated == self.participants:
+            return f"SIMULATED: {people.replace(' ', ' simulated ')}, calibrated to Zárate 2020; no person took part"
+        text = people
+        if self.simulated:
+            text = f"PARTLY SIMULATED: {self.simulated} of {people} are simulated"
+        if self.on_simulated_device:
+            whole = not self.simulated and self.on_simulated_device == self.trials
+            share = "" if whole else f" in {self.on_simulated_device} of {self.trials} trials"
+            text = f"SIMULATED DEVICE{share}: nobody felt a force; {text}"
+        if self.on_unknown_device:
+            text = f"{text}; whether the device was simulated is not stored for {self.on_unknown_device} trials"
+        return text
+
+    @property
+    def marked(self) -> bool:
+        """Whether some of it is simulated, participants or device."""
+        return self.simulated > 0 or self.on_simulated_device > 0
+
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types; what is not a number is None."""
+        found: dict[str, Any] = {
+            "study": self.study.name, "procedure": self.study.procedure, "origin": self.origin,
+            "participants": self.participants, "simulated": self.simulated, "trials": self.trials,
+            "practice_trials": self.practice, "trials_with_trips": self.trips, "repeated_trials": self.repeated,
+            "trials_on_simulated_device": self.on_simulated_device, "trials_on_unknown_device": self.on_unknown_device,
+        }  # fmt: skip
+        if (c := self.confusion) is not None:
+            found["accuracy"] = {
+                "mean": c.accuracy, "interval_95": [json_number(x) for x in c.accuracy_95],
+                "single_participant_95": [json_number(x) for x in c.single_95],
+                "chance": c.chance, "p_by_chance": c.p_chance,
+                "by_set_point": {str(n): json_number(c.matrix[i, i]) for i, n in enumerate(c.numbers)},
+                "by_set_point_95": {
+                    str(n): [json_number(x) for x in c.right_95[i]] for i, n in enumerate(c.numbers)
+                },
+            }  # fmt: skip
+            found["confusion"] = [[json_number(x) for x in row] for row in c.matrix.tolist()]
+            found["arrows"] = [vars(arrow) for arrow in self.arrows]
+        if self.means:
+            found["condition_means"] = list_condition_means(self.means)
+        if self.rings:
+            found["error_mm"] = [_analysis_numbers(ring) for ring in self.rings]
+        if self.curves:
+            found["curves"] = {name: one.numbers() for name, one in self.curves.items()}
+        if self.curves or self.tracks or self.magnitudes:
+            levels = self.study.levels
+            found["level"] = {"parameter": levels and levels.parameter, "unit": self.study.level_unit or "1"}
+        if self.tracks:
+            found["thresholds"] = {name: one.numbers() for name, one in self.tracks.items()}
+        if self.scores:
+            found["ratings"] = {name: _analysis_numbers(one) for name, one in self.scores.items()}
+        if self.chosen:
+            found["choices"] = [
+                {"a": a, "b": b, "a_chosen": k, "of": n, "interval_95": list(w)}
+                for (a, b), (k, n, w) in self.chosen.items()
+            ]
+        if self.magnitudes:
+            found["magnitudes"] = list_magnitudes(self.magnitudes)
+        if self.times:
+            found["response_times"] = list_response_times(self.times)
+        if self.comparisons:
+            found["comparisons"] = [one.numbers() for one in self.comparisons]
+        if self.localisation is not None:
+            found["localisation"] = self.localisation.numbers()
+        if self.plan is not None:
+            found["plan"] = self.plan.numbers()
+        found["left_out"] = self.left_out
+        found["incidents"] = [one.row() for one in self.incidents]
+        if self.notes:
+            found["notes"] = list(self.notes)
+        return found
+
+
+def analyse(
+    study: Study, columns: Columns, progress: Callable[[int, int], None] | None = None, *,
+    plans: Sequence[SessionPlan] = (), registration: Registration | None = None,
+) -> Analysis:  # fmt: skip
+    """The analysis of `study` from its tidy `columns`; `progress` receives (people fitted, people in all).
+
+    `plans` tell with which plan of the analysis each session began, `registration` with which one was filed.
+    """
+    practice = columns["phase"] == "practice"
+    main = {name: values[~practice] for name, values in columns.items()}
+    if not len(main["trial"]):
+        raise InputError(f"study '{study.name}' has only practice trials so far: there is nothing to analyse")
+    people, index = np.unique(main["participant"], return_inverse=True)
+    simulated = {code for code, flag in zip(main["participant"], main["simulated"], strict=True) if flag}
+    parts: dict[str, Any] = {}
+    if study.procedure == "identification":
+        parts["confusion"] = confusion = count_answers(study, main, index, len(people))
+        parts["arrows"] = find_arrows(confusion)
+    parts["means"] = average_conditions(study, main, people.tolist())
+    if study.procedure in SPHERICAL and np.isfinite(main["distance_mm"]).any():
+        parts["rings"] = measure_rings(main, index, len(people))
+    if main.keys() >= set(_RECORDED):  # answers from elsewhere have no recordings
+        parts["recorded"] = tuple(
+            (str(code), int(trial), str(safety), str(part))
+            for code, trial, safety, part in zip(*(main[n] for n in _RECORDED), strict=True) if part
+        )  # fmt: skip
+    notes = _list_empty(study, main)
+    if study.procedure == "constant":
+        parts["curves"], more = fit_curves(main, progress)
+        notes += more
+    if study.procedure in ("staircase", "bayesian"):
+        parts["tracks"] = tracks = follow_tracks(study, main, progress)
+        parts["thresholds"] = {
+            name: {code: fit.threshold for code, fit in one.people.items() if fit.complete}
+            for name, one in tracks.items()
+        }
+    if study.procedure == "rating":
+        parts["scores"] = {
+            str(n): rate_condition(main, str(n), index, len(people)) for n in dict.fromkeys(main["condition"].tolist())
+        }
+    if study.procedure == "forced-choice":
+        parts["chosen"] = count_choices(main)
+    if study.procedure in SPHERICAL:
+        parts["localisation"] = localise(study, main, people.tolist())
+    parts["comparisons"] = compare_conditions(study, main, people, parts.get("thresholds"), find_plan(study, plans))
+    parts["plan"] = report_plan(study, parts["comparisons"], plans, registration)
+    device = main["simulated_device"][~main["simulated"].astype(bool)].tolist()
+    return Analysis(
+        study, len(people), len(main["trial"]), int(practice.sum()), len(simulated),
+        int(np.count_nonzero(main["safety"] != "")), int(np.count_nonzero(main["repeats"])), device.count(True),
+        device.count(None), magnitudes=estimate_magnitudes(study, main), times=find_response_times(study, main),
+        notes=tuple(notes), **parts,
+    )  # fmt: skip
+
+
+def _list_empty(study: Study, main: Columns) -> list[str]:
+    """Conditions without an answer; in a forced choice each is compared with the others, and pairs tell."""
+    if study.procedure == "forced-choice":
+        return []
+    met = set(main["condition"].tolist())
+    return [f"condition '{one.name}': no answers yet" for one in study.conditions if one.name not in met]
+
+
+def _analysis_numbers(row: Any) -> dict[str, Any]:
+    """The fields of `row`; what is not a number is None."""
+    return {key: json_number(value) if isinstance(value, float) else value for key, value in vars(row).items()}
+
+
+def analysis_of(
+    place: str | Path, name: str | None = None, progress: Callable[[int, int], None] | None = None, *,
+    registration: Registration | None = None, data: Kind | None = None,
+) -> Analysis:  # fmt: skip
+    """Analyse a study from its database.
+
+    Parameters
+    ----------
+    place : str or Path
+        SQLite file, or address of a PostgreSQL database.
+    name : str, optional
+        Name of the study; None: the only one in the database.
+    progress : callable, optional
+        Receives (people fitted, people in all) while psychometric functions are fitted.
+    registration : Registration, optional
+        Registered plan, with which the study's own plan is compared.
+    data : str, optional
+        Kind of data: "real", "pilot" or "simulated"; None: real data, unless there are none. Two kinds never contribute
+        to one number.
+
+    Returns
+    -------
+    Analysis
+        Tables, fits and tests of the study.
+
+    Raises
+    ------
+    RecordingError
+        If the database does not exist, or cannot be read.
+    InputError
+        If it has no study of this name.
+    """
+    engine = database(place, make=False)
+    study = read_study(engine, name)
+    plans = read_plans(engine, study)
+    columns, left_out = select_kind(tidy(engine, study), data)
+    found = analyse(study, columns, progress, plans=plans, registration=registration)
+    incidents = list_incidents(engine, study, set(columns["participant"].tolist()))
+    return replace(found, left_out=left_out, incidents=incidents)
+
+
+def read_plans(engine: Engine, study: Study) -> tuple[SessionPlan, ...]:
+    """With which plan each session of `study` began."""
+    query = (
+        select(sessions.c.started, sessions.c.ended, sessions.c.aborted, sessions.c.versions)
+        .join(participants, sessions.c.participant == participants.c.id)
+        .where(participants.c.study == study.digest)
+    )
+    with engine.connect() as connection:
+        rows = connection.execute(query).all()
+    return tuple(
+        SessionPlan(
+            row.started, str(json.loads(row.versions).get("plan", "")), row.ended is not None and not row.aborted
+        )
+        for row in rows
+    )

@@ -1,0 +1,63 @@
+"""Where people were asked to go, and where their answers lie, as directions from the centre of the dome."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptorb.arrays import Array
+from haptorb_study.columns import Columns
+from haptorb_study.set_points import directions
+from haptorb_study.study_file import Study
+
+__all__ = ["SPHERICAL", "answer_directions", "answer_numbers", "find_unbounded", "index_set_points"]
+
+
+SPHERICAL = ("identification", "localisation")  #: procedures whose answers are places on the dome
+
+
+def answer_directions(study: Study, main: Columns, rows: Any) -> tuple[Array, Array]:
+    """(asked, answered): (rows, 3) unit vectors of the trials `rows` (index); NaN where an answer has no direction.
+
+    Of an identification the answer is the set-point that was named, of a localisation the place that was reached.
+    """
+    ways = directions(study.points)
+    asked = ways[index_set_points(study, main["set_point"][rows])]
+    if study.procedure == "identification":
+        return asked, ways[index_set_points(study, main["answer"][rows])]
+    place = np.stack([main[f"{axis}_m"][rows] for axis in "xyz"], axis=-1).astype(float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return asked, place / np.linalg.norm(place, axis=-1, keepdims=True)
+
+
+def answer_numbers(study: Study, main: Columns) -> NDArray[Any]:
+    """(trials,) number of the set-point that was named, or of the one nearest to the place that was reached."""
+    if study.procedure == "identification":
+        return main["answer"]
+    ways = directions(study.points)
+    place = np.stack([main[f"{axis}_m"] for axis in "xyz"], axis=-1).astype(float)
+    numbers = np.array([point.number for point in study.points])
+    found: NDArray[Any] = numbers[np.argmax(np.nan_to_num(place) @ ways.T, axis=-1)]
+    return found
+
+
+def find_unbounded(study: Study, main: Columns, rows: Any) -> NDArray[np.bool_]:
+    """(rows,) whether an answer could lie above and below what was asked: not at the top, where no meridian is.
+
+    The numbers of an identification end with its outermost ring: below it nothing can be answered.
+    """
+    theta = main["theta_deg"][rows]
+    known: NDArray[np.bool_] = (theta > 1e-9) & (theta < 180 - 1e-9)
+    if study.procedure == "identification":
+        known &= theta < max(point.theta_deg for point in study.points) - 1e-9
+    return known
+
+
+def index_set_points(study: Study, numbers: NDArray[Any]) -> NDArray[np.intp]:
+    """(n,) places of set-points with these `numbers` among those of the study."""
+    known = np.array([point.number for point in study.points])
+    order = np.argsort(known)
+    found: NDArray[np.intp] = order[np.searchsorted(known[order], numbers.astype(int))]
+    return found

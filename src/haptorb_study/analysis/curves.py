@@ -1,0 +1,153 @@
+"""Psychometric curves of constant stimuli, by condition: one for each person, and one for the group behind them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from haptorb_study.columns import Columns
+from haptorb_study.statistics.person_fit import REVERSED, PersonFit, fit_person
+from haptorb_study.statistics.population import NormalEffect, Population, fit_group
+from haptorb_study.statistics.psychometric import LevelCounts, PsychometricCurve, count_by_level
+from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
+
+__all__ = ["JND", "ConditionCurves", "effect_numbers", "fit_curves"]
+
+
+JND = 0.6745  #: spreads from the middle to where the comparison is called the stronger in 75 % of the trials
+
+_SAME = 8  #: trials from which on one and the same key is no chance
+
+
+@dataclass(frozen=True)
+class ConditionCurves:
+    """How often the comparison was called the stronger, over its level."""
+
+    answered: LevelCounts
+    people: dict[str, PersonFit]  #: by participant's code
+    group: Population | None  #: None where fewer than two people have a function that does not fall with the level
+
+    @property
+    def group_curve(self) -> PsychometricCurve | None:
+        """The function of the person in the middle of the group; None where the answers do not determine one."""
+        if self.group is None or not all(map(math.isfinite, (*self.group.threshold.mean_95, self.group_spread))):
+            return None
+        return PsychometricCurve(self.group.threshold.mean, self.group_spread, self.group.lapse, self.group.lapse)
+
+    @property
+    def group_spread(self) -> float:
+        """exp of the mean log spread; NaN where its interval has no upper end."""
+        effect = self.group and self.group.log_spread
+        return math.exp(effect.mean) if effect and math.isfinite(effect.mean_95[1]) else math.nan
+
+    @property
+    def group_jnd_95(self) -> tuple[float, float]:
+        """From 50 to 75 %; an end is ±∞ where it does not exist, NaN without an interval."""
+        assert self.group is not None
+        low, high = self.group.log_spread.mean_95
+        return (JND * math.exp(low) if low > -math.inf else -math.inf), JND * math.exp(high)
+
+    @property
+    def group_notes(self) -> list[str]:
+        """What the answers of all people together cannot tell, and who is left out of the group."""
+        reversed_ = [code for code, fit in self.people.items() if REVERSED in fit.notes]
+        found = []
+        if reversed_ and len(self.people) > 1:
+            found.append(f"group: without {', '.join(reversed_)}, whose answers fall with the level")
+        if (group := self.group) is None:
+            return found
+        low, high = group.log_spread.mean_95
+        if math.isnan(low):
+            found.append("group: on average the answers fall with the level: the keys were probably reversed")
+        elif math.isinf(high):
+            found.append("group: the answers hardly depend on the level: the JND has only a lower limit")
+        elif math.isinf(low):
+            found.append("group: the answers change from one level to the next: the JND has only an upper limit")
+        least, most = group.threshold.mean_95
+        if math.isinf(least) and math.isinf(most):
+            found.append("group: the answers set no limit to the threshold")
+        elif math.isinf(least) or math.isinf(most):
+            found.append(f"group: the threshold has only {'an upper' if math.isinf(least) else 'a lower'} limit")
+        if group.by_slope:
+            found.append(
+                "group: the answers of at least one person hardly depend on the level, so that the group is the mean "
+                f"slope and intercept, with lapses of {100 * group.lapse:g} %; differences between people are not "
+                "estimated"
+            )
+        return found
+
+    @property
+    def misfits(self) -> int:
+        """Number of people whom the function fits worse than 95 % of simulated repetitions."""
+        return sum(fit.p_fit < 0.05 for fit in self.people.values())
+
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        x, yes, of = self.answered.pooled
+        found: dict[str, Any] = {
+            "levels": x.tolist(), "yes": yes.tolist(), "of": of.tolist(), "group": None,
+            "people": {code: fit.numbers() for code, fit in self.people.items()}, "group_notes": self.group_notes,
+        }  # fmt: skip
+        if (group := self.group) is not None:
+            spread = group.log_spread
+            low, high = self.group_jnd_95
+            found["group"] = {
+                "people": group.people, "middle": effect_numbers(group.threshold), "log_spread": effect_numbers(spread),
+                "spread": _to_json(self.group_spread),
+                "spread_95": [_to_json(low / JND), _to_json(high / JND)],
+                "jnd_75_percent": _to_json(JND * self.group_spread),
+                "jnd_75_percent_95": [_to_json(low), _to_json(high)], "lapse": group.lapse,
+                "by_slope": group.by_slope,
+            }  # fmt: skip
+        return found
+
+
+def effect_numbers(effect: NormalEffect) -> dict[str, Any]:
+    """A mean and a standard deviation over people as plain JSON types; an end that does not exist is None."""
+    closed = all(map(math.isfinite, effect.mean_95))
+    return {
+        "mean": _to_json(effect.mean if closed else math.nan), "mean_95": [_to_json(end) for end in effect.mean_95],
+        "between_people_sd": _to_json(effect.sd), "between_people_sd_95": [_to_json(end) for end in effect.sd_95],
+    }  # fmt: skip
+
+
+def _to_json(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def fit_curves(
+    main: Columns, progress: Callable[[int, int], None] | None = None
+) -> tuple[dict[str, ConditionCurves], list[str]]:
+    """By condition; and in words what could not be fitted. `progress` receives (people fitted, people in all)."""
+    names = [str(name) for name in dict.fromkeys(main["condition"].tolist())]
+    codes = {name: np.unique(main["participant"][main["condition"] == name]).tolist() for name in names}
+    total, done = sum(map(len, codes.values())), 0
+    found: dict[str, ConditionCurves] = {}
+    notes = []
+    for name in names:
+        here = main["condition"] == name
+        people, person = np.unique(main["participant"][here], return_inverse=True)
+        levels = main["level"][here]
+        if len(np.unique(levels)) < 2:
+            notes.append(f"condition '{name}': answers at one level only ({levels[0]:g}), which determine no function")
+            done += len(people)
+            continue
+        stronger = main["answer"][here] == main["interval"][here]
+        answered = count_by_level(levels, stronger, person, len(people))
+        likelihood = SlopeLikelihood(answered)
+        fits = {}
+        for n, code in enumerate(people.tolist()):
+            fit = fit_person(likelihood, n)
+            given = np.unique(main["answer"][here][person == n])
+            if len(given) == 1 and fit.trials >= _SAME:
+                fit = replace(fit, notes=(f"every one of {fit.trials} answers is {given[0]:g}", *fit.notes))
+            fits[str(code)] = fit
+            done += 1
+            if progress is not None:
+                progress(done, total)
+        found[name] = ConditionCurves(answered, fits, fit_group(likelihood))
+    return found, notes

@@ -1,0 +1,176 @@
+"""Answers on the sphere: constant and variable error as vectors, error over θ as a trend, spread, information."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from haptorb.arrays import Array
+from haptorb_study.analysis.answer_directions import answer_directions, answer_numbers, index_set_points
+from haptorb_study.analysis.measures import PersonMeasures, measure_upward
+from haptorb_study.columns import Columns
+from haptorb_study.statistics.information import Information, transfer_information
+from haptorb_study.statistics.intervals import mean_interval
+from haptorb_study.statistics.significance import decide_p
+from haptorb_study.statistics.sphere import (
+    DirectionSpread,
+    error_vectors,
+    find_away_axes,
+    local_axes,
+    summarize_directions,
+)
+from haptorb_study.study_file import Study
+
+__all__ = ["ErrorAxis", "Localisation", "PersonMean", "PlaceError", "localise"]
+
+
+_ROUNDING = 1e-9  #: below it an error is that of computing directions, which no test may find significant [deg]
+
+
+@dataclass(frozen=True)
+class PersonMean:
+    """A number per person, averaged: Student's over people."""
+
+    mean: float
+    low: float  #: 95 % of the mean
+    high: float
+    people: int
+    p: float  #: two-sided, of the mean being zero; NaN with fewer than two people
+
+
+@dataclass(frozen=True)
+class ErrorAxis:
+    """Errors along one local axis [deg]."""
+
+    axis: str  #: towards the top, around the vertical (growing φ), or away from the hand
+    trials: int
+    constant: PersonMean  #: [deg]
+    variable: float  #: [deg] standard deviation about each person's mean at each set-point; NaN without repetitions
+
+
+@dataclass(frozen=True)
+class PlaceError:
+    """Answers to one set-point, all people together."""
+
+    set_point: int
+    theta_deg: float
+    phi_deg: float
+    up: float  #: mean error towards the top [deg]; NaN at the top
+    around: float  #: mean error about the vertical, along growing φ [deg]; NaN at the top
+    spread: DirectionSpread
+
+
+@dataclass(frozen=True)
+class Localisation:
+    """Where answers lie about what was asked."""
+
+    answers: str  #: what an answer is: the set-point that was named, or the place that was reached
+    axes: tuple[ErrorAxis, ...]
+    slope: PersonMean | None  #: of the distance over θ [mm/deg]
+    intercept: float  #: of the mean line at θ = 0 [mm]; NaN without a slope
+    places: tuple[PlaceError, ...]
+    information: dict[str, Information]  #: by condition
+
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types; what is not a number is None."""
+        found: dict[str, Any] = _localisation_make_plain(
+            {
+                "answers": self.answers,
+                "error_deg": [asdict(axis) for axis in self.axes],
+                "slope_mm_per_deg": self.slope and {**asdict(self.slope), "intercept_mm": self.intercept},
+                "set_points": [asdict(place) for place in self.places],
+                "information": {name: asdict(one) for name, one in self.information.items()},
+            }
+        )
+        return found
+
+
+def localise(study: Study, main: Columns, people: Sequence[str]) -> Localisation | None:
+    """The answers of `people` in the columns `main`, without practice; None where no answer has a direction."""
+    asked, answered = answer_directions(study, main, slice(None))
+    known = np.isfinite(answered).all(axis=-1)
+    if not known.any():
+        return None
+    index = np.searchsorted(np.array(sorted(people)), main["participant"])
+    errors = error_vectors(asked, answered)
+    _, around = local_axes(asked)
+    along = {"up": measure_upward(study, main, slice(None)), "around": np.sum(errors * around, axis=-1)}
+    if study.hand_deg is not None:
+        along["away from the hand"] = np.sum(errors * find_away_axes(asked, study.hand_deg), axis=-1)
+    axes = tuple(_axis(name, main["set_point"], values, index, len(people)) for name, values in along.items())
+    slopes = PersonMeasures(study, main, people).compare("error-slope", None).differences
+    line = math.nan
+    if len(slopes):
+        distance, theta = main["distance_mm"].astype(float), main["theta_deg"]
+        met = np.isfinite(distance)
+        line = float(distance[met].mean() - slopes.mean() * theta[met].mean())
+    up, _ = local_axes(asked)
+    places = []
+    for point in study.points:
+        here = (main["set_point"] == point.number) & known
+        if here.any():
+            rise, turn = (_localisation_mean(np.sum(errors[here] * axis[here], axis=-1)) for axis in (up, around))
+            places.append(
+                PlaceError(
+                    point.number, point.theta_deg, point.phi_deg, rise, turn, summarize_directions(answered[here])
+                )
+            )
+    return Localisation(
+        "set-points named" if study.procedure == "identification" else "places reached", axes,
+        average_people(slopes) if len(slopes) else None, line, tuple(places),
+        _inform(study, main, known, index, len(people)),
+    )  # fmt: skip
+
+
+def average_people(values: Array) -> PersonMean:
+    """Mean of one value per person, at least one."""
+    low, high = mean_interval(values)
+    p = float(decide_p(values)) if len(values) > 1 else math.nan
+    return PersonMean(float(np.mean(values)), float(low), float(high), len(values), p)
+
+
+def _axis(name: str, set_points: Any, values: Array, index: Any, people: int) -> ErrorAxis:
+    met = np.isfinite(values)
+    values, index = np.where(np.abs(values) < _ROUNDING, 0.0, values)[met], index[met]
+    counts = np.bincount(index, minlength=people)
+    own = (np.bincount(index, values, people) / np.maximum(counts, 1))[counts > 0]
+    _, place = np.unique(np.stack([index, set_points[met].astype(int)]), axis=1, return_inverse=True)
+    place = place.ravel()
+    size = np.bincount(place)
+    rest = values - (np.bincount(place, values) / np.maximum(size, 1))[place] if len(values) else values
+    free = len(values) - len(size)
+    variable = math.sqrt(float(rest @ rest) / free) if free > 0 else math.nan
+    constant = average_people(own) if len(own) else PersonMean(math.nan, math.nan, math.nan, 0, math.nan)
+    return ErrorAxis(name, len(values), constant, variable)
+
+
+def _inform(study: Study, main: Columns, known: Any, index: Any, people: int) -> dict[str, Information]:
+    """By condition, what the answers tell of the set-points; places that were reached count as the nearest of them."""
+    size = len(study.points)
+    asked = index_set_points(study, main["set_point"])
+    given = index_set_points(study, answer_numbers(study, main))
+    found = {}
+    for name in dict.fromkeys(main["condition"].tolist()):
+        here = known & (main["condition"] == name)
+        counts = np.zeros((people, size, size))
+        np.add.at(counts, (index[here], asked[here], given[here]), 1.0)
+        if here.any():
+            found[str(name)] = transfer_information(counts[counts.sum(axis=(1, 2)) > 0])
+    return found
+
+
+def _localisation_mean(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else math.nan
+
+
+def _localisation_make_plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _localisation_make_plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_localisation_make_plain(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,220 @@
+"""Thresholds of adaptive procedures, by condition: each participant's with an interval, and the group's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from haptorb.arrays import Array
+from haptorb_study.analysis.curves import effect_numbers
+from haptorb_study.columns import Columns
+from haptorb_study.procedures import Answer, Bayesian, Staircase
+from haptorb_study.statistics.intervals import mean_interval
+from haptorb_study.statistics.person_fit import central_interval, find_median
+from haptorb_study.statistics.population import NormalEffect, fit_normal_effect
+from haptorb_study.statistics.psychometric import LevelCounts, count_by_level
+from haptorb_study.statistics.psychometric_grid import PsychometricGrid
+from haptorb_study.study_file import Study
+from haptorb_study.study_tables import Levels
+
+__all__ = ["ConditionTracks", "TrackFit", "follow_tracks"]
+
+
+_SPREADS = (1 / 6, 2.0)  #: of a staircase's function [octaves of the difference], those that QUEST+ considers
+_FALL = math.exp(-1.9207)  #: of the greatest likelihood: half of the 95 % quantile of χ² lower in its logarithm
+_STAIRCASE_SHARE = 0.5**0.5  #: of right answers where 1-up/2-down settles (Levitt 1971)
+
+
+@dataclass(frozen=True)
+class TrackFit:
+    """One person's track in one condition; differences from the reference in the parameter's unit, NaN: unknown."""
+
+    trials: int
+    complete: bool
+    threshold: float  #: the procedure's own: of a staircase its reversals', else the posterior's mean
+    fitted: float  #: of the posterior after all trials: with QUEST+ the mean in the logarithm, else the median
+    fitted_95: tuple[float, float]  #: 0 and ∞ are open ends
+    notes: tuple[str, ...] = ()
+
+    @property
+    def closed(self) -> bool:
+        """Whether its interval has both ends."""
+        return self.fitted_95[0] > 0 and math.isfinite(self.fitted_95[1])
+
+
+@dataclass(frozen=True)
+class ConditionTracks:
+    """Everybody's tracks in one condition."""
+
+    people: dict[str, TrackFit]
+    group: NormalEffect | None  #: of log2 of the threshold; None with one person
+
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        found: dict[str, Any] = {
+            "people": {code: _thresholds_numbers(fit) for code, fit in self.people.items()},
+            "group": None,
+        }
+        if (group := self.group) is not None:
+            closed = all(map(math.isfinite, group.mean_95))
+            found["group"] = {
+                "mean": 2**group.mean if closed else None,
+                "mean_95": [2**end if math.isfinite(end) else None for end in group.mean_95],
+                "log2": effect_numbers(group),
+            }
+        return found
+
+
+def follow_tracks(
+    study: Study, main: Columns, progress: Callable[[int, int], None] | None = None
+) -> dict[str, ConditionTracks]:
+    """By condition, from the trials without practice. `progress` receives (tracks done, tracks in all)."""
+    levels = study.levels
+    assert levels is not None
+    names = [str(name) for name in dict.fromkeys(main["condition"].tolist())]
+    codes = {name: np.unique(main["participant"][main["condition"] == name]) for name in names}
+    total, done, found = sum(map(len, codes.values())), 0, {}
+    for name in names:
+        here = main["condition"] == name
+        tracks = []
+        for code in codes[name]:
+            rows = np.flatnonzero(here & (main["participant"] == code))
+            tracks.append(_Track(levels, study.procedure, name, main, rows))
+            done += 1
+            if progress is not None:
+                progress(done, total)
+        found[name] = _join_tracks(study.procedure, levels, [str(code) for code in codes[name]], tracks)
+    return found
+
+
+class _Track:
+    """What one person did in one condition."""
+
+    def __init__(self, levels: Levels, procedure: str, name: str, main: Columns, rows: Any) -> None:
+        least, most = float(levels.least or 0), float(levels.most or 0)
+        self.differences = np.maximum(main["level"][rows] - levels.reference, least / 2)
+        self.right = main["answer"][rows] == main["interval"][rows]
+        intervals = tuple(main["interval"][rows].tolist())
+        enough = len(rows) >= levels.trials
+        if procedure == "staircase":
+            start = float(levels.start or most)
+            track = Staircase(levels.reference, start, least, most, levels.step, levels.reversals, intervals, name)
+            for answer in main["answer"][rows].tolist():
+                track = track.advance(Answer(int(answer)))
+            self.complete = enough or len(track.turned) >= levels.reversals
+            self.threshold = float(track.threshold)
+            self.posterior = np.array([])
+        else:
+            # What was asked is known: choosing it again takes a hundred times as long as the rest.
+            empty = Bayesian(levels.reference, least, most, intervals, name)
+            asked = np.abs(np.log(self.differences[:, None] / empty.differences)).argmin(axis=1)
+            answers = tuple(zip(asked.tolist(), self.right.tolist(), strict=True))
+            bayesian = Bayesian(levels.reference, least, most, intervals, name, answers=answers)
+            self.complete, self.threshold = enough, float(bayesian.threshold)
+            self.posterior = bayesian.posterior.sum(axis=1)
+
+
+def _join_tracks(procedure: str, levels: Levels, codes: list[str], tracks: list[_Track]) -> ConditionTracks:
+    """Posterior of everybody's threshold on one axis, and the group."""
+    least, most = float(levels.least or 0), float(levels.most or 0)
+    if procedure == "bayesian":
+        axis = np.linspace(math.log2(least), math.log2(most), len(tracks[0].posterior))
+        # Thresholds are equally probable before any answer, so this posterior is the likelihood.
+        likelihoods = posteriors = np.array([track.posterior for track in tracks])
+    else:
+        axis, likelihoods, posteriors = _fit_staircases(least, most, tracks)
+    people = {}
+    for code, track, mass, likelihood in zip(codes, tracks, posteriors, likelihoods, strict=True):
+        mass = mass / mass.sum()
+        low, high = _open_ends(central_interval(axis, mass), axis, likelihood)
+        # A staircase's posterior has a long tail downwards, where the least differences were hardly met.
+        fitted = 2 ** (float(mass @ axis) if procedure == "bayesian" else find_median(axis, mass))
+        own = track.threshold if track.complete else math.nan
+        notes = _note(track, (low, high))
+        people[code] = TrackFit(
+            len(track.right), track.complete, own, fitted, (float(np.exp2(low)), float(np.exp2(high))), notes
+        )
+    return ConditionTracks(people, _join_group(axis, likelihoods, people.values()) if len(tracks) > 1 else None)
+
+
+def _join_group(axis: Array, likelihoods: Array, people: Collection[TrackFit]) -> NormalEffect:
+    """Student's interval of the logarithms of the procedure's own thresholds; of an unfinished track, of the fitted.
+
+    It has no end on a side on which somebody's has none.
+
+    Adaptive tracks tell unequally much about their thresholds, and the more, the lower these happen to be: a mean that
+    weighs by it is biased, and its interval held the truth in 89 % of 300 studies with six people.
+    """
+    own = [fit.threshold if math.isfinite(fit.threshold) else fit.fitted for fit in people]
+    logs = np.log2(own)
+    mean_low, mean_high = mean_interval(logs)
+    ends = np.array([fit.fitted_95 for fit in people])
+    low, high = (
+        (-math.inf if (ends[:, 0] == 0).any() else float(mean_low)),
+        (math.inf if np.isinf(ends[:, 1]).any() else float(mean_high)),
+    )
+    if math.isinf(low) or math.isinf(high):  # how much people differ depends on thresholds that nobody knows
+        return NormalEffect(float(logs.mean()), (low, high), math.nan, (math.nan, math.nan))
+    differing = fit_normal_effect(axis, likelihoods)
+    return NormalEffect(float(logs.mean()), (low, high), differing.sd, differing.sd_95)
+
+
+def _fit_staircases(least: float, most: float, tracks: list[_Track]) -> tuple[Array, Array, Array]:
+    """Thresholds considered [octaves], likelihood and posterior of each person, where 70.7 % are right."""
+    person = np.repeat(np.arange(len(tracks)), [len(track.right) for track in tracks])
+    # A difference that came up by multiplication and one by division may differ in the last digit.
+    at = np.round(np.log2(np.concatenate([track.differences for track in tracks])), 9)
+    right = np.concatenate([track.right for track in tracks])
+    if len(np.unique(at)) < 2:  # a second level, without data, leaves the likelihood as it is
+        count = np.bincount(person, minlength=len(tracks))[:, None] * [1.0, 0.0]
+        yes = np.bincount(person, right, len(tracks))[:, None] * [1.0, 0.0]
+        answered = LevelCounts(at[0] + np.array([0.0, 1.0]), yes, count)
+    else:
+        answered = count_by_level(at, right, person, len(tracks))
+    limits = math.log2(least) - 1, math.log2(most) + 1
+    grid = PsychometricGrid.enclose(answered, 0.5, _STAIRCASE_SHARE, limits, _SPREADS)
+    _, spreads, lapses = grid.priors
+    likelihoods = (grid.likelihoods @ lapses) @ spreads
+    return grid.thresholds, likelihoods, grid.posterior.sum(axis=(2, 3))
+
+
+def _open_ends(limits: tuple[float, float], axis: Array, likelihood: Array) -> tuple[float, float]:
+    """`limits` without an end towards which the `likelihood` (n,) at `axis` (n,) does not fall enough: there it is ±∞.
+
+    Thresholds beyond the axis explain the answers as well as its last point, so that where it ends decides nothing.
+    """
+    enough = float(likelihood.max()) * _FALL
+    return (
+        -math.inf if float(likelihood[0]) >= enough else limits[0],
+        math.inf if float(likelihood[-1]) >= enough else limits[1],
+    )
+
+
+def _note(track: _Track, limits: tuple[float, float]) -> tuple[str, ...]:
+    found = []
+    if not track.complete:
+        found.append(f"not finished: {len(track.right)} trials")
+    elif not math.isfinite(track.threshold):
+        found.append("too few reversals for a mean")
+    low, high = limits
+    if math.isinf(low) and math.isinf(high):
+        found.append("the answers hardly depend on the difference: they set no limit to the threshold")
+    elif math.isinf(high):
+        found.append("nearly as many wrong answers at the greatest difference: the threshold has only a lower limit")
+    elif math.isinf(low):
+        found.append("hardly a wrong answer at the least difference: the threshold has only an upper limit")
+    return tuple(found)
+
+
+def _thresholds_numbers(fit: TrackFit) -> dict[str, Any]:
+    own = fit.threshold if math.isfinite(fit.threshold) else None
+    return {
+        "trials": fit.trials, "complete": fit.complete, "threshold": own,
+        "fitted": fit.fitted if fit.closed else None,
+        "fitted_95": [fit.fitted_95[0] or None, fit.fitted_95[1] if math.isfinite(fit.fitted_95[1]) else None],
+        "notes": list(fit.notes),
+    }  # fmt: skip

@@ -1,0 +1,1 @@
+"""Pages of a study in the browser: the participant's and the experimenter's."""

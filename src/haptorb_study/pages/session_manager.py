@@ -1,0 +1,361 @@
+"""The codes that are taken in a study's database, and one that is free, for the experimenter's page."""
+
+from __future__ import annotations
+
+import threading
+import traceback
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from time import monotonic
+from typing import Any, final
+
+from sqlalchemy.engine import Engine
+
+from haptorb.errors import HaptorbError, InputError, ServoError
+from haptorb.runtime.servo import Servo
+from haptorb.terminal import say
+from haptorb_study.codes import next_code
+from haptorb_study.database import list_participants
+from haptorb_study.halt import StopCount, StopSwitch
+from haptorb_study.stored_session import StoredSession
+from haptorb_study.streams import Streams
+from haptorb_study.study_file import Study
+from haptorb_study.trial_device import TrialDevice
+from haptorb_study.trial_runner import OVER, TrialRunner
+
+__all__ = ["CodeList", "SessionManager", "check_text", "explain_fault", "try_step"]
+
+
+@final
+class CodeList:
+    """What was known when `refresh` last ran; the pages read it, the sessions' thread refreshes it."""
+
+    def __init__(self, engine: Engine, study: Study) -> None:
+        self._engine, self._study = engine, study
+        self.taken: tuple[dict[str, Any], ...] = ()  #: code, state, answered; people only
+        self.free = ""  #: a code that is free; empty: not known
+
+    def refresh(self) -> None:
+        """Ask the database."""
+        people = list_participants(self._engine, self._study)
+        self.taken = tuple(
+            {"code": one.code, "state": one.state, "answered": one.answered} for one in people if not one.simulated
+        )
+        self.free = next_code(one.code for one in people)
+
+
+# --------------------------------------------------------------------------------------------------
+# What goes wrong while a session is served: said in words, or left behind on the way out.
+
+
+def check_text(command: Mapping[str, Any], name: str) -> str:
+    """The text `name` of a page's `command`, empty if there is none; InputError if it is no text."""
+    value = command.get(name, "")
+    if not isinstance(value, str):
+        raise InputError(f"{name} must be a text; got {type(value).__name__}")
+    return value
+
+
+def explain_fault(fault: BaseException) -> str:
+    """What it was, and where."""
+    frames = traceback.extract_tb(fault.__traceback__)
+    where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    return f"{type(fault).__name__}: {fault}{where}"
+
+
+def try_step(do: Callable[[], object]) -> None:
+    """A step on the way out: its failure, foreseen or not, is reported, and the next step is taken all the same."""
+    try:
+        do()
+    except Exception as fault:
+        with suppress(OSError, ValueError):  # standard error may be closed
+            say(f"while a session ended: {explain_fault(fault)}")
+
+
+# --------------------------------------------------------------------------------------------------
+# Runs sessions one after another in a thread of its own: commands of the pages in, one state out.
+#
+# The thread may wait for the disk, a database far away, or a device that starts; the pages, the pen and Stop do not:
+# Stop goes through `SessionManager.halt`, which waits for no other thread.
+
+
+_TICK = 0.02  #: between two looks at the device [s]
+_WAITING = 100  #: commands that may wait at most: who sends more is no person
+
+#: for a request of a page to the manager: reports to the page what was wrong, or nothing
+Respond = Callable[[str], None]
+
+
+@final
+class SessionManager:
+    """One study, one participant at a time.
+
+    state   waiting (for a participant), starting (the device), consent, ready, then those of `TrialRunner`; declined,
+            failed
+    start   makes the servo of a session, recording to the given file; not yet open
+    beside  file for the recording of a session from its next trial on; None: no recording
+    open_session  opens the session of a participant's code in the database
+    """
+
+    def __init__(
+        self, engine: Engine, study: Study, start: Callable[[Path | None], Servo],
+        beside: Callable[[StoredSession], Path | None] = lambda session: None, streams: Streams | None = None,
+        open_session: Callable[[Engine, Study, str], StoredSession] = StoredSession,
+    ) -> None:  # fmt: skip
+        self.engine, self.study = engine, study
+        self._start, self._beside, self._streams, self._open_session = start, beside, streams, open_session
+        self.halt = StopSwitch()  #: Stop, for every page and thread
+        self.state = "waiting"
+        self.trouble = ""  #: why the last session ended as it did
+        self.session: StoredSession | None = None
+        self.runner: TrialRunner | None = None
+        self.trial_device: TrialDevice | None = None
+        self.log: list[dict[str, Any]] = []  #: answered trials of this session, newest last
+        self.codes = CodeList(engine, study)
+        self.history: list[dict[str, Any]] = []  #: what happened in this session, or in the last one
+        self.stored = 0  #: answers of the last session that are stored
+        self._recording: Path | None = None
+        self._servo: Servo | None = None
+        self._inbox: SimpleQueue[tuple[dict[str, Any], StopCount, Respond]] = SimpleQueue()
+        self._ended = threading.Event()
+        self._died = ""  # why the thread ended by itself
+        self._next = 0.0  # look at the device
+        self._thread = threading.Thread(target=self._run, name="sessions", daemon=True)
+
+    def open(self) -> None:
+        """Start listening to `ask`."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Coils off; a session that runs is left, resumable. May be called twice."""
+        self._ended.set()
+        self.halt.stop(None)  # the thread may be waiting for a database
+        if self._thread.is_alive():
+            self._thread.join()
+
+    @property
+    def dead(self) -> bool:
+        """Whether the thread has ended without a request: no command would be executed."""
+        return bool(self._died) and not self._thread.is_alive()
+
+    def ask(self, command: dict[str, Any], respond: Respond) -> None:
+        """Execute `command` soon; `respond` receives the mistake, if there is one."""
+        if self._died:
+            raise InputError(f"the study program has failed and is closing: {self._died}")
+        if self._inbox.qsize() >= _WAITING:
+            raise InputError("too many commands are waiting (is the database locked?): try again in a moment")
+        self._inbox.put((command, self.halt.ask(), respond))
+
+    @property
+    def now(self) -> str:
+        """The state, in one word; "paused" from the moment of a Stop."""
+        runner, session = self.runner, self.session  # the thread may put them away meanwhile
+        state = runner.state if runner is not None else self.state
+        if (
+            self.halt.active
+            and session is not None
+            and state not in ("starting", "waiting", "failed", "declined", *OVER)
+        ):
+            return "paused"
+        return state
+
+    @property
+    def number(self) -> int:
+        """Of the session in the database; 0: none."""
+        return session.id if (session := self.session) is not None else 0
+
+    def step(self, wait: float = 0.0) -> None:
+        """Obey the command that has waited longest, for which `wait` [s] are waited; and look at the device."""
+        try:
+            command, asked, respond = self._inbox.get(timeout=wait) if wait > 0 else self._inbox.get_nowait()
+        except Empty:
+            self._next = 0.0
+        else:
+            self._try(lambda: self._execute(command, asked), respond)
+        if monotonic() >= self._next:
+            self._next = monotonic() + _TICK
+            # A session whose device or database went away can be resumed, so nothing is lost by ending it here.
+            self._try(self._tick, None)
+
+    def _run(self) -> None:
+        try_step(self.codes.refresh)
+        try:
+            while not self._ended.is_set():
+                self.step(_TICK)
+        except BaseException as fault:
+            self._died = f"its thread ended: {explain_fault(fault)}"
+        finally:
+            self.halt.stop(None)
+            runner = self.runner
+            if runner is not None and runner.state not in OVER:
+                try_step(runner.leave)
+            self._end(self._died, "failed" if self._died else "left")
+            if self._died:
+                self.state, self.trouble = "failed", self._died
+
+    def _try(self, do: Callable[[], None], respond: Respond | None) -> None:
+        """`do` it; an exception is reported, and this thread continues. None: without a page, so the session ends."""
+        try:
+            do()
+        except HaptorbError as mistake:
+            if respond is not None:
+                respond(str(mistake))
+            if respond is None or isinstance(mistake, ServoError):
+                self._end(str(mistake))
+        except BaseException as fault:  # safety: study-fault
+            # Unexpected, so the session's state is unknown: off, and it can be resumed.
+            self.halt.stop(None)
+            text = (
+                f"a fault in haptorb, please report it: {explain_fault(fault)}. Coils off; the session can be resumed"
+            )
+            if respond is not None:
+                respond(text)
+            self._end(text)
+
+    def _tick(self) -> None:
+        if self._servo is None or self.trial_device is None:
+            return
+        self._record_stops()
+        self._servo.check()
+        if self._streams is not None:
+            self._streams.poses(self._servo)
+        if self.runner is not None:
+            self.runner.tick()
+            if self.runner.state in OVER:
+                self._end("", self.runner.state)
+
+    def _record_stops(self) -> None:
+        """Keep the Stops of the time before the first trial; `TrialRunner` keeps the later ones."""
+        if self.runner is None and self.session is not None:
+            for stopped in self.halt.take():
+                self.session.note("pause", stopped.why, at=stopped.at, later=True)
+            self.session.keep_late()
+
+    def _execute(self, command: dict[str, Any], asked: StopCount) -> None:
+        self._record_stops()
+        do = command["do"]
+        if do == "begin":
+            self._begin(command["code"], asked)
+            return
+        if do == "agree":
+            self._agree(bool(command.get("agreed", True)))
+            return
+        if (runner := self.runner) is None and self.session is not None and do in ("leave", "abort", "resume"):
+            self._execute_before_trials(do, asked)
+            return
+        if runner is None:
+            raise InputError("no session is running")
+        match do:
+            case "answer":
+                # Of the trial that the page showed: a second click must not answer the next one.
+                if command.get("trial") == runner.session.number:
+                    self._answer(runner, command.get("value"))
+            case "reply":
+                if runner.question is not None and command.get("question") == runner.question.name:
+                    runner.reply(check_text(command, "reply"))
+            case "skip":
+                runner.skip()
+            case "interval":
+                runner.interval(command.get("which"))
+            case "resume":
+                runner.resume(asked)
+            case "repeat":
+                runner.repeat()
+            case "engage":
+                runner.engage(asked)
+            case "leave":
+                runner.leave()
+            case "abort":
+                runner.abort("by the experimenter")
+        if runner.state in OVER:
+            self._end("", runner.state)
+
+    def _begin(self, code: str, asked: StopCount) -> None:
+        """Take a participant in: session claimed, device started, nothing felt yet."""
+        if self.session is not None:
+            raise InputError(f"participant {self.session.code} has a running session: end it first")
+        session = self._open_session(self.engine, self.study, code)
+        if session.over:
+            session.close()
+            raise InputError(f"participant '{code}' has already answered all trials")
+        self.session, self.state, self.trouble, self.log = session, "starting", "", []
+        self.history = session.history
+        try:
+            self._recording = self._beside(session)
+            self._servo = servo = self._start(self._recording)
+            self.halt.attach(servo, asked)  # before it is open: Stop reaches it from here on
+            servo.open()
+            trial_device = TrialDevice(self.study, servo)
+            trial_device.hold()  # the first time loads kernels; afterwards the pen must never be without data that long
+            trial_device.record(False)  # nothing is felt until the participant has agreed
+            self.trial_device = trial_device
+            self._mark("session", {"session": session.id, "participant": session.code})
+        except HaptorbError as failure:
+            self._end(str(failure))
+            raise
+        self.state = "consent"
+
+    def _agree(self, agreed: bool) -> None:
+        if self.state != "consent" or self.session is None or self.trial_device is None or self.runner is not None:
+            raise InputError("no consent is expected now")
+        if not agreed:
+            self.halt.stop(None)
+            self.session.note("declined", later=True)
+            self._end("the participant did not agree to take part", "declined")
+            return
+        if self.halt.active:
+            raise InputError("the session is stopped: the experimenter must resume it first")
+        self.session.note("consent")
+        recording = self._recording.name if self._recording is not None else None
+        self.runner = TrialRunner(self.session, self.trial_device, recording, self._mark, halt=self.halt)
+
+    def _execute_before_trials(self, do: str, asked: StopCount) -> None:
+        """What may be asked for while the participant is asked for consent."""
+        assert self.session is not None
+        if do == "resume":
+            if self.halt.active:
+                self.halt.engage(asked)
+                self.session.note("resume", later=True)
+        elif do == "leave":
+            self._end("", "left")
+        else:
+            self.session.abort("by the experimenter")
+            self._end("", "aborted")
+
+    def _answer(self, runner: TrialRunner, value: Any) -> None:
+        prompt, number, seconds, repeats = runner.prompt, runner.session.number, runner.seconds, runner.repeats
+        part = runner.trial_device.course(str(self._recording.absolute()) if self._recording is not None else None)
+        runner.answer(value)
+        trips = [str(trip.get("code")) for trip in runner.trips if trip["trial"] == number]
+        assert prompt is not None
+        row = {
+            "trial": number, "answer": value, "seconds": round(seconds, 1), "safety": trips, "phase": prompt.phase,
+            "set_point": prompt.set_point, "condition": prompt.condition, "level": prompt.level,
+            "interval": prompt.interval, "repeats": repeats, "recording": part,
+        }  # fmt: skip
+        self.log = [*self.log, row]
+
+    def _mark(self, kind: str, facts: dict[str, Any]) -> None:
+        if self._streams is not None:
+            self._streams.mark(kind, facts)
+
+    def _end(self, trouble: str, state: str = "failed") -> None:
+        """Coils off, session released; the answers are already on disk."""
+        servo, session = self._servo, self.session
+        self._servo = None
+        if servo is not None:
+            if state == "failed":
+                try_step(servo.stop)  # `close` may itself be what fails
+            try_step(servo.close)
+        self.halt.detach()
+        if session is not None:
+            if trouble and state == "failed":
+                try_step(lambda: session.note("failed", trouble, later=True))
+            try_step(lambda: self._mark("end", {"state": state}))
+            self.stored = session.stored
+            try_step(session.close)
+            try_step(self.codes.refresh)
+            self.state, self.trouble = state, trouble
+        self.session = self.runner = self.trial_device = None

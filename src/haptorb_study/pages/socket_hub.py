@@ -1,0 +1,259 @@
+"""Who is connected: participants' pages through one door, experimenters' through another that wants a token.
+
+Every page may stop. Stop is looked for in a message before anything else is, and goes straight to the servo.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import secrets
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any, final
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from haptorb.errors import HaptorbError, InputError
+from haptorb.web.server import command as read_command
+from haptorb.web.server import is_stop_request
+from haptorb_study.order import GREATEST
+from haptorb_study.pages.page_views import for_experimenter, for_participant, pen
+from haptorb_study.pages.session_manager import SessionManager
+from haptorb_study.pages.trial_viewers import TrialViewers
+
+__all__ = ["StudySocketHub"]
+
+
+REFRESH = 1 / 100  #: between two refreshes of a pen that is steered from here [s]
+FRAME = 1 / 25  #: between two looks at what there is to tell [s]
+PATIENCE = 5.0  #: for an experimenter's token [s]
+
+#: what an experimenter's page sends to end with the coils off; the rest of the message may be anything
+_STOPS = re.compile(r'"do"\s*:\s*"(stop|pause|leave|abort)"')
+#: what a participant may ask of the session manager; everything else steers, and steering is the experimenter's
+_PARTICIPANT = frozenset({"agree", "answer", "reply", "skip", "interval"})
+_EXPERIMENTER = frozenset({"begin", "pause", "stop", "resume", "repeat", "engage", "leave", "abort", "skip", "view"})
+_IN_TRIAL = ("running", "time is up")
+_UNTOLD = 20  #: mistakes that were not yet sent to a page, at most
+
+
+@final
+class StudyPage:
+    """One connected page. `status`: what it knows, by kind of event."""
+
+    def __init__(self, socket: WebSocket, participant: bool) -> None:
+        self.socket, self.participant = socket, participant
+        self.status: dict[str, Any] = {}
+        self.mistakes: list[str] = []
+
+    def tell(self, mistake: str) -> None:
+        """Have it shown what was wrong; of too much at once only the newest."""
+        self.mistakes = [*self.mistakes[1 - _UNTOLD :], mistake]
+
+
+@final
+class StudySocketHub:
+    """Joins pages to the session manager."""
+
+    def __init__(
+        self, manager: SessionManager, token: str, about: Mapping[str, Any], more: Mapping[str, Any],
+        participant_token: str = "",
+    ) -> None:  # fmt: skip
+        self._manager, self._token, self._participant_token = manager, token, participant_token
+        self._about, self._more = dict(about), dict(more)
+        self._participants: list[StudyPage] = []  # the first has the pen and answers, the others only look on
+        self._experimenters: list[StudyPage] = []
+        self.viewers = TrialViewers()  #: of recorded trials, for the experimenter
+        self._draft: Any = None
+        self._draft_of = -1
+
+    async def keep(self) -> None:
+        """For as long as the server runs: the hand at rest on a pen that is steered from a page."""
+        while True:
+            trial_device = self._manager.trial_device
+            if trial_device is not None:
+                with suppress(Exception):  # the manager's thread notices by itself, and reports it
+                    trial_device.hold()
+            await asyncio.sleep(REFRESH)
+
+    async def join_participant(self, socket: WebSocket) -> None:
+        """Serve a participant's page until it goes away; beyond this computer, if its first message is its token."""
+        await socket.accept()
+        if not await self._shows(socket, self._participant_token):
+            return
+        page = StudyPage(socket, participant=True)
+        self.enter(page)
+        try:
+            await self._serve(page, self._about)
+        finally:
+            self.part(page)
+
+    async def join_experimenter(self, socket: WebSocket) -> None:
+        """Serve an experimenter's page, if its first message is the token."""
+        await socket.accept()
+        if not await self._shows(socket, self._token):
+            return
+        page = StudyPage(socket, participant=False)
+        self.enter(page)
+        try:
+            await self._serve(page, self._about | self._more)
+        finally:
+            self.part(page)
+
+    async def _shows(self, socket: WebSocket, token: str) -> bool:
+        """Whether the first message is `token`, if one is needed; else the connection is closed."""
+        if not token:
+            return True
+        try:
+            given = await asyncio.wait_for(socket.receive_text(), PATIENCE)
+        except (TimeoutError, WebSocketDisconnect, KeyError, RuntimeError):
+            given = ""
+        # safety: experimenter-token
+        if not secrets.compare_digest(given.encode("utf-8", "replace"), token.encode()):
+            with suppress(RuntimeError):
+                await socket.close(1008, "open this page with the address that the terminal printed")
+            return False
+        return True
+
+    def enter(self, page: StudyPage) -> None:
+        """`page` is there."""
+        (self._participants if page.participant else self._experimenters).append(page)
+
+    def part(self, page: StudyPage) -> None:
+        """`page` went away. If it was the participant's, the coils go off until the session is resumed."""
+        if page.participant and self._participants[0] is page:  # safety: participant-gone
+            self._manager.halt.stop("the participant's page was closed")
+        (self._participants if page.participant else self._experimenters).remove(page)
+
+    def handle_message(self, page: StudyPage, text: str) -> None:
+        """One message of `page`: Stop before anything else. A wrong message raises nothing, `page` is informed."""
+        try:
+            if page.participant:
+                if is_stop_request(text):  # safety: study-stop-first
+                    self._manager.halt.stop("by the participant")
+            elif found := _STOPS.search(text):  # safety: study-end-first
+                ends = found[1] in ("leave", "abort")
+                self._manager.halt.stop(None if ends else "by the experimenter")
+            command = read_command(text)
+            do = command.get("do")
+            if not isinstance(do, str):
+                raise InputError("a command must state its action as text: do")
+            if page.participant:
+                self._receive_participant(page, do, command)
+            else:
+                self._receive_experimenter(page, do, command)
+        except HaptorbError as mistake:
+            page.tell(str(mistake))
+        # safety: study-message
+        except Exception as fault:  # for any content, the page's next Stop must be received
+            page.tell(f"this message cannot be processed: {type(fault).__name__}")
+
+    async def _serve(self, page: StudyPage, about: Mapping[str, Any]) -> None:
+        sending = asyncio.create_task(self._send(page, about))
+        try:
+            while True:
+                message = await page.socket.receive()
+                if message["type"] == "websocket.disconnect":
+                    break
+                self.handle_message(
+                    page, message.get("text") or (message.get("bytes") or b"").decode("utf-8", "replace")
+                )
+        except (WebSocketDisconnect, RuntimeError):
+            pass  # the page went away while something was on its way
+        finally:
+            sending.cancel()
+            await asyncio.gather(sending, return_exceptions=True)
+
+    def _receive_participant(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
+        if do == "stop":
+            return  # `handle_message` has done it
+        if page is not self._participants[0]:
+            raise InputError("another participant's page is open: close that one first")
+        manager = self._manager
+        if do == "steer":
+            trial_device = manager.trial_device
+            if trial_device is not None and trial_device.steered:
+                trial_device.aim(_number(command, "x"), _number(command, "y"))
+        elif do == "draft":
+            session = manager.session
+            value = command.get("value")
+            if value is None or (type(value) in (int, float) and abs(value) <= GREATEST):
+                self._draft, self._draft_of = value, session.number if session is not None else -1
+        elif do in _PARTICIPANT:  # safety: participant-steers
+            manager.ask(command, page.tell)
+        else:
+            raise InputError(f"a participant's page may not do {do[:40]!r}")
+
+    def _receive_experimenter(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
+        if do not in _EXPERIMENTER:
+            known = ", ".join(sorted(_EXPERIMENTER))
+            raise InputError(f"unknown command {do[:40]!r} (known: {known})")
+        if do == "begin" and not isinstance(command.get("code"), str):
+            raise InputError("a session begins with a participant's code, a text")
+        if do == "view":
+            self._view(page, command.get("trial"))
+        elif do not in ("stop", "pause"):
+            self._manager.ask(command, page.tell)
+
+    def _view(self, page: StudyPage, trial: Any) -> None:
+        """Have the recording of an answered trial of this session played."""
+        if self._manager.now in _IN_TRIAL:
+            raise InputError("a trial is running: stop it, or wait for the pause after it, to play a recording")
+        parts = [row.get("recording") for row in self._manager.log if row["trial"] == trial]
+        if not parts or parts[-1] is None:
+            raise InputError("this trial has no recording: it is not answered yet, or the session is not recorded")
+        self.viewers.open(parts[-1], page.tell)
+
+    async def _send(self, page: StudyPage, about: Mapping[str, Any]) -> None:
+        """Send what is new to `page`, some 25 times a second."""
+        await page.socket.send_text(json.dumps({"event": "about", **about}))
+        while True:
+            for text in self._collect_messages(page):
+                await page.socket.send_text(text)
+            while page.mistakes:
+                await page.socket.send_text(json.dumps({"event": "mistake", "text": page.mistakes.pop(0)}))
+            await asyncio.sleep(FRAME)
+
+    def _collect_messages(self, page: StudyPage) -> list[str]:
+        """Messages with what is new to `page`; a fault in one of them does not keep it from the next ones."""
+        news = []
+        try:
+            for event, what in self._events(page).items():
+                if page.status.get(event) != what:
+                    news.append(json.dumps({"event": event, "is": what}))
+                    page.status[event] = what
+        except Exception as fault:
+            text = f"this page cannot be updated: {type(fault).__name__}: {fault}"
+            if page.status.get("fault") != text:
+                page.status["fault"] = text
+                page.tell(text)
+        return news
+
+    def _events(self, page: StudyPage) -> dict[str, Any]:
+        """What `page` is to know now, by kind of event."""
+        manager = self._manager
+        events: dict[str, Any] = {}
+        if page.participant:
+            events["view"] = for_participant(manager) | {"watching": page is not self._participants[0]}
+        else:
+            session = manager.session
+            draft = self._draft if session is not None and self._draft_of == session.number else None
+            events["view"] = for_experimenter(manager, len(self._participants), draft)
+            events["viewers"] = self.viewers.urls
+        trial_device = manager.trial_device
+        if trial_device is not None and (not page.participant or trial_device.simulated):
+            with suppress(HaptorbError):
+                events["pen"] = pen(trial_device)
+        return events
+
+
+def _number(command: dict[str, Any], name: str) -> float:
+    value = command.get(name)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{name} must be a number; got {str(value)[:40]!r}")
+    try:
+        return float(value)
+    except OverflowError:
+        raise InputError(f"{name} must be a smaller number") from None

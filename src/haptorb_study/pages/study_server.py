@@ -1,0 +1,159 @@
+"""The addresses of the study's server: two pages, their files, and a socket for each."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, final
+
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route, WebSocketRoute
+
+from haptorb.errors import InputError, ServoError
+from haptorb.web.access import AccessGate
+from haptorb.web.server import PageAddress, bind_socket, page_files, prioritize, respond, run_beside, server, signals
+from haptorb_study.pages.page_views import describe_study, places
+from haptorb_study.pages.session_manager import SessionManager
+from haptorb_study.pages.socket_hub import StudySocketHub
+
+__all__ = ["PORT", "STATIC", "StudyServer", "application"]
+
+
+#: where the build hook puts the pages
+STATIC = Path(__file__).parent.parent / "static"
+
+
+def application(hub: StudySocketHub, where: PageAddress = PageAddress()) -> Starlette:
+    """The ASGI application; InputError if the pages have not been built."""
+    files = page_files(STATIC)
+    if not {"participant.html", "experimenter.html"} <= set(files):
+        raise InputError(
+            "the study's pages have not been built: run `cd web && npm ci && npm run build`, or use --terminal"
+        )
+
+    async def participant(request: Request) -> Response:
+        return respond(files, "participant.html")
+
+    async def experimenter(request: Request) -> Response:
+        return respond(files, "experimenter.html")
+
+    async def file(request: Request) -> Response:
+        return respond(files, request.path_params["name"])
+
+    return Starlette(
+        routes=[
+            Route("/", participant),
+            Route("/experimenter", experimenter),
+            Route("/static/{name}", file),
+            WebSocketRoute("/ws/participant", hub.join_participant),
+            WebSocketRoute("/ws/experimenter", hub.join_experimenter),
+        ],
+        middleware=[Middleware(AccessGate, exposed=where.exposed, origin=where.origin)],
+        lifespan=run_beside(hub.keep),
+    )
+
+
+PORT = 8766  #: default; the console's is another
+_LOOK = 0.05  #: between two looks whether the session manager runs [s]
+_SWITCH = 0.0005  #: for which another thread of this program may compute on while a Stop has come [s]
+_LAST_WORDS = 0.5  #: for the pages to show that it is not [s]
+
+
+@final
+class StudyServer:
+    """Serves `manager` at `participant` and, to clients with the token in it, at `experimenter`.
+
+    port   0 takes any free one
+    more   what the experimenter's page shows besides: where answers are stored, and the forecast
+    where  the address that it listens on, and the one at which browsers find it; beyond this computer the participant's
+           page has a token, too
+    Raises InputError at once if the port cannot be had or the pages have not been built.
+    """
+
+    def __init__(
+        self,
+        manager: SessionManager,
+        port: int = PORT,
+        *,
+        simulated: bool = True,
+        more: Mapping[str, Any] | None = None,
+        where: PageAddress = PageAddress(),
+    ) -> None:
+        self._socket = bind_socket(port, where.host)
+        self._manager = manager
+        token = secrets.token_urlsafe(16)
+        self.port = int(self._socket.getsockname()[1])
+        participant_token = secrets.token_urlsafe(16) if where.exposed else ""
+        self.participant = where.url(self.port) + (f"#{participant_token}" if participant_token else "")
+        # Behind the #: browsers keep that to themselves, so it is in no request, no log and no referrer.
+        self.experimenter = f"{where.url(self.port, 'experimenter')}#{token}"
+        try:
+            everything = {"places": places(manager.study), **(more or {})}
+            about = describe_study(manager.study, simulated)
+            hub = StudySocketHub(manager, token, about, everything, participant_token)
+            self._viewers = hub.viewers
+            self._server = server(application(hub, where))
+        except BaseException:
+            self._socket.close()
+            raise
+
+    def serve(self) -> int | None:
+        """Serve until `close`, SIGINT or SIGTERM; the signal's number is returned.
+
+        Raises ServoError, with the coils off, if the thread that runs the sessions ended by itself.
+        """
+        signals_seen: list[int] = []
+
+        def end(number: int) -> None:
+            signals_seen.append(number)
+            self._manager.halt.stop(None)
+            self.close()
+
+        before = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH)
+        self._manager.open()
+        try:
+            with signals(end), prioritize():
+                dead = asyncio.run(self._serve())
+        finally:
+            self._manager.close()
+            self._viewers.close()
+            sys.setswitchinterval(before)
+        if dead:
+            raise ServoError(
+                f"the thread that runs the sessions ended: {self._manager.trouble}; the coils are off, and all "
+                "answers are stored: start again and enter the same code to continue"
+            )
+        return signals_seen[0] if signals_seen else None
+
+    async def _serve(self) -> bool:
+        """Serve until `close`, or until the session's thread has ended; returns whether it was that."""
+        serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))
+        dead = False
+        while not serving.done():
+            if dead := self._manager.dead:
+                self._manager.halt.stop(None)
+                await asyncio.sleep(_LAST_WORDS)  # the pages show it
+                self._server.should_exit = True
+                break
+            await asyncio.sleep(_LOOK)
+        await serving
+        return dead
+
+    def close(self) -> None:
+        """End `serve`; may be called from any thread, and twice."""
+        self._server.should_exit = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+        self._socket.close()

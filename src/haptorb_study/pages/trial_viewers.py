@@ -1,0 +1,95 @@
+"""Playing the recording of a trial from the experimenter's page: each in a viewer of its own, beside the study.
+
+The study's process keeps a hand on a device, so it reads no recordings: `haptorb view` does, in another process.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import final
+
+from haptorb.errors import InputError
+from haptorb.runtime.linux import start_python
+
+__all__ = ["TrialViewers"]
+
+
+_MOST = 3  #: viewers at the same time; another one ends the oldest
+_PATIENCE = 2.0  #: for one to end [s]
+
+
+@final
+class TrialViewers:
+    """`urls`: trial's part of its recording → where it is played; "" while its viewer starts."""
+
+    def __init__(self) -> None:
+        self.urls: dict[str, str] = {}
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._changing = threading.Lock()
+        self._closed = False
+
+    def open(self, part: str, tell: Callable[[str], None]) -> None:
+        """Begin to play `part` (FILE#t=FROM,TO), unless it is; `tell` is called with what went wrong, from a thread.
+
+        Raises InputError if the file is gone.
+        """
+        path = Path(part.partition("#t=")[0])
+        if not path.exists():
+            raise InputError(f"the recording {path} is not there any more")
+        with self._changing:
+            if self._closed or (part in self._running and self._running[part].poll() is None):
+                return
+            while len(self._running) >= _MOST:
+                self._end(next(iter(self._running)))
+            process = start_python(
+                "haptorb", "view", part, "--port", "0", "--json",
+                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            )  # fmt: skip
+            if hasattr(os, "setpriority"):
+                os.setpriority(os.PRIO_PROCESS, process.pid, 10)
+            self._running[part] = process
+            self.urls = self.urls | {part: ""}
+        threading.Thread(target=self._listen, args=(part, process, tell), daemon=True).start()
+
+    def _listen(self, part: str, process: subprocess.Popen[bytes], tell: Callable[[str], None]) -> None:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        with process.stdout as answers, process.stderr as errors:
+            line = answers.readline()
+            if line.startswith(b"{"):
+                with self._changing:
+                    if part in self._running:
+                        self.urls = self.urls | {part: str(json.loads(line)["url"])}
+            answers.read()
+            mistake = errors.read().decode(errors="replace")
+        process.wait()
+        with self._changing:
+            if self._running.get(part) is process:
+                del self._running[part]
+                self.urls = {one: url for one, url in self.urls.items() if one != part}
+                if not line:
+                    tell(f"the recording cannot be played: {mistake.strip()[-400:]}")
+
+    def _end(self, part: str) -> None:
+        process = self._running.pop(part)
+        self.urls = {one: url for one, url in self.urls.items() if one != part}
+        process.terminate()
+
+    def close(self) -> None:
+        """End all viewers."""
+        with self._changing:
+            self._closed = True
+            processes = list(self._running.values())
+            for part in list(self._running):
+                self._end(part)
+        for process in processes:
+            try:
+                process.wait(_PATIENCE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()

@@ -1,0 +1,1 @@
+"""Simulated participants: forecast, rehearsal and power of a study."""

@@ -1,0 +1,278 @@
+"""Before anyone sits down: how long it takes, whether the coils stay cool enough, and which maps reach into each other.
+
+The heat is that of the device's own thermal model under an assumed hand: for half of every trial the tool is
+somewhere
+within the map, equally often at every angle from its summit and all round it, in contact; else no current flows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from haptorb.arrays import Array
+from haptorb.control.allocation import tool_choice
+from haptorb.devices.base import State, rotation_to_axis
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.worlds.base import World
+from haptorb.worlds.dome import Dome, overlaps
+from haptorb_study.order import has_set_points, plan, procedure_of
+from haptorb_study.procedures import FixedOrder, InterleavedProcedures, Prompt
+from haptorb_study.set_points import SetPoint
+from haptorb_study.study_file import Study
+
+__all__ = ["FELT_SHARE", "Forecast", "Overlap", "Unfelt", "find_unfelt", "forecast", "load_squared", "overlap"]
+
+
+_NOTHING = 1e-6  #: [N], [N·m]: less is nothing
+FELT_SHARE = 0.5  #: of a trial's time in which the tool is within the map; an assumption
+_PAUSES = (2.0, 5.0, 10.0, 20.0, 40.0, 80.0)
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a session will be like."""
+
+    trials: int
+    seconds: float  #: with pauses and breaks
+    hottest_coil: str
+    peak: float  #: winding temperature [K]
+    warn: float  #: [K]
+    derate: float  #: [K]
+    pause: (
+        float | None
+    )  #: more pause after each trial [s] with which it stays below derating; None: 80 s are not enough
+
+    @property
+    def holds(self) -> bool:
+        """Whether no current will have to be reduced."""
+        return self.peak < self.derate
+
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        return {
+            "trials": self.trials, "duration_s": self.seconds, "hottest_coil": self.hottest_coil,
+            "peak_winding_degc": self.peak - 273.15, "warn_at_degc": self.warn - 273.15,
+            "derate_at_degc": self.derate - 273.15, "more_pause_s": self.pause, "holds": self.holds,
+        }  # fmt: skip
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        c = self.peak - 273.15
+        begin = (
+            f"{self.trials} trials, about {self.seconds / 60:.0f} min; hottest winding '{self.hottest_coil}' {c:.0f} °C"
+        )
+        if self.holds:
+            word = "stays below" if self.peak < self.warn else "warns, but stays below"
+            return f"{begin}: {word} derating at {self.derate - 273.15:.0f} °C"
+        cure = "longer pauses do not help: reduce the moment"
+        if self.pause is not None:
+            cure = f"{self.pause:g} s more pause after each trial prevent this"
+        return f"{begin}: forces will be reduced (derating at {self.derate - 273.15:.0f} °C); {cure}"
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """How far maps that are felt one at a time reach into each other."""
+
+    pairs: int
+    worst: float  #: [deg]
+    set_points: tuple[int, int]
+
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        return {"pairs": self.pairs, "worst_deg": self.worst, "set_points": list(self.set_points)}
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        a, b = self.set_points
+        return (
+            f"{self.pairs} pairs of set-points have overlapping maps, set-points {a} and {b} by "
+            f"{self.worst:.1f} deg: render them one after the other, not several at once"
+        )
+
+
+@dataclass(frozen=True)
+class Unfelt:
+    """A condition in which nothing can be felt, or no difference between levels, at the place of its trials.
+
+    Also one that is declared to be without force, and is not.
+    """
+
+    condition: str
+    theta_deg: float  #: of the set-point
+    parameter: str  #: that is varied without effect; "": there is no force at all
+    most: float  #: [N] greatest force there, or [N·m] torque where only a torque is rendered
+    control: bool = False  #: whether it is declared to be without force (`no_force = true`)
+
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        return {
+            "condition": self.condition, "theta_deg": self.theta_deg, "parameter": self.parameter or None,
+            "greatest": self.most, "no_force": self.control,
+        }  # fmt: skip
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        where = f"condition '{self.condition}', set-point at θ = {self.theta_deg:g} deg"
+        if self.control:
+            return (
+                f"{where}: no_force = true, but the world renders up to {self.most:.3g} N (or N·m of torque) there; "
+                "set its parameters so that it renders nothing, or leave out no_force"
+            )
+        if not self.parameter:
+            return (
+                f"{where}: the world renders nothing within reach of it, so there is nothing to answer to; a control "
+                "condition without force says no_force = true"
+            )
+        return (
+            f"{where}: levels of '{self.parameter}' change nothing that is rendered there, so that every answer is a "
+            "guess; choose a set-point within the world, or another parameter"
+        )
+
+
+def find_unfelt(study: Study) -> tuple[Unfelt, ...]:
+    """Conditions whose world gives nothing at the place of a trial or, if a level is varied, the same at each level.
+
+    A condition with `no_force` has to give nothing, and is found where it gives something.
+    """
+    device, found = study.load_device(), []
+    levels = study.levels
+    varied: list[float] = []
+    if levels is not None and study.procedure in ("constant", "staircase", "bayesian", "magnitude"):
+        chosen = study.procedure in ("constant", "magnitude")
+        more = [m for m in (levels.most, levels.start) if m is not None]
+        varied = list(levels.values) if chosen else [levels.reference + m for m in more]
+    for condition in study.conditions:
+        for point in study.points if has_set_points(study) else study.points[:1]:
+            levels_here = [levels.reference, *varied] if levels is not None and varied else [None]
+            made = [study.make_world(condition.name, point.number, level).for_device(device) for level in levels_here]
+            widest = max(made, key=lambda world: world.cut_off_deg if isinstance(world, Dome) else 0.0)
+            states = _list_states(device, point, widest)
+            fields = [_sample_wrench(device, study, world, states) for world in made]
+            most = max(float(np.abs(field).max(initial=0.0)) for field in fields)
+            change = max((float(np.abs(field - fields[0]).max(initial=0.0)) for field in fields[1:]), default=most)
+            if condition.no_force:
+                if most >= _NOTHING:
+                    found.append(Unfelt(condition.name, point.theta_deg, "", most, control=True))
+            elif most < _NOTHING or change < _NOTHING:
+                parameter = levels.parameter if levels is not None and varied else ""
+                found.append(Unfelt(condition.name, point.theta_deg, parameter, most))
+    return tuple(found)
+
+
+def _sample_wrench(device: SphericalElectromagnet, study: Study, world: World, states: list[State]) -> Array:
+    """(n, 6) what is rendered of the wrench of `world` [N, N·m] at `states`."""
+    part = tool_choice(device, study.render or None).choose_part(world)
+    kept = np.array([part != "torque"] * 3 + [part != "force"] * 3, dtype=float)
+    found: Array = np.array([world.wrench(state).copy() for state in states]).reshape(-1, 6) * kept
+    return found
+
+
+def _list_states(device: SphericalElectromagnet, point: SetPoint, world: World) -> list[State]:
+    """Where the tool is felt to be within the map of `point`, in contact, equally often at every angle."""
+    cut_off = world.cut_off_deg if isinstance(world, Dome) else 54.0
+    turn, found = rotation_to_axis(point.direction), []
+    for alpha in np.radians((np.arange(6) + 0.5) / 6 * cut_off):
+        for phi in np.arange(6) * np.pi / 3:
+            way = turn @ np.array([np.sin(alpha) * np.cos(phi), np.sin(alpha) * np.sin(phi), np.cos(alpha)])
+            if np.arccos(way[2]) <= device.workspace_half_angle + np.radians(15):
+                found.append(State.at(way * device.contact_distance))
+    return found
+
+
+def overlap(study: Study) -> Overlap | None:
+    """The overlap of the domes of all set-points in the widest condition; None where there is none."""
+    if not has_set_points(study):
+        return None
+    device, found = study.load_device(), []
+    for condition in study.conditions:
+        domes = [study.make_world(condition.name, point.number).for_device(device) for point in study.points]
+        pairs = overlaps([dome for dome in domes if isinstance(dome, Dome)])
+        if pairs:
+            i, j, worst = max(pairs, key=lambda pair: pair[2])
+            found.append(Overlap(len(pairs), worst, (study.points[i].number, study.points[j].number)))
+    return max(found, key=lambda one: one.worst) if found else None
+
+
+def load_squared(device: SphericalElectromagnet, study: Study, prompt: Prompt) -> Array:
+    """(m,) mean square current [A²] while the tool is within the map of `prompt`, in contact."""
+    point = study.point(prompt.set_point or study.points[0].number)
+    world = study.make_world(prompt.condition, point.number, prompt.level or None).for_device(device)
+    choice = tool_choice(device, study.render or None)
+    allocator = choice.allocators[choice.choose_part(world)]
+    squares = []
+    model = study.model_on(device) or device.models[0]
+    for state in _list_states(device, point, world):
+        given = allocator.allocate(device.wrench_map(state, model), world.wrench(state))
+        squares.append(given.currents**2)
+    mean: Array = np.mean(squares, axis=0)
+    return mean
+
+
+def forecast(study: Study, participant: int = 0) -> Forecast:
+    """Duration and heat of one session, as the `participant`-th person would have it."""
+    device = study.load_device()
+    prompts = _list_prompts(study, participant)
+    known: dict[tuple[str, int, float], Array] = {}
+    loads = []
+    for prompt in prompts:
+        key = (prompt.condition, prompt.set_point, prompt.level)
+        if key not in known:
+            known[key] = FELT_SHARE * load_squared(device, study, prompt)
+        loads.append(known[key])
+    trials = study.trials
+    peaks = _peaks(device, loads, prompts, trials.expected_seconds, trials.pause_seconds)
+    hottest, pause = int(np.argmax(peaks)), None
+    heat = device.coils.heat
+    if peaks[hottest] >= heat.derate:
+        for more in _PAUSES:
+            longer = _peaks(device, loads, prompts, trials.expected_seconds, trials.pause_seconds + more)
+            if longer.max() < heat.derate:
+                pause = more
+                break
+    seconds = len(prompts) * (trials.expected_seconds + trials.pause_seconds) + sum(p.pause for p in prompts)
+    return Forecast(
+        len(prompts), seconds, device.coils.names[hottest], float(peaks[hottest]), heat.warn, heat.derate, pause
+    )
+
+
+def _list_prompts(study: Study, participant: int) -> list[Prompt]:
+    """The trials in their order; an adaptive procedure at its greatest length and first level."""
+    procedure = procedure_of(study, plan(study, participant))
+    lists = [
+        iter(part.prompts if isinstance(part, FixedOrder) else [part.prompt] * part.expected)
+        for part in procedure.parts
+    ]
+    if not isinstance(procedure, InterleavedProcedures):
+        return [prompt for prompts in lists for prompt in prompts if prompt is not None]
+    found = [prompt for turn in procedure.turns if (prompt := next(lists[turn], None)) is not None]
+    return [replace(prompt, pause=procedure.pauses.get(n, prompt.pause)) for n, prompt in enumerate(found)]
+
+
+def _peaks(
+    device: SphericalElectromagnet, loads: list[Array], prompts: list[Prompt], seconds: float, pause: float
+) -> Array:
+    """(m,) greatest winding temperature [K] over the session, from cold; resistance follows the temperature."""
+    coils, heat = device.coils, device.coils.heat
+    m = device.channels
+    model = heat.network(m)
+    n = model.nodes
+    count = max(1, round(seconds))
+    step = model.step(seconds / count)
+    rest = model.step(pause)[:, :n] if pause else np.eye(n)
+    rise, peak = np.zeros(n), np.zeros(m)
+    for load, prompt in zip(loads, prompts, strict=True):
+        if prompt.pause:
+            rise = model.step(prompt.pause)[:, :n] @ rise
+        for _ in range(count):
+            power = load * coils.resistance_at(heat.ambient + rise[:m])
+            rise = step[:, :n] @ rise + step[:, n:] @ power
+            peak = np.maximum(peak, rise[:m])
+        rise = rest @ rise
+    return heat.ambient + peak

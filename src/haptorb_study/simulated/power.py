@@ -1,0 +1,228 @@
+"""The power of a test over people for groups out of a pool, and the fewest people that reach a wanted one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from haptorb.arrays import Array
+from haptorb.errors import InputError
+from haptorb_study.analysis_plan import CLAIMS, MEASURES, unit_of
+from haptorb_study.simulated.pool import simulate_pool
+from haptorb_study.statistics.significance import EXACT_PEOPLE, PairTest, check_test, decide_p, fewest_people
+from haptorb_study.study_file import Study
+
+__all__ = ["MOST_PEOPLE", "PEOPLE", "GroupPower", "Power", "power", "power_of"]
+
+
+MOST_PEOPLE = 500  #: beyond which nothing is searched
+_SLOW = 2000  #: groups at most for a test that takes long
+
+
+@final
+class GroupPower:
+    """By number of people, the share of groups of so many out of `pool` in which `test` shows p < `alpha`.
+
+    `seed` and the number of people decide what is drawn, so a power does not depend on which others were asked for.
+    """
+
+    def __init__(self, pool: Array, alpha: float, groups: int, seed: tuple[int, ...], test: PairTest = "t") -> None:
+        self._pool, self._alpha, self._groups, self._seed, self._test = pool, alpha, groups, seed, test
+        self.found: dict[int, float] = {}  #: what was computed so far
+
+    def power(self, people: int) -> float:
+        """Of groups of `people`."""
+        if people not in self.found:
+            draw = np.random.default_rng([*self._seed, people])
+            count = self._groups
+            if self._test == "sign-flip" and people > EXACT_PEOPLE:
+                count = min(count, _SLOW)  # thousands of sign patterns for each group
+            groups = self._pool[draw.integers(0, len(self._pool), (count, people))]
+            self.found[people] = float(np.mean(decide_p(groups, self._test) < self._alpha))
+        return self.found[people]
+
+    @property
+    def least(self) -> int:
+        """Fewest people with whom the test can show p < alpha at all."""
+        return fewest_people(self._alpha, self._test)
+
+    def find_fewest(self, wanted: float, start: int) -> int | None:
+        """The fewest people who reach the power `wanted`, searched from `start` on; None: more than MOST_PEOPLE.
+
+        Power is taken to grow with the number of people, as it does but for the last step of small numbers.
+        """
+        low, high = self.least - 1, min(max(start, self.least), MOST_PEOPLE)
+        while self.power(high) < wanted:
+            if high == MOST_PEOPLE:
+                return None
+            low, high = high, min(2 * high, MOST_PEOPLE)
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if self.power(middle) >= wanted else (middle, high)
+        return high
+
+
+# --------------------------------------------------------------------------------------------------
+# How many participants a study needs to detect a difference between two conditions, estimated with simulated ones.
+#
+# A pool of simulated participants sits the study once; each gives one paired difference. Groups of n are drawn from the
+# pool, and the test that the analysis uses (`decide_p`, the same function) is applied to each: its share of p < α is
+# the power at n. The fewest people who reach the wanted power are searched below and above the numbers that were asked
+# for. What is uncertain in that because the pool is finite is stated, by drawing whole pools from the pool.
+
+
+PEOPLE = (6, 8, 10, 12, 16, 20, 24, 32, 48)  #: shown unless asked otherwise
+_GROUPS = 20_000  #: groups drawn per number of people
+_POOLS = 80  #: pools drawn from the pool
+_FEWER = 200  #: groups drawn from each of those
+_TEST_NAMES = {"t": "Student's paired t test", "sign-flip": "sign-flip test"}
+
+
+@dataclass(frozen=True)
+class Power:
+    """What was found; every interval is 95 % over pools."""
+
+    measure: str
+    a: str  #: empty, as b is: the measure against zero, over all conditions
+    b: str
+    pool: int
+    difference: float  #: mean of a − b over the pool
+    spread: float  #: its standard deviation over people
+    alpha: float
+    wanted: float
+    people: tuple[int, ...]  #: those asked for, and the fewest that reach `wanted`
+    power: tuple[float, ...]  #: by people
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    needed: int | None  #: fewest that reach `wanted`; None: more than MOST_PEOPLE
+    needed_95: tuple[int | None, int | None]
+    least: int  #: fewest with whom the test can show anything at this alpha
+    test: PairTest = "t"
+    unit: str = ""  #: of the difference
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        most = f"more than {MOST_PEOPLE}"
+        low, high = (most if n is None else str(n) for n in self.needed_95)
+        needed = most if self.needed is None else f"about {self.needed}"
+        floor = ""
+        if self.needed == self.least:
+            floor = f"; with fewer than {self.least} the test cannot reach p < {self.alpha:g}"
+        what = f"{self.a} − {self.b} " if self.a else ""
+        return (
+            f"{needed} participants (95 %: {low} to {high}) detect {self.measure} {what}= {self.difference:.3g} ± "
+            f"{self.spread:.2g}{self.unit and f' {self.unit}'} with a probability of {100 * self.wanted:.0f} % at α = "
+            f"{self.alpha:.3g} ({_TEST_NAMES[self.test]}, two-sided){floor}; predicted with {self.pool} SIMULATED "
+            "participants, which are not evidence about people"
+        )
+
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        rows = zip(self.people, self.power, self.low, self.high, strict=True)
+        return {
+            "simulated": True, "measure": self.measure, "unit": self.unit, "a": self.a, "b": self.b, "test": self.test,
+            "pool": self.pool,
+            "difference": self.difference, "standard_deviation": self.spread, "alpha": self.alpha,
+            "wanted_power": self.wanted, "needed": self.needed, "needed_95": list(self.needed_95),
+            "least_people": self.least, "searched_up_to": MOST_PEOPLE,
+            "power": [{"people": n, "power": p, "interval_95": [low, high]} for n, p, low, high in rows],
+        }  # fmt: skip
+
+
+def power(
+    study: Study, between: tuple[str, str] | None = None, measure: str | None = None, *, pool: int = 40,
+    people: Sequence[int] | None = None, alpha: float | None = None, wanted: float = 0.8, seed: int = 0,
+    test: PairTest | None = None, processes: int = 1, scheduler: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Power:  # fmt: skip
+    """Power of `study` to see `measure` differ `between` two conditions; `progress` (done, of).
+
+    What is not given is that of the study's plan: its first test, its level divided by the number of its tests (if p is
+    corrected), its number of people; without a plan the first two conditions, α = 0.05 and Student's test. `scheduler`
+    is the address of a Dask cluster; the result does not depend on where it is computed.
+
+    Raises InputError for a study, condition or measure without one.
+    """
+    plan = study.plan
+    if plan is not None and measure is None and between is None:
+        measure, between = plan.tests[0].measure, plan.tests[0].between
+    measure, between = _check_question(study, measure, between)
+    alpha = alpha if alpha is not None else plan.strictest_alpha if plan else 0.05
+    test = test or (plan.test if plan else "t")
+    people = people or (tuple(sorted({*PEOPLE, min(plan.participants, MOST_PEOPLE)})) if plan else PEOPLE)
+    _check_numbers(people, alpha, wanted, test)
+    if isinstance(pool, bool) or not 8 <= pool <= 100_000 or seed < 0:
+        raise InputError(f"a pool has 8 to 100000 simulated participants, a seed is 0 or more; got {pool} and {seed}")
+    found = simulate_pool(
+        study, pool, seed, measure, between, processes=processes, scheduler=scheduler, progress=progress
+    )
+    return power_of(found, people, alpha, wanted, (measure, *(between or ("", ""))), seed, test,
+                    unit_of(measure, study.level_unit))  # fmt: skip
+
+
+def _check_question(
+    study: Study, measure: str | None, between: tuple[str, str] | None
+) -> tuple[str, tuple[str, str] | None]:
+    """`measure` and conditions, those of the study where they are not given; InputError for what it does not have."""
+    known = MEASURES[study.procedure]
+    measure = measure or known[0]
+    if measure not in known:
+        raise InputError(f"procedure '{study.procedure}' has no measure '{measure}'; known: {', '.join(known)}")
+    names = [condition.name for condition in study.conditions]
+    if between is None and measure in CLAIMS:
+        return measure, None
+    if len(names) < 2:
+        raise InputError(f"study '{study.name}' has one condition: add a second [[conditions]] to compare it with")
+    a, b = between or (names[0], names[1])
+    for name in (a, b):
+        if name not in names:
+            raise InputError(f"there is no condition '{name}'; known: {', '.join(names)}")
+    if a == b:
+        raise InputError(f"a condition cannot be compared with itself ('{a}')")
+    return measure, (a, b)
+
+
+def power_of(
+    pairs: Sequence[float], people: Sequence[int] = PEOPLE, alpha: float = 0.05, wanted: float = 0.8,
+    what: tuple[str, str, str] = ("difference", "a", "b"), seed: int = 0, test: PairTest = "t", unit: str = "",
+) -> Power:  # fmt: skip
+    """Power from the paired differences of a pool, for groups of `people` and of the fewest who reach `wanted`.
+
+    `what` is (measure, a, b), `unit` that of the differences.
+    """
+    _check_numbers(people, alpha, wanted, test)
+    d = np.asarray(pairs, dtype=float)
+    d = d[np.isfinite(d)]
+    if len(d) < 4:
+        raise InputError("fewer than 4 simulated participants have a difference: the procedure ends too soon")
+    draw = np.random.default_rng([seed, 2])
+    # The k-th pool is the k-th resample, the 0th the pool itself; groups come from that pool with replacement.
+    pools = np.vstack([d, d[draw.integers(0, len(d), (_POOLS, len(d)))]])
+    drawn = [GroupPower(pool, alpha, _FEWER if k else _GROUPS, (seed, 3, k), test) for k, pool in enumerate(pools)]
+    whole, parts = drawn[0], drawn[1:]
+    needed = whole.find_fewest(wanted, min(people))
+    counts = tuple(sorted({*people, *([] if needed is None else [needed])}))
+    shares = np.array([[part.power(n) for n in counts] for part in parts])
+    low, high = np.percentile(shares, (2.5, 97.5), axis=0)
+    ends = sorted(part.find_fewest(wanted, needed or MOST_PEOPLE) or MOST_PEOPLE + 1 for part in parts)
+    needed_95 = [None if end > MOST_PEOPLE else end for end in (ends[int(0.025 * _POOLS)], ends[int(0.975 * _POOLS)])]
+    return Power(
+        *what, len(d), float(d.mean()), float(d.std(ddof=1)), alpha, wanted, counts,
+        tuple(whole.power(n) for n in counts), tuple(low.tolist()), tuple(high.tolist()), needed,
+        (needed_95[0], needed_95[1]), whole.least, test, unit,
+    )  # fmt: skip
+
+
+def _check_numbers(people: Sequence[int], alpha: float, wanted: float, test: str) -> None:
+    """InputError for numbers with which there is no power, before a pool is simulated."""
+    if not 0 < alpha < 0.5 or not 0.1 <= wanted < 1:
+        raise InputError(f"needs 0 < alpha < 0.5 and 0.1 ≤ power < 1; got {alpha:g} and {wanted:g}")
+    if not people or any(isinstance(n, bool) or not isinstance(n, int) or not 2 <= n <= MOST_PEOPLE for n in people):
+        raise InputError(
+            f"numbers of people must be whole, 2 to {MOST_PEOPLE}; got {', '.join(map(str, people)) or 'none'}"
+        )
+    check_test(test)

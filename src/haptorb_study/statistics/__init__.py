@@ -1,0 +1,1 @@
+"""Statistics of a study: psychometric functions, intervals, tests, effect sizes and information."""

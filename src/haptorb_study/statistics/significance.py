@@ -1,0 +1,147 @@
+"""How probable what was found is by chance: exact guessing, paired differences, and several tests at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from itertools import product
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.arrays import Array, check_finite
+from haptorb.errors import InputError
+
+__all__ = [
+    "CORRECTIONS",
+    "EXACT_PEOPLE",
+    "TESTS",
+    "Correction",
+    "PairTest",
+    "binomial_tail",
+    "check_test",
+    "correct_p",
+    "decide_p",
+    "fewest_people",
+]
+
+
+PairTest = Literal["t", "sign-flip"]
+Correction = Literal["holm", "bonferroni", "none"]
+TESTS: tuple[PairTest, ...] = get_args(PairTest)
+CORRECTIONS: tuple[Correction, ...] = get_args(Correction)
+
+EXACT_PEOPLE = 14  #: people up to whom all signs are tried
+_DRAWN = 5_000  #: sign patterns beyond, the observed one among them
+_AT_ONCE = 1 << 22  #: numbers held at a time
+
+
+def binomial_tail(right: int, of: int, chance: float) -> float:
+    """Probability of at least so many right answers by guessing: the binomial tail, exactly.
+
+    >>> round(binomial_tail(3, 3, 0.5), 3)
+    0.125
+    """
+    from scipy.special import bdtrc
+
+    return 1.0 if right <= 0 else float(bdtrc(right - 1, of, chance))
+
+
+def decide_p(differences: ArrayLike, test: PairTest = "t") -> Array:
+    """(...) two-sided p that `differences` (..., people) are zero on average. Both analysis and power ask here.
+
+    t          Student's test of the mean; the 95 % interval of `mean_interval` excludes zero where p < 0.05
+    sign-flip  signs of all differences are exchangeable: all patterns up to 14 people, beyond 5 000, the observed one
+               among them
+
+    Where all differences of a group are equal there is no spread for Student's test to go by; then p is 1 if they are
+    zero, else that of the sign-flip test, 2/2ⁿ. InputError with fewer than two people.
+
+    >>> float(decide_p([1.0, 2.0, 3.0, 4.0], "sign-flip")), round(float(decide_p([1.0, 2.0, 3.0, 4.0])), 4)
+    (0.125, 0.0305)
+    """
+    from scipy.special import stdtr
+
+    d = check_finite(differences, "differences")
+    if d.ndim < 1 or d.shape[-1] < 2:
+        raise InputError(f"a test over people needs at least two, one difference each; got shape {d.shape}")
+    if check_test(test) == "sign-flip":
+        return _flip_signs(d.reshape(-1, d.shape[-1])).reshape(d.shape[:-1])
+    n = d.shape[-1]
+    mean, sd = d.mean(axis=-1), d.std(axis=-1, ddof=1)
+    flat = sd <= 1e-12 * np.abs(d).max(axis=-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        p = 2 * stdtr(n - 1, -np.abs(mean) / np.where(flat, 1.0, sd) * np.sqrt(n))
+    found: Array = np.where(flat, np.where(mean == 0, 1.0, 2.0 ** (1 - n)), p)
+    return found
+
+
+def check_test(name: str) -> PairTest:
+    """`name` of a test over people, or InputError."""
+    for known in TESTS:
+        if name == known:
+            return known
+    raise InputError(f"there is no test '{name}'; known: {', '.join(TESTS)}")
+
+
+def fewest_people(alpha: float, test: PairTest = "t") -> int:
+    """Fewest people with whom `test` can show p < `alpha` at all: with the signs of n people p is at least 2/2ⁿ.
+
+    >>> fewest_people(0.05), fewest_people(0.05, "sign-flip")
+    (2, 6)
+    """
+    n = 2
+    while test == "sign-flip" and 2.0 ** (1 - n) >= alpha:
+        n += 1
+    return n
+
+
+def correct_p(p: Sequence[float], correction: Correction = "holm") -> tuple[float, ...]:
+    """`p` of several tests, adjusted so that any false one among them has at most the probability alpha.
+
+    holm        the smallest times their number, the next times one fewer ..., never falling (Holm 1979)
+    bonferroni  each times their number
+    none        as they are
+
+    NaN, a test that could not be made, stays NaN and does not count.
+
+    >>> correct_p([0.01, 0.04, 0.03])
+    (0.03, 0.06, 0.06)
+    """
+    values = np.asarray(p, dtype=float)
+    known = np.flatnonzero(np.isfinite(values))
+    if correction not in CORRECTIONS:
+        raise InputError(f"there is no correction '{correction}'; known: {', '.join(CORRECTIONS)}")
+    if correction == "none":
+        return tuple(values.tolist())
+    m = len(known)
+    if correction == "bonferroni":
+        values[known] = np.minimum(1.0, m * values[known])
+    else:
+        order = known[np.argsort(values[known], kind="stable")]
+        values[order] = np.minimum(1.0, np.maximum.accumulate((m - np.arange(m)) * values[order]))
+    return tuple(float(x) for x in values)
+
+
+def _flip_signs(groups: Array) -> Array:
+    """(groups,) p of each row (people,), as many rows at a time as the memory bears."""
+    people = groups.shape[1]
+    signs = _signs(people).T
+    step = max(1, _AT_ONCE // signs.shape[1])
+    found = np.empty(len(groups))
+    for first in range(0, len(groups), step):
+        rows = groups[first : first + step]
+        limit = np.abs(rows.sum(axis=1)) - 1e-12 * np.abs(rows).sum(axis=1)
+        found[first : first + step] = np.mean(np.abs(rows @ signs) >= limit[:, None], axis=1)
+    return found
+
+
+@cache
+def _signs(people: int) -> Array:
+    """(patterns, people): all up to one common sign, or drawn ones with the observed."""
+    if people <= EXACT_PEOPLE:
+        return np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=people - 1)])
+    drawn: Array = np.random.default_rng(people).choice((-1.0, 1.0), (_DRAWN, people))
+    drawn[0] = 1.0
+    return drawn

@@ -1,0 +1,125 @@
+"""Directions on the sphere: errors as vectors in local axes, mean direction, and spread."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.arrays import Array, check_finite
+from haptorb.errors import InputError
+
+__all__ = ["DirectionSpread", "error_vectors", "find_away_axes", "local_axes", "summarize_directions"]
+
+
+_SPHERE_TINY = 1e-9  #: of a unit vector: below it a direction is not known
+
+
+@dataclass(frozen=True)
+class DirectionSpread:
+    """Directions about their mean (Fisher 1953; Mardia & Jupp 2000, §10.3)."""
+
+    count: int
+    theta_deg: float  #: mean direction from the top [deg]; NaN where the directions cancel
+    phi_deg: float  #: about the vertical [deg]
+    resultant: float  #: mean resultant length, 0 to 1; 1: all alike
+    kappa: float  #: concentration, (n − 1)/(n − n·resultant); infinite where all are alike, NaN for one direction
+    spread_deg: float  #: standard deviation in each of two directions, 1/√κ [deg]; means little below κ = 3
+
+
+def local_axes(ways: ArrayLike) -> tuple[Array, Array]:
+    """(up, round): unit tangents (..., 3) at `ways` (..., 3), along the meridian to the top, and along φ.
+
+    NaN at the top itself, and at the bottom, where every way leads away.
+
+    >>> up, round_ = local_axes([1.0, 0.0, 0.0])
+    >>> up.tolist(), round_.tolist()
+    ([0.0, 0.0, 1.0], [0.0, 1.0, 0.0])
+    """
+    n = _unit(ways, "ways")
+    flat = np.hypot(n[..., 0], n[..., 1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        cos, sin = (np.where(flat > _SPHERE_TINY, n[..., k] / flat, np.nan) for k in (0, 1))
+    up = np.stack([-n[..., 2] * cos, -n[..., 2] * sin, np.where(np.isfinite(cos), flat, np.nan)], axis=-1)
+    return up + 0.0, np.stack([-sin, cos, np.where(np.isfinite(cos), 0.0, np.nan)], axis=-1) + 0.0
+
+
+def find_away_axes(ways: ArrayLike, hand_deg: float) -> Array:
+    """(..., 3) unit tangents at `ways` (..., 3) that lead away from a hand at `hand_deg` about the vertical, from +x.
+
+    The horizontal direction from the hand to the vertical axis, in the tangent plane; known at the top too. NaN where
+    that direction is the normal.
+
+    >>> (find_away_axes([0.0, 0.0, 1.0], 180.0).round(9) + 0.0).tolist()
+    [1.0, 0.0, 0.0]
+    """
+    n = _unit(ways, "ways")
+    away = -np.array([math.cos(math.radians(hand_deg)), math.sin(math.radians(hand_deg)), 0.0])
+    along = away - (n @ away)[..., None] * n
+    size = np.linalg.norm(along, axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found: Array = np.where(size > _SPHERE_TINY, along / size, np.nan) + 0.0
+    return found
+
+
+def error_vectors(asked: ArrayLike, answered: ArrayLike) -> Array:
+    """(n, 3) errors [deg] in the tangent planes at `asked` (n, 3): as long as the arc to `answered`, and that way.
+
+    Their lengths are angles, so a component is a share of the angle along its axis. NaN where the answer lies opposite,
+    every way being equally short, and where an answer is missing (NaN).
+
+    >>> error_vectors([[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]).tolist()
+    [[90.0, 0.0, 0.0]]
+    """
+    n = _unit(asked, "asked")
+    given = np.asarray(answered, dtype=float)
+    if given.shape != n.shape:
+        raise InputError(f"as many answers as were asked are needed, shape {n.shape}; got {given.shape}")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        a = given / np.linalg.norm(given, axis=-1, keepdims=True)
+    cos = np.sum(n * a, axis=-1, keepdims=True)
+    side = a - cos * n
+    sin = np.linalg.norm(side, axis=-1, keepdims=True)
+    angle = np.degrees(np.arctan2(sin, cos))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = np.where(sin > _SPHERE_TINY, angle * side / sin, np.where(cos > 0, 0.0, np.nan))
+    return np.where(np.isfinite(a), found, np.nan) + 0.0
+
+
+def summarize_directions(ways: ArrayLike) -> DirectionSpread:
+    """Mean direction and spread of `ways` (n, 3), n ≥ 1.
+
+    Directions that cancel, such as two opposite ones, have no mean direction; their resultant is zero and κ is as small
+    as so few directions can tell.
+
+    >>> one = summarize_directions([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    >>> one.resultant, one.kappa, one.theta_deg
+    (0.0, 0.5, nan)
+    """
+    n = _unit(ways, "ways")
+    if n.ndim != 2 or not len(n):
+        raise InputError(f"a mean direction needs directions, shape (n, 3); got {n.shape}")
+    count, total = len(n), n.sum(axis=0)
+    length = float(np.linalg.norm(total))
+    resultant = min(1.0, length / count)
+    theta = phi = math.nan
+    if resultant > _SPHERE_TINY:
+        theta = math.degrees(math.atan2(math.hypot(total[0], total[1]), total[2]))
+        phi = math.degrees(math.atan2(total[1], total[0]))
+    rest = count - length
+    kappa = math.nan if count < 2 else math.inf if rest < 1e-12 * count else (count - 1) / rest
+    spread = 0.0 if math.isinf(kappa) else math.degrees(kappa**-0.5)
+    return DirectionSpread(count, theta, phi, resultant, kappa, spread)
+
+
+def _unit(ways: ArrayLike, name: str) -> Array:
+    n = check_finite(ways, name)
+    if n.ndim < 1 or n.shape[-1] != 3:
+        raise InputError(f"{name} must be directions, shape (..., 3); got {n.shape}")
+    length = np.linalg.norm(n, axis=-1, keepdims=True)
+    if (length <= _SPHERE_TINY).any():
+        raise InputError(f"{name} must be directions; a vector of length zero has none")
+    unit: Array = n / length
+    return unit

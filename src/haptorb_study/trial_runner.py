@@ -1,0 +1,324 @@
+"""A session, independent of its interface: rests, trials, pauses, questions; commands in, state out, no keys, no page.
+
+The terminal and the pages both drive this, so that both keep the same data. One thread calls it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import monotonic
+from typing import Any, final
+
+from haptorb.errors import InputError
+from haptorb_study.halt import StopCount, StopSwitch
+from haptorb_study.procedures import Answer, Prompt
+from haptorb_study.stored_session import StoredSession
+from haptorb_study.study_tables import Question
+from haptorb_study.trial_device import TrialDevice
+
+__all__ = ["OVER", "TrialRunner"]
+
+
+OVER = ("done", "left", "aborted")  #: states after which nothing comes
+_TRIAL = ("running", "time is up")
+_RECORDED = (*_TRIAL, "pause")
+_AFTER = 1.0  #: time after a stop, or another end of a trial, that is recorded [s]
+
+
+def _ignore_event(kind: str, facts: dict[str, Any]) -> None:
+    """A listener that does nothing."""
+
+
+@final
+class TrialRunner:
+    """Runs `session` on `trial_device`. `tick` is to be called some fifty times a second.
+
+    A Stop is carried out by `halt`, at once; here it becomes the state "paused", from any state, and a record.
+    A trial in which the device was off, for any reason, is not answered: it starts again when the device is on.
+
+    state      question, pause (between trials), break, running, time is up, device off, paused, done, left, aborted
+    recording  file that the tool's course goes to; its name is kept with every trial
+    mark       is called for every event, as it happens: for streams to other equipment
+    halt       knows the servo and who stopped it; None: one of its own
+    """
+
+    def __init__(
+        self, session: StoredSession, trial_device: TrialDevice, recording: str | None = None,
+        mark: Callable[[str, dict[str, Any]], None] = _ignore_event, clock: Callable[[], float] = monotonic,
+        halt: StopSwitch | None = None,
+    ) -> None:  # fmt: skip
+        self.session, self.trial_device = session, trial_device
+        if halt is None:
+            halt = StopSwitch()
+            halt.attach(trial_device.servo, halt.ask())
+        self.halt = halt
+        self.which = 1  #: interval that is felt
+        self.seconds = 0.0  #: time in this trial without pauses [s]
+        self.trips: list[dict[str, Any]] = []  #: safety events of the session, with the trial each came in
+        self._recording, self._mark, self._clock = recording, mark, clock
+        self.repeats = 0  #: how often this trial was restarted
+        self._again = ""  # why it must start again
+        self._felt: set[int] = set()  # intervals of this trial in which something was felt
+        self._during: list[dict[str, Any]] = []  # trips in this trial, however often it began
+        self._until = 0.0  # end of a rest
+        self._last = clock()
+        self._trip_count = 0  # trips of the device that are kept
+        self._paused_from, self._rest_left = "", 0.0
+        self._moved = clock()  # when something last happened that is recorded
+        self.state = "pause"
+        self._continue()
+        self.apply_stop()
+
+    @property
+    def prompt(self) -> Prompt | None:
+        """What is asked now, or next."""
+        return self.session.prompt
+
+    @property
+    def question(self) -> Question | None:
+        """What is asked in words now."""
+        return self.session.question if self.state == "question" else None
+
+    @property
+    def rest_left(self) -> float:
+        """What is left of a rest [s]."""
+        if self.state == "paused":
+            return self._rest_left
+        return max(0.0, self._until - self._clock()) if self.state in ("pause", "break") else 0.0
+
+    def tick(self) -> None:
+        """Time passes: rests end, time limits are noticed, and trips of the device are kept."""
+        now = self._clock()
+        passed, self._last = now - self._last, now
+        self.apply_stop()
+        self._notice_off()
+        self.session.keep_late()
+        rested = self.state in ("pause", "break") and now >= self._until
+        if rested or (self.state == "device off" and not self.trial_device.switched_off):
+            self._begin()
+        elif self.state == "running":
+            self.seconds += passed
+            self._notice_felt()
+            limit = self.session.study.trials.time_limit
+            if limit is not None and self.seconds > limit:
+                self.trial_device.rest()
+                self.state = "time is up"
+                self._mark("time is up", {"trial": self.session.number + 1})
+        elif self.state == "time is up":
+            self.seconds += passed
+        if self.state in _RECORDED:
+            self._moved = now
+        self.trial_device.record(now - self._moved < _AFTER)
+
+    def apply_stop(self) -> None:
+        """Pause if Stop was given, by whomever, and keep who gave it. The coils are off already."""
+        if self.halt.active and self.state not in ("paused", *OVER):
+            self._rest_left = self.rest_left
+            if self.state in _TRIAL:
+                self._again = f"stopped {self.halt.why}".rstrip()
+                self.state = "device off"
+            self._paused_from, self.state = self.state, "paused"
+        for stopped in self.halt.take():
+            self._note("pause", stopped.why, stopped.at)
+
+    def answer(self, value: int | float | None) -> None:
+        """Store the answer, durably, and continue. A wrong answer is an InputError; the trial continues."""
+        self.apply_stop()
+        self._notice_off()
+        if self.state == "device off":
+            raise InputError(
+                "the device is off, so this answer does not count: please wait; the trial starts again when it is on"
+            )
+        prompt = self.prompt
+        if self.state not in _TRIAL or prompt is None:
+            raise InputError(f"no answer is expected now ({self.state})")
+        if value is None and prompt.wants_number:
+            raise InputError("choose the number first, then answer")
+        self._check_felt(prompt)
+        number = self.session.number
+        answer = Answer(value, self.trial_device.position, self.seconds)
+        self.session.answer(
+            answer,
+            safety=self._during,
+            recording=self.trial_device.course(self._recording),
+            driver=self.trial_device.servo.driver,
+        )
+        self._mark("answer", {"trial": number + 1, "answer": value, "set_point": prompt.set_point})
+        self.repeats, self._again, self._during = 0, "", []
+        self._continue()
+
+    def reply(self, text: str) -> None:
+        """Keep the answer to the question in words."""
+        self.apply_stop()
+        question = self.question
+        if question is None:
+            raise InputError("no question is asked now")
+        self.session.reply(question, text)
+        self._mark("reply", {"question": question.name})
+        self._continue()
+
+    def skip(self) -> None:
+        """End a break early; a pause that the study file sets between trials stays."""
+        self.apply_stop()
+        if self.state == "break":
+            self._begin()
+
+    def interval(self, which: int | None) -> None:
+        """Let interval `which`, 1 or 2, be felt."""
+        self.apply_stop()
+        prompt = self.prompt
+        if not isinstance(which, int) or which not in (1, 2) or prompt is None or not prompt.interval:
+            raise InputError("this trial has no such interval")
+        if self.state == "running":
+            self._notice_felt()
+            self.which = which
+            self.trial_device.interval(prompt, which)
+            self._mark("interval", {"trial": self.session.number + 1, "interval": which})
+
+    def pause(self, why: str = "") -> None:
+        """Coils off until `resume`; a rest is suspended meanwhile."""
+        if self.state not in OVER:
+            if not self.halt.active:
+                self.halt.stop(why)  # safety: study-pause
+            self.apply_stop()
+
+    def resume(self, asked: StopCount | None = None) -> None:
+        """Continue where `pause` was, in a trial at its beginning; the coils come back from zero.
+
+        InputError, and nothing changes, if Stop was given after `asked`; None: it is asked for now.
+        """
+        self.apply_stop()
+        if self.state != "paused":
+            return
+        self.halt.engage(asked or self.halt.ask())
+        self.state = self._paused_from
+        self._until = self._clock() + self._rest_left
+        self._last = self._clock()
+        self._note("resume")
+
+    def repeat(self) -> None:
+        """Start the trial again, with its full time limit; the repetition is stored."""
+        self.apply_stop()
+        if self.state not in _TRIAL or self.prompt is None:
+            raise InputError(f"there is no trial to repeat now ({self.state})")
+        self._again = "by the experimenter"
+        self._begin()
+
+    def engage(self, asked: StopCount | None = None) -> None:
+        """After a trip: coils on again, unless the guard refuses, or Stop was given after `asked`; None: now."""
+        self.apply_stop()
+        if self.state == "paused":
+            raise InputError("the session is paused: resume switches the coils on")
+        self.halt.engage(asked or self.halt.ask())
+
+    def leave(self) -> None:
+        """End for now: the session can be resumed at this trial. Coils off first of all."""
+        if self.state not in OVER:
+            self.halt.stop(None)
+            self.apply_stop()
+            self._note("leave")
+            self.state = "left"
+
+    def abort(self, why: str = "") -> None:
+        """End the session. Coils off first of all, even if the end cannot be stored."""
+        if self.state not in OVER:
+            self.halt.stop(None)
+            self.apply_stop()
+            self.session.abort(why)
+            self._mark("abort", {"trial": self.session.number + 1})
+            self.state = "aborted"
+
+    def _continue(self) -> None:
+        """What follows an answer: a question, a rest, a trial or the end."""
+        self.trial_device.rest()
+        prompt = self.prompt
+        if self.session.question is not None:
+            self.state = "question"
+        elif prompt is None:
+            self.state = "done"
+            self._mark("done", {})
+        else:
+            wait = prompt.pause or (self.session.study.trials.pause_seconds if self.session.number else 0.0)
+            self._until = self._clock() + wait
+            self._moved = self._clock()
+            self.state = "break" if prompt.pause else "pause"
+            if prompt.pause:
+                self._mark("break", {"seconds": wait})
+            if not wait:
+                self._begin()
+
+    def _begin(self) -> None:
+        """Let the trial begin, or wait until the device is on."""
+        prompt = self.prompt
+        assert prompt is not None
+        self._record_trips()
+        if self.trial_device.switched_off:
+            self._wait_for_device()
+            return
+        self.state, self.which, self.seconds = "running", 1, 0.0
+        self._felt.clear()
+        self._last = self._moved = self._clock()
+        self.trial_device.record(True)
+        self.trial_device.begin(prompt)
+        if self._again:
+            self.repeats += 1
+            self._note("repeat", self._again)
+            self._again = ""
+        self._mark(
+            "trial",
+            {"trial": self.session.number + 1, "set_point": prompt.set_point, "condition": prompt.condition,
+             "level": prompt.level, "interval": prompt.interval, "phase": prompt.phase},
+        )  # fmt: skip
+
+    def _notice_felt(self) -> None:
+        if self.which not in self._felt and self.trial_device.is_felt():
+            self._felt.add(self.which)
+
+    def _check_felt(self, prompt: Prompt) -> None:
+        """InputError if the answer would judge what was not felt; a trial whose time is up then starts again."""
+        if self.state == "running":
+            self._notice_felt()
+        wanted = (
+            {1, 2} if prompt.interval else {1} if self.session.study.procedure in ("rating", "magnitude") else set()
+        )
+        missing = sorted(wanted - self._felt)
+        if not missing:
+            return
+        what = f"interval {missing[0]}" if prompt.interval else "this"
+        if self.state == "time is up":
+            self._again = f"answered before {what} was felt"
+            self._begin()
+            raise InputError(f"{what} was not felt before the time was up: not stored. The trial starts again")
+        raise InputError(f"{what} has not been felt yet: not stored. Move the tool to feel it, then answer")
+
+    def _wait_for_device(self) -> None:
+        self.trial_device.rest()
+        self.state = "device off"
+        self._mark("device off", {"trial": self.session.number + 1})
+
+    def _notice_off(self) -> None:
+        """Keep new trips; a trial in which the device was off waits until it is on, then starts again."""
+        fresh = [str(trip["code"]) for trip in self._record_trips() if trip["code"] != "NOT_WATCHED"]
+        if self.state in _TRIAL and (fresh or self.trial_device.switched_off):  # safety: study-answer-off
+            self._again = f"the device was off: {', '.join(fresh)}" if fresh else "the device was off"
+            self._wait_for_device()
+
+    def _record_trips(self) -> list[dict[str, Any]]:
+        """Keep new trips, which are returned; those of a trial are kept with its answer besides."""
+        self.trial_device.look()
+        fresh = self.trial_device.trips[self._trip_count :]
+        self._trip_count += len(fresh)
+        for trip in fresh:
+            if trip["code"] == "STOPPED":  # by hand, which is no safety event
+                continue
+            if self.state in _TRIAL:
+                self._during.append(trip)
+            known = {**trip, "trial": self.session.number}
+            self.trips.append(known)
+            self.session.note("safety", f"{trip['code']}: {trip['reason']}", later=True)
+            self._mark("safety", {**known, "trial": self.session.number + 1})
+        return fresh
+
+    def _note(self, kind: str, text: str = "", at: str | None = None) -> None:
+        self.session.note(kind, text, at=at, later=True)
+        self._mark(kind, {"trial": self.session.number + 1} | ({"why": text} if text else {}))
