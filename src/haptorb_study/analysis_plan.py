@@ -1,4 +1,4 @@
-"""What is decided before anybody takes part: how many people, which tests of what, and the smallest effect of interest.
+"""Analysis plan of a study: number of participants, tests, and smallest effects of interest.
 
 The plan stands in the study file. It says nothing about how trials run, so it is no part of the study's digest: it
 has one of its own, which every session keeps. A plan that changes after the first session is so detected.
@@ -18,7 +18,7 @@ from haptorb_study.study_tables import Name, Part, Real, Whole
 __all__ = ["CLAIMS", "MEASURES", "AnalysisPlan", "HandAngle", "PlannedTest", "check_plan", "unit_of"]
 
 
-#: procedure → what may be compared, one value per person and condition; the first by default
+#: procedure → measures, one value per participant and condition; the first is the default
 MEASURES = {
     "identification": ("error", "accuracy", "upward-bias", "error-slope"),
     "localisation": ("error", "upward-bias", "error-slope"),
@@ -29,7 +29,7 @@ MEASURES = {
     "forced-choice": ("choice",),
     "magnitude": ("magnitude", "exponent"),
 }
-#: measure that may be tested against zero, without a second condition → what it claims
+#: measure that can be tested against zero, without a second condition → hypothesis
 CLAIMS = {"upward-bias": "answers go higher", "error-slope": "error grows with θ"}
 _UNITS = {"error": "mm", "upward-bias": "deg", "error-slope": "mm/deg", "magnitude": "log10"}
 
@@ -42,7 +42,7 @@ HandAngle = Annotated[
 
 
 class PlannedTest(Part):
-    """One test over people: two conditions, or a measure against zero."""
+    """Planned test over participants: two conditions, or a measure against zero."""
 
     measure: Annotated[
         str,
@@ -63,7 +63,7 @@ class PlannedTest(Part):
 
 
 class AnalysisPlan(Part):
-    """The plan of a study's analysis."""
+    """Analysis plan of a study."""
 
     participants: Annotated[
         Whole, Field(ge=2, le=10_000), m.Meaning("planned number of participants who finish"), m.Form("2 to 10000")
@@ -87,17 +87,17 @@ class AnalysisPlan(Part):
 
     @property
     def digest(self) -> str:
-        """Of everything in the plan."""
+        """Digest of the whole plan."""
         return sha256(self.model_dump_json().encode()).hexdigest()[:16]
 
     @property
     def strictest_alpha(self) -> float:
-        """Level that a single test must reach regardless of the others; for power."""
+        """Significance level of a single test under the plan's correction, for the power estimate."""
         return self.alpha if self.correction == "none" else self.alpha / len(self.tests)
 
     @property
     def sentence(self) -> str:
-        """For people."""
+        """Summary for users."""
         count = f"{len(self.tests)} test{'' if len(self.tests) == 1 else 's'}"
         return (
             f"plan {self.digest}: {self.participants} participants, {count} ({self.test}), α = {self.alpha:g}, "
@@ -115,7 +115,7 @@ class AnalysisPlan(Part):
 
 
 class _WithConditions(Protocol):
-    """What the check reads of a study, whose module imports this one."""
+    """-"""
 
     @property
     def procedure(self) -> str: ...
@@ -134,7 +134,7 @@ def unit_of(measure: str, level_unit: str) -> str:
 
 
 def check_plan(study: _WithConditions, plan: AnalysisPlan | None) -> None:
-    """ValueError unless every test of `plan` is one that `study` can give."""
+    """Raise ValueError unless `procedure` and `conditions` permit every test of `plan`."""
     known, names = MEASURES.get(study.procedure, ()), [condition.name for condition in study.conditions]
     for number, test in enumerate(plan.tests if plan else (), 1):
         where = f"plan.tests, number {number}:"

@@ -65,7 +65,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# What several commands of a study take.
+# Options shared by several commands.
 
 
 FileArgument = Annotated[Path, typer.Argument(help="Study file (TOML).")]
@@ -84,7 +84,7 @@ DataOption = Annotated[
 
 
 # --------------------------------------------------------------------------------------------------
-# What has been answered: who took part, what it says, and the data themselves.
+# Data: participants, analysis, figures, export.
 
 
 def participants(
@@ -176,7 +176,7 @@ def analyse(
 
 
 def _find_beside(db: str, part: str) -> str:
-    """The part of a recording that a database names, beside the database: what lies elsewhere is not for it to name."""
+    """The part of a recording that a database names, looked up beside the database only."""
     path, mark, span = part.partition("#t=")
     folder = Path() if "://" in db else Path(db).parent
     return f"{folder / Path(path).name}{mark}{span}"  # safety: recording-beside
@@ -239,11 +239,11 @@ def export(
 
 
 # --------------------------------------------------------------------------------------------------
-# The forecast of a session, printed before it begins; and the settings with which a study continues.
+# Forecast of a session, printed before it begins; settings with which a stored study continues.
 
 
 def print_forecast(known: Study) -> bool:
-    """Say what a session will be like; whether the thermal budget holds and every trial has something to feel."""
+    """Print the forecast of a session; return whether it stays cool enough and every trial can be felt."""
     from haptorb_study.simulated.forecast import find_unfelt, forecast, overlap
 
     found = forecast(known)
@@ -258,7 +258,7 @@ def print_forecast(known: Study) -> bool:
 
 
 def keep_begun_study(engine: Engine, known: Study) -> Study:
-    """`known`, or as the database holds it from an older version, with its order and layout; said to people."""
+    """`known`, or the version of it that the database holds, with its order and layout; prints which."""
     from haptorb_study.columns import keep_older
 
     study = keep_older(engine, known)
@@ -272,11 +272,11 @@ def keep_begun_study(engine: Engine, known: Study) -> Study:
 
 
 # --------------------------------------------------------------------------------------------------
-# Who will meet what when, printed before anybody takes part.
+# Order of the trials per participant, printed before the first session.
 
 
 def print_order(summary: OrderSummary) -> None:
-    """The order of the first participants, and how it balances."""
+    """Print the order of the first participants and its balance."""
     for sentence in summary.sentences:
         tell(sentence)
     if len(summary.units) < 2 and not summary.asks:
@@ -291,7 +291,7 @@ def print_order(summary: OrderSummary) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# Before anybody takes part: check the study file, rehearse it, and find how many people it needs.
+# Planning: check the study file, rehearse, estimate the number of participants.
 
 
 def new(
@@ -364,7 +364,7 @@ def simulate(
     from haptorb_study.simulated.rehearsal import rehearse
     from haptorb_study.study_file import read_study
 
-    known = read_study(file)  # before a database is made
+    known = read_study(file)  # before a database is created
     engine = database(db)
     check_contents(engine, "simulated")
     known = keep_begun_study(engine, known)
@@ -438,7 +438,7 @@ def power(
 
 
 # --------------------------------------------------------------------------------------------------
-# Run sessions: with two pages in the browser, or at the terminal.
+# Sessions: with two pages in the browser, or at the terminal.
 
 
 def run(
@@ -500,14 +500,14 @@ def run(
             servo.add_world(known.own_world)
         return servo
 
-    pilot = pilot or driver == "sim"  # nobody feels a force of a simulated device
-    start(None)  # not opened: a driver, tracker, frame or stream that is none is refused before a database is made
+    pilot = pilot or driver == "sim"  # the simulated device renders no force to a participant
+    start(None)  # not opened: wrong drivers, trackers, frames and streams are refused before a database is created
     streams = None
     if lsl is not None:
         from haptorb_study.streams import open_streams
 
         streams = open_streams(lsl)
-    engine = database(db)  # before the device: without a place for answers nothing is started
+    engine = database(db)  # before the device: without storage nothing is started
     check_contents(engine, "pilot" if pilot else "real")
     known = keep_begun_study(engine, known)
     if terminal:
@@ -574,7 +574,7 @@ def _run_in_browser(
 
 
 # --------------------------------------------------------------------------------------------------
-# People who leave, and laboratories that join: withdraw, merge, and backups that withdrawing knows of.
+# Withdrawal, merging of databases, and backups.
 
 
 def merge(
@@ -622,7 +622,7 @@ def withdraw(
     from haptorb_study.database import database
     from haptorb_study.withdraw import withdraw as remove
 
-    database(db, make=False).dispose()  # what is not there needs no question
+    database(db, make=False).dispose()  # a missing database needs no confirmation
     if not yes and not typer.confirm(f"Remove all data of {code} for good?", err=True):
         say("nothing was removed")
         raise typer.Exit(1)

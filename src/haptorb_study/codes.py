@@ -1,4 +1,4 @@
-"""Participants' codes: what may be one, which is free next, and a name for files and tables that is safe everywhere."""
+"""Participant codes: validation, next free code, confusable spellings, labels for files and tables."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# When two codes of participants are one code in two spellings, and when a text is no code but was meant as one.
+# Confusable spellings of codes.
 
 
-#: letters that look like Latin ones: Greek and Cyrillic, capitals and small
+#: Greek and Cyrillic letters that look like Latin ones
 _ALIKE = str.maketrans(
     "\u0391\u0392\u0395\u0396\u0397\u0399\u039a\u039c\u039d\u039f\u03a1\u03a4\u03a5\u03a7"
     "\u03f9\u0408\u03b1\u03bf\u03bd\u03c1\u03c5\u0445\u0410\u0412\u0415\u0405\u0406\u0408"
@@ -38,7 +38,7 @@ _ZEROS = re.compile(r"(?<![0-9])0+(?=[0-9])")
 
 
 def fold_spelling(code: str) -> str:
-    """`code` without what people confuse: capitals, look-alike letters, O and 0, I, l and 1, separators, leading zeros.
+    """`code` without confusable differences: case, look-alike letters, O and 0, I, l and 1, separators, leading zeros.
 
     >>> fold_spelling("P01") == fold_spelling("p01") == fold_spelling("\u04201") == fold_spelling("PO1")
     True
@@ -50,7 +50,7 @@ def fold_spelling(code: str) -> str:
 
 
 def find_other_spelling(code: str, taken: Iterable[str]) -> str | None:
-    """The one among the `taken` codes that is `code` in another spelling, in capitals, look-alikes, zeros or marks."""
+    """The code among `taken` that differs from `code` only in spelling: case, look-alikes, zeros, separators."""
     folded = (fold_spelling(code), code.casefold())
     return next(
         (one for one in taken if one != code and (fold_spelling(one) == folded[0] or one.casefold() == folded[1])), None
@@ -58,16 +58,16 @@ def find_other_spelling(code: str, taken: Iterable[str]) -> str | None:
 
 
 def suggest_code(typed: str) -> str:
-    """What `typed` says without spaces and in plain digits and letters; `typed` itself if it is that already."""
+    """`typed` without spaces and with plain digits and letters."""
     return "".join(unicodedata.normalize("NFKC", typed).split())
 
 
-_CODE_LENGTH = 16  #: of a code [characters]; columns of databases are made for it
+_CODE_LENGTH = 16  #: of a code [characters]; the databases' columns have this width
 _RESERVED = re.compile(r"s[1i]m-?[0-9]+")  #: in folded spelling
 
 
 def check_code(code: str) -> str:
-    """`code` as it was typed; InputError if it is none. Nothing of it is changed: another spelling is refused.
+    """Validate `code`; InputError if it is invalid. It is never changed: another spelling is refused.
 
     Letters of any script, digits, `-`, `_` and `.`; first a letter or digit; at least one digit, so that no bare name
     slips in.
@@ -75,7 +75,7 @@ def check_code(code: str) -> str:
     >>> check_code("P01"), check_code("vp-7"), check_code("Ω_3b")
     ('P01', 'vp-7', 'Ω_3b')
     """
-    known = unicodedata.normalize("NFC", code)  # the same letters, also where accents were typed on their own
+    known = unicodedata.normalize("NFC", code)  # composed accents
     meant = suggest_code(code)
     if known != meant and _is_code(meant):
         raise InputError(
@@ -96,12 +96,12 @@ def _is_code(text: str) -> bool:
 
 
 def is_reserved(code: str) -> bool:
-    """Whether only simulated participants may have `code`: SIM and a number, in any spelling."""
+    """Whether `code` is reserved for simulated participants: SIM and a number, in any spelling."""
     return _RESERVED.fullmatch(fold_spelling(code)) is not None
 
 
 def next_code(used: Iterable[str]) -> str:
-    """A code that is free: after the newest of people's `used` codes that ends in a number, else P01.
+    """Next free code: after the newest used one that ends in a number, else P01.
 
     >>> next_code(["P01", "P02"]), next_code(["P02", "vp-09"]), next_code([]), next_code(["7a", "SIM03"])
     ('P03', 'vp-10', 'P01', 'P01')
@@ -127,7 +127,7 @@ def next_code(used: Iterable[str]) -> str:
 
 
 def make_labels(codes: Iterable[str]) -> Mapping[str, str]:
-    """Code → label of ASCII letters and digits only, unlike every other one, in any case: for file names.
+    """Code → unique label of ASCII letters and digits, also without case, for file names.
 
     A code that is such a label keeps it; others lose the rest of their characters, and get part of their hash where
     that leaves nothing, or what another one has.

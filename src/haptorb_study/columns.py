@@ -1,4 +1,4 @@
-"""Answered trials as columns, one row per trial: the tidy table that everything else is made from."""
+"""Answered trials as a tidy table, one row per trial: input of analysis and export."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 
-#: column → what it is; the data dictionary of every export
+#: column → description; the data dictionary of every export
 COLUMNS = {
     "participant": "pseudonymous code",
     "simulated": "whether the participant is simulated, not a person",
@@ -75,7 +75,7 @@ Columns = dict[str, NDArray[Any]]
 
 
 def read_study(engine: Engine, name: str | None = None) -> Study:
-    """The study in the database; if there are several, the one called `name`. InputError if that does not tell."""
+    """The study in the database; `name` chooses one of several. InputError if the choice is ambiguous."""
     with engine.connect() as connection:
         rows = connection.execute(select(studies.c.name, studies.c.text)).all()
     fitting = [row for row in rows if name is None or row.name == name]
@@ -92,7 +92,7 @@ def read_study(engine: Engine, name: str | None = None) -> Study:
 
 
 def keep_older(engine: Engine, study: Study) -> Study:
-    """`study`, or, if the database holds it as an older haptorb ran it, that one: its order, its layout."""
+    """`study`, or the version of it that the database holds from an older haptorb (order, layout)."""
     older = list_older(study)
     if not older:
         return study
@@ -102,7 +102,7 @@ def keep_older(engine: Engine, study: Study) -> Study:
 
 
 def tidy(engine: Engine, study: Study) -> Columns:
-    """All answered trials of `study`, practice included, by participant and trial: column → array of one length."""
+    """All answered trials of `study` with practice, by participant and trial: column → array of equal length."""
     query = (
         select(trials, participants.c.code, sessions.c.simulated)
         .join(sessions, trials.c.session == sessions.c.id)
@@ -121,7 +121,7 @@ def tidy(engine: Engine, study: Study) -> Columns:
         repeats = {(session, trial): count for session, trial, count in connection.execute(counted)}
     if not rows:
         raise RecordingError(f"study '{study.name}' has no answered trials yet")
-    asked: dict[str, dict[str, Any]] = {}  # the same prompt comes again and again: read it once
+    asked: dict[str, dict[str, Any]] = {}  # prompts recur: parse each once
     prompts = [asked.get(row.prompt) or asked.setdefault(row.prompt, json.loads(row.prompt)) for row in rows]
     reasons: dict[str, str] = {}
     for row in rows:
@@ -172,7 +172,7 @@ def tidy(engine: Engine, study: Study) -> Columns:
 
 
 def select_kind(columns: Columns, kind: Kind | None = None) -> tuple[Columns, str]:
-    """The trials of one `kind`, never two in one number; and what is left out, in words. RecordingError for none.
+    """Trials of one `kind` of data only, and a description of what is left out; RecordingError if there are none.
 
     kind   None: real ones; where there are none, pilot ones; where there are none of these, simulated ones
     """
@@ -208,14 +208,14 @@ def read_replies(engine: Engine, study: Study) -> dict[str, dict[str, str]]:
 def _correct(study: Study, number: NDArray[Any], interval: NDArray[Any], answers: NDArray[Any]) -> NDArray[Any]:
     right = {"identification": number, "staircase": interval, "bayesian": interval}.get(study.procedure)
     if right is None:
-        # Of constant stimuli either answer may be right: the curve decides; the rest has no right answer.
+        # With constant stimuli either answer may be correct; of the others only some procedures have a correct answer.
         return np.full(len(answers), np.nan)
     found: NDArray[Any] = np.equal(answers, right).astype(float)
     return found
 
 
 def place_answers(study: Study, answers: NDArray[Any], position: NDArray[Any]) -> NDArray[Any]:
-    """(trials, 3) places that were answered [m]: an error is their distance from the set-point prompted.
+    """(trials, 3) answered positions [m], whose distance from the prompted set-point is the error.
 
     Of an identification the contact position at the set-point that was named, wherever the tool then was; of a
     localisation the tool's `position`; NaN where a place is not the answer.
@@ -239,11 +239,11 @@ def _column(values: tuple[Any, ...]) -> NDArray[Any]:
 
 
 # --------------------------------------------------------------------------------------------------
-# The data dictionary of an export, as BIDS writes it: every column with its unit, and what its values mean.
+# Data dictionary of an export in the form of BIDS: every column with its unit and the meaning of its values.
 
 
-FLAGS = ("simulated", "simulated_device", "pilot")  #: columns of true and false
-#: columns of text; the rest are numbers
+FLAGS = ("simulated", "simulated_device", "pilot")  #: Boolean columns
+#: text columns; the rest are numbers
 WORDS = ("participant", "phase", "condition", "other", "safety", "recording", "answered", "study")
 _UNIT = re.compile(r"(.*) \[(.+)\]")
 _FIXED: dict[str, dict[str, str]] = {
@@ -257,7 +257,7 @@ _FIXED: dict[str, dict[str, str]] = {
 
 
 def describe_columns(study: Study) -> dict[str, dict[str, Any]]:
-    """Column → Description, Units where it has one, Levels where its values have names."""
+    """Column → Description, Units if it has one, Levels if its values have names."""
     found: dict[str, dict[str, Any]] = {}
     for name, about in COLUMNS.items():
         split = _UNIT.fullmatch(about)
@@ -278,7 +278,7 @@ def describe_columns(study: Study) -> dict[str, dict[str, Any]]:
 
 
 def describe_events() -> dict[str, dict[str, Any]]:
-    """The same of the table of what interrupted sessions."""
+    """Data dictionary of the table of events."""
     found: dict[str, dict[str, Any]] = {}
     for name, about in EVENT_COLUMNS.items():
         split = _UNIT.fullmatch(about)
@@ -297,7 +297,7 @@ def describe_events() -> dict[str, dict[str, Any]]:
 
 
 def describe_questions(study: Study) -> dict[str, dict[str, Any]]:
-    """The same of the table of answers in words: one row per participant and question."""
+    """Data dictionary of the table of replies: one row per participant and question."""
     return {
         "participant": {"Description": COLUMNS["participant"]},
         "question": {"Description": "name of the question", "Levels": {q.name: q.text for q in study.questions}},
@@ -310,7 +310,7 @@ def describe_questions(study: Study) -> dict[str, dict[str, Any]]:
 
 
 def _list_levels(study: Study, name: str) -> dict[str, str]:
-    """Value → what it means; empty where values are numbers or free text."""
+    """Value → meaning; empty where values are numbers or free text."""
     if name in ("condition", "other"):
         values = {one.name: _spell_out(one.parameters) for one in study.conditions}
         return values if name == "condition" or study.procedure == "forced-choice" else {}

@@ -1,4 +1,4 @@
-"""Copies of a study database that haptorb made: exports, backups, sources and results of merges; and how."""
+"""Copies of a study database made by haptorb (exports, backups, merges), and the kind of data it holds."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Copy:
-    """One of them; `settings`: how an export was made, or which code here is which code there."""
+    """One copy; `settings`: how an export was made, or the mapping of codes."""
 
     kind: str  #: export, backup, source (this database was merged from it) or merged (into it)
     place: str  #: absolute path, or URL
@@ -46,7 +46,7 @@ class Copy:
 def note_copy(
     engine: Engine, kind: str, place: str | Path, study: str = "", settings: dict[str, Any] | None = None
 ) -> None:
-    """Keep that there is a copy at `place`; a database that cannot be written knows of none."""
+    """Record a copy at `place`; a read-only database cannot record it."""
     key = {"kind": kind, "place": str(place) if "://" in str(place) else str(Path(place).absolute()), "study": study}
     row = {**key, "settings": json.dumps(settings or {}), "at": utc_now()}
     with suppress(SQLAlchemyError), engine.begin() as connection:
@@ -55,7 +55,7 @@ def note_copy(
 
 
 def back_up(place: str | Path, into: Path) -> Path:
-    """A copy of the database file at `place` as it is at this moment, also while a session runs.
+    """Back up the database file at `place`, also while a session runs.
 
     Raises RecordingError, with nothing written, if there is something at `into`.
     """
@@ -83,19 +83,19 @@ def back_up(place: str | Path, into: Path) -> Path:
 
 
 def list_copies(engine: Engine) -> tuple[Copy, ...]:
-    """All that are known, oldest first."""
+    """All recorded copies, oldest first."""
     with engine.connect() as connection:
         rows = connection.execute(select(copies).order_by(copies.c.id)).all()
     return tuple(Copy(row.kind, row.place, row.study, json.loads(row.settings)) for row in rows)
 
 
 # --------------------------------------------------------------------------------------------------
-# What a database holds: real data, pilot data or simulated participants; one kind, from its first session on.
+# Kind of data in a database: real, pilot or simulated; one kind, from its first session on.
 
 
 Kind = Literal["real", "pilot", "simulated"]
 KINDS: tuple[Kind, ...] = ("real", "pilot", "simulated")
-MIXED = "mixed"  #: from an older haptorb, which did not separate them
+MIXED = "mixed"  #: from an older haptorb, which did not separate the kinds
 _WORDS = {
     "real": "real data",
     "pilot": "pilot data (begun with --pilot, or on the SIMULATED DEVICE)",
@@ -110,12 +110,12 @@ _WAYS = {
 
 
 def describe_kind(kind: str) -> str:
-    """What a database of `kind` holds, in words."""
+    """Description of the data in a database of `kind`."""
     return _WORDS.get(kind, "no session yet")
 
 
 def check_kind(kind: str) -> Kind:
-    """`kind` itself; InputError if there is none of this name."""
+    """Validate `kind`; InputError if it is unknown."""
     for known in KINDS:
         if kind == known:
             return known
@@ -123,7 +123,7 @@ def check_kind(kind: str) -> Kind:
 
 
 def read_contents(engine: Engine) -> str:
-    """What the database holds: one of KINDS or MIXED; empty before its first session."""
+    """Kind of data in the database: one of KINDS or MIXED; empty before its first session."""
     with engine.connect() as connection:
         return _read(connection)
 
@@ -133,13 +133,13 @@ def _read(connection: Connection) -> str:
 
 
 def check_contents(engine: Engine, kind: Kind) -> None:
-    """RecordingError, with what to do, if sessions of `kind` do not belong into this database."""
+    """Raise RecordingError, with the remedy, if sessions of `kind` do not belong into this database."""
     with engine.connect() as connection:
         _check(_read(connection), kind)
 
 
 def claim_contents(connection: Connection, kind: Kind) -> None:
-    """In the transaction of `connection`: this database holds sessions of `kind`; RecordingError if it holds others."""
+    """Set the kind of data of this database to `kind`, in the transaction; RecordingError if it holds another."""
     held = _read(connection)
     _check(held, kind)
     if not held:
@@ -147,7 +147,7 @@ def claim_contents(connection: Connection, kind: Kind) -> None:
 
 
 def _check(held: str, kind: Kind) -> None:
-    # People may continue in a mixed one: what they answer is told apart by its device, trial by trial.
+    # Sessions of real people may continue in a mixed database: its trials are separated by their driver.
     allowed = held in ("", kind) or (held == MIXED and kind != "simulated")
     more = ", or run with --pilot to add to the pilot" if (held, kind) == ("pilot", "real") else ""
     if not allowed:  # safety: study-one-kind

@@ -1,4 +1,4 @@
-"""The tables of a study database and the door to them: SQLite in a file, PostgreSQL by URL.
+"""Schema of a study database, its migrations, connection and locks: SQLite in a file, PostgreSQL by URL.
 
 A database of an older schema is brought forward when it is opened, one of a newer schema is refused.
 """
@@ -62,10 +62,10 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# From the schema of an older haptorb to this one: forward only, one step per version, all in one transaction.
+# Migrations from older schemas: forward only, one step per version, all in one transaction.
 #
-# A step says what it did in plain SQL that SQLite and PostgreSQL both know. It never uses the tables as they are now:
-# those belong to the newest schema, and a step must still mean the same when that has moved on.
+# A step uses plain SQL that SQLite and PostgreSQL share, never the table definitions below: those belong to the
+# newest schema, and a step must keep its meaning when they change.
 
 
 def _questions(connection: Connection) -> None:
@@ -80,18 +80,18 @@ def _questions(connection: Connection) -> None:
 
 
 def _driver(connection: Connection) -> None:
-    """2 → 3: how the device was driven in a trial; unknown for older trials."""
+    """2 → 3: driver of the device in a trial; unknown for older trials."""
     connection.execute(text("ALTER TABLE trials ADD COLUMN driver VARCHAR(200)"))
 
 
 def _decimal_answers(connection: Connection) -> None:
-    """3 → 4: answers that are no whole numbers. A column of SQLite takes them as it is."""
+    """3 → 4: decimal answers. A column of SQLite stores them without a change."""
     if connection.dialect.name != "sqlite":
         connection.execute(text("ALTER TABLE trials ALTER COLUMN answer TYPE DOUBLE PRECISION"))
 
 
 def _contents(connection: Connection) -> None:
-    """4 → 5: what the database holds, who withdrew, and which copies of it there are.
+    """4 → 5: kind of data, withdrawn codes, and copies of the database.
 
     Where it is not known of every trial whether its device was simulated, people may continue with either: mixed.
     """
@@ -123,12 +123,12 @@ def _contents(connection: Connection) -> None:
     connection.execute(text("INSERT INTO contents (id, holds) VALUES (1, :holds)"), {"holds": holds})
 
 
-#: version → the step that leads from it to the next
+#: version → migration from it to the next
 STEPS: Mapping[int, Callable[[Connection], None]] = {1: _questions, 2: _driver, 3: _decimal_answers, 4: _contents}
 
 
 def migrate(connection: Connection, version: int) -> int:
-    """Take the tables from `version` on to the newest; the transaction is the caller's. Returns the newest."""
+    """Migrate the tables from `version` to the newest, in the caller's transaction. Returns the newest version."""
     while version in STEPS:
         STEPS[version](connection)
         version += 1
@@ -136,8 +136,8 @@ def migrate(connection: Connection, version: int) -> int:
     return version
 
 
-SCHEMA = 1 + len(STEPS)  #: of this version; a database of a newer one is refused
-FAMILY = 0x68617074  #: of PostgreSQL's advisory locks that are ours
+SCHEMA = 1 + len(STEPS)  #: of this version; databases of newer ones are refused
+FAMILY = 0x68617074  #: key of our PostgreSQL advisory locks
 
 _tables = MetaData()
 versions = Table("haptorb_schema", _tables, Column("version", Integer, primary_key=True))
@@ -145,14 +145,14 @@ studies = Table(
     "studies", _tables,
     Column("digest", String(16), primary_key=True),
     Column("name", String(64), nullable=False),
-    Column("text", Text, nullable=False),  # the study file, word for word
+    Column("text", Text, nullable=False),  # the study file, verbatim
 )  # fmt: skip
 participants = Table(
     "participants", _tables,
     Column("id", Integer, primary_key=True),
     Column("study", ForeignKey("studies.digest"), nullable=False),
-    Column("code", String(16), nullable=False),  # a pseudonym; who it is stands nowhere here
-    Column("ordinal", Integer, nullable=False),  # decides order and seed
+    Column("code", String(16), nullable=False),  # a pseudonym; the identity is not stored
+    Column("ordinal", Integer, nullable=False),  # determines order and seed
     UniqueConstraint("study", "code"),
     UniqueConstraint("study", "ordinal"),
 )  # fmt: skip
@@ -165,22 +165,22 @@ sessions = Table(
     Column("started", String(32), nullable=False),
     Column("ended", String(32)),
     Column("aborted", Boolean, nullable=False, default=False),
-    Column("versions", Text, nullable=False),  # JSON: what ran it
+    Column("versions", Text, nullable=False),  # JSON: versions of software and plan
 )  # fmt: skip
 trials = Table(
     "trials", _tables,
     Column("id", Integer, primary_key=True),
     Column("session", ForeignKey("sessions.id"), nullable=False),
-    Column("number", Integer, nullable=False),  # from 0; with the session unique: nothing doubled
+    Column("number", Integer, nullable=False),  # from 0; unique with the session
     Column("prompt", Text, nullable=False),  # JSON
-    # Whole numbers but for magnitudes; `read_value` tells them. SQLite keeps any number in a column called INTEGER.
+    # Whole numbers except for magnitudes; `read_value` converts. SQLite stores any number in an INTEGER column.
     Column("answer", Float().with_variant(Integer(), "sqlite")),
     Column("x", Float), Column("y", Float), Column("z", Float),  # tool's magnet at the answer [m]
     Column("seconds", Float, nullable=False),
     Column("safety", Text, nullable=False, default="[]"),  # JSON: trips of the device during this trial
-    Column("recording", Text),  # file with the tool's course
+    Column("recording", Text),  # file with the recorded trajectory
     Column("answered", String(32), nullable=False),
-    Column("driver", String(200)),  # of the device: "sim" is a simulated one; unknown before schema 3
+    Column("driver", String(200)),  # driver; "sim" is the simulated device; unknown before schema 3
     UniqueConstraint("session", "number"),
 )  # fmt: skip
 events = Table(
@@ -203,17 +203,17 @@ replies = Table(
 )  # fmt: skip
 contents = Table(
     "contents", _tables,
-    Column("id", Integer, primary_key=True),  # 1: there is one row, from the first session on
+    Column("id", Integer, primary_key=True),  # 1: one row, from the first session on
     Column("holds", String(16), nullable=False),  # real, pilot, simulated; mixed: from an older haptorb
 )  # fmt: skip
 withdrawn = Table(
     "withdrawn", _tables,
     Column("id", Integer, primary_key=True),
     Column("study", ForeignKey("studies.digest"), nullable=False),
-    Column("code", String(16), nullable=False),  # may not return; nothing else of the person is left
-    Column("ordinal", Integer, nullable=False),  # stays taken
+    Column("code", String(16), nullable=False),  # may not be reused; no other data of the participant remain
+    Column("ordinal", Integer, nullable=False),  # remains taken
     Column("at", String(32), nullable=False),
-    Column("text", Text, nullable=False),  # how much was removed, and where
+    Column("text", Text, nullable=False),  # what was removed, and from where
     UniqueConstraint("study", "code"),
 )  # fmt: skip
 copies = Table(
@@ -232,7 +232,7 @@ _STUDY = TableSet("a study", FileKind.STUDY_DATABASE, _tables, versions, SCHEMA,
 
 
 def database(place: str | Path, *, make: bool = True) -> Engine:
-    """The database at `place`, with its tables; RecordingError if it cannot be reached, is newer, or is none of ours.
+    """Open the database at `place`; RecordingError if it cannot be reached, is newer, or is not a study database.
 
     With `make` false one that is not there is refused rather than made.
     """
@@ -245,7 +245,7 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
     try:
         with engine.connect() as connection:
             check_rows(connection, _tables.tables, f"database {mask_password(place)}")
-    except (SQLAlchemyError, ValueError, TypeError, OverflowError) as cause:  # what a driver makes of a damaged value
+    except (SQLAlchemyError, ValueError, TypeError, OverflowError) as cause:  # raised by drivers for damaged values
         engine.dispose()
         what = explain_error(cause) if isinstance(cause, SQLAlchemyError) else str(cause)
         raise RecordingError(f"database {mask_password(place)} cannot be read: {what}") from cause
@@ -256,13 +256,13 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
 
 
 def lock(connection: Connection) -> None:
-    """No other study's program passes here until the transaction that has just begun on `connection` ends."""
+    """Lock the database for this transaction against other study programs."""
     lock_database(connection, FAMILY)
 
 
 @contextmanager
 def try_begin(engine: Engine) -> Iterator[Connection]:
-    """A transaction that fails after 50 ms where another program holds the database."""
+    """A transaction that fails after 50 ms if another program holds the database."""
     with engine.connect() as connection:
         sqlite = engine.dialect.name == "sqlite"
         connection.exec_driver_sql("PRAGMA busy_timeout = 50" if sqlite else "SET LOCAL lock_timeout = 50")
@@ -276,16 +276,16 @@ def try_begin(engine: Engine) -> Iterator[Connection]:
 
 
 def utc_now() -> str:
-    """The time of day in UTC, to the millisecond, as the database keeps it."""
+    """Time of day in UTC to the millisecond, as stored in the database."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 # --------------------------------------------------------------------------------------------------
-# One experimenter per session.
+# Session lock: one experimenter per session.
 
 
 def lock_session(engine: Engine, session: int) -> ProgramLock:
-    """The session's lock, held until it is released; RecordingError if another program holds it."""
+    """Lock of the session, held until released; RecordingError if another program holds it."""
     conflict = RecordingError(
         f"session {session} is being run by another experimenter (or another window): end that one first"
     )
@@ -293,18 +293,18 @@ def lock_session(engine: Engine, session: int) -> ProgramLock:
 
 
 # --------------------------------------------------------------------------------------------------
-# Who has taken part in a study: codes, and what has become of their sessions.
+# Participants of a study: codes and states of their sessions.
 
 
 @dataclass(frozen=True)
 class StoredParticipant:
-    """One code that is taken."""
+    """A code in use."""
 
     code: str
     simulated: bool
-    state: str  #: finished, aborted, open (its code continues it) or withdrawn (its data are removed)
-    answered: int  #: trials, practice included
-    started: str  #: UTC; of one who withdrew, when
+    state: str  #: finished, aborted, open (can be continued) or withdrawn (data removed)
+    answered: int  #: trials, with practice
+    started: str  #: UTC; of a withdrawn code, when it was withdrawn
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types."""
@@ -315,7 +315,7 @@ class StoredParticipant:
 
 
 def list_participants(engine: Engine, study: Study) -> tuple[StoredParticipant, ...]:
-    """Those who withdrew from `study`, then everybody who began it, in the order in which they did."""
+    """Withdrawn codes of `study`, then its participants in the order in which they began."""
     answered = select(func.count()).where(trials.c.session == sessions.c.id).scalar_subquery()
     query = (
         select(participants.c.code, sessions.c.simulated, sessions.c.ended, sessions.c.aborted, sessions.c.started,

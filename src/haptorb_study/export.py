@@ -1,4 +1,4 @@
-"""Tables of trials: CSV or Parquet, with a data dictionary and the answers to questions; all files or none.
+"""Export of trials as CSV, Parquet or BIDS, with data dictionary, replies and events; all files or none.
 
 Texts that a spreadsheet would take for a formula begin with `'` in tables of text (CSV and TSV); Parquet has them as
 they were said.
@@ -57,11 +57,11 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# Scripts that read an export, in Python with pandas and in R without packages: written beside the data.
+# Scripts beside the data that read an export, in Python with pandas and in R without packages.
 
 
 def make_python_script(study: Study, table: str) -> str:
-    """A script that reads `table` beside it: NAME.csv, NAME.parquet, or a pattern of TSV files below its parent."""
+    """Python script that reads `table` beside it: NAME.csv, NAME.parquet, or a pattern of TSV files below it."""
     return (
         (_SOURCES / "read_export.py.txt").read_text(encoding="utf-8").replace("@VERSION@", __version__)
         .replace("@TABLE@", _quote(table)).replace("@FLAGS@", repr(FLAGS)).replace("@WORDS@", repr(WORDS))
@@ -70,7 +70,7 @@ def make_python_script(study: Study, table: str) -> str:
 
 
 def make_r_script(study: Study, table: str) -> str:
-    """The same for R; a Parquet file needs its package arrow or nanoparquet."""
+    """R script that reads `table`; a Parquet file needs the package arrow or nanoparquet."""
     return (
         (_SOURCES / "read_export.R.txt").read_text(encoding="utf-8").replace("@VERSION@", __version__)
         .replace("@TABLE@", _quote(table)).replace("@FLAGS@", ", ".join(map(_quote, FLAGS)))
@@ -83,14 +83,14 @@ _SOURCES = Path(__file__).parent
 
 
 def _list_measures(study: Study) -> tuple[str, ...]:
-    """Columns whose means say something."""
+    """Columns whose means are meaningful."""
     return (
         ("answer", "seconds") if study.procedure in ("rating", "magnitude") else ("correct", "distance_mm", "seconds")
     )
 
 
 def _quote(text: str) -> str:
-    """A string of Python and of R alike."""
+    """String literal of both Python and R."""
     return json.dumps(text, ensure_ascii=False)
 
 
@@ -98,13 +98,13 @@ def _quote_all(study: Study, begin: str, end: str) -> str:
     return begin + ", ".join(_quote(one.name) for one in study.conditions) + end
 
 
-Replies = dict[str, dict[str, str]]  #: participant's code → question's name → the answer
-Files = dict[Path, Callable[[Path], None]]  #: place → what writes it
+Replies = dict[str, dict[str, str]]  #: participant's code → question's name → reply
+Files = dict[Path, Callable[[Path], None]]  #: path → function that writes it
 
-#: what R and spreadsheets read as true and false; the words of BIDS are those of JSON
+#: true and false as R and spreadsheets read them; BIDS uses those of JSON
 TRUTH = ("TRUE", "FALSE")
-_MORE = ("questions.csv", "questions.json", "events.csv", "events.json")  #: ends of what may stand beside a table
-#: columns whose floats are whole numbers, but for estimated magnitudes
+_MORE = ("questions.csv", "questions.json", "events.csv", "events.json")  #: suffixes of the files beside a table
+#: columns whose floats are whole numbers, except estimated magnitudes
 _WHOLE = {"answer", "correct", "trial", "session", "set_point", "interval", "repeats"}
 
 
@@ -112,7 +112,7 @@ def write_csv(
     study: Study, columns: Columns, path: str | Path, *, overwrite: bool = False, replies: Replies | None = None,
     incidents: Sequence[Incident] | None = None,
 ) -> tuple[Path, ...]:  # fmt: skip
-    """One row per trial; beside it the data dictionary, scripts that read it, and NAME-questions.csv, NAME-events.csv.
+    """Write one row per trial as CSV, with data dictionary, reading scripts, and tables of replies and events.
 
     These are there if `replies` and `incidents` are given. Returns the files. Raises RecordingError, with nothing
     written, if one of them exists and `overwrite` is not set, or if the table at `path` is another study's.
@@ -131,7 +131,7 @@ def write_parquet(
     study: Study, columns: Columns, path: str | Path, *, overwrite: bool = False, replies: Replies | None = None,
     incidents: Sequence[Incident] | None = None,
 ) -> tuple[Path, ...]:  # fmt: skip
-    """The same table, typed, with the data dictionary in the columns' metadata too. Needs pyarrow."""
+    """Write the same table, typed, with the data dictionary also in the columns' metadata. Needs pyarrow."""
     path = Path(path)
     try:
         import pyarrow
@@ -157,7 +157,7 @@ def write_parquet(
 
 
 def write_table(columns: Columns, path: Path, separator: str, nothing: str, truth: tuple[str, str]) -> None:
-    """The columns as text, one row per trial; `nothing` stands where there is no value, `truth` for true and false."""
+    """Write the columns as text, one row per trial; `nothing` for missing values, `truth` for true and false."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, delimiter=separator, lineterminator="\n")
         writer.writerow(COLUMNS)
@@ -167,23 +167,23 @@ def write_table(columns: Columns, path: Path, separator: str, nothing: str, trut
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """For people too: indented, with letters as they are."""
+    """Write indented JSON, without ASCII escapes."""
     path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def write_text(path: Path, content: str) -> None:
-    """As UTF-8 with the same ends of lines everywhere."""
+    """Write UTF-8 with the same line ends on every system."""
     path.write_text(content, encoding="utf-8", newline="\n")
 
 
 @contextmanager
 def explain_write_error(path: Path) -> Iterator[None]:
-    """What the system refuses as RecordingError that names the place."""
+    """Convert OSError into RecordingError that names the path."""
     try:
         yield
     except OSError as cause:
         raise RecordingError(f"cannot write {cause.filename or path}: {cause.strerror or cause}") from cause
-    except ValueError as cause:  # a zero byte in its name
+    except ValueError as cause:  # a zero byte in the path
         raise RecordingError(f"cannot write {str(path)!r}: not the name of a file") from cause
 
 
@@ -205,13 +205,13 @@ def _write_all(study: Study, files: Files, overwrite: bool) -> tuple[Path, ...]:
         with replace_files(list(files)) as parts:
             for part, write in zip(parts, files.values(), strict=True):
                 write(part)
-        for path in stale if overwrite else ():  # of an earlier export: nobody who has withdrawn since may stay in it
+        for path in stale if overwrite else ():  # of an earlier export: it may contain withdrawn participants
             path.unlink(missing_ok=True)
     return tuple(files)
 
 
 def _questions(study: Study, replies: Replies | None, path: Path) -> Files:
-    """The file with the answers to questions beside `path`, one row per participant and question, if there are any."""
+    """Files with the replies beside `path`, one row per participant and question, if there are any."""
     if not replies:
         return {}
 
@@ -230,7 +230,7 @@ def _questions(study: Study, replies: Replies | None, path: Path) -> Files:
 
 
 def _check_table(study: Study, path: Path) -> None:
-    """RecordingError if there is a table at `path` that is none of this study."""
+    """Raise RecordingError if the table at `path` is not an export of this study."""
     if not path.exists():
         return
     found = ""
@@ -249,7 +249,7 @@ def _check_table(study: Study, path: Path) -> None:
                 if "trial" not in (rows.fieldnames or ()):
                     found = "no table of trials"
                 elif (first := next(rows, None)) is not None:
-                    found = first.get("study") or ""  # tables of an older haptorb do not say it
+                    found = first.get("study") or ""  # older exports have no such column
     except (OSError, ValueError, csv.Error):
         found = "no table of trials"
     if found not in ("", study.name):  # safety: export-own-table
@@ -258,7 +258,7 @@ def _check_table(study: Study, path: Path) -> None:
 
 
 def _events(incidents: Sequence[Incident] | None, path: Path) -> Files:
-    """The file with what interrupted sessions beside `path`, one row per stop, repeat, safety event or early end."""
+    """Files with the events beside `path`: one row per stop, repeat, safety event or early end."""
     if incidents is None:
         return {}
 
@@ -276,8 +276,8 @@ def _events(incidents: Sequence[Incident] | None, path: Path) -> Files:
 
 
 def _companion_files(study: Study, path: Path) -> Files:
-    """What stands beside a table: the data dictionary, and scripts that read both."""
-    form = "" if path.suffix == ".csv" else path.suffix.removeprefix(".")  # a folder may hold the data in both forms
+    """Files beside a table: its data dictionary, and scripts that read both."""
+    form = "" if path.suffix == ".csv" else path.suffix.removeprefix(".")  # one folder may hold the data in both forms
     script = f"read_{path.stem}{form and '_'}{form}"
     described = describe_columns(study)
     if not form:
@@ -307,10 +307,10 @@ def _none_if_nan(value: Any) -> Any:
 
 
 # --------------------------------------------------------------------------------------------------
-# Data out as a folder after the Brain Imaging Data Structure (BIDS), behavioural data; the whole folder or none.
+# Export as a BIDS folder (Brain Imaging Data Structure, behavioural data); the whole folder or nothing.
 
 
-#: procedure → what a participant does in a trial
+#: procedure → task of the participant
 _TASKS = {
     "identification": "Feel a force and name the set-point that it leads to",
     "constant": "Feel two forces, one of several fixed levels beside the reference, and answer which pushed harder",
@@ -326,7 +326,7 @@ def write_bids(
     study: Study, columns: Columns, folder: str | Path, *, overwrite: bool = False, replies: Replies | None = None,
     incidents: Sequence[Incident] | None = None,
 ) -> Path:  # fmt: skip
-    """A table per participant, sub-LABEL/beh/sub-LABEL_task-NAME_beh.tsv, and what BIDS wants beside it.
+    """Write sub-LABEL/beh/sub-LABEL_task-NAME_beh.tsv per participant, and the files that BIDS requires.
 
     A label is the participant's code, of which BIDS allows ASCII letters and digits only; participants.tsv has both,
     and `replies` to the questions in words as columns. `incidents`: a table sub-LABEL_task-NAME_events.tsv per
@@ -351,7 +351,7 @@ def _check_place(study: Study, folder: Path, overwrite: bool) -> None:
     if not overwrite:
         text = f"{folder} exists; choose another name, or replace it"
         raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
-    # What is replaced is gone with all that is in it, so it must be an earlier export.
+    # Replacing removes the whole folder, so it must be an earlier export.
     if any(folder.iterdir()) and not _is_export(folder):  # safety: export-own-folder
         raise RecordingError(
             f"{folder} is not an export of haptorb, so it is not replaced: choose another name, or remove it yourself"
@@ -363,7 +363,7 @@ def _check_place(study: Study, folder: Path, overwrite: bool) -> None:
 
 
 def _find_other_study(study: Study, folder: Path) -> str:
-    """Which study the export in `folder` is of, in words; empty if it is of `study`."""
+    """Description of the study that the export in `folder` is of; empty if it is of `study`."""
     try:
         found = study_of((folder / "code" / "study.toml").read_text(encoding="utf-8"), str(folder), stored=True)
     except (OSError, ValueError, HaptorbError):
@@ -388,7 +388,7 @@ def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -
         any(simulated is True for simulated in columns["simulated_device"]),
     )
     felt = [simulated is not True for simulated in columns["simulated_device"]]
-    pilot = bool((columns["pilot"] & felt).any())  # on the simulated device nothing else is possible
+    pilot = bool((columns["pilot"] & felt).any())  # data from the simulated device are always pilot data
     marks = [
         word
         for word, marked in (("SIMULATED participants", people), ("SIMULATED DEVICE", device), ("PILOT", pilot))
@@ -452,7 +452,7 @@ def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -
 
 
 def _write_events(study: Study, columns: Columns, part: Path, incidents: Sequence[Incident]) -> None:
-    """A table of what interrupted the sessions of each participant, with what BIDS calls its columns."""
+    """Write a table of events per participant, with the column names of BIDS."""
     task = "".join(filter(str.isalnum, study.name))
     heads = ("onset", "duration", "trial_type", "session", "trial", "reason", "time")
     for code, label in make_labels(dict.fromkeys(columns["participant"].tolist())).items():
@@ -473,30 +473,30 @@ def _write_events(study: Study, columns: Columns, part: Path, incidents: Sequenc
 
 
 def _word(flags: Any) -> str:
-    """One word for all trials of a participant."""
+    """"true", "false" or "n/a" for all trials of a participant, or "mixed"."""
     words = {None: "n/a", True: "true", False: "false"}
     found = {words[value] for value in flags.tolist()}
     return found.pop() if len(found) == 1 else "mixed"
 
 
 # --------------------------------------------------------------------------------------------------
-# A study from its database into an export of any form, of one kind of data.
+# Export of a study from its database, in any form, of one kind of data.
 
 
 @dataclass(frozen=True)
 class StudyExport:
-    """What was written."""
+    """Files and trials of an export."""
 
     study: str
     files: tuple[Path, ...]
     trials: int
     practice: int
-    on_simulated_device: bool  #: some of them
-    left_out: str  #: data of another kind, in words
+    on_simulated_device: bool  #: at least one trial
+    left_out: str  #: description of data of another kind
 
 
 def check_output(path: Path) -> None:
-    """InputError if no form of export has such a name."""
+    """Raise InputError if the name of the output belongs to no form of export."""
     if path.suffix not in ("", ".csv", ".parquet"):
         raise InputError(f"the output must be NAME.csv, NAME.parquet or a folder; got '{path}'")
 
@@ -504,7 +504,7 @@ def check_output(path: Path) -> None:
 def export_study(
     engine: Engine, path: Path, name: str | None = None, kind: Kind | None = None, *, overwrite: bool = False
 ) -> StudyExport:
-    """Write the trials of one `kind` (see `select_kind`), replies and incidents to `path`, whole or not at all."""
+    """Export the trials of one `kind` (see `select_kind`), replies and incidents to `path`; all or nothing."""
     check_output(path)
     known = read_study(engine, name)
     columns, left_out = select_kind(tidy(engine, known), kind)

@@ -93,7 +93,7 @@ def feel(
     wanted = [candidates[name] for name in dict.fromkeys(only)] if only else list(candidates.designs)
     scores = _scores(rate or [], candidates)
     if choose is not None:
-        candidates[choose]  # refuses a name that there is not before anything is felt
+        candidates[choose]  # refuse unknown names before anything is rendered
     if not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g} s")
     if plot is not None:
@@ -171,14 +171,14 @@ def _compare(candidates: Candidates, session: FeelSession, plot: Path | None, js
 
 
 # --------------------------------------------------------------------------------------------------
-# A feel session on its servo: with console and terminal, or with a simulated hand alone.
+# Feel session with its servo: with console and terminal, or with a simulated hand only.
 
 
-_EVERY = 0.05  #: between two looks at the servo's rows [s]
+_EVERY = 0.05  #: polling interval of the servo's rows [s]
 
 
 def find_scale(device: str, designs: Sequence[Candidate], candidates: Candidates) -> tuple[Device, TrueScale]:
-    """The device, and what a force at the part is in the hand on it.
+    """The device, and the scale from a force on the part to the hand.
 
     Raises InputError if it has no handle, or cannot render one of `designs`.
     """
@@ -198,7 +198,7 @@ def _servo(device: str, design: Candidate, candidates: Candidates, *, record: Li
     from haptorb.control.linkage import MOTOR_GAINS
     from haptorb.runtime.servo import Servo
 
-    # The file scales torques; how far the handle moves the part is the motor's matter.
+    # The file scales torques; the ratio of handle to part motion belongs to the motor.
     gains = MOTOR_GAINS.scale(float(candidates.gains.torque_per_motion[0]))
     return Servo(device, design.world, gains=gains, record=record)
 
@@ -206,7 +206,7 @@ def _servo(device: str, design: Candidate, candidates: Candidates, *, record: Li
 def feel_without_console(
     store: FeelSession, design: Candidate, device: str, seconds: float, person: str, score: int | None
 ) -> None:
-    """A simulated hand pulls `design` out and puts it back; its trace is stored, and `score` if there is one."""
+    """Let a simulated hand pull `design` out and push it back; store the trace, and `score` if given."""
     from haptorb_study.feel.session import Trace, trace_rows
 
     servo = _servo(device, design, store.candidates)
@@ -224,7 +224,7 @@ def feel_without_console(
 def feel_with_console(
     live: LiveSession, choice: DesignChoice, device: str, scale: TrueScale, port: int, browser: bool, where: PageAddress
 ) -> int:
-    """Designs felt and rated in page and terminal until the session is finished; the signal's number, or 0."""
+    """Run the session with page and terminal until it is finished; returns the signal's number, or 0."""
     from haptorb.runtime.linux import run_uninterrupted
     from haptorb.runtime.world_change import name_of
     from haptorb.web.console import Console
@@ -233,7 +233,7 @@ def feel_with_console(
     from haptorb.worlds.base import values as parameter_values
     from haptorb_study.feel.live_session import HELP, DesignPanel, read_lines, wait_for_lines, world_key
 
-    for design in live.designs:  # computed now: while the servo runs, a hand would wait for it
+    for design in live.designs:  # computed before the servo starts, so that the hand does not wait
         target_scene(name_of(design.world), parameter_values(design.world))
     servo = _servo(device, live.current, live.candidates, record=False)
     for number, design in enumerate(live.designs):
@@ -245,7 +245,7 @@ def feel_with_console(
             live.collect()
 
     def listen() -> None:
-        with suppress(OSError, ValueError):  # no standard input at all
+        with suppress(OSError, ValueError):  # no standard input
             read_lines(live, wait_for_lines(sys.stdin.fileno(), ended.is_set), say)
 
     check = StabilityCheck(choice, device, [design.name for design in live.designs])
@@ -257,7 +257,7 @@ def feel_with_console(
 
     threads = [Thread(target=work, name=f"haptorb-{work.__name__}") for work in (collect, listen, judge)]
 
-    def end(_: Event) -> None:  # another Ctrl-C must not cost what was felt last
+    def end(_: Event) -> None:  # a second Ctrl-C must not lose the last trace
         servo.end_loop()
         ended.set()
         check.close()

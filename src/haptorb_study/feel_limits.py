@@ -1,4 +1,4 @@
-"""How strong the designs of a feel session may be felt: what the stability check allows, and the device's limit.
+"""Limits of the torque scale of a feel session: stability check, and the device's torque limit.
 
 The check looks all over the workspace and takes seconds per design, so it runs in a process of its own, with low
 priority, while the first design is felt.
@@ -27,12 +27,12 @@ __all__ = ["DesignChoice", "StabilityCheck", "find_limits"]
 
 
 # --------------------------------------------------------------------------------------------------
-# Which designs a session is about: those of a file, or worlds of the user's own.
+# Designs of a session: those of a file, or the user's own worlds.
 
 
 @dataclass(frozen=True)
 class DesignChoice:
-    """A design file, or `worlds` (FILE.py:NAME) with `settings` (NAME=VALUE) for all of them; one of both."""
+    """Either a design file, or `worlds` (FILE.py:NAME) with common `settings` (NAME=VALUE)."""
 
     file: str = ""
     worlds: tuple[str, ...] = ()
@@ -40,7 +40,7 @@ class DesignChoice:
 
     @classmethod
     def of(cls, file: Path | None, worlds: Sequence[str], settings: Sequence[str]) -> DesignChoice:
-        """From what a user gave. Raises InputError for neither, for both, and for worlds of the catalogue."""
+        """From the command's arguments. Raises InputError for neither, both, and worlds of the catalogue."""
         from haptorb.worlds.user_world import is_world_file
 
         if (file is None) == (not worlds):
@@ -56,14 +56,14 @@ class DesignChoice:
 
     @property
     def folder(self) -> Path:
-        """The default folder of ratings and traces: beside the file."""
+        """Default folder of ratings and traces: beside the file."""
         from haptorb.worlds.user_world import parse_world_file
 
         file = Path(self.file) if self.file else parse_world_file(self.worlds[0]).path
         return file.with_name(f"{file.stem}-session")
 
     def load(self) -> Candidates:
-        """The designs. Raises InputError as `load_designs` and the world's file do."""
+        """Load the designs. Raises InputError as `load_designs` and the world's file do."""
         from haptorb.cli.own_code import start_world_file
         from haptorb.cli.world_option import parse_settings
         from haptorb.control.linkage import Gains
@@ -88,7 +88,7 @@ class DesignChoice:
 
 @final
 class StabilityCheck:
-    """The check of the designs `names` of `choice` on `device`, on its way; `close` ends it."""
+    """Stability check of the designs `names` of `choice` on `device`, in a process of its own; `close` ends it."""
 
     def __init__(self, choice: DesignChoice, device: str, names: Sequence[str]) -> None:
         self._count = len(names)
@@ -99,7 +99,7 @@ class StabilityCheck:
         )  # fmt: skip
 
     def wait(self) -> float | None:
-        """The smallest margin of all designs: so many times stronger, the loop oscillates. None: it did not end."""
+        """Smallest gain margin of all designs; None if the check did not finish."""
         out, _ = self._process.communicate()
         try:
             margins = [float(loads(line)) for line in out.splitlines()]
@@ -108,12 +108,12 @@ class StabilityCheck:
         return min(margins) if len(margins) == self._count else None
 
     def close(self) -> None:
-        """End it; a `wait` in another thread returns."""
+        """End the check; a `wait` in another thread returns."""
         self._process.kill()
 
 
 def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | None) -> ScaleLimits:
-    """The limits for `designs`, whose smallest stability `margin` is known, or None.
+    """Limits for `designs`, whose smallest stability `margin` is known, or None.
 
     At the largest gain the loop still stands `check.ENOUGH` times more, and the greatest computed force is what the
     device can give.
@@ -141,7 +141,7 @@ def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | 
 
 
 def main(asked: str) -> None:
-    """Print the margin of each design as JSON, one line each, at the gains of the design file."""
+    """Print the margin of each design as one line of JSON, at the gains of the design file."""
     os.nice(19)
     from haptorb.cli.check_world import Setting, judge_world
     from haptorb.devices.loader import load
@@ -151,7 +151,7 @@ def main(asked: str) -> None:
     factor = float(candidates.gains.torque_per_motion[0])
     for name in given["names"]:
         margin = judge_world(motor, candidates[name].world, Setting()).margin / factor
-        # The parent reads a line as soon as it is there.
+        # The parent reads each line as it is printed.
         os.write(sys.stdout.fileno(), f"{dumps(margin if math.isfinite(margin) else 1e9)}\n".encode())
 
 

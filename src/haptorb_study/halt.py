@@ -1,4 +1,4 @@
-"""Stop, from any source straight to the servo; a request before a Stop cannot switch on after it.
+"""Stop switch: Stop goes directly to the servo, and earlier requests cannot switch the coils on afterwards.
 
 No queue, no lock, no database: a Stop is a count and one write into the servo's memory. Any thread may call it.
 """
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 __all__ = ["StopCount", "StopEvent", "StopSwitch"]
 
-_MOST = 100  #: Stops that are not recorded yet, at most
+_MOST = 100  #: unrecorded Stops at most
 
 
 @dataclass(frozen=True)
 class StopCount:
-    """How often Stop had been given when a person asked for something: taken when the request arrives."""
+    """Number of Stops at the time of a request, read when the request arrives."""
 
     number: int  #: of the last Stop
-    servo: Servo | None  #: that was attached
-    stops: int  #: its own count
+    servo: Servo | None  #: servo attached at that time
+    stops: int  #: the servo's own stop count
 
 
 @dataclass(frozen=True)
@@ -41,25 +41,25 @@ class StopEvent:
 
 @final
 class StopSwitch:
-    """Holds the servo of a session, if there is one, so that Stop reaches it at any moment, also while it starts."""
+    """Stop switch of a session: reaches its servo at any moment, also while it starts."""
 
     def __init__(self) -> None:
-        self.why = ""  #: of the Stop that stands
+        self.why = ""  #: cause of the Stop in force
         self._servo: Servo | None = None
         self._numbers = count(1)
         self._last = 0  # number of the last Stop
-        self._cleared = 0  # number of the last Stop after which the coils were switched on again
+        self._cleared = 0  # number of the last Stop before the coils were switched on again
         self._unrecorded: deque[StopEvent] = deque(maxlen=_MOST)
 
     @property
     def active(self) -> bool:
-        """Whether a Stop was given, without a resume since."""
+        """Whether a Stop is in force: none resumed since."""
         return self._last != self._cleared
 
     def stop(self, why: str | None = "") -> None:
-        """Coils off now. `why` is for the record; None: it need not be recorded, the session ends anyway."""
+        """Switch the coils off now. `why` is recorded; None: not recorded, because the session ends anyway."""
         stood = self.active
-        # The number first: `attach` sets the servo first and then looks at the number, so one of the two stops it.
+        # Number before servo: `attach` sets the servo before it reads the number, so one of the two stops it.
         self._last = number = next(self._numbers)
         servo = self._servo
         if servo is not None:
@@ -70,12 +70,12 @@ class StopSwitch:
                 self._unrecorded.append(StopEvent(number, why, utc_now()))
 
     def ask(self) -> StopCount:
-        """What is to travel with a request from the moment at which it arrives."""
+        """Stop count to pass on with a request, read when it arrives."""
         servo = self._servo
         return StopCount(self._last, servo, 0 if servo is None else servo.stops)
 
     def attach(self, servo: Servo, asked: StopCount) -> None:
-        """From now on Stop reaches `servo`, which need not be open yet. A Stop after `asked` holds for it already."""
+        """Attach `servo`, open or not; a Stop since `asked` already applies to it."""
         self._cleared = asked.number
         self._servo = servo
         if self.active:  # safety: study-stop-starting
@@ -84,11 +84,11 @@ class StopSwitch:
             self._unrecorded.popleft()
 
     def detach(self) -> None:
-        """The session is over: there is nothing to stop any more."""
+        """Detach the servo: the session is over."""
         self._servo = None
 
     def engage(self, asked: StopCount) -> None:
-        """Coils on again, from zero, as was asked for at `asked`; InputError if Stop was given since.
+        """Switch the coils on from zero, as requested at `asked`; InputError if Stop was given since.
 
         The servo looks once more, so that a Stop which comes while this runs holds as well.
         """
@@ -103,5 +103,5 @@ class StopSwitch:
         self._cleared = asked.number
 
     def take(self) -> list[StopEvent]:
-        """The Stops that are to be recorded, oldest first; each is given once."""
+        """Remove and return the Stops that are to be recorded, oldest first."""
         return [self._unrecorded.popleft() for _ in range(len(self._unrecorded))]

@@ -1,4 +1,4 @@
-"""What interrupted sessions: stops, repeated trials, safety events, ends before the last trial; when, where and why."""
+"""Incidents of sessions: stops, repeated trials, safety events, early ends; with time, trial and reason."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from haptorb_study.study_file import Study
 
 __all__ = ["COLUMNS", "KINDS", "Incident", "count_incidents", "list_incidents", "name_kind"]
 
-#: kind of an event in the database → what it is called; the others are the ordinary course of a session
+#: kind of event in the database → name of the incident; other events are the normal course of a session
 KINDS = {
     "pause": "stop", "resume": "resume", "repeat": "repeat", "safety": "safety", "leave": "leave", "abort": "abort",
     "declined": "no consent", "failed": "failure",
 }  # fmt: skip
-#: column → what it is, of the table of incidents
+#: column → description, of the table of incidents
 COLUMNS = {
     "participant": "pseudonymous code",
     "session": "number of the session in the database",
@@ -34,7 +34,7 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class Incident:
-    """One of them; fields as in COLUMNS."""
+    """An incident; fields as in COLUMNS."""
 
     participant: str
     session: int
@@ -50,12 +50,12 @@ class Incident:
 
 
 def name_kind(kind: str) -> str | None:
-    """What an event of `kind` is called among incidents; None: it is none."""
+    """Name of the incident for an event of `kind`; None if it is not an incident."""
     return KINDS.get(kind)
 
 
 def list_incidents(engine: Engine, study: Study, people: Collection[str] | None = None) -> tuple[Incident, ...]:
-    """Of all participants of `study`, or of `people`, by participant and time."""
+    """Incidents of all participants of `study`, or of `people`, by participant and time."""
     query = (
         select(participants.c.code, sessions.c.id, sessions.c.started, events.c.trial, events.c.kind, events.c.at,
                events.c.text)
@@ -74,7 +74,7 @@ def list_incidents(engine: Engine, study: Study, people: Collection[str] | None 
 
 
 def count_incidents(incidents: Iterable[Incident]) -> dict[str, int]:
-    """How many of each, by name; none is left out."""
+    """Count incidents by name, zeros included."""
     found = dict.fromkeys(KINDS.values(), 0)
     for one in incidents:
         found[one.event] += 1

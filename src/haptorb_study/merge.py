@@ -1,4 +1,4 @@
-"""Databases of several laboratories merged into a new one: nothing lost, nothing doubled, nothing written half.
+"""Merge databases of several laboratories into a new one; complete or not at all.
 
 The sources are read as they are at one moment and not changed, but for a line in each that a copy of it exists. Trials,
 orders and events stay what they are; numbers of sessions and of participants are new, and an event of each session
@@ -46,28 +46,28 @@ from haptorb_study.study_file import Study, study_of
 __all__ = ["Merged", "Renaming", "merge_databases", "read_renaming"]
 
 _RENAMING = re.compile(r"([1-9][0-9]?):([^=]+)=(.+)")
-_SHOWN = 12  #: clashes that a message lists
+_SHOWN = 12  #: clashes listed in a message
 _PARTS = (trials, events, replies)  #: tables with rows of a session
 
 
 @dataclass(frozen=True)
 class Renaming:
-    """Codes of one source that are changed: one code, or all of them by a pattern in which * is the code."""
+    """Renaming of the codes of one source: a single code, or all by a pattern in which * is the code."""
 
-    source: int  #: number of the database, from 1, in the order in which they were given
-    old: str  #: code, or * for every one that has no renaming of its own
+    source: int  #: number of the database, from 1, in the order given
+    old: str  #: code, or * for every code without a renaming of its own
     new: str
 
 
 @dataclass(frozen=True)
 class Merged:
-    """What was merged."""
+    """Result of a merge."""
 
     place: str
     holds: str
-    people: dict[str, int]  #: place of a source → participants from it
+    people: dict[str, int]  #: path of a source → participants from it
     trials: int
-    recordings: int  #: files that were copied or linked
+    recordings: int  #: files copied or linked
     missing: tuple[str, ...]  #: recordings that are not beside their database
     notes: tuple[str, ...] = field(default=())
 
@@ -82,7 +82,7 @@ class _Source:
 
 
 def read_renaming(text: str) -> Renaming:
-    """From NUMBER:OLD=NEW, or NUMBER:*=PATTERN such as 2:*=B-*; InputError if it is none.
+    """Parse NUMBER:OLD=NEW, or NUMBER:*=PATTERN such as 2:*=B-*; InputError otherwise.
 
     >>> read_renaming("2:P01=Q01")
     Renaming(source=2, old='P01', new='Q01')
@@ -135,7 +135,7 @@ def merge_databases(
                     writer = _Writer(connection, target, Path(folder), made)
                     writer.copy(sources, codes, progress)
                 engine.dispose()
-                with closing(sqlite3.connect(part)) as raw:  # one file: nothing of it stays in a log beside it
+                with closing(sqlite3.connect(part)) as raw:  # leave no write-ahead log beside the file
                     raw.execute("PRAGMA wal_checkpoint(TRUNCATE)")
                     raw.execute("PRAGMA journal_mode = DELETE")
                 _publish(part, target)
@@ -146,7 +146,7 @@ def merge_databases(
         finally:
             for source in sources:
                 source.engine.dispose()
-    for place in places:  # a person who withdraws is then removed from these too
+    for place in places:  # a later withdrawal is then applied to these too
         with suppress(RecordingError):
             engine = database(place, make=False)
             note_copy(engine, "merged", target, settings={"codes": writer.codes[str(place)]})
@@ -157,7 +157,7 @@ def merge_databases(
 
 
 def _publish(part: Path, target: Path) -> None:
-    """Give the finished file its name, unless something has come to be there meanwhile."""
+    """Rename the finished file to `target`, unless that exists by now."""
     try:
         os.link(part, target)
     except FileExistsError as cause:
@@ -171,7 +171,7 @@ def _identity(place: str | Path) -> str:
 
 
 def _open_source(number: int, place: str | Path, folder: Path, study: str | None) -> _Source:
-    """The database at `place`; of a file, a copy as it is at this moment, in `folder`, in the newest schema."""
+    """Open the database at `place`; of a file, a snapshot in `folder`, migrated to the newest schema."""
     shown = mask_password(place)
     if url_of(place).startswith("sqlite:///"):
         path = Path(place).expanduser()
@@ -200,7 +200,7 @@ def _open_source(number: int, place: str | Path, folder: Path, study: str | None
 
 
 def _check_idle(path: Path, engine: Engine) -> None:
-    """RecordingError if a session of the database at `path` is running: the copy would end in its middle."""
+    """Raise RecordingError if a session of the database at `path` is running: the snapshot would be incomplete."""
     with engine.connect() as connection:
         running = connection.execute(select(sessions.c.id).where(sessions.c.ended.is_(None))).scalars().all()
     for session in running:
@@ -209,7 +209,7 @@ def _check_idle(path: Path, engine: Engine) -> None:
 
 
 def _compare(sources: Sequence[_Source]) -> tuple[str, list[str]]:
-    """What they hold, and what should be said of them; InputError if they do not belong together."""
+    """Kind of data of the sources, and notes; InputError if they cannot be merged."""
     first = sources[0]
     notes = []
     for other in sources[1:]:
@@ -252,14 +252,14 @@ def _differing_keys(one: Study, two: Study) -> list[str]:
 
 
 def _assign_codes(sources: Sequence[_Source], renamings: Sequence[Renaming]) -> dict[tuple[int, int], str]:
-    """(source, participant's id) → code in the merged database; InputError with all clashes if there are some."""
+    """(source, participant's id) → code in the merged database; InputError with all clashes, if any."""
     for one in renamings:
         if one.source > len(sources):
             raise InputError(f"--rename {one.source}:...: there are only {len(sources)} databases")
     rules = {(one.source, one.old): one.new for one in renamings}
     used: set[tuple[int, str]] = set()
     found: dict[tuple[int, int], str] = {}
-    taken: dict[tuple[str, str], tuple[int, str, bool]] = {}  # (study, folded code) → source, its code there, a person
+    taken: dict[tuple[str, str], tuple[int, str, bool]] = {}  # (study, folded code) → source, code, participant?
     clashes: list[str] = []
     for source in sources:
         with source.engine.connect() as connection:
@@ -296,12 +296,12 @@ def _assign_codes(sources: Sequence[_Source], renamings: Sequence[Renaming]) -> 
 
 
 class _Writer:
-    """Copies rows and recordings in one transaction of the new database; `made`: the files that are there by now."""
+    """Copies rows and recordings in one transaction of the new database; `made`: files created so far."""
 
     def __init__(self, connection: Connection, target: Path, folder: Path, made: list[Path]) -> None:
         self._connection, self._target, self._folder, self._made = connection, target, folder, made
         self.people: dict[str, int] = {}
-        self.codes: dict[str, dict[str, str]] = {}  #: place of a source → code there → code in the new database
+        self.codes: dict[str, dict[str, str]] = {}  #: path of a source → original code → code in the new database
         self.trials = self.files = 0
         self.missing: set[str] = set()
 
@@ -309,7 +309,7 @@ class _Writer:
         self, sources: Sequence[_Source], codes: Mapping[tuple[int, int], str],
         progress: Callable[[int, int], None] | None,
     ) -> None:  # fmt: skip
-        """All of them."""
+        """Copy all sources."""
         ordinals: dict[str, int] = {}
         left: set[tuple[str, str]] = set()
         done = 0
@@ -377,7 +377,7 @@ class _Writer:
         return int(key[0])
 
     def _copy_recordings(self, source: _Source, digest: str, session: int, rows: list[dict[str, Any]]) -> None:
-        """Have the trials' recordings beside the new database, under its numbers."""
+        """Copy or link the recordings beside the new database, under its session numbers."""
         folder, known = folder_of(source.place), dict[Path, str]()
         name = source.studies[digest].name
         for row in rows:
@@ -387,7 +387,7 @@ class _Writer:
             if path not in known:
                 if not path.is_file():
                     self.missing.add(str(path))
-                    known[path] = str(path)  # where it was: nothing is made up
+                    known[path] = str(path)  # its original path
                 else:
                     first = int(name_parts(path).get("first_trial", row["number"] + 1))
                     new = name_recording(self._target.parent, name, session, first)

@@ -1,4 +1,4 @@
-"""The order of a session's trials: drawn once from a seed, stored whole before the first trial, and never drawn again.
+"""Order of a session's trials: drawn once from a seed, stored complete before the first trial, never redrawn.
 
 What `[trials].order` orders are the conditions, or the pairs of conditions of a forced choice. With one of them every
 order is random.
@@ -54,14 +54,14 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# What a design balances: conditions over people, intervals over trials, turns of tracks that run side by side.
+# Counterbalancing: conditions over participants, intervals over trials, turns of interleaved tracks.
 
 
-_RUN = 6  #: trials of a track within which both intervals come equally often
+_RUN = 6  #: block of trials of a track within which both intervals are equally frequent
 
 
 def balance_conditions(conditions: int, participant: int) -> list[int]:
-    """Order of `conditions` for the participant-th person: a Williams square, so that first-order carry-over evens out.
+    """Order of `conditions` for a participant (from 0): Williams square, balanced for first-order carry-over.
 
     >>> [balance_conditions(4, n) for n in range(4)]
     [[0, 1, 3, 2], [1, 2, 0, 3], [2, 3, 1, 0], [3, 0, 2, 1]]
@@ -74,12 +74,12 @@ def balance_conditions(conditions: int, participant: int) -> list[int]:
             first.append(high)
         low, high = low + 1, high - 1
     row = [(n + participant) % conditions for n in first]
-    # With an odd number every row is needed forwards and backwards.
+    # With an odd number each row is needed forwards and backwards.
     return row[::-1] if conditions % 2 and (participant // conditions) % 2 else row
 
 
 def square_size(conditions: int) -> int:
-    """People who fill the square of `balance_conditions`: every place and every succession comes equally often.
+    """Number of participants of a complete `balance_conditions` square.
 
     >>> [square_size(n) for n in (1, 2, 3, 4, 5)]
     [1, 2, 6, 4, 10]
@@ -88,7 +88,7 @@ def square_size(conditions: int) -> int:
 
 
 def balance_intervals(cells: int, each: int, participant: int, seed: int) -> list[list[int]]:
-    """For each of `cells` (a level in a condition, a pair of conditions) `each` intervals, 1 or 2, in random order.
+    """For each of `cells` (level in a condition, pair of conditions) `each` intervals, 1 or 2, in random order.
 
     Both come equally often in a cell. Where `each` is odd, the interval that comes once more is balanced over the
     cells of a person, and for every cell over the persons 2k and 2k + 1.
@@ -107,7 +107,7 @@ def balance_intervals(cells: int, each: int, participant: int, seed: int) -> lis
 
 
 def draw_runs(length: int, draw: np.random.Generator) -> list[int]:
-    """(length) intervals, 1 or 2, of a track that may end anywhere: each six of them have both three times.
+    """(length) intervals, 1 or 2, of a track that may end at any trial: three of each in every block of six.
 
     >>> sum(draw_runs(12, np.random.default_rng(1)))
     18
@@ -119,7 +119,7 @@ def draw_runs(length: int, draw: np.random.Generator) -> list[int]:
 
 
 def draw_turns(lengths: Sequence[int], first: Sequence[int], draw: np.random.Generator) -> list[int]:
-    """Which track is next, trial by trial: in each round every track comes once, in random order, `first` in the first.
+    """Which track is next, trial by trial: each round has every track once, in random order, `first` in the first.
 
     While all tracks are running, none has more than two trials running and none is more than one trial ahead.
 
@@ -134,10 +134,10 @@ def draw_turns(lengths: Sequence[int], first: Sequence[int], draw: np.random.Gen
 
 
 # --------------------------------------------------------------------------------------------------
-# What a study asks in one condition, in no order yet, and without intervals.
+# Trials of one condition, unordered and without intervals.
 
 
-GREATEST = 1_000_000  #: number that answers a magnitude estimation; any above zero does
+GREATEST = 1_000_000  #: largest answer of a magnitude estimation; the smallest is above zero
 
 
 def is_comparison(study: Study) -> bool:
@@ -146,22 +146,22 @@ def is_comparison(study: Study) -> bool:
 
 
 def has_set_points(study: Study) -> bool:
-    """Whether its trials ask about set-points; the others present everything at the first one."""
+    """Whether its trials prompt set-points; other procedures present every stimulus at the first one."""
     return study.procedure in ("identification", "localisation")
 
 
 def ask_number(study: Study) -> str:
-    """What is asked for a number in, without the numbers that may be answered."""
+    """Prompt for a numeric answer, without the range."""
     return "How strong does it push?" if study.procedure == "magnitude" else study.rating.question
 
 
 def list_pairs(study: Study) -> list[tuple[str, str]]:
-    """Conditions that a forced choice compares, each with each."""
+    """Pairs of conditions of a forced choice."""
     return list(combinations([condition.name for condition in study.conditions], 2))
 
 
 def list_prompts(study: Study, name: str) -> list[Prompt]:
-    """All trials of a listed procedure in condition `name`; a forced choice belongs to its first condition.
+    """All trials of a procedure with a fixed list in condition `name`; a pair belongs to its first condition.
 
     The trials of a cell (a set-point, a level, a pair) follow one another.
     """
@@ -188,14 +188,14 @@ def list_prompts(study: Study, name: str) -> list[Prompt]:
 
 
 # --------------------------------------------------------------------------------------------------
-# The order that older versions drew, for people who join a study that began then: its design does not change.
+# Order of older versions, for participants who join a study begun with one: its design does not change.
 #
-# Intervals were drawn trial by trial, tracks followed one another, and adaptive procedures had no practice and no
+# Intervals were drawn trial by trial, tracks were sequential, and adaptive procedures had no practice and no
 # breaks.
 
 
 def plan_as_before(study: Study, participant: int) -> dict[str, Any]:
-    """The session of the participant-th person (from 0) as plain JSON types, as schema 1 to 3 stored it."""
+    """Plan of a session for a participant (from 0) as plain JSON types, as schema 1 to 3 stored it."""
     draw = np.random.default_rng([study.trials.seed, participant])
     names = [condition.name for condition in study.conditions]
     if study.trials.order == "counter-balanced":
@@ -223,7 +223,7 @@ def plan_as_before(study: Study, participant: int) -> dict[str, Any]:
 
 
 def _draw_intervals(study: Study, name: str, draw: np.random.Generator) -> list[Prompt]:
-    """The prompts in condition `name`; a forced choice was asked where its first condition came."""
+    """The prompts in condition `name`; a forced choice was presented with its first condition."""
     return [
         replace(prompt, interval=int(draw.integers(1, 3))) if prompt.high == 2 and study.procedure != "rating"
         else prompt
@@ -232,14 +232,14 @@ def _draw_intervals(study: Study, name: str, draw: np.random.Generator) -> list[
 
 
 def list_units(study: Study) -> list[str]:
-    """What the order is about: names of conditions, or "a, b" for the pairs of a forced choice."""
+    """Units of the order: conditions, or "a, b" for the pairs of a forced choice."""
     if study.procedure == "forced-choice":
         return [", ".join(pair) for pair in list_pairs(study)]
     return [condition.name for condition in study.conditions]
 
 
 def plan(study: Study, participant: int) -> dict[str, Any]:
-    """The session of the participant-th person (from 0) as plain JSON types; the seed is the study's and theirs.
+    """Plan of a session for a participant (from 0) as plain JSON types; the seed combines the study's and theirs.
 
     participant, seed, order (the rule), units (conditions or pairs in this person's order), parts, and for what runs
     side by side turns (which part is next, trial by trial) and pauses (number of trials answered → break before the
@@ -263,7 +263,7 @@ def plan(study: Study, participant: int) -> dict[str, Any]:
 
 
 def procedure_of(study: Study, stored: dict[str, Any]) -> ProcedureSequence | InterleavedProcedures:
-    """The procedure at its start, from a stored plan of this version or an older one."""
+    """The procedure at its start, from a stored plan of this or an older version."""
     parts: list[Procedure] = []
     for part in stored["parts"]:
         levels = study.levels
@@ -288,7 +288,7 @@ def procedure_of(study: Study, stored: dict[str, Any]) -> ProcedureSequence | In
 
 
 def _plan_tracks(study: Study, participant: int, row: Sequence[int], draw: np.random.Generator) -> dict[str, Any]:
-    """Practice at the greatest difference, then a track for each condition."""
+    """Practice at the greatest difference, then one track per condition."""
     levels, trials = study.levels, study.trials
     assert levels is not None
     names = [study.conditions[n].name for n in row]
@@ -297,7 +297,7 @@ def _plan_tracks(study: Study, participant: int, row: Sequence[int], draw: np.ra
         Prompt(phase="practice", condition=names[n % len(names)], level=easy, interval=interval, low=1, high=2)
         for n, interval in enumerate(draw_runs(trials.practice, draw))
     ]
-    # Parts are in the order of the file, for every person's order.
+    # Parts are in the order of the file for every participant.
     tracks = [
         {"kind": study.procedure, "condition": condition.name, "intervals": draw_runs(levels.trials, draw)}
         for condition in study.conditions
@@ -316,7 +316,7 @@ def _plan_tracks(study: Study, participant: int, row: Sequence[int], draw: np.ra
 
 
 def _plan_list(study: Study, participant: int, row: Sequence[int], draw: np.random.Generator) -> dict[str, Any]:
-    """All trials in their order, practice first: as many of each unit as can be."""
+    """All trials in their order, practice first; units are balanced."""
     trials = study.trials
     if study.procedure == "forced-choice":
         listed = [prompt for condition in study.conditions for prompt in list_prompts(study, condition.name)]
@@ -340,7 +340,7 @@ def _plan_list(study: Study, participant: int, row: Sequence[int], draw: np.rand
 
 
 def _arrange(study: Study, units: list[list[Prompt]], row: Sequence[int], draw: np.random.Generator) -> list[Prompt]:
-    """The trials of all units by the study's rule."""
+    """Arrange the trials of all units by the study's rule."""
     if study.trials.order == "random":
         return _shuffle([prompt for unit in units for prompt in unit], draw)
     if study.procedure == "forced-choice" and study.trials.order == "counter-balanced":
@@ -350,7 +350,7 @@ def _arrange(study: Study, units: list[list[Prompt]], row: Sequence[int], draw: 
 
 
 def _list_breaks(study: Study, trials: int) -> range:
-    """Numbers of the trials, of so many that count, before which there is a break."""
+    """Numbers of the main trials before which there is a break."""
     every = study.trials.break_every
     return range(every, trials, every) if every and study.trials.break_seconds else range(0)
 
@@ -360,25 +360,25 @@ def _shuffle(prompts: list[Prompt], draw: np.random.Generator) -> list[Prompt]:
 
 
 # --------------------------------------------------------------------------------------------------
-# The realised order of a study, before anybody takes part: who meets what when, how it balances, where breaks come.
+# Realised order of a study before its first session: sequence per participant, balance, breaks.
 
 
-_MOST_PEOPLE = 1000  #: whose order is shown
+_MOST_PEOPLE = 1000  #: participants whose order can be printed
 
 
 @dataclass(frozen=True)
 class OrderSummary:
-    """The order of the first people; `plans` is what will be stored for each, whole."""
+    """Order of the first participants; `plans` are their session plans as they will be stored."""
 
     rule: str
     units: tuple[str, ...]  #: conditions, or pairs of a forced choice
-    side_by_side: bool  #: whether they come in rounds, not in blocks
-    square: int  #: people with whom the counter-balanced order is complete
+    side_by_side: bool  #: whether tracks are interleaved in rounds instead of blocks
+    square: int  #: participants of a complete counterbalanced order
     plans: tuple[dict[str, Any], ...]
-    sequences: tuple[tuple[str, ...], ...]  #: for each person the units of the trials that count, practice left out
-    asked: tuple[tuple[str, ...], ...]  #: what the same trials ask: set-point, level, or the comparison's interval
-    asks: str  #: which of these it is
-    trials: int  #: that count; adaptive: at most
+    sequences: tuple[tuple[str, ...], ...]  #: per participant: units of the main trials
+    asked: tuple[tuple[str, ...], ...]  #: per participant: set-point, level or interval of these trials
+    asks: str  #: which of these
+    trials: int  #: main trials; adaptive: at most
     practice: int
     breaks: int
     break_seconds: float
@@ -386,12 +386,12 @@ class OrderSummary:
 
     @property
     def mixed(self) -> bool:
-        """Whether the trials of one unit do not follow one another."""
+        """Whether trials of different units are mixed."""
         return len(self.units) > 1 and (self.side_by_side or self.rule == "random")
 
     @property
     def sentences(self) -> list[str]:
-        """For people."""
+        """Summary for users, one sentence each."""
         most = "at most " if self.adaptive else ""
         rest = f"{self.breaks} break{'' if self.breaks == 1 else 's'} of {self.break_seconds:g} s"
         found = [
@@ -419,7 +419,7 @@ class OrderSummary:
         return found
 
     def row(self, person: int) -> str:
-        """The order of the person-th participant, in words: how it begins, and how each block does."""
+        """Order of a participant as text: the first trials, per block if blocked."""
         names, asked = self.sequences[person], self.asked[person]
         if len(self.units) < 2:
             return _begin(asked, 24)
@@ -439,7 +439,7 @@ class OrderSummary:
         }  # fmt: skip
 
 
-#: procedure → what a trial asks about
+#: procedure → what varies between its trials
 _WHAT = {
     "identification": "set-points", "localisation": "set-points", "constant": "levels", "magnitude": "levels",
     "staircase": "intervals with the comparison", "bayesian": "intervals with the comparison",
@@ -448,7 +448,7 @@ _WHAT = {
 
 
 def _ask(study: Study, prompt: Prompt) -> str:
-    """What a listed trial asks, short."""
+    """Short label of a listed trial: set-point, level or interval."""
     if study.procedure in ("constant", "magnitude"):
         return f"{prompt.level:g}"
     return str(prompt.set_point if has_set_points(study) else prompt.interval or "–")
@@ -459,7 +459,7 @@ def _begin(texts: Sequence[str], count: int) -> str:
 
 
 def summarize_order(study: Study, people: int = 6) -> OrderSummary:
-    """The order for the first `people` participants, exactly as it will be stored when each of them begins."""
+    """Order for the first `people` participants, exactly as it will be stored when each begins."""
     if not 1 <= people <= _MOST_PEOPLE:
         raise InputError(f"the order can be shown for 1 to {_MOST_PEOPLE} participants; got {people}")
     plans = tuple(plan(study, n) for n in range(people))

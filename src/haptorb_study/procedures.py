@@ -1,4 +1,4 @@
-"""A procedure decides what is asked next from the answers so far: a pure state machine, so a session can be replayed.
+"""Procedures: state machines that choose the next prompt from the answers so far, without clock or random numbers.
 
 No clock, no randomness, no file: the same answers give the same prompts. That is how an interrupted session resumes.
 """
@@ -32,45 +32,45 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# What one trial asks, what may be answered, and the answer.
+# Prompts and answers.
 
 
 @dataclass(frozen=True)
 class Prompt:
-    """One trial before it is answered; plain values, so that it can be stored as it is."""
+    """One trial before its answer; plain values, stored as they are."""
 
-    phase: str = "main"  #: "practice" is stored, but left out of every analysis
-    condition: str = ""  #: which of the study's conditions is rendered
+    phase: str = "main"  #: "practice" is stored, but excluded from analysis
+    condition: str = ""  #: condition that is rendered
     other: str = ""  #: forced choice between conditions: the one in the other interval
-    set_point: int = 0  #: number; 0 where there is none
+    set_point: int = 0  #: number; 0: none
     level: float = 0.0  #: value of the varied parameter in the comparison interval
-    interval: int = 0  #: 1 or 2: where the comparison (or `condition`) comes; 0: a single interval
-    low: int = 0  #: least and
-    high: int = 0  #: greatest whole number that may be answered; both 0: the answer is the position alone
-    decimal: bool = False  #: any number above `low` and up to `high` may be answered, not only a whole one
-    numbers: tuple[int, ...] = ()  #: the numbers that may be answered, where they are no range
+    interval: int = 0  #: 1 or 2: interval of the comparison (or of `condition`); 0: a single interval
+    low: int = 0  #: smallest and
+    high: int = 0  #: largest number that may be answered; both 0: the answer is the position
+    decimal: bool = False  #: whether any number above `low` and up to `high` may be answered, not only whole ones
+    numbers: tuple[int, ...] = ()  #: numbers that may be answered, if they are not a range
     pause: float = 0.0  #: break before this trial [s]
 
     @classmethod
     def read(cls, stored: dict[str, Any]) -> Prompt:
-        """From `stored`, as `row` wrote it."""
+        """From a stored `row`."""
         known = {field.name for field in fields(cls)}
         values = {key: value for key, value in stored.items() if key in known}
         values["numbers"] = tuple(values.get("numbers", ()))
         return cls(**values)
 
     def row(self) -> dict[str, Any]:
-        """As plain JSON types; `decimal`, which older versions do not know, only where it is set."""
+        """As plain JSON types; `decimal`, unknown to older versions, only where it is set."""
         stored = {**asdict(self), "numbers": list(self.numbers)}
         return stored if self.decimal else {key: value for key, value in stored.items() if key != "decimal"}
 
     @property
     def wants_number(self) -> bool:
-        """Whether a number is to be answered, beside the position."""
+        """Whether the answer is a number, besides the position."""
         return bool(self.numbers) or self.high > 0
 
     def check_answer(self, answer: Answer) -> Answer:
-        """`answer` itself, or InputError if it is not among what may be answered."""
+        """Validate `answer`; InputError if it is not permitted."""
         value = answer.value
         if not self.wants_number:
             if value is not None:
@@ -91,7 +91,7 @@ class Prompt:
 
 @dataclass(frozen=True)
 class Answer:
-    """What was said, where the tool's magnet was then [m, frame S], and how long it took [s]."""
+    """Value answered, position of the tool's magnet [m, frame S], and response time [s]."""
 
     value: int | float | None = None
     position: tuple[float, float, float] | None = None
@@ -105,7 +105,7 @@ class Answer:
 
 
 def read_value(stored: float | None) -> int | float | None:
-    """An answer as it was given: databases keep whole numbers and others in one column.
+    """Answer from its database column, which holds whole and decimal numbers.
 
     >>> read_value(7.0), read_value(2.5), read_value(None)
     (7, 2.5, None)
@@ -120,24 +120,24 @@ def _list_numbers(numbers: tuple[int, ...]) -> str:
 
 
 class Procedure(ABC):
-    """Immutable: `record_answer` returns the procedure as it is afterwards."""
+    """Base class of procedures. Immutable: `record_answer` returns the next state."""
 
     @property
     @abstractmethod
     def prompt(self) -> Prompt | None:
-        """What to ask now; None: done."""
+        """Next prompt; None: the procedure is complete."""
 
     @abstractmethod
     def advance(self, answer: Answer) -> Procedure:
-        """The procedure after an answer that has been checked."""
+        """The procedure after a validated answer."""
 
     @property
     @abstractmethod
     def expected(self) -> int:
-        """Trials still to come; for an adaptive procedure the most there can be."""
+        """Remaining trials; of an adaptive procedure at most."""
 
     def record_answer(self, answer: Answer) -> Procedure:
-        """The procedure after `answer`. Raises InputError if it may not be answered so, or nothing is asked."""
+        """Validate `answer` and advance. Raises InputError if it is not permitted, or the procedure is complete."""
         prompt = self.prompt
         if prompt is None:
             raise InputError("this procedure is complete: there are no more trials")
@@ -147,7 +147,7 @@ class Procedure(ABC):
 @final
 @dataclass(frozen=True)
 class FixedOrder(Procedure):
-    """Trials in an order that was settled beforehand: identification, localisation, constant stimuli, choice, rating.
+    """Trials in a fixed order: identification, localisation, constant stimuli, forced choice, rating.
 
     >>> start = FixedOrder((Prompt(low=1, high=2), Prompt(low=1, high=2)))
     >>> start.record_answer(Answer(1)).record_answer(Answer(2)).prompt is None
@@ -164,33 +164,33 @@ class FixedOrder(Procedure):
 
     @property
     def expected(self) -> int:
-        """Exactly what is left."""
+        """Remaining trials."""
         return len(self.prompts) - self.done
 
     def advance(self, answer: Answer) -> FixedOrder:
-        """The next trial; the answer does not matter here."""
+        """Continue with the next trial, whatever the answer."""
         return replace(self, done=self.done + 1)
 
 
 @final
 @dataclass(frozen=True)
 class ProcedureSequence(Procedure):
-    """Several procedures, one after the other: practice, then a staircase per condition."""
+    """Procedures in sequence: practice, then a staircase per condition."""
 
     parts: tuple[Procedure, ...]
 
     @property
     def prompt(self) -> Prompt | None:
-        """Of the first part that is not done."""
+        """Prompt of the first incomplete part."""
         return next((prompt for part in self.parts if (prompt := part.prompt) is not None), None)
 
     @property
     def expected(self) -> int:
-        """Over all parts."""
+        """Sum over all parts."""
         return sum(part.expected for part in self.parts)
 
     def advance(self, answer: Answer) -> ProcedureSequence:
-        """The first part that is not done takes the answer."""
+        """Advance the first incomplete part."""
         at = next(n for n, part in enumerate(self.parts) if part.prompt is not None)
         return ProcedureSequence((*self.parts[:at], self.parts[at].advance(answer), *self.parts[at + 1 :]))
 
@@ -198,7 +198,7 @@ class ProcedureSequence(Procedure):
 @final
 @dataclass(frozen=True)
 class InterleavedProcedures(Procedure):
-    """Several procedures side by side: `turns` says, trial by trial, whose turn it is; one that is done is passed over.
+    """Interleaved procedures: `turns` is the part of each trial; complete parts are skipped.
 
     pauses   {number of trials answered: break before the next [s]}
 
@@ -212,7 +212,7 @@ class InterleavedProcedures(Procedure):
     turns: tuple[int, ...]
     pauses: dict[int, float] = field(default_factory=dict)
     done: int = 0  #: trials answered
-    place: int = 0  #: in `turns`
+    place: int = 0  #: index into `turns`
 
     def __post_init__(self) -> None:
         if not set(self.turns) <= set(range(len(self.parts))):
@@ -220,7 +220,7 @@ class InterleavedProcedures(Procedure):
 
     @property
     def _next(self) -> int:
-        """Place of the next turn of a procedure that is not done; the number of turns where there is none."""
+        """Index of the next turn of an incomplete part; the number of turns if there is none."""
         over = {n for n, part in enumerate(self.parts) if part.prompt is None}
         at = self.place
         while at < len(self.turns) and self.turns[at] in over:
@@ -229,7 +229,7 @@ class InterleavedProcedures(Procedure):
 
     @property
     def prompt(self) -> Prompt | None:
-        """Of the procedure whose turn it is, with the break before this trial."""
+        """Prompt of the part in turn, with the break before this trial."""
         at = self._next
         if at >= len(self.turns):
             return None
@@ -240,11 +240,11 @@ class InterleavedProcedures(Procedure):
 
     @property
     def expected(self) -> int:
-        """Over all procedures."""
+        """Sum over all parts."""
         return sum(part.expected for part in self.parts)
 
     def advance(self, answer: Answer) -> InterleavedProcedures:
-        """The procedure whose turn it is takes the answer."""
+        """Advance the part in turn."""
         at = self._next
         turn = self.turns[at]
         parts = (*self.parts[:turn], self.parts[turn].advance(answer), *self.parts[turn + 1 :])
@@ -252,14 +252,14 @@ class InterleavedProcedures(Procedure):
 
 
 # --------------------------------------------------------------------------------------------------
-# A rating on a scale: studies ask for it after a trial, the design loop after a design was felt.
+# Rating scale, shared by studies and feel sessions.
 
 
-SCALE = (1, 7)  #: from "not at all" to "just right", unless a study file says otherwise
+SCALE = (1, 7)  #: from "not at all" to "just right", unless a study file sets another
 
 
 def rating(of: str, scale: tuple[int, int] = SCALE, set_point: int = 0) -> Prompt:
-    """Ask for a whole number on `scale` for what is called `of`.
+    """Prompt for a whole number on `scale`, for the condition `of`.
 
     >>> from haptorb_study.procedures import Answer
     >>> rating("soft").check_answer(Answer(7)).value
@@ -270,15 +270,15 @@ def rating(of: str, scale: tuple[int, int] = SCALE, set_point: int = 0) -> Promp
 
 
 # --------------------------------------------------------------------------------------------------
-# 1-up/2-down: two right answers in a row make it harder, one wrong answer makes it easier; it settles at 70.7 %.
+# 1-up/2-down staircase: two correct answers decrease the difference, a wrong one increases it.
 #
-# Levitt 1971: at the level where it settles, p² = ½.
+# It converges to 70.7 % correct, where p² = ½ (Levitt 1971).
 
 
 @final
 @dataclass(frozen=True)
 class Staircase(Procedure):
-    """Differences from a reference, changed by a factor: `step` until the second reversal, its root from then on.
+    """Staircase of differences from a reference, changed by the factor `step`, after the second reversal by its root.
 
     The difference is what the comparison interval has more than the reference. `intervals` holds, trial by trial, in
     which interval it comes, and so how long the staircase may be at most.
@@ -286,15 +286,15 @@ class Staircase(Procedure):
 
     reference: float
     start: float  #: first difference
-    least: float  #: differences stay between this
-    most: float  #: and this
-    step: float  #: factor, greater than 1
-    reversals: int  #: it ends after so many
+    least: float  #: smallest and
+    most: float  #: largest difference
+    step: float  #: factor above 1
+    reversals: int  #: number of reversals after which it ends
     intervals: tuple[int, ...]
     condition: str = ""
     difference: float = field(default=float("nan"))
-    right: int = 0  #: right answers in a row at this difference
-    way: int = 0  #: −1: it last got harder, +1: easier, 0: it has not moved
+    right: int = 0  #: consecutive correct answers at this difference
+    way: int = 0  #: direction of the last change: −1 harder, +1 easier, 0 none yet
     turned: tuple[float, ...] = ()  #: differences at the reversals so far
     done: int = 0
 
@@ -313,7 +313,7 @@ class Staircase(Procedure):
 
     @property
     def prompt(self) -> Prompt | None:
-        """The comparison at the present difference, until enough reversals or trials."""
+        """Comparison at the present difference, until enough reversals or trials."""
         if len(self.turned) >= self.reversals or self.done >= len(self.intervals):
             return None
         return Prompt(
@@ -326,11 +326,11 @@ class Staircase(Procedure):
 
     @property
     def expected(self) -> int:
-        """The most that can still come."""
+        """Remaining trials at most."""
         return 0 if self.prompt is None else len(self.intervals) - self.done
 
     def advance(self, answer: Answer) -> Staircase:
-        """Harder after two right answers, easier after one wrong; in between the same again."""
+        """Decrease the difference after two correct answers, increase it after a wrong one."""
         right = answer.value == self.intervals[self.done]
         way = (-1 if self.right == 1 else 0) if right else 1
         turned = (*self.turned, self.difference) if way * self.way < 0 else self.turned
@@ -346,7 +346,7 @@ class Staircase(Procedure):
 
     @property
     def threshold(self) -> float:
-        """Difference at 70.7 %: geometric mean of an even number of the reversals after the second; NaN before."""
+        """Difference at 70.7 %: geometric mean of an even number of reversals after the second; NaN before."""
         used = self.turned[2:]
         used = used[len(used) % 2 :]
         if not used:
@@ -358,10 +358,10 @@ class Staircase(Procedure):
 
 
 # --------------------------------------------------------------------------------------------------
-# An adaptive procedure that asks what it would learn most from: least expected entropy, after QUEST+ (Watson 2017).
+# Adaptive Bayesian procedure: each trial minimises the expected entropy, after QUEST+ (Watson 2017).
 #
-# The observer is a cumulative normal in the logarithm of the difference, guessing in one half of the cases:
-# p(right) = ½ + (½ − λ) Φ(s log₂(difference / threshold)), threshold and slope s unknown, lapses λ fixed.
+# The observer is a cumulative normal in the logarithm of the difference, with a guess rate of one half:
+# p(correct) = ½ + (½ − λ) Φ(s log₂(difference / threshold)), threshold and slope s unknown, lapse rate λ fixed.
 
 
 _SLOPES = np.geomspace(0.5, 6.0, 12)
@@ -370,18 +370,18 @@ _SLOPES = np.geomspace(0.5, 6.0, 12)
 @final
 @dataclass(frozen=True)
 class Bayesian(Procedure):
-    """As many trials as there are `intervals`; each at the difference with the least expected entropy afterwards.
+    """As many trials as `intervals`, each at the difference with the least expected posterior entropy.
 
     `threshold` is the difference answered right in 75 % of the cases without lapses.
     """
 
     reference: float
-    least: float  #: smallest difference that can be shown
-    most: float  #: greatest
+    least: float  #: smallest difference
+    most: float  #: largest difference
     intervals: tuple[int, ...]
     condition: str = ""
     lapse: float = 0.02
-    answers: tuple[tuple[int, bool], ...] = field(default=(), repr=False)  #: (difference asked, right) so far
+    answers: tuple[tuple[int, bool], ...] = field(default=(), repr=False)  #: (index of difference, correct) so far
 
     def __post_init__(self) -> None:
         if not 0 < self.least < self.most or not set(self.intervals) <= {1, 2} or not 0 <= self.lapse < 0.5:
@@ -392,12 +392,12 @@ class Bayesian(Procedure):
 
     @cached_property
     def differences(self) -> Array:
-        """(30,) differences that may be asked."""
+        """(30,) candidate differences."""
         return np.geomspace(self.least, self.most, 30)
 
     @cached_property
     def _right_probability(self) -> Array:
-        """(30, 40, 12) probability of a right answer by difference, threshold and slope."""
+        """(30, 40, 12) probability of a correct answer by difference, threshold and slope."""
         from scipy.special import ndtr
 
         x = np.log2(self.differences[:, None] / self.thresholds[None, :])
@@ -406,12 +406,12 @@ class Bayesian(Procedure):
 
     @cached_property
     def thresholds(self) -> Array:
-        """(40,) thresholds considered."""
+        """(40,) candidate thresholds."""
         return np.geomspace(self.least, self.most, 40)
 
     @cached_property
     def posterior(self) -> Array:
-        """(40, 12) probability of every threshold and slope after the answers so far."""
+        """(40, 12) posterior of threshold and slope."""
         log = np.zeros((40, len(_SLOPES)))
         for asked, right in self.answers:
             p = self._right_probability[asked]
@@ -437,7 +437,7 @@ class Bayesian(Procedure):
 
     @property
     def prompt(self) -> Prompt | None:
-        """The most instructive difference."""
+        """Comparison at the most informative difference."""
         done = len(self.answers)
         if done >= len(self.intervals):
             return None
@@ -446,15 +446,15 @@ class Bayesian(Procedure):
 
     @property
     def expected(self) -> int:
-        """Exactly what is left."""
+        """Remaining trials."""
         return len(self.intervals) - len(self.answers)
 
     def advance(self, answer: Answer) -> Bayesian:
-        """With one answer more."""
+        """Add one answer."""
         right = answer.value == self.intervals[len(self.answers)]
         return replace(self, answers=(*self.answers, (self._choice, right)))
 
     @property
     def threshold(self) -> float:
-        """Posterior mean in the logarithm."""
+        """Posterior mean of the logarithm."""
         return float(np.exp(self.posterior.sum(axis=1) @ np.log(self.thresholds)))

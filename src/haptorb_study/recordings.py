@@ -1,4 +1,4 @@
-"""Recordings beside a database: named by study, session and first trial, and found again for every trial."""
+"""Recordings of a study: file names by study, session and first trial, and look-up by trial."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _NAME = re.compile(r"(?P<study>.+)-session-(?P<session>[0-9]+)-trial-(?P<trial>[
 
 
 class RecordedSession(Protocol):
-    """What a name is made of."""
+    """Attributes that a recording is named after."""
 
     @property
     def study(self) -> Study:
@@ -29,18 +29,18 @@ class RecordedSession(Protocol):
 
     @property
     def number(self) -> int:
-        """Of the next trial, from 0."""
+        """Number of the next trial, from 0."""
         ...
 
 
 def folder_of(place: str | Path) -> Path:
-    """Where recordings of the database at `place` are: beside its file, or for a server in the present folder."""
+    """Folder of the recordings of the database at `place`: beside its file, or for a server the current folder."""
     url = url_of(place)
     return Path(url.removeprefix("sqlite:///")).parent if url.startswith("sqlite:///") else Path()
 
 
 def name_recording(folder: Path, study: str, session: int, trial: int) -> Path:
-    """An unused name in `folder` for a recording of `session` that begins before `trial`, from 1."""
+    """Unused file name in `folder` for a recording of `session` that begins with `trial`, from 1."""
     path = folder / f"{study}-session-{session}-trial-{trial}.mcap"
     number = 2
     while path.exists():
@@ -50,12 +50,12 @@ def name_recording(folder: Path, study: str, session: int, trial: int) -> Path:
 
 
 def find_recording_path(place: str | Path, session: RecordedSession) -> Path:
-    """An unused name for a recording of `session` from its next trial on, in the database at `place`."""
+    """Unused path for a recording of `session` from its next trial on, for the database at `place`."""
     return name_recording(folder_of(place), session.study.name, session.id, session.number + 1)
 
 
 def name_parts(recording: Path) -> dict[str, str]:
-    """Session and first trial by the name of a recording, as its file says them too; none for another name.
+    """Session and first trial from the name of a recording; None for other names.
 
     >>> name_parts(Path("dome-session-3-trial-12.mcap"))
     {'session': '3', 'first_trial': '12'}
@@ -65,7 +65,7 @@ def name_parts(recording: Path) -> dict[str, str]:
 
 
 def locate_recording(folder: Path, part: str) -> Path:
-    """The file of a trial's `part` (FILE#t=FROM,TO) of a recording, by the `folder` of its database."""
+    """File of a trial's `part` (FILE#t=FROM,TO) of a recording, in the `folder` of its database."""
     path = folder / part.partition("#t=")[0]
-    # Sessions at the terminal of an older haptorb named it from the folder in which they were begun.
+    # Older versions stored the path relative to the folder in which the session was started.
     return path if path.is_file() else folder / path.name

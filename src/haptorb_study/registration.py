@@ -1,4 +1,4 @@
-"""A study and the plan of its analysis as one file with digests and a time: written before data exist, and filed.
+"""Registration of a study: study and analysis plan in one file with digests and time, written before data exist.
 
 The database keeps the plan's digest with every session too. A registration adds what a database cannot prove: that the
 plan was there before it. Deposit it where another party dates it, such as a public registry.
@@ -22,7 +22,7 @@ __all__ = ["Registration", "read_registration", "write_registration"]
 
 @dataclass(frozen=True)
 class Registration:
-    """What was registered."""
+    """A registered study."""
 
     name: str
     study: str  #: digest of the study
@@ -31,12 +31,12 @@ class Registration:
 
 
 def write_registration(study: Study, path: Path) -> Registration:
-    """Write `study`, which must have a plan, to `path`, where no file may be."""
+    """Write `study`, which must have a plan, to the new file `path`."""
     if study.plan is None:
         raise InputError(f"study '{study.name}' has no plan to register: add [plan] with participants and tests")
     made = Registration(study.name, study.digest, study.plan.digest, datetime.now(UTC).isoformat(timespec="seconds"))
     text = study.text if study.text.endswith("\n") else f"{study.text}\n"
-    # A literal string holds anything but three apostrophes; what JSON escapes, TOML reads as well.
+    # A literal string holds anything but three apostrophes; JSON escapes are valid in TOML.
     quoted = f"'''\n{text}'''" if "'''" not in text else json.dumps(text, ensure_ascii=False)
     lines = [
         "# A study before data exist: do not change it. `haptorb study analyse --registration` reads it.",
@@ -59,7 +59,7 @@ def write_registration(study: Study, path: Path) -> Registration:
 
 
 def read_registration(path: Path) -> Registration:
-    """The registration in the file `path`; InputError if it is none, or if it was changed after it was written."""
+    """The registration in the file `path`; InputError if it is invalid, or was changed after it was written."""
     try:
         found = parse_toml(read_text(path, "registration", InputError, kind=FileKind.REGISTRATION)).get("registration")
     except ValueError as cause:

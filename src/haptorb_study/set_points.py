@@ -1,4 +1,4 @@
-"""Where on the dome people are asked to find something: numbered directions, 25 of them built in."""
+"""Set-points: numbered directions on the dome that participants are to find; 25 are built in."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ PUBLISHED_ERRORS = {0.0: (2.5, 1.4), 18.0: (5.7, 4.6), 36.0: (6.5, 5.2), 54.0: (
 
 @dataclass(frozen=True)
 class SetPoint:
-    """A place on the dome under the number that people answer with."""
+    """A numbered place on the dome."""
 
     number: int
-    theta_deg: float  #: from the top [deg]
-    phi_deg: float  #: about the vertical, from +x towards +y [deg]
+    theta_deg: float  #: polar angle from the top [deg]
+    phi_deg: float  #: azimuth from +x towards +y [deg]
 
     @property
     def direction(self) -> tuple[float, float, float]:
@@ -42,7 +42,7 @@ class SetPoint:
 
 @cache
 def list_published() -> tuple[SetPoint, ...]:
-    """The 25 of Zárate 2020 Fig. 8: 1 + 4 + 8 + 12 at θ = 0, 18, 36 and 54 deg, nearest neighbours 18.0 deg apart.
+    """The 25 set-points of Zárate 2020 Fig. 8: 1 + 4 + 8 + 12 at θ = 0, 18, 36 and 54 deg, neighbours 18.0 deg apart.
 
     "25 evenly separated by 18°" and the four rings of Fig. 9 agree so; which number belongs where the figure alone
     gives, so they are counted from the top, ring by ring.
@@ -55,12 +55,12 @@ def list_published() -> tuple[SetPoint, ...]:
 
 @cache
 def list_equal_rings() -> tuple[SetPoint, ...]:
-    """25 as well, 1 + 8 + 8 + 8: what haptorb called published before erratum E17 was withdrawn."""
+    """25 set-points in rings of 1 + 8 + 8 + 8: the "published" layout of haptorb until erratum E17 was withdrawn."""
     return _list_rings((8, 8, 8))
 
 
 def _list_rings(counts: tuple[int, ...]) -> tuple[SetPoint, ...]:
-    """One on top, then so many on each ring, 18 deg further down each time, the first of a ring at φ = 0."""
+    """One set-point at the top, then `counts` per ring, rings 18 deg apart, the first of each at φ = 0."""
     rings = [(18.0 * (n + 1), 360.0 * k / count) for n, count in enumerate(counts) for k in range(count)]
     return tuple(SetPoint(n + 1, theta, phi) for n, (theta, phi) in enumerate([(0.0, 0.0), *rings]))
 
@@ -71,14 +71,14 @@ def directions(points: tuple[SetPoint, ...]) -> Array:
 
 
 def angles_between(a: Array, b: Array) -> Array:
-    """(n,) angles between directions (n, 3) and (n, 3) [deg]; NaN where one is."""
+    """(n,) angles between directions (n, 3) and (n, 3) [deg]; NaN where either is."""
     cosine = np.sum(a * b, axis=-1) / np.linalg.norm(a, axis=-1) / np.linalg.norm(b, axis=-1)
     angles: Array = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
     return angles
 
 
 def nearest(points: tuple[SetPoint, ...], position: Array) -> int:
-    """Number of the set-point in whose direction `position` (3,) lies most nearly.
+    """Number of the set-point nearest to the direction of `position` (3,).
 
     >>> nearest(list_published(), np.array([0.1, 0.0, 1.0]))
     1

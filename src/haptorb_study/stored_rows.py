@@ -1,4 +1,4 @@
-"""What every row of a study database must be: a database may be damaged, or come from anybody.
+"""Validation of the rows of a study database, which may be damaged or foreign.
 
 Checked once, when a database is opened, so that no command meets a text for a number in the middle of its work.
 """
@@ -21,9 +21,9 @@ __all__ = ["LONGEST_PLAN", "check_rows"]
 
 Check = Callable[[Any], bool]
 
-_LONG = 256 * 1024  #: characters of a text
-LONGEST_PLAN = 64 * 1024 * 1024  #: characters of a session's plan, some 240 for each trial
-_LARGE = 1e15  #: of any number
+_LONG = 256 * 1024  #: maximum length of a text [characters]
+LONGEST_PLAN = 64 * 1024 * 1024  #: maximum length of a session's plan [characters], about 240 for each trial
+_LARGE = 1e15  #: maximum of any number
 _PROMPT = {field.name: field.default for field in fields(Prompt)}
 
 
@@ -94,7 +94,7 @@ def _read(value: Any, most: int = _LONG) -> Any:
         return None
 
 
-#: table → column → (what it is, whether a value is that)
+#: table → column → (expected value, check)
 _RULES: Mapping[str, Mapping[str, tuple[str, Check]]] = {
     "studies": {"name": ("a name", _is_word), "text": ("a study file", _is_text)},
     "participants": {"code": ("a code", _is_word), "ordinal": ("a whole number from 0", _is_count)},
@@ -127,11 +127,11 @@ _RULES: Mapping[str, Mapping[str, tuple[str, Check]]] = {
 
 
 def check_rows(connection: Connection, tables: Mapping[str, Table], where: str) -> None:
-    """Raise RecordingError for the first value of the `tables` that haptorb did not write; `where` names the database.
+    """Raise RecordingError for the first invalid value in the `tables`; `where` names the database.
 
     Values are read as they are stored, without what a column's type would make of them.
     """
-    known: set[tuple[str, str, Any]] = set()  # the same prompt comes again and again
+    known: set[tuple[str, str, Any]] = set()  # prompts recur
     for name, rules in _RULES.items():
         keys = [column.name for column in tables[name].primary_key]
         columns = [*keys, *(one for one in rules if one not in keys)]

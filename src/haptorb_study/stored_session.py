@@ -1,4 +1,4 @@
-"""One participant's session, as it is run: what is asked now, and every answer durable before the next is asked."""
+"""Stored session of one participant: current prompt; every answer is durable before the next prompt."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ from haptorb_study.study_tables import Question
 __all__ = ["StoredSession"]
 
 
-_AGAIN = 1.0  #: until the database is offered again what it did not take [s]
+_AGAIN = 1.0  #: interval of attempts to store delayed events [s]
 
 
 @final
 class StoredSession:
-    """Begins a session, or resumes one that was interrupted; use it in a `with` block.
+    """Starts a session, or resumes an interrupted one; to be used in a `with` block.
 
     The procedure is rebuilt from the stored plan and the stored answers, so a resumed session asks exactly what the
     interrupted one would have asked. Raises RecordingError if the code has finished this study before, was withdrawn or
@@ -67,8 +67,8 @@ class StoredSession:
                 if simulated
                 else f"participant code '{self.code}' is reserved for simulated participants: use another code"
             )
-        self._late: list[dict[str, Any]] = []  # events that the database would not take yet
-        self._again = 0.0  # when to offer them again
+        self._late: list[dict[str, Any]] = []  # events not stored yet
+        self._again = 0.0  # time of the next attempt
         try:
             self.id, stored = self._find_or_create()
             self._claim = lock_session(engine, self.id)
@@ -94,12 +94,12 @@ class StoredSession:
 
     @property
     def prompt(self) -> Prompt | None:
-        """What to ask now; None: done."""
+        """Current prompt; None: done."""
         return self.procedure.prompt
 
     @property
     def question(self) -> Question | None:
-        """What to ask in words now: before the first trial or after the last; None: nothing. People only."""
+        """Current question, before the first trial or after the last; None: none. Not for simulated participants."""
         if self.simulated:
             return None
         when = ("before",) if self.prompt is not None else ("before", "after")
@@ -107,16 +107,16 @@ class StoredSession:
 
     @property
     def over(self) -> bool:
-        """Whether everything is answered."""
+        """Whether all trials and questions are answered."""
         return self.prompt is None and self.question is None
 
     @property
     def stored(self) -> int:
-        """Answers that are stored, in trials and in words."""
+        """Number of stored answers and replies."""
         return self.number + len(self._replied)
 
     def reply(self, question: Question, text: str) -> None:
-        """Keep `text`, the answer to `question`; InputError, and nothing kept, if it is no answer to it."""
+        """Store `text`, the reply to `question`; InputError, and nothing stored, if it is invalid."""
         reply = question.check_reply(text)
         last = self.prompt is None and not self._open_questions(question)
         try:
@@ -135,7 +135,7 @@ class StoredSession:
         self, answer: Answer, *, safety: Sequence[dict[str, Any]] = (), recording: str | None = None,
         driver: str | None = None,
     ) -> None:  # fmt: skip
-        """Keep `answer`: on the disk when this returns. InputError, and nothing kept, if it may not be answered so.
+        """Store `answer`, durable on return. InputError, and nothing stored, if it is invalid.
 
         `driver` of the device shows whether it was simulated.
         """
@@ -173,7 +173,7 @@ class StoredSession:
         self.procedure, self.number = after, self.number + 1
 
     def note(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
-        """Keep that something happened, now or `at` that time of day: pause, abort, repeat ...
+        """Store an event, now or with the time of day `at`: pause, abort, repeat ...
 
         With `later`, what the database does not take now is stored with the next entry that it takes, or by
         `keep_late`, and nothing is raised: what was done must not wait for the record of it.
@@ -194,7 +194,7 @@ class StoredSession:
         self._late.clear()
 
     def keep_late(self) -> None:
-        """Try once a second to keep what the database has not taken yet; this waits 50 ms at most."""
+        """Retry once per second to store delayed events; blocks for 50 ms at most."""
         if not self._late or monotonic() < self._again:
             return
         self._again = monotonic() + _AGAIN
@@ -204,7 +204,7 @@ class StoredSession:
             self._late.clear()
 
     def abort(self, reason: str = "") -> None:
-        """End permanently: the answers stay, and the session cannot be resumed."""
+        """End permanently: answers remain, but the session cannot be resumed."""
         self.note("abort", reason)
         try:
             with self.engine.begin() as connection:
@@ -214,7 +214,7 @@ class StoredSession:
             raise _storage_error(cause) from cause
 
     def close(self) -> None:
-        """Release the session for another station; may be called twice."""
+        """Release the session for another station; may be called repeatedly."""
         try:
             if self._late:
                 with self.engine.begin() as connection:
@@ -228,7 +228,7 @@ class StoredSession:
             self._claim.release()
 
     def _catch_up(self, connection: Connection) -> None:
-        """Keep the events that are late, in the transaction of `connection`."""
+        """Store delayed events in the transaction of `connection`."""
         if self._late:
             connection.execute(events.insert(), self._late)
 
@@ -239,10 +239,10 @@ class StoredSession:
         self.close()
 
     def _find_or_create(self) -> tuple[int, dict[str, Any]]:
-        """(id, plan) of the session of this code in this study."""
+        """(id, plan) of the session of this code in this study, created if new."""
         study = self.study
         with self.engine.begin() as connection:
-            lock(connection)  # two stations must not count participants at the same moment
+            lock(connection)  # two stations must not number participants concurrently
             claim_contents(connection, self.kind)
             if not connection.execute(select(studies.c.digest).where(studies.c.digest == study.digest)).first():
                 connection.execute(studies.insert().values(digest=study.digest, name=study.name, text=study.text))
@@ -280,7 +280,7 @@ class StoredSession:
             return int(made[0]), drawn
 
     def _check_free(self, known: Iterable[str], left: Iterable[str]) -> None:
-        """RecordingError if a new person may not have this code, beside the `known` ones and those who `left`."""
+        """Raise RecordingError if the code is taken or withdrawn, or another spelling of such a code."""
         gone = {fold_spelling(code): code for code in left}.get(fold_spelling(self.code))
         if gone is not None:  # safety: study-withdrawn
             raise RecordingError(
@@ -307,17 +307,17 @@ class StoredSession:
         return int(row.id), json.loads(row.plan)
 
     def _open_questions(self, but: Question | None = None) -> list[str]:
-        """Names of the questions that are still unanswered, but for one."""
+        """Names of the unanswered questions, except one."""
         return [q.name for q in self.study.questions if q.name not in self._replied and q != but]
 
     def _list_answered(self) -> set[str]:
-        """Names of the questions that were answered."""
+        """Names of the answered questions."""
         query = select(replies.c.question).where(replies.c.session == self.id)
         with self.engine.connect() as connection:
             return set(connection.execute(query).scalars())
 
     def _list_events(self) -> list[dict[str, Any]]:
-        """What happened before."""
+        """Stored events, oldest first."""
         query = (
             select(events.c.kind, events.c.trial, events.c.at, events.c.text)
             .where(events.c.session == self.id)

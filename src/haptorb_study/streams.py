@@ -1,4 +1,4 @@
-"""Streams of the lab streaming layer (LSL) for other equipment: what happens in a session, and where the tool is.
+"""Lab streaming layer (LSL) streams of a session for other equipment: events, and pose of the tool.
 
     haptorb-markers  irregular text, JSON: {"kind": "trial", "trial": 1, "set_point": 12, ...}; kinds are trial, answer,
                      safety, interval, time is up, device off, break, pause, resume, repeat, reply, session, leave,
@@ -26,40 +26,40 @@ if TYPE_CHECKING:
 __all__ = ["MARKERS", "POSE", "REACHES", "StreamOutlet", "Streams", "open_streams"]
 
 MARKERS, POSE = "haptorb-markers", "haptorb-pose"
-REACHES = ("computer", "network")  #: who may see the streams
+REACHES = ("computer", "network")  #: visibility of the streams
 _CHANNELS = ("x", "y", "z", "qx", "qy", "qz", "qw", "valid")
 _UNITS = ("m", "m", "m", "1", "1", "1", "1", "1")
 
 
 class StreamOutlet(Protocol):
-    """What is needed of an outlet of the layer."""
+    """Interface of an LSL outlet."""
 
     def push_sample(self, x: Sequence[str], timestamp: float = ...) -> None:
-        """One sample."""
+        """Send one sample."""
         ...
 
     def push_chunk(self, x: Any, timestamp: Any = ...) -> None:
-        """Samples (n, channels), each with its time."""
+        """Send samples (n, channels), each with its time."""
         ...
 
 
 @final
 class Streams:
-    """Both streams. `offset` leads from this computer's monotonic clock to the layer's [s]."""
+    """Both streams. `offset` from this computer's monotonic clock to the LSL clock [s]."""
 
     def __init__(self, markers: StreamOutlet, pose: StreamOutlet, offset: float = 0.0) -> None:
         self._markers, self._pose, self._offset = markers, pose, offset
         self._servo: Servo | None = None
         self._cursor = 0
-        self.lost = 0  #: rows that came faster than they were sent
+        self.lost = 0  #: rows overwritten before they were sent
 
     def mark(self, kind: str, facts: dict[str, Any]) -> None:
-        """That something happened, now."""
+        """Send an event marker, now."""
         marker = json.dumps({"kind": kind, **facts}, ensure_ascii=False, default=str)
         self._markers.push_sample([marker], monotonic() + self._offset)
 
     def poses(self, servo: Servo) -> None:
-        """Every row that `servo` published since the last call."""
+        """Send every row that `servo` published since the last call."""
         if servo is not self._servo:
             self._servo, self._cursor = servo, servo.rows(0)[0]
         before = self._cursor
@@ -73,7 +73,7 @@ class Streams:
 
 
 def open_streams(reach: str, rate: float = 1000.0) -> Streams:
-    """Both streams, to be found at once on this "computer" only, or on the "network" that it is connected to.
+    """Open both streams, visible on this "computer" only or on its "network".
 
     Raises InputError if that is neither, or if the layer's library is not installed.
     """
@@ -81,7 +81,7 @@ def open_streams(reach: str, rate: float = 1000.0) -> Streams:
         raise InputError(f"streams reach '{REACHES[0]}' or '{REACHES[1]}'; got '{reach}'")
     try:
         import pylsl
-    except (ImportError, RuntimeError, OSError) as cause:  # without its package, and without liblsl
+    except (ImportError, RuntimeError, OSError) as cause:  # without its package, or without liblsl
         raise InputError(
             f"streams need the lab streaming layer, which is not installed ({cause}): pip install pylsl, or run "
             "without --lsl"

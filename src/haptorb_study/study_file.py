@@ -1,4 +1,4 @@
-"""What a study file says: what is asked, of what, how often and in which order."""
+"""Study file (TOML): device, world, procedure, trials, conditions and plan, validated as a whole."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ __all__ = ["Study", "check_levels", "check_study", "list_older", "read_study", "
 
 
 # --------------------------------------------------------------------------------------------------
-# What the tables of a study file must be together: levels for its procedure, and worlds that its device can render.
+# Consistency of a study: levels for its procedure, and worlds that its device can render.
 
 
 class _Study(Protocol):
-    """What the checks read of a `Study`, whose module imports this one."""
+    """-"""
 
     @property
     def world(self) -> str: ...
@@ -80,7 +80,7 @@ class _Study(Protocol):
 
 
 def check_levels(study: _Study) -> None:
-    """ValueError unless [levels] fit the procedure, one that varies a level."""
+    """Raise ValueError unless [levels] fit the procedure."""
     levels = study.levels
     if levels is None:
         raise ValueError(f"procedure '{study.procedure}' needs [levels] with at least parameter and reference")
@@ -99,7 +99,7 @@ def check_levels(study: _Study) -> None:
 
 
 def check_study(study: _Study) -> None:
-    """InputError unless the device can render every condition, level and set-point."""
+    """Raise InputError unless the device can render every condition, level and set-point."""
     kind = worlds.find_world(study.world) if study.own_world is None else type(study.own_world)
     for condition in study.conditions:
         check_names(kind, {**study.parameters, **condition.parameters})
@@ -130,7 +130,7 @@ def check_study(study: _Study) -> None:
             fit_world(study.make_world(condition.name, study.points[0].number, level), device)
 
 
-#: left out of the digest where they are not used, as is no_force of a condition: studies begun before them continue
+#: excluded from the digest if unused, as no_force of a condition is: older studies keep their digest
 _LATER = (
     "mask", "questions", "model", "render", "world_digest", "published_layout", "order_version", "model_version",
     "hand_deg",
@@ -141,7 +141,7 @@ _LEVELLED = ("constant", "staircase", "bayesian", "magnitude")
 
 
 class Study(Part):
-    """One study; `text` is the file as it was read, kept with the data."""
+    """A study; `text` is the file verbatim, which is stored with the data."""
 
     name: Annotated[Name, m.Meaning("name of the study")]
     device: Annotated[
@@ -237,7 +237,7 @@ class Study(Part):
     @model_validator(mode="before")
     @classmethod
     def _keep_older_order(cls, raw: Any) -> Any:
-        """A study of older rules that names no order is in random order, as it was run."""
+        """Default order "random" for studies without an order version, as they were run."""
         if isinstance(raw, dict) and not raw.get("order_version") and isinstance(raw.get("trials", {}), dict):
             return {**raw, "trials": {"order": "random", **raw.get("trials", {})}}
         return raw
@@ -263,29 +263,29 @@ class Study(Part):
 
     @property
     def text(self) -> str:
-        """The study file, word for word; before it the digest of a world's file, and the layout called published."""
+        """The study file verbatim, preceded by keys that haptorb added."""
         return self._text
 
     @property
     def own_world(self) -> World | None:
-        """The world of FILE.py:NAME; None for one of the catalogue, and for a study out of a database."""
+        """The user's own world FILE.py:NAME; None for catalogue worlds, and for a study from a database."""
         return self._own
 
     @property
     def world_name(self) -> str:
-        """What a servo calls the world."""
+        """Name of the world in the servo."""
         return self.world if self._own is None else self._own.name
 
     @property
     def known_parameters(self) -> dict[str, Parameter]:
-        """The world's parameters by name; none for a user's own where its file was not read."""
+        """Parameters of the world by name; empty for a user's own world whose file was not read."""
         if is_world_file(self.world):
             return {} if self._own is None else parameters(type(self._own))
         return parameters(worlds.find_world(self.world))
 
     @property
     def digest(self) -> str:
-        """Of all that decides how it runs: sessions of one study share it. The plan of the analysis has its own."""
+        """Digest of all settings that affect how it runs, without the analysis plan: the identity of the study."""
         unused = {"plan"} | {name for name in _LATER if getattr(self, name) in (None, "", ())}
         felt = {n: {"no_force"} for n, condition in enumerate(self.conditions) if not condition.no_force}
         text = self.model_dump_json(exclude={**dict.fromkeys(unused, True), "conditions": felt})
@@ -293,7 +293,7 @@ class Study(Part):
 
     @property
     def points(self) -> tuple[SetPoint, ...]:
-        """The set-points, built in or its own."""
+        """The set-points, built-in or the study's own."""
         if self.set_points.layout == "published" and self.published_layout:
             return list_published()
         if self.set_points.layout:
@@ -301,23 +301,23 @@ class Study(Part):
         return tuple(SetPoint(p.number, p.theta_deg, p.phi_deg) for p in self.set_points.points)
 
     def with_text(self, text: str, update: dict[str, Any]) -> Study:
-        """With other values under the keys of `update`, and the matching `text`."""
+        """Copy with the values of `update`, and the matching `text`."""
         found = self.model_copy(update=update)
         found._text = text
         return found
 
     def with_world(self, world: World) -> Study:
-        """With the `world` of its FILE.py:NAME."""
+        """Copy with the user's own `world`."""
         found = self.model_copy()
         found._own = world
         return found
 
     def point(self, number: int) -> SetPoint:
-        """The set-point called `number`."""
+        """The set-point with this number."""
         return next(point for point in self.points if point.number == number)
 
     def values(self, condition: str, number: int = 0, level: float | None = None) -> dict[str, Any]:
-        """The world's parameters in `condition`, with the summit at a set-point and the varied one at `level`."""
+        """World parameters in `condition`, with the summit at a set-point and the varied parameter at `level`."""
         chosen = next(c for c in self.conditions if c.name == condition)
         values: dict[str, Any] = {**self.parameters, **chosen.parameters}
         if number:
@@ -328,44 +328,44 @@ class Study(Part):
 
     @property
     def level_unit(self) -> str:
-        """Unit of the parameter that the levels vary; empty for plain numbers, and where nothing is varied."""
+        """Unit of the varied parameter; empty if dimensionless or if nothing is varied."""
         known = None if self.levels is None else self.known_parameters.get(self.levels.parameter)
         return "" if known is None else known.unit
 
     def make_world(self, condition: str, number: int = 0, level: float | None = None) -> World:
-        """The world of one trial. Raises InputError for a user's own whose file was not read."""
+        """World of one trial. Raises InputError for a user's own world whose file was not read."""
         if self._own is None and is_world_file(self.world):
             raise InputError(f"world '{self.world}' is loaded only with its study file, not from a database")
         fresh = worlds.find_world(self.world)() if self._own is None else self._own
         return fresh.replace(**self.values(condition, number, level))
 
     def load_device(self) -> SphericalElectromagnet:
-        """The device; InputError if it has no dome to find places on."""
+        """Load the device; InputError if it has no dome."""
         return electromagnet(load(self.device), "a study with set-points on a dome")
 
     def model_on(self, device: SphericalElectromagnet) -> str | None:
-        """The controller model on `device`; None: its first. What was begun with coils that are points stays so."""
+        """Controller model on `device`; None: its first. Older studies keep the model of point coils."""
         if not self.model_version and self.model in ("", "exact"):
             return "point-coils"
         return self.model or None
 
 
 # --------------------------------------------------------------------------------------------------
-# Read a study file (TOML), with what haptorb adds to it and the world's code; refused before anyone sits down.
+# Reading a study file, with the keys that haptorb adds and the world's code.
 
 
-#: what "published" means today; a stored study without the key ran with 1 + 8 + 8 + 8
+#: current meaning of "published"; a stored study without the key ran with 1 + 8 + 8 + 8
 _PUBLISHED = "1-4-8-12"
-#: how trials are ordered today; a stored study without the key keeps the earlier order, at random by default
+#: current rules of the order; a stored study without the key keeps the older ones, at random by default
 _ORDER = "2"
-#: what "exact" means today; a stored study without the key ran with coils that are points
+#: current meaning of "exact"; a stored study without the key ran with point coils
 _MODELS = "2"
-_MISTAKES = 20  #: reported at once
-_CODE = 1 << 20  #: bytes of a world's file
+_MISTAKES = 20  #: mistakes reported at once
+_CODE = 1 << 20  #: maximum size of a world's file [bytes]
 
 
 def read_study(path: str | Path) -> Study:
-    """The study in the file `path`, with its world if that is in a file of its own, whose code is run.
+    """Read the study file `path`; a user's own world is loaded, which runs its code.
 
     Raises InputError saying what is wrong, where, and what was expected.
     """
@@ -375,7 +375,7 @@ def read_study(path: str | Path) -> Study:
 
 
 def study_of(text: str, where: str = "study", folder: Path | None = None, *, stored: bool = False) -> Study:
-    """The study that `text` (TOML) describes; `where` names it in messages.
+    """Parse the study `text` (TOML); `where` names it in messages.
 
     folder   of the study file, where a world's file is looked for; None: no file is read and no code is run, as for
              what a database holds
@@ -407,7 +407,7 @@ def study_of(text: str, where: str = "study", folder: Path | None = None, *, sto
 
 
 def _load_world(study: Study, file: WorldFile) -> Study:
-    """`study` with the world in `file` and the digest of its code: sessions with other code are another study's."""
+    """`study` with the world in `file` and the digest of its code, which is part of the study's identity."""
     with announce_wait(f"World file {file.path} has not returned from loading and its first call"):
         world = try_world(start_world_file(file), study.load_device())
     digest = sha256(read_bytes(file.path, _CODE, "world file", InputError)).hexdigest()
@@ -418,12 +418,12 @@ def _load_world(study: Study, file: WorldFile) -> Study:
 
 
 def _add_key(study: Study, key: str, value: str) -> Study:
-    """`study` with a key of its own that its file does not have; it stands before the file's text in a database."""
+    """`study` with a key that its file does not have; it precedes the file's text in a database."""
     return study.with_text(f'{key} = "{value}"\n{study.text}', {key: value})
 
 
 # --------------------------------------------------------------------------------------------------
-# A study file as older versions of haptorb understood it: a study continues as it began.
+# Interpretation of a study file by older versions: a study continues as it began.
 
 
 def list_older(study: Study) -> list[Study]:
@@ -433,7 +433,7 @@ def list_older(study: Study) -> list[Study]:
     Empty where the file itself says what it means.
     """
     found, older = [], study
-    # The keys stand before the file's own text; the digest of a world's file may stand before them.
+    # The keys precede the file's own text; the digest of a world's file may precede them.
     for key in ("model_version", "order_version", "published_layout"):
         lines, added = older.text.splitlines(keepends=True), f'{key} = "{getattr(older, key)}"\n'
         if not getattr(older, key) or added not in lines[:4]:

@@ -1,4 +1,4 @@
-"""The tables of a study file: set-points, trials, conditions, levels, questions; each refuses what it cannot be."""
+"""Tables of a study file: set-points, trials, conditions, levels, rating, mask, questions."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ __all__ = [
 ]
 
 
-_LONGEST = 4000  #: characters of a reply
-_MOST = 1_000_000_000  #: of a whole number that is counted with
+_LONGEST = 4000  #: maximum length of a reply [characters]
+_MOST = 1_000_000_000  #: maximum of a whole number
 
 
 def _is_real(value: Any) -> bool:
-    """No truth, no text, and of a size that a float has."""
+    """Whether the value is a number, not a bool or a text, within the range of float."""
     return isinstance(value, int | float) and not isinstance(value, bool) and -1e300 <= value <= 1e300
 
 
 def _check_value(value: Any) -> float | tuple[float, ...]:
-    """A number, or three of them, as float; no truth and no text."""
+    """Validate a number or a list of three; not bool or text."""
     parts = value if isinstance(value, list | tuple) and len(value) == 3 else [value]
     if not all(_is_real(part) for part in parts):
         raise ValueError(f"must be a number, or a list of three; got {quote(value)}")
@@ -48,7 +48,7 @@ def _check_value(value: Any) -> float | tuple[float, ...]:
     return numbers if len(numbers) == 3 else numbers[0]
 
 
-Real = Annotated[float, Field(strict=True)]  #: no truth and no text
+Real = Annotated[float, Field(strict=True)]  #: neither bool nor text
 Whole = Annotated[int, Field(strict=True)]
 ProcedureName = Literal[
     "identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating", "magnitude"
@@ -67,13 +67,13 @@ Name = Annotated[
 
 
 class Part(BaseModel):
-    """A table with no keys but its own."""
+    """Base class of tables: immutable, unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class Place(Part):
-    """A set-point of the study's own."""
+    """A set-point of the study."""
 
     number: Annotated[Whole, Field(ge=1, le=999), m.Meaning("the set-point's number, which participants answer")]
     theta_deg: Annotated[
@@ -87,7 +87,7 @@ class Place(Part):
 
 
 class Places(Part):
-    """A built-in layout, or points."""
+    """Set-points: a built-in layout, or the study's own."""
 
     layout: Annotated[
         Literal["published", "1-8-8-8"] | None,
@@ -116,7 +116,7 @@ class Places(Part):
 
 
 class Trials(Part):
-    """How often, in which order, and with what rests."""
+    """Number and order of trials, breaks and time limit."""
 
     repetitions: Annotated[
         Whole, Field(ge=1, le=1000), m.Meaning("presentations of each set-point or level in each condition")
@@ -161,7 +161,7 @@ class Trials(Part):
 
 
 class Condition(Part):
-    """A variant of the world."""
+    """A condition: a variant of the world."""
 
     name: Annotated[Name, m.Meaning("name of the condition, also used in the data")]
     parameters: Annotated[
@@ -178,7 +178,7 @@ class Condition(Part):
 
 
 class Levels(Part):
-    """What is varied: for constant stimuli, staircases, the adaptive procedure and magnitude estimation."""
+    """Varied parameter and its levels, for constant stimuli, staircase, bayesian and magnitude."""
 
     parameter: Annotated[
         str,
@@ -226,7 +226,7 @@ class Levels(Part):
 
 
 class RatingScale(Part):
-    """The scale of a rating."""
+    """Question and scale of a rating."""
 
     question: Annotated[str, m.Meaning("question that a trial asks"), m.Form("text")] = "How well does this feel?"
     low: Annotated[Whole, Field(ge=0), m.Meaning("least rating")] = SCALE[0]
@@ -240,7 +240,7 @@ class RatingScale(Part):
 
 
 class Mask(Part):
-    """Noise on the participant's headphones, which masks the device; the participant's page plays it."""
+    """Masking noise, played by the participant's page on headphones."""
 
     noise: Annotated[
         Literal["pink", "white"], m.Meaning("noise on the participant's headphones, so that nobody hears the device")
@@ -251,7 +251,7 @@ class Mask(Part):
 
 
 class Question(Part):
-    """What is asked in words: one of `choices`, a whole number from `low` to `high`, or free text."""
+    """A question: one of `choices`, a whole number from `low` to `high`, or free text."""
 
     name: Annotated[Name, m.Meaning("name of the question, and of its column in exports")]
     text: Annotated[str, Field(min_length=1), m.Meaning("the question"), m.Form("at least 1 character")]
@@ -287,7 +287,7 @@ class Question(Part):
         return self
 
     def check_reply(self, reply: str) -> str:
-        """`reply` as it was given; InputError if it does not answer this question. Nothing of it is changed."""
+        """Validate `reply`, unchanged; InputError if it does not answer this question."""
         if not reply.strip():
             raise InputError("please answer the question first")
         if len(reply) > _LONGEST:
@@ -305,7 +305,7 @@ class Question(Part):
         return reply
 
     def choice_of(self, typed: str) -> str:
-        """What `typed` at a terminal stands for: a choice by its number, unless the choices are numbers themselves."""
+        """The choice for `typed` text at a terminal: by its number, unless choices are numbers themselves."""
         numbered = not any(choice.strip().isdecimal() for choice in self.choices)
         if numbered and re.fullmatch("[1-9][0-9]{0,2}", typed) and int(typed) <= len(self.choices):
             return self.choices[int(typed) - 1]

@@ -1,4 +1,4 @@
-"""A new study file: one of the templates, every key with its meaning, unit and range out of the schema."""
+"""Study file templates, commented with meaning, unit and range of each key from the schema."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from haptorb_study.study_file import Study, study_of
 __all__ = ["TEMPLATES", "make_study_text", "read_template", "write_study"]
 
 TEMPLATES = ("zarate2020", "identification", "staircase", "magnitude", "comparison")
-_WIDTH = 100  #: of a line of comment
+_WIDTH = 100  #: of a comment line
 _KEY = re.compile(r"([a-z_]+) = ")
 _TABLE = re.compile(r"\[\[?([a-z_]+)\]\]?")
 
 
 def read_template(like: str) -> str:
-    """The template called `like`, without comments on its keys; UnknownName for one that there is not."""
+    """Text of the template `like`, without comments on its keys; UnknownName for an unknown one."""
     if like not in TEMPLATES:
         raise UnknownName("template of a study", like, TEMPLATES)
     return (Path(__file__).parent / "templates" / f"{like}.toml").read_text(encoding="utf-8")
 
 
 def make_study_text(name: str, like: str = "identification") -> str:
-    """A study file called `name`: a template with comments on its keys. InputError where `name` cannot be one."""
+    """Study file with the name `name`: a template with comments on its keys. InputError for an invalid name."""
     keys = {key.path: key for key in list_keys(Study)}
     template = read_template(like).splitlines()
     lines, table, known = [line.replace("#:", "#", 1) for line in template if line.startswith("#:")], "", set()
@@ -43,7 +43,7 @@ def make_study_text(name: str, like: str = "identification") -> str:
             known.add(path)
             text = keys[path].meaning if line.startswith("[") else ""
             lines += [f"# {part}" for part in wrap(text or _describe(path, keys), _WIDTH - 2)]
-            if "{ " in line or line.endswith(" = ["):  # keys of a table within a line
+            if "{ " in line or line.endswith(" = ["):  # keys of an inline table
                 inner = [one for one in keys if one.startswith(f"{path}.")]
                 lines += [f"#   {one.removeprefix(path)[1:]}: {_describe(one, keys)}" for one in inner]
         lines.append(line)
@@ -54,7 +54,7 @@ def make_study_text(name: str, like: str = "identification") -> str:
 
 
 def write_study(name: str, like: str = "identification", *, overwrite: bool = False) -> Path:
-    """Write NAME.toml into the present folder; `name` may end in .toml.
+    """Write NAME.toml into the current folder; `name` may end in .toml.
 
     RecordingError, and nothing written, if there is one already.
     """
@@ -73,7 +73,7 @@ def write_study(name: str, like: str = "identification", *, overwrite: bool = Fa
 
 
 def _describe(path: str, keys: dict[str, KeyText]) -> str:
-    """A key in one line: meaning, unit, values, default."""
+    """One-line description of a key: meaning, unit, values, default."""
     if path.startswith("parameters."):
         about = parameters(worlds.find_world("dome"))[path.removeprefix("parameters.")]
         return f"{about.about} [{about.unit}]; {about.low:g} to {about.high:g}; default {about.default}"

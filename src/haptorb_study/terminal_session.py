@@ -1,4 +1,4 @@
-"""A session at the terminal: keys in, a view of it out; stop, repeat, leave, abort at any time."""
+"""Session at the terminal: key input and screen; stop, repeat, leave and abort at any time."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ __all__ = ["END", "Keyboard", "Keys", "Screen", "TerminalSession", "View", "name
 
 
 # --------------------------------------------------------------------------------------------------
-# Keys from the terminal one by one, without waiting for Enter; from a pipe the same characters in order.
+# Key input, unbuffered from a terminal, or the same characters from a pipe.
 #
-# They are read by a thread of their own, so that the key that stops does so while the session waits for its database.
+# A thread reads it, so that a stop key works while the session waits for its database.
 
 
-END = "end"  #: no key will come any more: the pipe or the terminal is closed
+END = "end"  #: no more keys: the pipe or the terminal is closed
 
 _NAMES = {
     "\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left", "\x1bOA": "up", "\x1bOB": "down",
@@ -56,7 +56,7 @@ _KEY = re.compile(r"\x1b\[[0-?]*[ -/]*[@-~]|\x1bO.|.", re.DOTALL)
 
 
 def name_keys(typed: str) -> list[str]:
-    """The keys in what a terminal sent; unused keys are left out.
+    """Parse the keys in terminal input; unused keys are left out.
 
     >>> name_keys("1\\x1b[A \\x1b[3~")
     ['1', 'up', 'space']
@@ -66,18 +66,18 @@ def name_keys(typed: str) -> list[str]:
 
 
 class Keys(ABC):
-    """Where keys come from. `asked`: what was known of Stops when the last key was pressed; None: it was just now."""
+    """Source of keys. `asked`: Stop count at the last key; None: read it now."""
 
     asked: StopCount | None = None
 
     @abstractmethod
     def next_key(self, wait: float) -> str | None:
-        """The next key, or None if there was none within `wait` [s]; special ones by name: up, enter, tab, END ..."""
+        """Next key, None if none arrived within `wait` [s]; special keys by name: up, enter, tab, END ..."""
 
 
 @final
 class Keyboard(Keys):
-    """Standard input; a terminal is put back as it was on leaving.
+    """Keyboard on standard input; terminal settings are restored on exit.
 
     halt     is stopped by Esc, Ctrl-C and, unless `writing()` says that words are being typed, by space and q, before
              anything else is done with the key
@@ -105,7 +105,7 @@ class Keyboard(Keys):
         self._signalled, self._signal = os.pipe()
         os.set_blocking(self._signal, False)
         if threading.current_thread() is threading.main_thread():
-            # Python's own handler of Ctrl-C has to wait until a database releases the main thread; this does not.
+            # Python's handler of Ctrl-C waits until a database call releases the main thread; this one does not.
             self._signal_before = signal.set_wakeup_fd(self._signal, warn_on_full_buffer=False)
         self._thread.start()
         return self
@@ -131,7 +131,7 @@ class Keyboard(Keys):
         return key
 
     def _read(self) -> None:
-        decoder = codecs.getincrementaldecoder("utf-8")("replace")  # nothing that was typed is left out
+        decoder = codecs.getincrementaldecoder("utf-8")("replace")  # invalid bytes remain visible
         sources = [self._end, self._signalled, self._descriptor]
         while True:
             ready = select.select(sources, [], [])[0]
@@ -149,21 +149,21 @@ class Keyboard(Keys):
                     sources.remove(self._descriptor)
 
     def _is_stop(self, key: str) -> bool:
-        """Whether `key` switches the coils off. The end of a pipe does not: what came through it is still obeyed."""
+        """Whether `key` switches the coils off. The end of a pipe does not: its earlier keys are still executed."""
         return key == "escape" or (key in ("space", "q") and not self.writing()) or (key == END and self._terminal)
 
 
-_TICK = 0.02  #: interval at which the pen's position is repeated [s]; it expires after some 50 ms
-_STEP = 3.0  #: an arrow key moves the pen by so much [deg]
+_TICK = 0.02  #: keep-alive interval of the pen's position [s]; it expires after about 50 ms
+_STEP = 3.0  #: pen motion per arrow key [deg]
 _STEER = {"up": (0.0, _STEP), "down": (0.0, -_STEP), "left": (-_STEP, 0.0), "right": (_STEP, 0.0)}
 _WHOLE = re.compile(r"0|-?[1-9][0-9]*")
 _DECIMAL = re.compile(r"-?[0-9]+([.,][0-9]+)?")
-_DIGITS = 15  #: significant ones, that a float holds exactly
+_DIGITS = 15  #: significant digits that a float stores exactly
 
 
 @final
 class View:
-    """What the participant sees now."""
+    """State shown to the participant."""
 
     def __init__(self, runner: TrialRunner, typed: str, message: str, abort: bool) -> None:
         session = runner.session
@@ -171,14 +171,14 @@ class View:
         self.prompt = runner.prompt or Prompt()
         self.question = runner.question
         self.typed = typed
-        self.which = runner.which  #: interval that is felt
+        self.which = runner.which  #: interval being rendered
         self.state = "abort?" if abort else runner.state
         self.message = message
 
 
 @final
 class TerminalSession:
-    """Runs `session` to its end, or until the person leaves; `show` draws a view, some ten times a second.
+    """Runs `session` to its end, or until it is left; `show` draws a view, about ten times per second.
 
     `halt` knows the servo, and which Stop is active; None: only the keys stop.
     """
@@ -190,15 +190,15 @@ class TerminalSession:
         self._trial_device, self._keys, self._show = trial_device, keys, show
         self._runner = TrialRunner(session, trial_device, recording, halt=halt)
         self._typed, self._message, self._abort = "", "", False
-        self._of: tuple[object, ...] = ()  # the trial, or the question, in which `_typed` was typed
+        self._of: tuple[object, ...] = ()  # trial or question that `_typed` belongs to
 
     @property
     def writing(self) -> bool:
-        """Whether words are being typed, in which a space is a space."""
+        """Whether text is being typed, so that a space is a character."""
         return self._runner.state == "question"
 
     def run(self) -> str:
-        """'done', 'left' (the session can be resumed) or 'aborted'."""
+        """Run the session; returns 'done', 'left' (can be resumed) or 'aborted'."""
         runner = self._runner
         while runner.state not in OVER:
             self._trial_device.refresh()
@@ -214,14 +214,14 @@ class TerminalSession:
         return runner.state
 
     def _drop_old_text(self) -> None:
-        """What was typed before a Stop, a restart or another trial is no part of what is typed now."""
+        """Discard text typed before a Stop, a restart or another trial."""
         runner = self._runner
         now = (runner.session.number, runner.repeats, runner.state in ("running", "time is up"), runner.question)
         if now != self._of:
             self._of, self._typed = now, ""
 
     def _describe_state(self) -> str:
-        """What there is to say of the present state."""
+        """Message for the present state."""
         match self._runner.state:
             case "pause" | "break":
                 return f"{self._runner.rest_left:.0f} s"
@@ -239,7 +239,7 @@ class TerminalSession:
             self._abort = False
             runner.pause("at the terminal")
         elif self._abort and key != END:
-            self._abort = key not in ("y", "n", "enter")  # any other key is part of a text: none of it is an answer
+            self._abort = key not in ("y", "n", "enter")  # any other key belongs to a text
             if key == "y":
                 runner.abort("by the experimenter, at the terminal")
         elif key == "escape":
@@ -276,11 +276,11 @@ class TerminalSession:
         elif key == "back":
             self._typed = self._typed[:-1]
         elif (len(key) == 1 or key == "tab") and runner.state != "device off":
-            self._typed += "\t" if key == "tab" else key  # whatever it is: Enter says what is no answer
+            self._typed += "\t" if key == "tab" else key  # validated at Enter
             self._message = ""
 
     def _read_number(self) -> int | float | None:
-        """The number that was typed; None: nothing was. InputError for everything else, and nothing is stored."""
+        """Number typed; None: nothing typed. InputError for everything else, and nothing is stored."""
         typed, prompt = self._typed, self._runner.prompt
         if not typed:
             return None
@@ -296,7 +296,7 @@ class TerminalSession:
         raise InputError(f"answer must be {kind}; got {quote(typed)}. Nothing was stored: type it again")
 
     def _handle_text_key(self, key: str) -> None:
-        """A key while a question is answered in words; choices may be given by their number."""
+        """Process a key of a reply; choices may be given by number."""
         if key == "enter":
             question = self._runner.question
             self._runner.reply(self._typed if question is None else question.choice_of(self._typed))
@@ -309,9 +309,9 @@ class TerminalSession:
 
 
 # --------------------------------------------------------------------------------------------------
-# What the terminal shows in a session: the task, the set-points' numbers seen from above, and the answer so far.
+# Screen of a session: task, set-points from above, and the answer so far.
 #
-# Of the simulated device, which cannot be felt, it also shows pen and force; of a real one it does not.
+# Pen and force are shown only for the simulated device, which renders no force to a participant.
 
 
 _WIDE, _HIGH = 62, 23
@@ -321,20 +321,20 @@ _KEYS = "space or Esc STOP · Enter answer · r repeat · e switch on · q leave
 
 @final
 class Screen:
-    """Draws at most ten times a second into `live`."""
+    """Draws into `live`, at most ten times per second."""
 
     def __init__(self, trial_device: TrialDevice, live: Live) -> None:
         self._trial_device, self._live = trial_device, live
         self._next = 0.0
 
     def __call__(self, view: View) -> None:
-        """Draw `view`, if it is time."""
+        """Draw `view`, if it is due."""
         if monotonic() >= self._next:
             self._next = monotonic() + 0.1
             self._live.update(self.draw(view))
 
     def draw(self, view: View) -> RenderableType:
-        """The whole screen."""
+        """Draw the whole screen."""
         prompt, trial_device = view.prompt, self._trial_device
         head = f"trial {view.number}{', practice' if prompt.phase == 'practice' else ''} · {view.left} left"
         if trial_device.simulated:
@@ -378,7 +378,7 @@ class Screen:
         return Panel(Group(*parts, Text(steer + _KEYS, style="dim")), title=Text(head), width=_WIDE + 6)
 
     def _map(self) -> RenderableType:
-        """Seen from above, +x to the right; the rim is the end of the workspace."""
+        """Dome seen from above, +x to the right; the rim is the limit of the workspace."""
         trial_device = self._trial_device
         field = [[" "] * _WIDE for _ in range(_HIGH)]
 
@@ -410,11 +410,11 @@ class Screen:
 
 
 # --------------------------------------------------------------------------------------------------
-# A session at the terminal from consent to thanks: servo, keys and screen together.
+# Session at the terminal from consent to end: servo, keys and screen.
 
 
 def run_session(session: StoredSession, start: Callable[[Path | None], Servo], recording: Path | None) -> str:
-    """'done', 'left' or 'aborted'; coils are off afterwards. `start` makes a servo that records to that file."""
+    """Run a session; returns 'done', 'left' or 'aborted', coils off. `start` makes a servo that records to a file."""
     study, console, halt = session.study, make_console(error=True), StopSwitch()
     with Keyboard(halt) as keys:
         text = Text(visible(f"{study.instructions}\n\n{study.consent}".strip()))
@@ -426,7 +426,7 @@ def run_session(session: StoredSession, start: Callable[[Path | None], Servo], r
                 return "left"
         say("starting the device ...")
         servo = start(recording)
-        halt.attach(servo, keys.asked or halt.ask())  # before it is open: Stop reaches it from here on
+        halt.attach(servo, keys.asked or halt.ask())  # before it opens: Stop reaches it from here on
         with servo, Live(console=console, auto_refresh=False, screen=sys.stderr.isatty()) as live:
             trial_device = TrialDevice(study, servo)
             drawn = Screen(trial_device, live)

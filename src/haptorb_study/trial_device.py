@@ -1,4 +1,4 @@
-"""The device in a session: a prompted set-point is rendered on the real loop, and what happens is reported."""
+"""Device in a trial: renders the prompted stimulus on a servo, and reports pose, force and trips."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 __all__ = ["TrialDevice"]
 
 
-_FELT_FORCE, _FELT_TORQUE = 0.1, 0.002  #: asked of the coils [N], [N·m]
-_FELT_MOTION = 0.5e-3  #: of the tool since the stimulus began [m]
-_PATIENCE = 1.0  #: that a simulated hand rests where it is while this program waits for a processor [s]
+_FELT_FORCE, _FELT_TORQUE = 0.1, 0.002  #: perception limits of the commanded wrench [N], [N·m]
+_FELT_MOTION = 0.5e-3  #: perception limit of motion since the onset of the stimulus [m]
+_PATIENCE = 1.0  #: keep-alive of a simulated hand while this process is not scheduled [s]
 
 
 @final
 class TrialDevice:
-    """A running servo, as a trial needs it. With the pointer as tracker the pen is steered from the keyboard."""
+    """Adapter of a running servo to trials. With the pointer as tracker, keyboard or page steers the pen."""
 
     def __init__(self, study: Study, servo: Servo) -> None:
         device = electromagnet(servo.device, "a study")
@@ -38,21 +38,21 @@ class TrialDevice:
         self.steered = servo.tracker == "pointer"
         self.simulated = servo.driver == "sim"
         self._pen = (0.0, 0.0)  #: (x, y): angle from the top towards +x and +y [deg]
-        self.trips: list[dict[str, Any]] = []  #: since the loop began, as far as `look` has looked
+        self.trips: list[dict[str, Any]] = []  #: since the start of the servo, up to the last poll
         self._cursor, self._reason = 0, 0.0
         self._since = 0.0
-        self._first: tuple[float, float, float] | None = None  # where the tool was when the stimulus began
-        self._before = -1  # changes of the world before the stimulus
+        self._first: tuple[float, float, float] | None = None  # position of the tool at stimulus onset
+        self._before = -1  # world changes before the stimulus
         self._recording = True
 
     def record(self, on: bool) -> None:
-        """Have the tool's course recorded, or leave it out of the recording."""
+        """Pause or resume the recording."""
         if on != self._recording:
             self._recording = on
             self.servo.pause_recording(not on)
 
     def begin(self, prompt: Prompt) -> None:
-        """Render the first interval of `prompt`; the course counts from here."""
+        """Render the first interval of `prompt`; the trial's part of the recording starts here."""
         self._since = self._time()
         self.interval(prompt, 1)
 
@@ -67,20 +67,20 @@ class TrialDevice:
         self.servo.set_world(self.study.world_name, self.study.values(condition, number, level))
 
     def rest(self) -> None:
-        """Between trials: nothing is felt."""
+        """Render no force, between trials."""
         self.servo.set_world("nothing")
 
     @property
     def pen(self) -> tuple[float, float]:
-        """Where the hand wants the pen: angle from the top towards +x and +y [deg]."""
+        """Goal of the pen: angle from the top towards +x and +y [deg]."""
         return self._pen
 
     def steer(self, dx: float, dy: float) -> None:
-        """Move the pen by so many degrees; it stays within the workspace."""
+        """Move the pen's goal by (dx, dy) [deg], within the workspace."""
         self.aim(self._pen[0] + dx, self._pen[1] + dy)
 
     def aim(self, x: float, y: float) -> None:
-        """The pen at angle (x, y) from the top [deg]; it stays within the workspace."""
+        """Set the pen's goal to angle (x, y) from the top [deg], within the workspace."""
         if not (isfinite(x) and isfinite(y)):
             raise InputError("the pen's position must be two finite angles")
         theta = hypot(x, y)
@@ -89,22 +89,22 @@ class TrialDevice:
         self._pen = (x, y)
 
     def refresh(self) -> None:
-        """Say again where the hand is, before the pose counts as lost; ServoError if the loop ended."""
+        """Repeat the hand goal, before it expires; ServoError if the loop ended."""
         self.servo.check()
         self.hold()
 
     def hold(self) -> None:
-        """Say again where the hand is; of a pen that is steered from here."""
+        """Repeat the hand goal, if the pen is steered from here."""
         if self.steered:
             x, y = np.radians(self._pen)
             theta, phi = hypot(x, y), atan2(y, x)
             way = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
-            # A little above contact: the hand rests on the dome, it does not dig in.
+            # At contact: the hand rests on the dome without pressing.
             self.servo.hand.point(way * self.contact, patience=_PATIENCE)
 
     @property
     def position(self) -> tuple[float, float, float] | None:
-        """Where the tool's magnet is now [m]; None where its pose is not valid."""
+        """Position of the tool's magnet [m]; None where its pose is invalid."""
         row, layout = self.servo.latest(), self.servo.layout
         if row is None or row[layout["valid"]][0] < 1:
             return None
@@ -113,7 +113,7 @@ class TrialDevice:
 
     @property
     def force(self) -> Array | None:
-        """(3,) force on the tool now [N]; None where unknown."""
+        """(3,) actual force on the tool [N]; None where unknown."""
         row, layout = self.servo.latest(), self.servo.layout
         if row is None:
             return None
@@ -121,7 +121,7 @@ class TrialDevice:
         return force if np.isfinite(force).all() else None
 
     def is_felt(self) -> bool:
-        """Whether the stimulus is felt: 0.1 N or 2 mN·m is asked now, or the tool moved by 0.5 mm since it began."""
+        """Whether the stimulus exceeds 0.1 N or 2 mN·m now, or the tool has moved by 0.5 mm since onset."""
         place, row = self.position, self.servo.latest()
         if place is None or row is None or self._count_changes() == self._before:
             return False
@@ -133,18 +133,18 @@ class TrialDevice:
 
     @property
     def switched_off(self) -> bool:
-        """Whether the guard has the coils off."""
+        """Whether the guard has the coils switched off."""
         row = self.servo.latest()
         return row is None or row[self.servo.layout["guard"]][0] in (0, 4)
 
     @property
     def unconfirmed(self) -> bool:
-        """Whether the coils were switched off, and the device has not confirmed it."""
+        """Whether the coils were switched off without confirmation by the device."""
         row = self.servo.latest()
         return row is not None and bool(row[self.servo.layout["coil_state"]][0] == CoilState.UNKNOWN)
 
     def look(self) -> None:
-        """Add new trips to `trips`: read off the loop's rows, which costs less than its report."""
+        """Append new trips to `trips`; from the loop's rows, which is cheaper than its report."""
         before = self._cursor
         self._cursor, rows = self.servo.rows(before)
         if not len(rows):
@@ -162,7 +162,7 @@ class TrialDevice:
         self.trips += found
 
     def course(self, recording: str | None) -> str | None:
-        """The part of the recording that is this trial: FILE#t=from,to on the loop's clock [s]."""
+        """This trial's part of the recording: FILE#t=from,to on the loop's clock [s]."""
         return f"{recording}#t={self._since:.3f},{self._time():.3f}" if recording else None
 
     def _count_changes(self) -> int:

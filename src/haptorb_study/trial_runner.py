@@ -1,4 +1,4 @@
-"""A session, independent of its interface: rests, trials, pauses, questions; commands in, state out, no keys, no page.
+"""Trial state machine of a session: breaks, trials, pauses and questions, independent of terminal and pages.
 
 The terminal and the pages both drive this, so that both keep the same data. One thread calls it.
 """
@@ -19,19 +19,19 @@ from haptorb_study.trial_device import TrialDevice
 __all__ = ["OVER", "TrialRunner"]
 
 
-OVER = ("done", "left", "aborted")  #: states after which nothing comes
+OVER = ("done", "left", "aborted")  #: final states
 _TRIAL = ("running", "time is up")
 _RECORDED = (*_TRIAL, "pause")
-_AFTER = 1.0  #: time after a stop, or another end of a trial, that is recorded [s]
+_AFTER = 1.0  #: recording continues for so long after a trial ends [s]
 
 
 def _ignore_event(kind: str, facts: dict[str, Any]) -> None:
-    """A listener that does nothing."""
+    """Ignore an event."""
 
 
 @final
 class TrialRunner:
-    """Runs `session` on `trial_device`. `tick` is to be called some fifty times a second.
+    """Runs `session` on `trial_device`; `tick` is to be called about fifty times per second.
 
     A Stop is carried out by `halt`, at once; here it becomes the state "paused", from any state, and a record.
     A trial in which the device was off, for any reason, is not answered: it starts again when the device is on.
@@ -52,42 +52,42 @@ class TrialRunner:
             halt = StopSwitch()
             halt.attach(trial_device.servo, halt.ask())
         self.halt = halt
-        self.which = 1  #: interval that is felt
+        self.which = 1  #: interval being rendered
         self.seconds = 0.0  #: time in this trial without pauses [s]
-        self.trips: list[dict[str, Any]] = []  #: safety events of the session, with the trial each came in
+        self.trips: list[dict[str, Any]] = []  #: safety events of the session, with their trial
         self._recording, self._mark, self._clock = recording, mark, clock
-        self.repeats = 0  #: how often this trial was restarted
-        self._again = ""  # why it must start again
-        self._felt: set[int] = set()  # intervals of this trial in which something was felt
-        self._during: list[dict[str, Any]] = []  # trips in this trial, however often it began
-        self._until = 0.0  # end of a rest
+        self.repeats = 0  #: number of restarts of this trial
+        self._again = ""  # reason for the next restart
+        self._felt: set[int] = set()  # intervals of this trial that have been felt
+        self._during: list[dict[str, Any]] = []  # trips in this trial, with all its restarts
+        self._until = 0.0  # end of a pause or break
         self._last = clock()
-        self._trip_count = 0  # trips of the device that are kept
+        self._trip_count = 0  # trips of the device that are stored
         self._paused_from, self._rest_left = "", 0.0
-        self._moved = clock()  # when something last happened that is recorded
+        self._moved = clock()  # time of the last recorded activity
         self.state = "pause"
         self._continue()
         self.apply_stop()
 
     @property
     def prompt(self) -> Prompt | None:
-        """What is asked now, or next."""
+        """Current or next prompt."""
         return self.session.prompt
 
     @property
     def question(self) -> Question | None:
-        """What is asked in words now."""
+        """Current question."""
         return self.session.question if self.state == "question" else None
 
     @property
     def rest_left(self) -> float:
-        """What is left of a rest [s]."""
+        """Remaining time of a pause or break [s]."""
         if self.state == "paused":
             return self._rest_left
         return max(0.0, self._until - self._clock()) if self.state in ("pause", "break") else 0.0
 
     def tick(self) -> None:
-        """Time passes: rests end, time limits are noticed, and trips of the device are kept."""
+        """Advance the state: breaks end, time limits expire, trips of the device are stored."""
         now = self._clock()
         passed, self._last = now - self._last, now
         self.apply_stop()
@@ -111,7 +111,7 @@ class TrialRunner:
         self.trial_device.record(now - self._moved < _AFTER)
 
     def apply_stop(self) -> None:
-        """Pause if Stop was given, by whomever, and keep who gave it. The coils are off already."""
+        """Enter "paused" if Stop was given, and store its cause; the coils are off already."""
         if self.halt.active and self.state not in ("paused", *OVER):
             self._rest_left = self.rest_left
             if self.state in _TRIAL:
@@ -122,7 +122,7 @@ class TrialRunner:
             self._note("pause", stopped.why, stopped.at)
 
     def answer(self, value: int | float | None) -> None:
-        """Store the answer, durably, and continue. A wrong answer is an InputError; the trial continues."""
+        """Store the answer, durably, and continue. An invalid answer raises InputError; the trial continues."""
         self.apply_stop()
         self._notice_off()
         if self.state == "device off":
@@ -148,7 +148,7 @@ class TrialRunner:
         self._continue()
 
     def reply(self, text: str) -> None:
-        """Keep the answer to the question in words."""
+        """Store the reply to the current question."""
         self.apply_stop()
         question = self.question
         if question is None:
@@ -158,13 +158,13 @@ class TrialRunner:
         self._continue()
 
     def skip(self) -> None:
-        """End a break early; a pause that the study file sets between trials stays."""
+        """End a break early; the pause between trials cannot be skipped."""
         self.apply_stop()
         if self.state == "break":
             self._begin()
 
     def interval(self, which: int | None) -> None:
-        """Let interval `which`, 1 or 2, be felt."""
+        """Render interval `which`, 1 or 2."""
         self.apply_stop()
         prompt = self.prompt
         if not isinstance(which, int) or which not in (1, 2) or prompt is None or not prompt.interval:
@@ -176,14 +176,14 @@ class TrialRunner:
             self._mark("interval", {"trial": self.session.number + 1, "interval": which})
 
     def pause(self, why: str = "") -> None:
-        """Coils off until `resume`; a rest is suspended meanwhile."""
+        """Switch the coils off until `resume`; a break is suspended meanwhile."""
         if self.state not in OVER:
             if not self.halt.active:
                 self.halt.stop(why)  # safety: study-pause
             self.apply_stop()
 
     def resume(self, asked: StopCount | None = None) -> None:
-        """Continue where `pause` was, in a trial at its beginning; the coils come back from zero.
+        """Resume from a pause, restarting a trial; the coils ramp up from zero.
 
         InputError, and nothing changes, if Stop was given after `asked`; None: it is asked for now.
         """
@@ -197,7 +197,7 @@ class TrialRunner:
         self._note("resume")
 
     def repeat(self) -> None:
-        """Start the trial again, with its full time limit; the repetition is stored."""
+        """Restart the trial with its full time limit; the repetition is stored."""
         self.apply_stop()
         if self.state not in _TRIAL or self.prompt is None:
             raise InputError(f"there is no trial to repeat now ({self.state})")
@@ -205,14 +205,14 @@ class TrialRunner:
         self._begin()
 
     def engage(self, asked: StopCount | None = None) -> None:
-        """After a trip: coils on again, unless the guard refuses, or Stop was given after `asked`; None: now."""
+        """Switch the coils on after a trip, unless the guard refuses, or Stop was given after `asked`; None: now."""
         self.apply_stop()
         if self.state == "paused":
             raise InputError("the session is paused: resume switches the coils on")
         self.halt.engage(asked or self.halt.ask())
 
     def leave(self) -> None:
-        """End for now: the session can be resumed at this trial. Coils off first of all."""
+        """Leave the session, which can be resumed at this trial. Coils off first."""
         if self.state not in OVER:
             self.halt.stop(None)
             self.apply_stop()
@@ -220,7 +220,7 @@ class TrialRunner:
             self.state = "left"
 
     def abort(self, why: str = "") -> None:
-        """End the session. Coils off first of all, even if the end cannot be stored."""
+        """Abort the session. Coils off first, even if the end cannot be stored."""
         if self.state not in OVER:
             self.halt.stop(None)
             self.apply_stop()
@@ -229,7 +229,7 @@ class TrialRunner:
             self.state = "aborted"
 
     def _continue(self) -> None:
-        """What follows an answer: a question, a rest, a trial or the end."""
+        """State after an answer: question, break, trial or end."""
         self.trial_device.rest()
         prompt = self.prompt
         if self.session.question is not None:
@@ -248,7 +248,7 @@ class TrialRunner:
                 self._begin()
 
     def _begin(self) -> None:
-        """Let the trial begin, or wait until the device is on."""
+        """Start the trial, or wait until the device is on."""
         prompt = self.prompt
         assert prompt is not None
         self._record_trips()
@@ -275,7 +275,7 @@ class TrialRunner:
             self._felt.add(self.which)
 
     def _check_felt(self, prompt: Prompt) -> None:
-        """InputError if the answer would judge what was not felt; a trial whose time is up then starts again."""
+        """InputError if the stimulus has not been felt; after the time limit the trial restarts."""
         if self.state == "running":
             self._notice_felt()
         wanted = (
@@ -297,19 +297,19 @@ class TrialRunner:
         self._mark("device off", {"trial": self.session.number + 1})
 
     def _notice_off(self) -> None:
-        """Keep new trips; a trial in which the device was off waits until it is on, then starts again."""
+        """Store new trips; a trial in which the device was off restarts once it is on."""
         fresh = [str(trip["code"]) for trip in self._record_trips() if trip["code"] != "NOT_WATCHED"]
         if self.state in _TRIAL and (fresh or self.trial_device.switched_off):  # safety: study-answer-off
             self._again = f"the device was off: {', '.join(fresh)}" if fresh else "the device was off"
             self._wait_for_device()
 
     def _record_trips(self) -> list[dict[str, Any]]:
-        """Keep new trips, which are returned; those of a trial are kept with its answer besides."""
+        """Store and return new trips; those within a trial are also stored with its answer."""
         self.trial_device.look()
         fresh = self.trial_device.trips[self._trip_count :]
         self._trip_count += len(fresh)
         for trip in fresh:
-            if trip["code"] == "STOPPED":  # by hand, which is no safety event
+            if trip["code"] == "STOPPED":  # stopped by a person: not a safety event
                 continue
             if self.state in _TRIAL:
                 self._during.append(trip)

@@ -1,4 +1,4 @@
-"""A person who withdraws: answers, words and recordings are removed, really, wherever haptorb knows of them.
+"""Withdrawal of a participant: removal of answers, replies and recordings wherever haptorb has recorded a copy.
 
 That is the database and its free pages, recordings beside it, exports (made again without the person), and databases
 that it was merged from or into, or copied to. What stays is a line that the code withdrew, and how much was removed.
@@ -47,14 +47,14 @@ class Withdrawal:
     study: str
     trials: int
     replies: int
-    recordings: tuple[str, ...]  #: files that are gone
-    exports: tuple[str, ...]  #: that were made again
-    databases: tuple[str, ...]  #: others from which the person was removed too
-    left: tuple[str, ...]  #: copies that could not be reached, with the reason: a person has to remove these
+    recordings: tuple[str, ...]  #: deleted files
+    exports: tuple[str, ...]  #: remade exports
+    databases: tuple[str, ...]  #: other databases that the participant was removed from
+    left: tuple[str, ...]  #: copies that could not be reached, with the reason: to be removed by hand
 
     @property
     def sentence(self) -> str:
-        """In words, also those of the line that stays in the database."""
+        """Summary, also stored in the database."""
         return (
             f"{self.trials} trials, {self.replies} answers in words and {len(self.recordings)} recordings removed; "
             f"{len(self.exports)} exports made again; removed from {len(self.databases)} other databases; "
@@ -63,7 +63,7 @@ class Withdrawal:
 
 
 def withdraw(place: str | Path, code: str, name: str | None = None) -> Withdrawal:
-    """Remove the person with `code` from the study called `name` (the only one, if there is one) at `place`.
+    """Remove the participant `code` from the study `name` (default: the only one) in the database at `place`.
 
     Raises RecordingError, with nothing removed, if there is no such person, or if the session is running.
     """
@@ -123,7 +123,7 @@ def _identity(place: str | Path) -> str:
 
 
 def _find_session(engine: Engine, study: Study, code: str) -> int | None:
-    """Number of the session of `code`; None: withdrawn before, whose copies are looked for again."""
+    """Number of the session of `code`; None: withdrawn before, and its copies are checked again."""
     with engine.connect() as connection:
         rows = connection.execute(
             select(participants.c.code, sessions.c.id)
@@ -146,7 +146,7 @@ def _find_session(engine: Engine, study: Study, code: str) -> int | None:
 
 
 def _list_recordings(engine: Engine, place: str | Path, session: int | None) -> tuple[list[Path], list[Path]]:
-    """Files with trials of `session`, and those in which there are others' too, which are not removed."""
+    """Files with trials of `session` only, and files shared with other sessions, which are not removed."""
     with engine.connect() as connection:
         rows = connection.execute(
             select(trials.c.session, trials.c.recording).where(trials.c.recording.is_not(None))
@@ -156,7 +156,7 @@ def _list_recordings(engine: Engine, place: str | Path, session: int | None) -> 
     for row in rows:
         of.setdefault(locate_recording(folder, row.recording), set()).add(row.session)
     mine = {path: people for path, people in of.items() if session in people}
-    # A part that was interrupted before its first answer is named by no trial, but by its session.
+    # A part interrupted before its first answer is named after its session only.
     with engine.connect() as connection:
         names = [str(name) for name in connection.execute(text("SELECT DISTINCT name FROM studies")).scalars()]
     for name in names if session is not None else ():
@@ -168,7 +168,7 @@ def _list_recordings(engine: Engine, place: str | Path, session: int | None) -> 
 
 
 def _remove_rows(engine: Engine, study: Study, code: str, session: int | None) -> tuple[int, int]:
-    """Trials and replies that were removed; one transaction, in which the line that stays is written too."""
+    """Delete the rows in one transaction with the record of the withdrawal; numbers of trials and replies deleted."""
     if session is None:
         return 0, 0
     with engine.begin() as connection:
@@ -192,7 +192,7 @@ def _remove_rows(engine: Engine, study: Study, code: str, session: int | None) -
 
 
 def _erase(engine: Engine) -> None:
-    """Have nothing of what was removed left in the file: free pages are overwritten, the log emptied."""
+    """Erase deleted data from the file: free pages are overwritten, the log is truncated."""
     if engine.dialect.name != "sqlite":
         with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
             for table in (trials, events, replies, sessions, participants):
@@ -214,7 +214,7 @@ def _erase(engine: Engine) -> None:
 
 
 def _remake(engine: Engine, study: Study, copy: Copy, exports: list[str], left: list[str]) -> None:
-    """Make an export again, which then has the person no more; a place that is empty needs nothing."""
+    """Remake an export without the participant; nothing to do if it no longer exists."""
     path = Path(copy.place)
     if not path.exists():
         left.append(f"{path}: this export is not there any more; if it was moved or sent to somebody, remove it there")
@@ -230,7 +230,7 @@ def _remake(engine: Engine, study: Study, copy: Copy, exports: list[str], left: 
 def _follow(
     copy: Copy, code: str, study: Study, visited: set[str], databases: list[str], left: list[str], gone: list[str]
 ) -> None:
-    """Remove the person from another database, in which the code is `code`."""
+    """Remove the participant from another database, where the code is `code`."""
     if "://" not in copy.place and not Path(copy.place).is_file():
         left.append(f"{copy.place}: this database is not there any more; if it was moved, withdraw {code} there")
         return
@@ -242,7 +242,7 @@ def _follow(
                 known = set(connection.execute(query).scalars())
             if code not in known:
                 return
-            if copy.kind == "backup":  # its exports and recordings are those of what it is a backup of
+            if copy.kind == "backup":  # its exports and recordings are those of the original
                 _remove_rows(engine, study, code, _find_session(engine, study, code))
                 _erase(engine)
                 databases.append(copy.place)

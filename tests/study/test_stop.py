@@ -26,8 +26,8 @@ from haptorb_study.study_file import Study, study_of
 from haptorb_study.terminal_session import Keyboard, name_keys
 
 
-def _module(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
+def _module(name: str, folder: str = "") -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).parent / folder / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -36,7 +36,7 @@ def _module(name: str) -> ModuleType:
 
 
 FakeServo: Any = _module("fake_servo").FakeServo
-pages = _module("test_pages")
+pages = _module("test_pages", "pages")
 STUDY = f'{pages.STUDY}[[questions]]\nname = "words"\ntext = "Anything else?"\n'
 
 

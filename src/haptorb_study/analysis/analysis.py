@@ -1,4 +1,4 @@
-"""From a database to its analysis, in one call."""
+"""Analysis of a study: every table, fit and test that its procedure has, from the stored answers."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _RECORDED = ("participant", "trial", "safety", "recording")
 
 @dataclass(frozen=True)
 class Analysis(NotebookReport):
-    """Everything that is reported of a study; parts that its procedure does not have are empty.
+    """All results of a study; those that its procedure does not have are empty.
 
     `analysis_of` makes one. In a notebook it shows the summary that `haptorb study analyse` prints.
 
@@ -144,7 +144,7 @@ class Analysis(NotebookReport):
 
     @property
     def origin(self) -> str:
-        """Who answered, and on what, in words that go onto every page and figure."""
+        """Participants and device behind the data, as printed on every page and figure; SIMULATED where they are."""
         people = f"{self.participants} participant{'' if self.participants == 1 else 's'}"
         if self.simulated == self.participants:
             return f"SIMULATED: {people.replace(' ', ' simulated ')}, calibrated to Zárate 2020; no person took part"
@@ -161,11 +161,11 @@ class Analysis(NotebookReport):
 
     @property
     def marked(self) -> bool:
-        """Whether some of it is simulated, participants or device."""
+        """Whether any participant or the device was simulated."""
         return self.simulated > 0 or self.on_simulated_device > 0
 
     def numbers(self) -> dict[str, Any]:
-        """As plain JSON types; what is not a number is None."""
+        """As plain JSON types; NaN and infinity become None."""
         found: dict[str, Any] = {
             "study": self.study.name, "procedure": self.study.procedure, "origin": self.origin,
             "participants": self.participants, "simulated": self.simulated, "trials": self.trials,
@@ -223,7 +223,7 @@ def analyse(
     study: Study, columns: Columns, progress: Callable[[int, int], None] | None = None, *,
     plans: Sequence[SessionPlan] = (), registration: Registration | None = None,
 ) -> Analysis:  # fmt: skip
-    """The analysis of `study` from its tidy `columns`; `progress` receives (people fitted, people in all).
+    """Analyse the tidy `columns` of `study`; `progress` receives (participants fitted, participants in all).
 
     `plans` tell with which plan of the analysis each session began, `registration` with which one was filed.
     """
@@ -240,7 +240,7 @@ def analyse(
     parts["means"] = average_conditions(study, main, people.tolist())
     if study.procedure in SPHERICAL and np.isfinite(main["distance_mm"]).any():
         parts["rings"] = measure_rings(main, index, len(people))
-    if main.keys() >= set(_RECORDED):  # answers from elsewhere have no recordings
+    if main.keys() >= set(_RECORDED):  # external answers have no recordings
         parts["recorded"] = tuple(
             (str(code), int(trial), str(safety), str(part))
             for code, trial, safety, part in zip(*(main[n] for n in _RECORDED), strict=True) if part
@@ -275,7 +275,7 @@ def analyse(
 
 
 def _list_empty(study: Study, main: Columns) -> list[str]:
-    """Conditions without an answer; in a forced choice each is compared with the others, and pairs tell."""
+    """Notes on conditions without answers; a forced choice compares every condition with the others, so it has none."""
     if study.procedure == "forced-choice":
         return []
     met = set(main["condition"].tolist())
@@ -283,7 +283,7 @@ def _list_empty(study: Study, main: Columns) -> list[str]:
 
 
 def _analysis_numbers(row: Any) -> dict[str, Any]:
-    """The fields of `row`; what is not a number is None."""
+    """The fields of `row` as plain JSON types; NaN and infinity become None."""
     return {key: json_number(value) if isinstance(value, float) else value for key, value in vars(row).items()}
 
 
@@ -329,7 +329,7 @@ def analysis_of(
 
 
 def read_plans(engine: Engine, study: Study) -> tuple[SessionPlan, ...]:
-    """With which plan each session of `study` began."""
+    """Analysis plans with which the sessions of `study` began."""
     query = (
         select(sessions.c.started, sessions.c.ended, sessions.c.aborted, sessions.c.versions)
         .join(participants, sessions.c.participant == participants.c.id)

@@ -1,4 +1,4 @@
-"""Where people were asked to go, and where their answers lie, as directions from the centre of the dome."""
+"""Directions of prompted and answered places, seen from the centre of the dome."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SPHERICAL = ("identification", "localisation")  #: procedures whose answers are 
 
 
 def answer_directions(study: Study, main: Columns, rows: Any) -> tuple[Array, Array]:
-    """(asked, answered): (rows, 3) unit vectors of the trials `rows` (index); NaN where an answer has no direction.
+    """(prompted, answered): (rows, 3) unit vectors of the trials `rows` (index); NaN where an answer has no direction.
 
     Of an identification the answer is the set-point that was named, of a localisation the place that was reached.
     """
@@ -33,7 +33,7 @@ def answer_directions(study: Study, main: Columns, rows: Any) -> tuple[Array, Ar
 
 
 def answer_numbers(study: Study, main: Columns) -> NDArray[Any]:
-    """(trials,) number of the set-point that was named, or of the one nearest to the place that was reached."""
+    """(trials,) number of the set-point answered, or of the one nearest to the place reached."""
     if study.procedure == "identification":
         return main["answer"]
     ways = directions(study.points)
@@ -44,7 +44,7 @@ def answer_numbers(study: Study, main: Columns) -> NDArray[Any]:
 
 
 def find_unbounded(study: Study, main: Columns, rows: Any) -> NDArray[np.bool_]:
-    """(rows,) whether an answer could lie above and below what was asked: not at the top, where no meridian is.
+    """(rows,) whether an answer can deviate both upwards and downwards; not at the top, which has no meridian.
 
     The numbers of an identification end with its outermost ring: below it nothing can be answered.
     """
@@ -56,7 +56,7 @@ def find_unbounded(study: Study, main: Columns, rows: Any) -> NDArray[np.bool_]:
 
 
 def index_set_points(study: Study, numbers: NDArray[Any]) -> NDArray[np.intp]:
-    """(n,) places of set-points with these `numbers` among those of the study."""
+    """(n,) indices of the set-points with these `numbers` in the study's list."""
     known = np.array([point.number for point in study.points])
     order = np.argsort(known)
     found: NDArray[np.intp] = order[np.searchsorted(known[order], numbers.astype(int))]

@@ -1,4 +1,4 @@
-"""Conditions against each other, and measures against zero: tests over people, with effect size and correction."""
+"""Tests between conditions, and of measures against zero, with effect sizes and correction for multiple tests."""
 
 from __future__ import annotations
 
@@ -21,34 +21,34 @@ from haptorb_study.study_file import Study
 __all__ = ["ConditionComparison", "RatingMean", "compare_conditions", "count_choices", "decide", "rate_condition"]
 
 
-_Question = tuple[str, tuple[str, str] | None]  # measure and conditions; None: against zero
+_Question = tuple[str, tuple[str, str] | None]  # measure and pair of conditions; None: against zero
 
 
 @dataclass(frozen=True)
 class ConditionComparison:
-    """A test over people, one value each: two conditions, a − b, or a measure against zero, where both are empty."""
+    """Test over participants of the difference a − b of two conditions, or of a measure against zero (a, b empty)."""
 
     what: str
-    unit: str  #: of the difference; empty for plain numbers
+    unit: str  #: of the difference; empty: dimensionless
     a: str
     b: str
-    difference: float  #: mean over people
-    low: float  #: 95 % of the mean difference, Student's over people
+    difference: float  #: mean over participants
+    low: float  #: 95 % confidence limits of the mean difference (Student)
     high: float
     people: int
     p: float  #: two-sided
-    p_corrected: float = math.nan  #: for the planned tests together, or for all others together
+    p_corrected: float = math.nan  #: corrected within the family of planned, or of exploratory tests
     planned: bool = False
     test: PairTest = "t"
     effect: EffectSize | None = None
 
     @property
     def name(self) -> str:
-        """Of the difference, or of the claim."""
+        """Label of the difference, or of the hypothesis about a single measure."""
         return f"{self.a} − {self.b}" if self.a else CLAIMS.get(self.what, self.what)
 
     def numbers(self) -> dict[str, Any]:
-        """As plain JSON types; what is not a number is None."""
+        """As plain JSON types; NaN and infinity become None."""
         found = {key: value for key, value in vars(self).items() if key != "effect"}
         if self.effect is not None:
             found |= asdict(self.effect)
@@ -57,30 +57,30 @@ class ConditionComparison:
 
 @dataclass(frozen=True)
 class RatingMean:
-    """Ratings of one condition."""
+    """Mean rating of one condition."""
 
     mean: float
     sd: float
     ratings: int
-    low: float  #: 95 % of the mean, over people
+    low: float  #: 95 % confidence limits of the mean over participants
     high: float
 
 
 def rate_condition(main: Columns, name: str, index: np.ndarray[Any, Any], people: int) -> RatingMean:
-    """The ratings of condition `name`; `index` of the participant of each trial, of so many `people`."""
+    """Mean rating of condition `name`; `index` (trials,) is the participant of each trial, of `people` participants."""
     here = main["condition"] == name
     given = main["answer"][here].astype(float)
     with np.errstate(invalid="ignore", divide="ignore"):
         own = np.bincount(index[here], given, people) / np.bincount(index[here], minlength=people)
     low, high = mean_interval(own)
-    if low == high:  # whole numbers that agree say nothing about how much people differ
+    if low == high:  # identical means of whole numbers do not measure the spread between participants
         low = high = np.array(np.nan)
     sd = float(given.std(ddof=1)) if len(given) > 1 else math.nan
     return RatingMean(float(given.mean()), sd, len(given), float(low), float(high))
 
 
 def count_choices(main: Columns) -> dict[tuple[str, str], tuple[int, int, tuple[float, float]]]:
-    """Pair of conditions → how often the first was chosen, of how many, and the interval of its share over people.
+    """Pair of conditions → (times the first was chosen, number of choices, interval of its share over participants).
 
     With one person it is Wilson's interval, of this person's choices.
     """
@@ -101,7 +101,7 @@ def compare_conditions(
     thresholds: Thresholds | None = None,
     plan: AnalysisPlan | None = None,
 ) -> tuple[ConditionComparison, ...]:
-    """All tests that `study` can give, where at least two of `people` have a value in both conditions.
+    """All tests of `study` for which at least two of `people` have a value in both conditions.
 
     First those of `plan`, the one in force, in its order and direction; then what is claimed of all conditions; then
     pairs of conditions. p is corrected within each of the three, by the plan's correction, Holm's without a plan.
@@ -134,7 +134,7 @@ def compare_conditions(
 def decide(
     measure: str, unit: str, between: tuple[str, str] | None, values: PersonValues, test: PairTest = "t"
 ) -> ConditionComparison | None:
-    """The test of people's `values`; None with fewer than two people."""
+    """The test of participants' `values`; None with fewer than two participants."""
     d = values.differences
     if len(d) < 2:
         return None

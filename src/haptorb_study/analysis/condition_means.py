@@ -1,4 +1,4 @@
-"""Error and accuracy in each condition: what the tests over people compare, one value per person."""
+"""Means of error and accuracy by condition: one value per participant, as the tests use them."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from haptorb_study.study_file import Study
 __all__ = ["ConditionMean", "average_conditions", "list_condition_means", "make_condition_table"]
 
 
-_PROCEDURES = ("identification", "localisation")  #: the others have tables of their own
+_PROCEDURES = ("identification", "localisation")  #: other procedures have tables of their own
 
 
 @dataclass(frozen=True)
 class ConditionMean:
-    """Of one measure in one condition; NaN where one person gives no interval."""
+    """Mean of one measure in one condition; the limits are NaN with one participant."""
 
     measure: str
     unit: str
     condition: str
     people: int
     mean: float
-    sd: float  #: between people
-    low: float  #: 95 % of the mean over people
+    sd: float  #: between participants
+    low: float  #: 95 % confidence limits of the mean over participants
     high: float
 
 
 def average_conditions(study: Study, main: Columns, people: Sequence[str]) -> tuple[ConditionMean, ...]:
-    """By measure and condition, in the order of the study file; none where nobody has a value."""
+    """Mean of each measure in each condition, in the order of the study file; without values: left out."""
     if study.procedure not in _PROCEDURES:
         return ()
     measures = PersonMeasures(study, main, [str(code) for code in people])
@@ -64,7 +64,7 @@ def average_conditions(study: Study, main: Columns, people: Sequence[str]) -> tu
 
 
 def list_condition_means(means: tuple[ConditionMean, ...]) -> list[dict[str, Any]]:
-    """As plain JSON types; what is not a number is None."""
+    """As plain JSON types; NaN and infinity become None."""
     return [
         {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in found.items()}
         for found in map(asdict, means)

@@ -1,4 +1,4 @@
-"""Identification: who was right where, and where wrong answers went."""
+"""Confusion matrix of an identification, and the most frequent confusions."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from haptorb_study.study_file import Study
 __all__ = ["Arrow", "Confusion", "count_answers", "describe_accuracy", "find_arrows", "list_wrong_answers"]
 
 
-WANDERED = 1 / 3  #: an arrow is drawn where this share of the wrong answers, or more, went to one set-point
+WANDERED = 1 / 3  #: share of the wrong answers to a set-point that must agree for an arrow
 
 
 @dataclass(frozen=True)
 class Confusion:
-    """Answers (columns) to prompts (rows), averaged over participants; all arrays by set-point in the study's order."""
+    """Confusion matrix: prompts (rows) × answers (columns), averaged over participants, in the study's order."""
 
     numbers: tuple[int, ...]
-    counts: Array  #: (n, n) answers, pooled
+    counts: Array  #: (n, n) answers of all participants
     matrix: Array  #: (n, n) share of answers, averaged over participants
-    right_95: Array  #: (n, 2) of the share of right answers to each set-point, over people; NaN with one person
+    right_95: Array  #: (n, 2) confidence limits of the share of correct answers to each set-point
     accuracy: float  #: averaged over participants
-    accuracy_95: tuple[float, float]  #: over people; NaN with one person
-    single_95: tuple[float, float]  #: with one person alone: Wilson's, of this person's trials; else NaN
+    accuracy_95: tuple[float, float]  #: confidence limits over participants; NaN with one participant
+    single_95: tuple[float, float]  #: with one participant only: Wilson's interval over the trials; else NaN
     chance: float
-    p_chance: float  #: of so many right answers by guessing
+    p_chance: float  #: probability of at least as many correct answers by guessing
 
 
 @dataclass(frozen=True)
 class Arrow:
-    """A third or more of the wrong answers to `of` went to `to`."""
+    """Confusion of set-point `of` with set-point `to` in at least a third of the wrong answers to `of`."""
 
     of: int
     to: int
@@ -48,7 +48,7 @@ class Arrow:
 
 
 def count_answers(study: Study, main: Columns, index: np.ndarray[Any, Any], people: int) -> Confusion:
-    """Who answered what; `index` (trials,) of each trial's participant, of so many `people`."""
+    """Count answers by prompt; `index` (trials,) is the participant of each trial, of `people` participants."""
     numbers = tuple(point.number for point in study.points)
     place = {number: n for n, number in enumerate(numbers)}
     asked = np.array([place[int(n)] for n in main["set_point"]])
@@ -74,7 +74,7 @@ def count_answers(study: Study, main: Columns, index: np.ndarray[Any, Any], peop
 
 
 def find_arrows(confusion: Confusion) -> tuple[Arrow, ...]:
-    """Where a third or more of the wrong answers to a set-point went."""
+    """Confusions that make up at least a third of the wrong answers to a set-point."""
     wrong = confusion.counts - np.diag(np.diag(confusion.counts))
     found = []
     for i, row in enumerate(wrong):
@@ -87,12 +87,12 @@ def find_arrows(confusion: Confusion) -> tuple[Arrow, ...]:
 
 
 def list_wrong_answers(arrows: Sequence[Arrow], number: int) -> str:
-    """Set-points that a third or more of the wrong answers to set-point `number` went to, and how many did."""
+    """Most frequent wrong answers to set-point `number`, with their counts, as text."""
     return ", ".join(f"{one.to} ({round(one.share * one.wrong)} of {one.wrong})" for one in arrows if one.of == number)
 
 
 def describe_accuracy(confusion: Confusion) -> str:
-    """Which interval the share of right answers has, and the interval, for people."""
+    """Confidence interval of the accuracy as text, and what it is taken over."""
     over_people = format_range(confusion.accuracy_95, ".1f", 100)
     if over_people != "–":
         return f"95 % over participants {over_people} %"

@@ -1,4 +1,4 @@
-"""Psychometric curves of constant stimuli, by condition: one for each person, and one for the group behind them."""
+"""Psychometric functions of constant stimuli by condition: each participant's and the population's."""
 
 from __future__ import annotations
 
@@ -18,42 +18,42 @@ from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
 __all__ = ["JND", "ConditionCurves", "effect_numbers", "fit_curves"]
 
 
-JND = 0.6745  #: spreads from the middle to where the comparison is called the stronger in 75 % of the trials
+JND = 0.6745  #: spreads from the point of subjective equality to 75 % "comparison stronger"
 
-_SAME = 8  #: trials from which on one and the same key is no chance
+_SAME = 8  #: trials from which identical answers are reported
 
 
 @dataclass(frozen=True)
 class ConditionCurves:
-    """How often the comparison was called the stronger, over its level."""
+    """Share of "comparison stronger" over the level, in one condition."""
 
     answered: LevelCounts
     people: dict[str, PersonFit]  #: by participant's code
-    group: Population | None  #: None where fewer than two people have a function that does not fall with the level
+    group: Population | None  #: None: fewer than two participants have a function that does not fall with the level
 
     @property
     def group_curve(self) -> PsychometricCurve | None:
-        """The function of the person in the middle of the group; None where the answers do not determine one."""
+        """Psychometric function at the population means; None where the answers do not determine it."""
         if self.group is None or not all(map(math.isfinite, (*self.group.threshold.mean_95, self.group_spread))):
             return None
         return PsychometricCurve(self.group.threshold.mean, self.group_spread, self.group.lapse, self.group.lapse)
 
     @property
     def group_spread(self) -> float:
-        """exp of the mean log spread; NaN where its interval has no upper end."""
+        """exp of the mean log spread; NaN where its interval has no upper limit."""
         effect = self.group and self.group.log_spread
         return math.exp(effect.mean) if effect and math.isfinite(effect.mean_95[1]) else math.nan
 
     @property
     def group_jnd_95(self) -> tuple[float, float]:
-        """From 50 to 75 %; an end is ±∞ where it does not exist, NaN without an interval."""
+        """Confidence limits of the population's JND (50 to 75 %); ±∞: open, NaN: no interval."""
         assert self.group is not None
         low, high = self.group.log_spread.mean_95
         return (JND * math.exp(low) if low > -math.inf else -math.inf), JND * math.exp(high)
 
     @property
     def group_notes(self) -> list[str]:
-        """What the answers of all people together cannot tell, and who is left out of the group."""
+        """What the answers do not determine for the population, and which participants are excluded."""
         reversed_ = [code for code, fit in self.people.items() if REVERSED in fit.notes]
         found = []
         if reversed_ and len(self.people) > 1:
@@ -82,7 +82,7 @@ class ConditionCurves:
 
     @property
     def misfits(self) -> int:
-        """Number of people whom the function fits worse than 95 % of simulated repetitions."""
+        """Number of participants whose goodness of fit is below the 5th percentile of simulated repetitions."""
         return sum(fit.p_fit < 0.05 for fit in self.people.values())
 
     def numbers(self) -> dict[str, Any]:
@@ -107,7 +107,7 @@ class ConditionCurves:
 
 
 def effect_numbers(effect: NormalEffect) -> dict[str, Any]:
-    """A mean and a standard deviation over people as plain JSON types; an end that does not exist is None."""
+    """Population mean and standard deviation as plain JSON types; an open limit is None."""
     closed = all(map(math.isfinite, effect.mean_95))
     return {
         "mean": _to_json(effect.mean if closed else math.nan), "mean_95": [_to_json(end) for end in effect.mean_95],
@@ -122,7 +122,7 @@ def _to_json(value: float) -> float | None:
 def fit_curves(
     main: Columns, progress: Callable[[int, int], None] | None = None
 ) -> tuple[dict[str, ConditionCurves], list[str]]:
-    """By condition; and in words what could not be fitted. `progress` receives (people fitted, people in all)."""
+    """Curves by condition, and notes on conditions that cannot be fitted; `progress`: (participants fitted, in all)."""
     names = [str(name) for name in dict.fromkeys(main["condition"].tolist())]
     codes = {name: np.unique(main["participant"][main["condition"] == name]).tolist() for name in names}
     total, done = sum(map(len, codes.values())), 0

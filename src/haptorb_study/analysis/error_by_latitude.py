@@ -1,4 +1,4 @@
-"""How far off the answers were, ring by ring of θ."""
+"""Error of the answers by the polar angle θ of the set-point."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from haptorb_study.statistics.intervals import mean_interval
 __all__ = ["ERROR_MEANING", "LatitudeError", "measure_rings", "measure_tool_rings", "name_error"]
 
 
-#: procedure → what its error is, said below its tables
+#: procedure → definition of its error, printed below its tables
 ERROR_MEANING = {
     "identification": "Error: straight distance between the contact positions of the set-point named and the set-point "
     "shown; 0 for every right answer, wherever the tool was.",
@@ -24,7 +24,7 @@ ERROR_MEANING = {
 
 
 def name_error(procedure: str) -> str:
-    """What the distance in a table is, in a title's length."""
+    """Short definition of the error of `procedure`, for a title."""
     return {
         "identification": "from the set-point shown to the one named", "localisation": "from the set-point to the tool",
     }.get(procedure, "")  # fmt: skip
@@ -32,18 +32,18 @@ def name_error(procedure: str) -> str:
 
 @dataclass(frozen=True)
 class LatitudeError:
-    """Error of the set-points at one θ."""
+    """Error at the set-points of one θ."""
 
     theta_deg: float
     trials: int
-    mean: float  #: [mm] of the people's means
+    mean: float  #: [mm] mean of the participants' means
     sd: float  #: [mm] over trials
-    low: float  #: [mm] of the mean, over people
+    low: float  #: [mm] confidence limits of the mean over participants
     high: float  #: [mm]
 
 
 def measure_rings(main: Columns, index: np.ndarray[Any, Any], people: int) -> tuple[LatitudeError, ...]:
-    """Error by θ; `index` (trials,) of each trial's participant, of so many `people`."""
+    """Error by θ; `index` (trials,) is the participant of each trial, of `people` participants."""
     found = []
     for theta in np.unique(main["theta_deg"][np.isfinite(main["theta_deg"])]):
         here = (main["theta_deg"] == theta) & np.isfinite(main["distance_mm"])

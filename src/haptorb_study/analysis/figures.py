@@ -1,4 +1,4 @@
-"""The figures of a study: confusion, where wrong answers went, error over θ, curves; every one says who answered."""
+"""Figures of the report: confusion matrix, confusions on the dome, error over θ, psychometric curves."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SHADE = LinearSegmentedColormap.from_list("shade", ["#ffffff", "#9cc3e0", _BLUE
 
 
 def figures(analysis: Analysis) -> dict[str, Figure]:
-    """Name → figure, for what this study has."""
+    """Name → figure, for the results that this study has."""
     found = {}
     if analysis.confusion is not None:
         found["confusion"] = _confusion(analysis)
@@ -47,7 +47,7 @@ def _confusion(analysis: Analysis) -> Figure:
 
 
 def draw_confusion(axes: Axes, analysis: Analysis) -> None:
-    """The confusion matrix of an identification into `axes`, with a bar for its shades."""
+    """Draw the confusion matrix of an identification into `axes`, with a colour bar."""
     c = analysis.confusion
     assert c is not None
     shown = axes.imshow(c.matrix, cmap=_SHADE, vmin=0, vmax=1)
@@ -57,7 +57,7 @@ def draw_confusion(axes: Axes, analysis: Analysis) -> None:
     axes.set(xlabel="answered", ylabel="prompted")
     theta = [analysis.study.point(n).theta_deg for n in c.numbers]
     for n in ticks[1:]:
-        if theta[n] != theta[n - 1]:  # rings apart
+        if theta[n] != theta[n - 1]:  # boundary between two rings
             axes.axhline(n - 0.5, color="0.6", lw=0.6)
             axes.axvline(n - 0.5, color="0.6", lw=0.6)
     axes.figure.colorbar(shown, ax=axes, label="share of answers", shrink=0.8)
@@ -72,7 +72,7 @@ def _answers(analysis: Analysis) -> Figure:
 
 
 def draw_answers(axes: PolarAxes, analysis: Analysis) -> None:
-    """The set-points of an identification into `axes`: share of correct answers, and where wrong ones went."""
+    """Draw the set-points of an identification: share of correct answers, and arrows for frequent confusions."""
     c = analysis.confusion
     assert c is not None
     places = {
@@ -109,7 +109,7 @@ def _error(analysis: Analysis) -> Figure:
 
 
 def draw_error(axes: Axes, analysis: Analysis) -> None:
-    """Error over θ into `axes`, beside the published one where the set-points are the published ones."""
+    """Draw the error over θ; for the published set-points beside the published error."""
     theta = [ring.theta_deg for ring in analysis.rings]
     axes.errorbar(
         theta, [ring.mean for ring in analysis.rings], [ring.sd for ring in analysis.rings], fmt="o", color=_BLUE,
@@ -139,7 +139,7 @@ def _curves(analysis: Analysis) -> Figure:
 
 
 def draw_curves(axes: Axes, analysis: Analysis) -> None:
-    """Psychometric curves into `axes`: each person's faint, the group's bold; points are shares over all people."""
+    """Draw psychometric curves: thin for participants, bold for the population; points are pooled shares."""
     levels = analysis.study.levels
     for n, (name, one) in enumerate(analysis.curves.items()):
         colour = f"C{n}"

@@ -1,4 +1,4 @@
-"""Answers on the sphere: constant and variable error as vectors, error over θ as a trend, spread, information."""
+"""Localisation errors on the sphere: constant and variable error, trend over θ, spread, information transferred."""
 
 from __future__ import annotations
 
@@ -28,55 +28,55 @@ from haptorb_study.study_file import Study
 __all__ = ["ErrorAxis", "Localisation", "PersonMean", "PlaceError", "localise"]
 
 
-_ROUNDING = 1e-9  #: below it an error is that of computing directions, which no test may find significant [deg]
+_ROUNDING = 1e-9  #: smaller errors are rounding of the directions, which no test may find significant [deg]
 
 
 @dataclass(frozen=True)
 class PersonMean:
-    """A number per person, averaged: Student's over people."""
+    """Mean of one value per participant, with Student's confidence interval."""
 
     mean: float
-    low: float  #: 95 % of the mean
+    low: float  #: 95 % confidence limits of the mean
     high: float
     people: int
-    p: float  #: two-sided, of the mean being zero; NaN with fewer than two people
+    p: float  #: two-sided, of a zero mean; NaN with fewer than two participants
 
 
 @dataclass(frozen=True)
 class ErrorAxis:
     """Errors along one local axis [deg]."""
 
-    axis: str  #: towards the top, around the vertical (growing φ), or away from the hand
+    axis: str  #: towards the top, azimuthal (growing φ), or away from the hand
     trials: int
     constant: PersonMean  #: [deg]
-    variable: float  #: [deg] standard deviation about each person's mean at each set-point; NaN without repetitions
+    variable: float  #: [deg] SD about each participant's mean at each set-point; NaN without repetitions
 
 
 @dataclass(frozen=True)
 class PlaceError:
-    """Answers to one set-point, all people together."""
+    """Mean error and spread of the answers to one set-point, over all participants."""
 
     set_point: int
     theta_deg: float
     phi_deg: float
     up: float  #: mean error towards the top [deg]; NaN at the top
-    around: float  #: mean error about the vertical, along growing φ [deg]; NaN at the top
+    around: float  #: mean azimuthal error, along growing φ [deg]; NaN at the top
     spread: DirectionSpread
 
 
 @dataclass(frozen=True)
 class Localisation:
-    """Where answers lie about what was asked."""
+    """Localisation errors of a study."""
 
-    answers: str  #: what an answer is: the set-point that was named, or the place that was reached
+    answers: str  #: kind of answer: set-point named, or place reached
     axes: tuple[ErrorAxis, ...]
-    slope: PersonMean | None  #: of the distance over θ [mm/deg]
-    intercept: float  #: of the mean line at θ = 0 [mm]; NaN without a slope
+    slope: PersonMean | None  #: of the distance error over θ [mm/deg]
+    intercept: float  #: of the regression line at θ = 0 [mm]; NaN without a slope
     places: tuple[PlaceError, ...]
     information: dict[str, Information]  #: by condition
 
     def numbers(self) -> dict[str, Any]:
-        """As plain JSON types; what is not a number is None."""
+        """As plain JSON types; NaN and infinity become None."""
         found: dict[str, Any] = _localisation_make_plain(
             {
                 "answers": self.answers,
@@ -90,7 +90,7 @@ class Localisation:
 
 
 def localise(study: Study, main: Columns, people: Sequence[str]) -> Localisation | None:
-    """The answers of `people` in the columns `main`, without practice; None where no answer has a direction."""
+    """Localisation errors of `people` in `main`, columns without practice; None where no answer has a direction."""
     asked, answered = answer_directions(study, main, slice(None))
     known = np.isfinite(answered).all(axis=-1)
     if not known.any():
@@ -127,7 +127,7 @@ def localise(study: Study, main: Columns, people: Sequence[str]) -> Localisation
 
 
 def average_people(values: Array) -> PersonMean:
-    """Mean of one value per person, at least one."""
+    """Mean of one value per participant (at least one)."""
     low, high = mean_interval(values)
     p = float(decide_p(values)) if len(values) > 1 else math.nan
     return PersonMean(float(np.mean(values)), float(low), float(high), len(values), p)
@@ -149,7 +149,7 @@ def _axis(name: str, set_points: Any, values: Array, index: Any, people: int) ->
 
 
 def _inform(study: Study, main: Columns, known: Any, index: Any, people: int) -> dict[str, Information]:
-    """By condition, what the answers tell of the set-points; places that were reached count as the nearest of them."""
+    """Information transferred by condition; a place reached counts as the nearest set-point."""
     size = len(study.points)
     asked = index_set_points(study, main["set_point"])
     given = index_set_points(study, answer_numbers(study, main))

@@ -1,4 +1,4 @@
-"""Magnitude estimation: geometric means over people of the numbers they gave, and the exponent of the power law.
+"""Magnitude estimation: geometric means over participants, and the exponent of Stevens' power law.
 
 Everybody has a scale of their own, which says nothing: each person's estimates are divided by what their own power
 law gives at the reference in the first condition. So the reference is 1 there, and other conditions are compared with
@@ -26,23 +26,23 @@ __all__ = ["MagnitudeScale", "estimate_magnitudes", "list_magnitudes", "make_mag
 
 @dataclass(frozen=True)
 class MagnitudeScale:
-    """Of one condition; intervals are Student's 95 % over people, NaN for a single one."""
+    """Estimated magnitudes of one condition; 95 % intervals over participants (Student), NaN for one participant."""
 
     condition: str
     people: int
     levels: Array  #: (n,)
-    means: Array  #: (n,) geometric means over people, the reference in the first condition being 1
+    means: Array  #: (n,) geometric means over participants; 1 at the reference in the first condition
     low: Array  #: (n,)
     high: Array  #: (n,)
-    exponent: float  #: mean over people of each one's n
+    exponent: float  #: mean over participants
     exponent_95: tuple[float, float]
-    exponents: dict[str, float]  #: by participant
-    at_reference: float  #: geometric mean over people of the law at the reference; 1 in the first condition
+    exponents: dict[str, float]  #: by participant's code
+    at_reference: float  #: geometric mean over participants of the power law at the reference; 1 in the first condition
     at_reference_95: tuple[float, float]  #: NaN in the first condition
 
 
 def estimate_magnitudes(study: Study, main: Columns) -> tuple[MagnitudeScale, ...]:
-    """By condition in the order of the study file; people who met fewer than two levels of it are left out.
+    """Estimated magnitudes by condition, in the order of the study file, of participants with two levels or more.
 
     Whoever met too little of the first condition has an exponent, but no scale, and is left out of the means.
     """
@@ -57,7 +57,7 @@ def estimate_magnitudes(study: Study, main: Columns) -> tuple[MagnitudeScale, ..
 
 
 def _fit_people(main: Columns, condition: str, reference: float) -> dict[str, PowerLaw]:
-    """Participant's code → law, of those who met two levels."""
+    """Participant's code → power law, for participants who answered at two levels or more."""
     here = main["condition"] == condition
     found = {}
     for code in dict.fromkeys(main["participant"][here].tolist()):
@@ -90,7 +90,7 @@ def _average(main: Columns, condition: str, laws: dict[str, PowerLaw], scales: d
 
 
 def _magnitude_mean(values: Array) -> Array:
-    """Over people, NaN left out; NaN where nobody is left."""
+    """(n,) mean over participants without NaN; NaN where all are NaN."""
     known = np.isfinite(values)
     with np.errstate(invalid="ignore"):
         found: Array = np.where(known, values, 0.0).sum(axis=0) / known.sum(axis=0)
@@ -102,7 +102,7 @@ def _magnitude_ends(low: Any, high: Any) -> tuple[float, float]:
 
 
 def list_magnitudes(scales: tuple[MagnitudeScale, ...]) -> list[dict[str, Any]]:
-    """As plain JSON types; what is not a number is None."""
+    """As plain JSON types; NaN and infinity become None."""
     return [
         {
             "condition": one.condition, "people": one.people, "levels": one.levels.tolist(),
@@ -118,7 +118,7 @@ def list_magnitudes(scales: tuple[MagnitudeScale, ...]) -> list[dict[str, Any]]:
 
 
 def make_magnitude_tables(scales: tuple[MagnitudeScale, ...], unit: str) -> tuple[TextTable, ...]:
-    """Means by level, and exponents, for terminal and report; none without a scale. `unit` of the levels."""
+    """Tables of means by level and of exponents, for terminal and report; none without data. `unit` of the levels."""
     if not scales:
         return ()
     columns = (Column("condition", kind="key"), Column("level", unit), Column("geometric mean"), Column("95 %"))

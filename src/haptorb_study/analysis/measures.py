@@ -1,4 +1,4 @@
-"""One number per person: what conditions are compared by, in the analysis and in the power of a study alike."""
+"""Measures: one value per participant and condition, used by the analysis and the power estimate."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ Thresholds = Mapping[str, Mapping[str, float]]  #: condition → participant's c
 
 @dataclass(frozen=True)
 class PersonValues:
-    """A measure of people who have it in both conditions; `b` is zero where there is no second condition."""
+    """Values of a measure, of participants who have it in both conditions; `b` is zero without a second condition."""
 
     a: Array  #: (people,)
     b: Array  #: (people,)
-    paired: bool = True  #: whether both are measurements whose spread over people means something
+    paired: bool = True  #: whether the spread of both over participants is meaningful
 
     @property
     def differences(self) -> Array:
@@ -43,7 +43,7 @@ class PersonValues:
 
     @property
     def spread(self) -> float | None:
-        """Root mean variance of both conditions; None with fewer than two people or without a second condition."""
+        """Root mean variance of both conditions; None below two participants or without a second condition."""
         if len(self.a) < 2 or not self.paired:
             return None
         return float(np.sqrt((self.a.var(ddof=1) + self.b.var(ddof=1)) / 2))
@@ -51,7 +51,7 @@ class PersonValues:
 
 @final
 class PersonMeasures:
-    """What each of `people` has, by measure and condition; every number is computed once, however often it is compared.
+    """Measures of `people` by condition; each value is computed once.
 
     `main` are the columns without practice, `thresholds` those of an adaptive procedure.
     """
@@ -64,7 +64,7 @@ class PersonMeasures:
         self._values: dict[tuple[str, str], list[float]] = {}
 
     def compare(self, measure: str, between: tuple[str, str] | None) -> PersonValues:
-        """`measure` in both conditions of `between`; None: over all conditions, against zero.
+        """Values of `measure` in both conditions of `between`; None: over all conditions, against zero.
 
         People without a value in either are left out: a condition without data gives no people.
         """
@@ -76,17 +76,17 @@ class PersonMeasures:
         two = self._measure_all(measure, between[1]) if between and paired else [0.5 if between else 0.0] * len(one)
         values = np.array([one, two], dtype=float)
         values = values[:, np.isfinite(values).all(axis=0)]
-        # How much people's magnitudes differ is how much their scales do.
+        # The spread between participants is that of their personal scales.
         return PersonValues(values[0], values[1], paired and measure != "magnitude")
 
     def values_in(self, measure: str, condition: str) -> Array:
-        """(people,) `measure` of those who have it in `condition`."""
+        """(people,) `measure` of the participants who have it in `condition`."""
         values = np.array(self._measure_all(measure, condition), dtype=float)
         known: Array = values[np.isfinite(values)]
         return known
 
     def _measure_all(self, measure: str, condition: str) -> list[float]:
-        """Of everybody; "": over all conditions."""
+        """Values of all participants; condition "": over all conditions."""
         known = (measure, condition)
         if known not in self._values:
             names = self._main["condition"]
@@ -101,7 +101,7 @@ class PersonMeasures:
 
 
 def list_thresholds(procedures: Mapping[str, Procedure]) -> dict[str, dict[str, float]]:
-    """Condition → participant's code → threshold, of adaptive `procedures` by code; an unfinished track has none."""
+    """Condition → participant's code → threshold of adaptive `procedures` (by code); unfinished tracks have none."""
     found: dict[str, dict[str, float]] = {}
     for code, procedure in procedures.items():
         for part in getattr(procedure, "parts", ()):
@@ -112,7 +112,7 @@ def list_thresholds(procedures: Mapping[str, Procedure]) -> dict[str, dict[str, 
 
 
 def measure_upward(study: Study, main: Columns, rows: Any) -> Array:
-    """(rows,) errors towards the top [deg] of the trials `rows` (index) where they may point both ways; else NaN.
+    """(rows,) errors towards the top [deg] of the trials `rows` (index) that can deviate both ways; else NaN.
 
     The top has no meridian. A numbered answer cannot go beyond the outermost ring, so there all errors would be upward:
     only set-points with others above and below count. A place that was reached counts wherever it is asked.
@@ -138,7 +138,7 @@ def fit_slope(theta: Array, error: Array) -> float:
 def _measure(
     study: Study, main: Columns, rows: Any, code: str, measure: str, condition: str, thresholds: Thresholds | None
 ) -> float:
-    """Of one person, whose trials in the condition are `rows`; NaN where they tell nothing."""
+    """`measure` of one participant from the trials `rows` of `condition`; NaN without data."""
     if thresholds is not None and measure == "threshold":
         return float(thresholds.get(condition, {}).get(code, math.nan))
     if not len(rows):
@@ -158,7 +158,7 @@ def _measure(
 
 
 def _fit_person(main: Columns, rows: Any, measure: str) -> float:
-    """Of constant stimuli: midpoint, or difference noticed in 75 % of the pairs; NaN where one level is known."""
+    """Point of subjective equality or 75 % JND of a participant with constant stimuli; NaN with one level only."""
     levels, which = np.unique(main["level"][rows], return_inverse=True)
     if len(levels) < 2:
         return math.nan
@@ -168,13 +168,13 @@ def _fit_person(main: Columns, rows: Any, measure: str) -> float:
     return fit.middle if measure == "midpoint" else 0.6745 * fit.spread
 
 
-@lru_cache(4096)  # several measures and pairs of conditions ask for the same fits
+@lru_cache(4096)  # shared by several measures and pairs of conditions
 def _fit_counts(levels: tuple[float, ...], yes: tuple[float, ...], of: tuple[float, ...]) -> PsychometricCurve:
     return psychometric_fit(levels, yes, of)
 
 
 def _share_chosen(main: Columns, rows: Any, a: str, b: str) -> float:
-    """Share of the choices between `a` and `b` in which `a` was chosen."""
+    """Share of the choices between conditions `a` and `b` in which `a` was chosen."""
     one, other = main["condition"][rows], main["other"][rows]
     first, second = (one == a) & (other == b), (one == b) & (other == a)
     met = first | second

@@ -1,4 +1,4 @@
-"""Numbers and intervals of an analysis as people read them; what is not a number is a dash, never "nan"."""
+"""Numbers and intervals as printed in tables and reports; NaN is a dash."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ __all__ = ["format_p", "format_percent", "format_range", "format_value", "json_n
 
 
 def format_value(value: float, form: str, scale: float = 1.0) -> str:
-    """`scale` times `value`, or a dash.
+    """`scale` × `value` in the format `form`; NaN is a dash.
 
     >>> format_value(0.25, ".1f", 100), format_value(float("nan"), ".1f")
     ('25.0', '–')
@@ -17,7 +17,7 @@ def format_value(value: float, form: str, scale: float = 1.0) -> str:
 
 
 def format_range(limits: tuple[float, float], form: str, scale: float = 1.0) -> str:
-    """Both ends; the one that exists, of an interval with an open end; a dash where none is known.
+    """Interval as text; with one limit where the other is open, a dash where it is unknown.
 
     >>> format_range((0.25, 0.5), ".1f", 100), format_range((float("nan"), float("nan")), ".1f")
     ('25.0 to 50.0', '–')
@@ -36,7 +36,7 @@ def format_range(limits: tuple[float, float], form: str, scale: float = 1.0) -> 
 
 
 def format_p(p: float) -> str:
-    """ "p = ..." or, where a computer's numbers end, "p < ...".
+    """p as text, "p < 1e-300" at underflow.
 
     >>> format_p(0.0123), format_p(0.0)
     ('p = 0.012', 'p < 1e-300')
@@ -45,7 +45,7 @@ def format_p(p: float) -> str:
 
 
 def format_percent(share: float) -> str:
-    """As a percentage with its sign.
+    """Percentage with its sign; NaN is a dash.
 
     >>> format_percent(0.125), format_percent(float("nan"))
     ('12.5 %', '–')

@@ -1,4 +1,4 @@
-"""All figures of a study for a paper, and a file of captions: written together or not at all."""
+"""Figures of a study for publication, and their captions: all files or none."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# How figures for a paper look: widths in millimetres, colours for any colour vision, never colour alone.
+# Style of the figures: widths in millimetres, colours for any colour vision, never colour alone.
 #
 # The colours are those of Okabe and Ito 2008, and for shades matplotlib's cividis (Nuñez et al. 2018), whose lightness
 # grows evenly, so that it survives a photocopy. Conditions differ in marker and line style besides.
@@ -68,14 +68,14 @@ _STYLE: Mapping[str, Any] = {
     "axes.linewidth": 0.6, "lines.linewidth": 1.0, "lines.markersize": 4.0, "xtick.major.width": 0.6,
     "ytick.major.width": 0.6, "xtick.major.size": 2.5, "ytick.major.size": 2.5, "axes.spines.top": False,
     "axes.spines.right": False, "legend.frameon": False, "axes.unicode_minus": True,
-    # TrueType outlines go into PDF whole (type 3 is refused by many publishers); in SVG letters become outlines.
+    # TrueType outlines are embedded in PDF (many publishers reject type 3); in SVG, text becomes outlines.
     "pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "path", "svg.hashsalt": "haptorb", "savefig.bbox": None,
 }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class PaperSize:
-    """Widths of a journal's columns [mm]."""
+    """Column widths of a journal [mm]."""
 
     single: float = 85.0
     double: float = 174.0
@@ -88,13 +88,13 @@ class PaperSize:
 
 
 def use_paper_style() -> AbstractContextManager[None]:
-    """Matplotlib's settings, for drawing and for writing."""
+    """Matplotlib settings for drawing and writing."""
     settings: Any = dict(_STYLE)
     return matplotlib.rc_context(settings)
 
 
 def new_paper_figure(analysis: Analysis, width: float, height: float) -> Figure:
-    """An empty figure of so many millimetres; who answered stands below it, SIMULATED above it where that is so."""
+    """New empty figure; the participants are named below it, SIMULATED is printed above it where that applies."""
     figure = Figure(figsize=(width * MM, height * MM), layout="constrained")
     if analysis.marked:
         figure.suptitle("SIMULATED", x=0.99, ha="right", fontweight="bold", color=COLOURS[1])
@@ -105,7 +105,7 @@ def new_paper_figure(analysis: Analysis, width: float, height: float) -> Figure:
 def draw_open_interval(
     axes: Axes, limits: tuple[float, float], at: float, colour: str, *, upright: bool = False, width: float = 1.2
 ) -> None:
-    """A bar over `limits` at `at`; an end that does not exist is an arrow to the edge of `axes`. NaN: nothing.
+    """Draw the interval `limits` at position `at`; an open limit is an arrow to the edge of `axes`. NaN: nothing.
 
     Limits beyond the axes become arrows too. Call it last: the axes keep the range that they have.
     """
@@ -113,7 +113,7 @@ def draw_open_interval(
     if math.isnan(low) or math.isnan(high):
         return
     edges = sorted(axes.get_ylim() if upright else axes.get_xlim())
-    (axes.set_ylim if upright else axes.set_xlim)(*edges)  # what is drawn here does not widen them
+    (axes.set_ylim if upright else axes.set_xlim)(*edges)  # open limits do not widen the axes
     inner = [min(max(end, edges[0]), edges[1]) for end in (low, high)]
     for end, inside, other in ((low, *inner), (high, *reversed(inner))):
         if end == inside:
@@ -128,18 +128,18 @@ def draw_open_interval(
 
 
 def _wrap(text: str, width: float) -> str:
-    """`text` in lines that fit into `width` [mm] at 5.5 points, at 1.15 mm a letter."""
+    """Wrap `text` to `width` [mm] at 5.5 points, 1.15 mm per character."""
     from textwrap import fill
 
     return fill(text, max(20, int(width / 1.15)))
 
 
 # --------------------------------------------------------------------------------------------------
-# What conditions show: psychometric curves, thresholds, ratings, choices, magnitudes, response times.
+# Figures by condition: psychometric curves, thresholds, ratings, choices, magnitudes, response times.
 
 
 def draw_curves(analysis: Analysis, size: PaperSize) -> Figure:
-    """How often the comparison was called the stronger, over its level: thin people, bold the group."""
+    """Share of "comparison stronger" over the level: thin for participants, bold for the population."""
     figure = new_paper_figure(analysis, size.single, 0.85 * size.single)
     axes = figure.subplots()
     for n, (name, one) in enumerate(analysis.curves.items()):
@@ -162,13 +162,13 @@ def draw_curves(analysis: Analysis, size: PaperSize) -> Figure:
 
 
 def draw_thresholds(analysis: Analysis, size: PaperSize) -> Figure:
-    """Everybody's fitted threshold by condition with its 95 %, lines joining one person's; the group's mean, 95 %."""
+    """Each participant's threshold by condition with 95 % interval, joined by a line; the population mean with 95 %."""
     figure = new_paper_figure(analysis, size.single, 0.85 * size.single)
     axes = figure.subplots()
     names, bars = list(analysis.tracks), []
     codes = list(dict.fromkeys(code for one in analysis.tracks.values() for code in one.people))
     for number, code in enumerate(codes):
-        aside = 0.12 + 0.2 * (number + 0.5) / len(codes)  # beside the group's, so that nothing hides
+        aside = 0.12 + 0.2 * (number + 0.5) / len(codes)  # beside the population mean, so that none is covered
         mine = [(n + aside, fit) for n, name in enumerate(names) if (fit := analysis.tracks[name].people.get(code))]
         closed = [(at, fit.fitted) for at, fit in mine if fit.closed]
         axes.plot([at for at, _ in closed], [value for _, value in closed], "-", color="0.75", marker=".", lw=0.5, ms=3)
@@ -192,7 +192,7 @@ def draw_thresholds(analysis: Analysis, size: PaperSize) -> Figure:
 
 
 def draw_ratings(analysis: Analysis, size: PaperSize) -> Figure:
-    """Mean rating by condition with its 95 % over people."""
+    """Mean rating by condition with 95 % interval over participants."""
     figure = new_paper_figure(analysis, size.single, 0.8 * size.single)
     axes = figure.subplots()
     for n, one in enumerate(analysis.scores.values()):
@@ -205,7 +205,7 @@ def draw_ratings(analysis: Analysis, size: PaperSize) -> Figure:
 
 
 def draw_choices(analysis: Analysis, size: PaperSize) -> Figure:
-    """How often the first of each pair was chosen, with its 95 %."""
+    """Share of choices of the first of each pair, with 95 % interval."""
     figure = new_paper_figure(analysis, size.single, min(130, 24 + 9 * len(analysis.chosen)))
     axes = figure.subplots()
     for n, (_, (chosen, of, (low, high))) in enumerate(analysis.chosen.items()):
@@ -218,7 +218,7 @@ def draw_choices(analysis: Analysis, size: PaperSize) -> Figure:
 
 
 def draw_magnitudes(analysis: Analysis, size: PaperSize) -> Figure:
-    """Geometric means of estimates over the level, both logarithmic, with the power law."""
+    """Geometric means of the estimates over the level, both logarithmic, with the power law."""
     figure = new_paper_figure(analysis, size.single, 0.85 * size.single)
     axes = figure.subplots()
     levels = analysis.study.levels
@@ -240,7 +240,7 @@ def draw_magnitudes(analysis: Analysis, size: PaperSize) -> Figure:
 
 
 def draw_response_times(analysis: Analysis, size: PaperSize) -> Figure:
-    """Geometric mean of the response times by condition with its 95 % over people."""
+    """Geometric mean response time by condition with 95 % interval over participants."""
     figure = new_paper_figure(analysis, size.single, 0.7 * size.single)
     axes = figure.subplots()
     for n, one in enumerate(analysis.times):
@@ -252,13 +252,13 @@ def draw_response_times(analysis: Analysis, size: PaperSize) -> Figure:
 
 
 def _draw_interval(axes: Axes, x: float, value: float, low: float, high: float, style: int) -> None:
-    """A point with its interval; with a single person there is none."""
+    """A point with its interval; no interval with one participant."""
     bars = [[max(0.0, value - low)], [max(0.0, high - value)]] if np.isfinite([low, high]).all() else None
     axes.errorbar([x], [value], bars, fmt=MARKERS[style % 7], color=COLOURS[style % 7], capsize=2.5, zorder=3)
 
 
 def _write_plain_numbers(axes: Axes) -> None:
-    """0.05 in place of 5 × 10⁻² on a logarithmic axis."""
+    """Format the ticks of a logarithmic axis as 0.05, not 5 × 10⁻²."""
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter("{x:g}")
     axes.yaxis.set_minor_locator(LogLocator(subs=(0.2, 0.3, 0.5, 0.7)))
@@ -275,19 +275,19 @@ def _level_label(analysis: Analysis) -> str:
 
 
 # --------------------------------------------------------------------------------------------------
-# Where people were right and where wrong answers went: confusion matrix, dome from above, error over θ.
+# Identification: confusion matrix, confusions on the dome from above, error over θ.
 #
-# In the form of Zárate 2020, Figs. 8 and 9. Of Fig. 8 the paper prints no numbers; those of Fig. 9 stand beside it.
+# In the form of Zárate 2020, Figs. 8 and 9. The paper prints no numbers for Fig. 8; those of Fig. 9 are drawn beside.
 
 
 def is_published_layout(analysis: Analysis) -> bool:
-    """Whether the study asked for the places of Zárate 2020 by number."""
+    """Whether the study identifies the set-points of Zárate 2020 by number."""
     study = analysis.study
     return study.procedure == "identification" and study.set_points.layout == "published"
 
 
 def draw_identification(analysis: Analysis, size: PaperSize) -> Figure:
-    """Left the confusion matrix, right the set-points from above: the form of Fig. 8."""
+    """Confusion matrix (left) and set-points from above (right), in the form of Fig. 8."""
     figure = new_paper_figure(analysis, size.double, 0.52 * size.double)
     grid = figure.add_gridspec(1, 2, width_ratios=(1.15, 1))
     _draw_matrix(figure.add_subplot(grid[0, 0]), analysis)
@@ -298,7 +298,7 @@ def draw_identification(analysis: Analysis, size: PaperSize) -> Figure:
 
 
 def draw_latitude_error(analysis: Analysis, size: PaperSize) -> Figure:
-    """Error over θ; for the published set-points beside the printed errors, in the same form: Fig. 9."""
+    """Error over θ; for the published set-points beside the printed errors, in the form of Fig. 9."""
     if not is_published_layout(analysis):
         figure = new_paper_figure(analysis, size.single, 0.8 * size.single)
         axes = figure.subplots()
@@ -334,7 +334,7 @@ def _draw_matrix(axes: Axes, analysis: Analysis) -> None:
     c = analysis.confusion
     assert c is not None
     ticks = range(len(c.numbers))
-    # Squares, not the pixels of imshow: vector throughout. Edges of the same colour close the seams that viewers show.
+    # Squares instead of imshow's pixels keep this vector graphics; same-coloured edges close the seams of viewers.
     shown = axes.pcolormesh(ticks, ticks, c.matrix, cmap=SHADES, vmin=0, vmax=1, edgecolors="face", linewidth=0.1)
     axes.set(xlim=(-0.5, len(ticks) - 0.5), ylim=(len(ticks) - 0.5, -0.5), aspect="equal")
     small = 4.0 if len(c.numbers) > 15 else 6.5
@@ -343,7 +343,7 @@ def _draw_matrix(axes: Axes, analysis: Analysis) -> None:
     axes.tick_params(length=0)
     axes.set(xlabel="answered set-point", ylabel="prompted set-point")
     axes.spines[:].set_visible(False)
-    if len(c.numbers) <= 10:  # with few set-points there is room for the numbers themselves
+    if len(c.numbers) <= 10:  # with few set-points the numbers fit into the cells
         for i in ticks:
             for j in ticks:
                 share = float(c.matrix[i, j])
@@ -384,7 +384,7 @@ _Entry = tuple[str, Callable[[Analysis, PaperSize], Figure], str]
 
 
 def draw_figures(analysis: Analysis, size: PaperSize | None = None) -> dict[str, tuple[Figure, str]]:
-    """Name → figure and caption, for what this study has."""
+    """Name → figure and caption, for the results that this study has."""
     size = size or PaperSize()
     with use_paper_style():
         return {name: (draw(analysis, size), caption) for name, draw, caption in _list_figures(analysis)}
@@ -393,7 +393,7 @@ def draw_figures(analysis: Analysis, size: PaperSize | None = None) -> dict[str,
 def write_figures(
     analysis: Analysis, folder: str | Path, kind: str = "pdf", *, size: PaperSize | None = None, overwrite: bool = False
 ) -> tuple[Path, ...]:
-    """NAME.`kind` for every figure, and captions.md, into `folder`; all files or none. Returns them.
+    """Write NAME.`kind` for every figure, and captions.md, into `folder`; all files or none. Returns their paths.
 
     Raises InputError for another kind and for a study without figures, RecordingError if a file exists and `overwrite`
     is not set, or cannot be written.
@@ -469,7 +469,7 @@ def _list_figures(analysis: Analysis) -> Iterator[_Entry]:
 
 
 def _has_text(path: Path, text: str) -> bool:
-    """Whether the file is that text: the same figures in another format have the same captions."""
+    """Whether the file has this text: the same figures in another format have the same captions."""
     try:
         return read_text(path, "captions", InputError) == text
     except InputError:
@@ -477,7 +477,7 @@ def _has_text(path: Path, text: str) -> bool:
 
 
 def _describe_file(analysis: Analysis, kind: str) -> dict[str, str | None]:
-    """What the file says of itself; without a date, so that the same answers give the same file."""
+    """Metadata of the file, without a date, so that equal data give equal files."""
     title = f"{analysis.study.name}{' (SIMULATED)' if analysis.marked else ''}"
     made = f"haptorb {__version__}"
     if kind == "pdf":

@@ -1,4 +1,4 @@
-"""What was planned against what was found: people, tests, smallest effects, and whether the plan stayed as it was."""
+"""Planned against actual analysis: participants, tests, smallest effects, and changes of the plan."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ __all__ = ["PlanOutcome", "PlanReport", "SessionPlan", "find_plan", "report_plan
 
 @dataclass(frozen=True)
 class SessionPlan:
-    """With which plan a session began."""
+    """Analysis plan with which a session began."""
 
     started: str  #: UTC
-    digest: str  #: of the plan in the study file then; empty: it had none
+    digest: str  #: of the plan in the study file at that time; empty: none
     finished: bool
 
 
 @dataclass(frozen=True)
 class PlanOutcome:
-    """A planned test, and what came of it."""
+    """Result of a planned test."""
 
     test: PlannedTest
-    found: ConditionComparison | None  #: None: fewer than two people have a value
-    significant: bool  #: corrected p below the plan's level
+    found: ConditionComparison | None  #: None: fewer than two participants have a value
+    significant: bool  #: corrected p below the plan's alpha
 
     @property
     def name(self) -> str:
@@ -40,7 +40,7 @@ class PlanOutcome:
 
     @property
     def verdict(self) -> str:
-        """About the smallest effect of interest, by the 95 % interval."""
+        """Position of the 95 % interval relative to the smallest effect of interest."""
         least, found = self.test.smallest_effect, self.found
         if found is None or not math.isfinite(found.low + found.high):
             return "no data" if found is None else "no interval"
@@ -55,21 +55,21 @@ class PlanOutcome:
 
 @dataclass(frozen=True)
 class PlanReport:
-    """The plan that was in force before data existed, if there was one."""
+    """The plan that was in force before the first session, and its outcomes."""
 
-    digest: str  #: empty: there was none
-    since: str  #: start of the first session, with which it was stored (UTC)
-    planned: int  #: people; 0 without a plan
-    finished: int  #: people
+    digest: str  #: empty: there was no plan
+    since: str  #: start of the first session, which stored the plan (UTC)
+    planned: int  #: planned participants; 0 without a plan
+    finished: int  #: participants who finished
     alpha: float
     correction: str
-    remarks: tuple[str, ...]  #: what else a reader must know
+    remarks: tuple[str, ...]  #: deviations from the plan and registration
     outcomes: tuple[PlanOutcome, ...]
-    registered: str = ""  #: when the same plan was registered; empty: no registration was given, or another plan
+    registered: str = ""  #: when the same plan was registered; empty: no registration, or of another plan
 
     @property
     def sentence(self) -> str:
-        """For people: which plan, since when, and whether enough people took part."""
+        """Summary: which plan, stored when, and whether the planned number of participants was reached."""
         if not self.digest:
             return "no plan was stored before data existed: all tests are exploratory"
         reached = "reached" if self.finished >= self.planned else "NOT REACHED"
@@ -99,7 +99,7 @@ class PlanReport:
 
 
 def find_plan(study: Study, sessions: Sequence[SessionPlan]) -> AnalysisPlan | None:
-    """The plan in force: that of `study`, as the database holds it, if the first of the `sessions` began with it."""
+    """The plan in force: that of `study` in the database, if the first of the `sessions` began with it."""
     if study.plan is None or not sessions:
         return study.plan
     return study.plan if min(sessions, key=lambda one: one.started).digest == study.plan.digest else None
@@ -111,7 +111,7 @@ def report_plan(
     sessions: Sequence[SessionPlan],
     registration: Registration | None = None,
 ) -> PlanReport | None:
-    """The report of the plan of `study`, as the database holds it; None where there never was one.
+    """Report of the plan of `study` as stored in the database; None if there never was one.
 
     `registration` is what was filed. In force is the plan with which the first session began. A plan that came later,
     or was altered, is remarked upon.
@@ -153,7 +153,7 @@ def report_plan(
 
 
 def _compare_registration(study: Study, first: SessionPlan, registration: Registration) -> list[str]:
-    """What does not fit together."""
+    """Mismatches between registration, study and first session."""
     remarks = []
     if registration.study != study.digest:
         remarks.append(
@@ -173,5 +173,5 @@ def _compare_registration(study: Study, first: SessionPlan, registration: Regist
 
 
 def _minute(time: str) -> str:
-    """Day and time of day of a time stamp."""
+    """Date and time of day of a time stamp, to the minute."""
     return time[:16].replace("T", " ")

@@ -1,4 +1,4 @@
-"""The analysis as one HTML file that needs nothing else, with its figures inside, and beside it as SVG or PNG."""
+"""Report of a study: one self-contained HTML file with its figures, which are also written as SVG or PNG."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ pre{white-space:pre-wrap;background:#f4f7f9;padding:1rem;font-size:13px}.quiet{c
 
 
 def page(analysis: Analysis, images: dict[str, bytes] | None = None, *, served: bool = False) -> str:
-    """The report as HTML, self-contained; `images` are its figures as PNG or SVG, drawn here if they are not given.
+    """The report as self-contained HTML; `images` are its figures as PNG or SVG, drawn here if not given.
 
     served: with links `play/N` to the recordings, for a server that plays them; else with commands that do
     """
@@ -148,7 +148,7 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None, *, served: 
 
 
 def _list_incidents(analysis: Analysis) -> list[str]:
-    """Stops, repeats, safety events and early ends; that there were none is said too."""
+    """Section on stops, repeats, safety events and early ends; present also if there were none."""
     body = ["<h2>Stops, repeats and safety events</h2>"]
     if not analysis.incidents:
         return [*body, "<p>None.</p>"]
@@ -165,7 +165,7 @@ def _list_incidents(analysis: Analysis) -> list[str]:
 
 
 def _list_recordings(analysis: Analysis, *, served: bool) -> list[str]:
-    """How to look at each recorded trial: a link, or the command, for a page without a server cannot play it."""
+    """Section on recorded trials: a link to play each, or the command where the page has no server."""
     if not analysis.recorded:
         return []
     rows = []
@@ -213,7 +213,7 @@ def write_report(
 
 
 def _draw_figures(analysis: Analysis, kind: str) -> dict[str, bytes]:
-    """Name → figure as a file; drawing is what takes time, so it is done once."""
+    """Name → figure file; drawing dominates the time, so each is drawn once."""
     found = {}
     for name, figure in figures(analysis).items():
         data = BytesIO()

@@ -1,4 +1,4 @@
-"""How long people took to answer: by condition or pair, every person counting alike; time-outs counted.
+"""Response times by condition or pair, with equal weight per participant; time-outs are counted.
 
 Response times are skewed, so that each person's median and geometric mean stand for their trials.
 """
@@ -25,20 +25,20 @@ __all__ = ["ResponseTime", "find_response_times", "list_response_times", "make_r
 
 @dataclass(frozen=True)
 class ResponseTime:
-    """Of one condition, or of a pair that was compared; intervals are 95 % over people, NaN for a single one."""
+    """Response time of one condition or pair; 95 % intervals over participants, NaN for one participant."""
 
     condition: str
     trials: int
     people: int
-    median: float  #: [s] mean over people of each one's median
-    median_95: tuple[float, float]  #: Student's
-    geometric_mean: float  #: [s] over people, of each one's geometric mean
-    geometric_mean_95: tuple[float, float]  #: Student's, of the logarithms
-    time_outs: int | None  #: answers after the time limit; None: the study has none
+    median: float  #: [s] mean over participants of their medians
+    median_95: tuple[float, float]  #: Student
+    geometric_mean: float  #: [s] over participants, of their geometric means
+    geometric_mean_95: tuple[float, float]  #: Student, of the logarithms
+    time_outs: int | None  #: answers after the time limit; None: no time limit
 
 
 def find_response_times(study: Study, main: Columns) -> tuple[ResponseTime, ...]:
-    """Response times of the trials that count, in the order of the study file; none without a trial.
+    """Response times by condition or pair, practice left out, in the order of the study file.
 
     By condition; where two are compared in a trial, by pair.
     """
@@ -52,7 +52,7 @@ def find_response_times(study: Study, main: Columns) -> tuple[ResponseTime, ...]
         people = main["participant"][here]
         own = [seconds[people == code] for code in np.unique(people)]
         medians = np.array([np.median(one) for one in own])
-        # A time of zero, from a clock of low resolution, has no logarithm.
+        # A time of zero (clock resolution) has no logarithm.
         logs = np.array([np.log(one[one > 0]).mean() if (one > 0).any() else math.nan for one in own])
         known = np.isfinite(logs)
         found.append(
@@ -71,7 +71,7 @@ def find_response_times(study: Study, main: Columns) -> tuple[ResponseTime, ...]
 
 
 def _group(study: Study, main: Columns) -> Iterator[tuple[str, Any]]:
-    """(name, which trials (n,)) of each condition or pair."""
+    """(name, mask of trials (n,)) of each condition or pair."""
     names = [condition.name for condition in study.conditions]
     if study.procedure != "forced-choice":
         yield from ((name, main["condition"] == name) for name in names)
@@ -82,7 +82,7 @@ def _group(study: Study, main: Columns) -> Iterator[tuple[str, Any]]:
 
 
 def list_response_times(times: tuple[ResponseTime, ...]) -> list[dict[str, Any]]:
-    """As plain JSON types, with units in the keys; what is not a number is None."""
+    """As plain JSON types with units in the keys; NaN becomes None."""
     return [
         {
             "condition": one.condition, "trials": one.trials, "people": one.people, "median_s": json_number(one.median),

@@ -1,4 +1,4 @@
-"""Tables of what holds over people: plan, comparisons, effect sizes, errors on the sphere; for terminal and report."""
+"""Tables of the population results: plan, comparisons, effect sizes, spherical errors; for terminal and report."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _CORRECTIONS = {"holm": "Holm", "bonferroni": "Bonferroni", "none": "no correcti
 
 
 def list_group_tables(analysis: Analysis) -> Iterator[TextTable]:
-    """Those that the study has, in the order in which they are read."""
+    """The tables that the study has, in reading order."""
     if analysis.localisation is not None:
         yield from _localisation(analysis.localisation)
     planned = [row for row in analysis.comparisons if row.planned]
@@ -47,7 +47,7 @@ def list_group_tables(analysis: Analysis) -> Iterator[TextTable]:
 
 
 def list_notes(analysis: Analysis) -> Iterator[str]:
-    """What the tables rest on, a sentence or two each."""
+    """Notes on the methods behind the tables."""
     if analysis.rings:
         yield ERROR_MEANING[analysis.study.procedure]
     if analysis.arrows:
@@ -147,7 +147,7 @@ def _effects(rows: Iterable[ConditionComparison]) -> TextTable:
 
 
 def _test(row: ConditionComparison) -> str:
-    """Measure, its unit, and the conditions or the claim."""
+    """Measure with unit, and the conditions or the hypothesis."""
     unit = row.unit.replace("deg", "°")
     return f"{row.what} [{unit}], {row.name}" if unit else f"{row.what}, {row.name}"
 
@@ -157,11 +157,11 @@ def _table(title: str, columns: tuple[Column, ...], rows: Iterable[tuple[str, ..
 
 
 # --------------------------------------------------------------------------------------------------
-# Psychometric curves and thresholds as tables, the same at the terminal and in the report.
+# Tables of psychometric curves and thresholds, for terminal and report.
 
 
 def list_psychometric_tables(analysis: Analysis) -> Iterator[TextTable]:
-    """Those that the procedure has, the group's before each person's."""
+    """The tables that the procedure has, population before participants."""
     unit = analysis.study.level_unit
     if analysis.curves:
         if any(one.group for one in analysis.curves.values()):
@@ -174,7 +174,7 @@ def list_psychometric_tables(analysis: Analysis) -> Iterator[TextTable]:
 
 
 def list_psychometric_notes(analysis: Analysis) -> list[str]:
-    """What the tables are, and what single people's trials cannot tell."""
+    """Notes on the tables, and on what single participants' trials do not determine."""
     found = []
     if analysis.curves:
         found.append(
@@ -272,7 +272,7 @@ def _tabulate_tracks(analysis: Analysis, unit: str) -> TextTable:
 
 
 def _closed(value: float, limits: tuple[float, float]) -> str:
-    """A dash where an end is open: then the value is anybody's guess."""
+    """Format a value, or a dash where its interval is open and the value is not determined."""
     return _digits(value) if all(map(math.isfinite, limits)) else "–"
 
 
@@ -288,11 +288,11 @@ def _factors(limits: tuple[float, float], base: float) -> str:
 
 
 # --------------------------------------------------------------------------------------------------
-# The analysis at the terminal: the report without its figures.
+# The analysis as printed at the terminal: the report without figures.
 
 
 def print_summary(analysis: Analysis, console: Console | None = None) -> None:
-    """Print it for people."""
+    """Print all tables and notes of the analysis."""
     out = console or make_console()
     print_text(out, f"{analysis.study.name}: {analysis.trials} trials, {analysis.practice} practice trials excluded")
     if analysis.repeated:
@@ -323,7 +323,7 @@ def print_summary(analysis: Analysis, console: Console | None = None) -> None:
 
 
 def _tables(analysis: Analysis) -> Iterator[TextTable]:
-    """Those parts that the procedure has."""
+    """The tables that the procedure has."""
     if analysis.confusion is not None:
         yield _identification(analysis)
     if analysis.means:

@@ -1,4 +1,4 @@
-"""Thresholds of adaptive procedures, by condition: each participant's with an interval, and the group's."""
+"""Thresholds of adaptive procedures by condition: each participant's with an interval, and the population's."""
 
 from __future__ import annotations
 
@@ -24,34 +24,34 @@ from haptorb_study.study_tables import Levels
 __all__ = ["ConditionTracks", "TrackFit", "follow_tracks"]
 
 
-_SPREADS = (1 / 6, 2.0)  #: of a staircase's function [octaves of the difference], those that QUEST+ considers
-_FALL = math.exp(-1.9207)  #: of the greatest likelihood: half of the 95 % quantile of χ² lower in its logarithm
-_STAIRCASE_SHARE = 0.5**0.5  #: of right answers where 1-up/2-down settles (Levitt 1971)
+_SPREADS = (1 / 6, 2.0)  #: range of a staircase's spread [octaves of the difference], as in QUEST+
+_FALL = math.exp(-1.9207)  #: likelihood ratio at the 95 % limits: χ²₁ quantile
+_STAIRCASE_SHARE = 0.5**0.5  #: share of correct answers to which 1-up/2-down converges (Levitt 1971)
 
 
 @dataclass(frozen=True)
 class TrackFit:
-    """One person's track in one condition; differences from the reference in the parameter's unit, NaN: unknown."""
+    """One participant's track in one condition; differences from the reference in the parameter's unit, or NaN."""
 
     trials: int
     complete: bool
-    threshold: float  #: the procedure's own: of a staircase its reversals', else the posterior's mean
-    fitted: float  #: of the posterior after all trials: with QUEST+ the mean in the logarithm, else the median
-    fitted_95: tuple[float, float]  #: 0 and ∞ are open ends
+    threshold: float  #: the procedure's own: mean of a staircase's reversals, or mean of the posterior
+    fitted: float  #: from the posterior after all trials: QUEST+ mean of the logarithm, staircase median
+    fitted_95: tuple[float, float]  #: 0 and ∞ are open limits
     notes: tuple[str, ...] = ()
 
     @property
     def closed(self) -> bool:
-        """Whether its interval has both ends."""
+        """Whether its interval has both limits."""
         return self.fitted_95[0] > 0 and math.isfinite(self.fitted_95[1])
 
 
 @dataclass(frozen=True)
 class ConditionTracks:
-    """Everybody's tracks in one condition."""
+    """All participants' tracks in one condition."""
 
     people: dict[str, TrackFit]
-    group: NormalEffect | None  #: of log2 of the threshold; None with one person
+    group: NormalEffect | None  #: of log2 of the threshold; None with one participant
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types."""
@@ -72,7 +72,7 @@ class ConditionTracks:
 def follow_tracks(
     study: Study, main: Columns, progress: Callable[[int, int], None] | None = None
 ) -> dict[str, ConditionTracks]:
-    """By condition, from the trials without practice. `progress` receives (tracks done, tracks in all)."""
+    """Tracks by condition, from trials without practice. `progress` receives (tracks done, tracks in all)."""
     levels = study.levels
     assert levels is not None
     names = [str(name) for name in dict.fromkeys(main["condition"].tolist())]
@@ -92,7 +92,7 @@ def follow_tracks(
 
 
 class _Track:
-    """What one person did in one condition."""
+    """Trials of one participant in one condition."""
 
     def __init__(self, levels: Levels, procedure: str, name: str, main: Columns, rows: Any) -> None:
         least, most = float(levels.least or 0), float(levels.most or 0)
@@ -109,7 +109,7 @@ class _Track:
             self.threshold = float(track.threshold)
             self.posterior = np.array([])
         else:
-            # What was asked is known: choosing it again takes a hundred times as long as the rest.
+            # The asked differences are known; choosing them again would take a hundred times as long.
             empty = Bayesian(levels.reference, least, most, intervals, name)
             asked = np.abs(np.log(self.differences[:, None] / empty.differences)).argmin(axis=1)
             answers = tuple(zip(asked.tolist(), self.right.tolist(), strict=True))
@@ -119,11 +119,11 @@ class _Track:
 
 
 def _join_tracks(procedure: str, levels: Levels, codes: list[str], tracks: list[_Track]) -> ConditionTracks:
-    """Posterior of everybody's threshold on one axis, and the group."""
+    """Posterior of all participants' thresholds on one axis, and the population."""
     least, most = float(levels.least or 0), float(levels.most or 0)
     if procedure == "bayesian":
         axis = np.linspace(math.log2(least), math.log2(most), len(tracks[0].posterior))
-        # Thresholds are equally probable before any answer, so this posterior is the likelihood.
+        # The prior is flat over thresholds, so this posterior is the likelihood.
         likelihoods = posteriors = np.array([track.posterior for track in tracks])
     else:
         axis, likelihoods, posteriors = _fit_staircases(least, most, tracks)
@@ -131,7 +131,7 @@ def _join_tracks(procedure: str, levels: Levels, codes: list[str], tracks: list[
     for code, track, mass, likelihood in zip(codes, tracks, posteriors, likelihoods, strict=True):
         mass = mass / mass.sum()
         low, high = _open_ends(central_interval(axis, mass), axis, likelihood)
-        # A staircase's posterior has a long tail downwards, where the least differences were hardly met.
+        # A staircase's posterior has a long tail at the least differences, where there are few trials.
         fitted = 2 ** (float(mass @ axis) if procedure == "bayesian" else find_median(axis, mass))
         own = track.threshold if track.complete else math.nan
         notes = _note(track, (low, high))
@@ -142,7 +142,7 @@ def _join_tracks(procedure: str, levels: Levels, codes: list[str], tracks: list[
 
 
 def _join_group(axis: Array, likelihoods: Array, people: Collection[TrackFit]) -> NormalEffect:
-    """Student's interval of the logarithms of the procedure's own thresholds; of an unfinished track, of the fitted.
+    """Student's interval of the log thresholds of the procedures; of unfinished tracks, of the fitted thresholds.
 
     It has no end on a side on which somebody's has none.
 
@@ -157,19 +157,19 @@ def _join_group(axis: Array, likelihoods: Array, people: Collection[TrackFit]) -
         (-math.inf if (ends[:, 0] == 0).any() else float(mean_low)),
         (math.inf if np.isinf(ends[:, 1]).any() else float(mean_high)),
     )
-    if math.isinf(low) or math.isinf(high):  # how much people differ depends on thresholds that nobody knows
+    if math.isinf(low) or math.isinf(high):  # the spread between participants depends on undetermined thresholds
         return NormalEffect(float(logs.mean()), (low, high), math.nan, (math.nan, math.nan))
     differing = fit_normal_effect(axis, likelihoods)
     return NormalEffect(float(logs.mean()), (low, high), differing.sd, differing.sd_95)
 
 
 def _fit_staircases(least: float, most: float, tracks: list[_Track]) -> tuple[Array, Array, Array]:
-    """Thresholds considered [octaves], likelihood and posterior of each person, where 70.7 % are right."""
+    """Candidate thresholds [octaves], likelihood and posterior of each participant at 70.7 % correct."""
     person = np.repeat(np.arange(len(tracks)), [len(track.right) for track in tracks])
-    # A difference that came up by multiplication and one by division may differ in the last digit.
+    # Differences reached by multiplication and by division may differ in the last digit.
     at = np.round(np.log2(np.concatenate([track.differences for track in tracks])), 9)
     right = np.concatenate([track.right for track in tracks])
-    if len(np.unique(at)) < 2:  # a second level, without data, leaves the likelihood as it is
+    if len(np.unique(at)) < 2:  # a second level without data leaves the likelihood unchanged
         count = np.bincount(person, minlength=len(tracks))[:, None] * [1.0, 0.0]
         yes = np.bincount(person, right, len(tracks))[:, None] * [1.0, 0.0]
         answered = LevelCounts(at[0] + np.array([0.0, 1.0]), yes, count)
@@ -183,7 +183,7 @@ def _fit_staircases(least: float, most: float, tracks: list[_Track]) -> tuple[Ar
 
 
 def _open_ends(limits: tuple[float, float], axis: Array, likelihood: Array) -> tuple[float, float]:
-    """`limits` without an end towards which the `likelihood` (n,) at `axis` (n,) does not fall enough: there it is ±∞.
+    """`limits`, ±∞ where the `likelihood` (n,) at `axis` (n,) stays above the cut-off at the end of the axis.
 
     Thresholds beyond the axis explain the answers as well as its last point, so that where it ends decides nothing.
     """

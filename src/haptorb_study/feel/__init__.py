@@ -1,4 +1,4 @@
-"""The design loop of Bai 2012, Fig. 5(a): candidate designs from a file, felt one by one, rated, compared, chosen."""
+"""The design loop of Bai 2012, Fig. 5(a): candidate designs from a file are felt, rated, compared and selected."""
 
 from haptorb_study.feel.course import InsertionForces, course
 from haptorb_study.feel.designs import Candidate, Candidates, load_designs

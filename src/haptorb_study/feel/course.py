@@ -1,4 +1,4 @@
-"""What a design will feel like, before anybody feels it: the force on the way in and out, and the numbers in it."""
+"""Predicted forces of a design: force over displacement during insertion and pull-out, and its peaks."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from haptorb_study.feel.designs import Candidate
 
 __all__ = ["InsertionForces", "PeakShares", "course", "explain_peaks", "force_along", "world_wrench"]
 
-OWN_REACH = 0.02  #: along X', over which a world of the user's own is computed [m]: 40° of handle move the part 17 mm
-_TICK = 1e-3  #: of a world with memory [s]
-_MOST_TICKS = 20_000  #: of one slow motion
+OWN_REACH = 0.02  #: along X', range computed for a user's own world [m]: 40° of handle move the part 17 mm
+_TICK = 1e-3  #: time step of a world with memory [s]
+_MOST_TICKS = 20_000  #: ticks of one slow motion at most
 
 
 @dataclass(frozen=True)
 class InsertionForces:
-    """Moved straight along X' without hurry: forces are what the hand needs, positive in the direction of motion."""
+    """Forces of the hand for slow straight motion along X', positive in the direction of motion."""
 
     place: Array  #: (n,) X' of the part [m], from home outwards
     going_in: Array  #: (n,) [N]
     coming_out: Array  #: (n,) [N]
-    root: RootLoad | None  #: what the hook's root bears where it is bent most; None for a world without a hook
+    root: RootLoad | None  #: load of the hook's root at its largest deflection; None for a world without a hook
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """The figures that designs are compared by, SI, units in the names."""
+        """Quantities that designs are compared by, in SI with units in the names."""
         step = np.gradient(self.place)
         return {
             "insertion_force_n": float(self.going_in.max()),
@@ -51,7 +51,7 @@ class InsertionForces:
 
 
 def course(design: Candidate, points: int = 400, speed: float = 0.1) -> InsertionForces:
-    """The course of `design` at `points` places, sliding with `speed` [m/s] (well above the creep speed)."""
+    """Forces of `design` at `points` positions, at the sliding speed `speed` [m/s] (well above the creep speed)."""
     world = design.world
     if isinstance(world, Outlet):
         reach = world.arm * 1.05
@@ -68,32 +68,32 @@ def course(design: Candidate, points: int = 400, speed: float = 0.1) -> Insertio
     return InsertionForces(place, forces[0], -forces[1], design.root)
 
 
-_OFF_MIDDLE = 1e-4  #: [m] to show what two hooks on one rigid part do to each other
+_OFF_MIDDLE = 1e-4  #: lateral offset [m] that shows the coupling of two hooks on one rigid part
 
 
 @dataclass(frozen=True)
 class PeakShares:
-    """The greatest force of a snap-fit one way, from the handbook's formula to the rendered one [N], all hooks."""
+    """Contributions to the peak force of a snap-fit in one direction, beginning with the handbook's formula [N]."""
 
     way: str  #: "insertion" or "pull_out"
-    handbook: float  #: P (μ + tan α)/(1 − μ tan α), hooks that bend under the sideways force alone
-    pull_bends: float  #: what it adds that the pull bends the hook, too
-    face_turns: float  #: what it adds that the bent face is turned
-    edges_rounded: float  #: what the rounded edges of the wedge add
-    off_middle: float  #: beside the sum: what the hooks' coupling adds where the part is 0.1 mm off its middle
+    handbook: float  #: P (μ + tan α)/(1 − μ tan α): hooks bent by the lateral force only
+    pull_bends: float  #: added because the pull bends the hook, too
+    face_turns: float  #: added because the bent face is inclined
+    edges_rounded: float  #: added by the rounded edges of the wedge
+    off_middle: float  #: not in the sum: added by the coupling of the hooks with the part 0.1 mm off centre
 
     @property
     def sharp(self) -> float:
-        """With sharp edges [N]."""
+        """Peak with sharp edges [N]."""
         return self.handbook + self.pull_bends + self.face_turns
 
     @property
     def total(self) -> float:
-        """As rendered, straight, in the middle and with all friction [N]."""
+        """Rendered peak: straight motion, centred, full friction [N]."""
         return self.sharp + self.edges_rounded
 
     def numbers(self) -> dict[str, float]:
-        """As plain JSON types, units in the names."""
+        """As plain JSON types, with units in the names."""
         return {
             "handbook_n": self.handbook, "pull_bends_n": self.pull_bends, "face_turns_n": self.face_turns,
             "edges_rounded_n": self.edges_rounded, "total_n": self.total, "off_middle_n": self.off_middle,
@@ -101,7 +101,7 @@ class PeakShares:
 
 
 def explain_peaks(world: SnapFit) -> tuple[PeakShares, PeakShares]:
-    """Insertion and pull-out of `world`: how the peak follows from the handbook's formula.
+    """Contributions to the insertion and pull-out peaks of `world`.
 
     >>> insertion, pull_out = explain_peaks(SnapFit())
     >>> round(insertion.sharp, 2), round(pull_out.sharp, 2)
@@ -127,14 +127,14 @@ def _explain_peak(world: SnapFit, way: str) -> PeakShares:
 
 
 def _find_peak(world: SnapFit, sign: float, y: float) -> float:
-    """The greatest force of the hand [N] on a part `y` [m] off its middle, moved outwards (`sign` 1) or inwards."""
+    """Peak force of the hand [N] with the part `y` [m] off centre, moved outwards (`sign` 1) or inwards."""
     fast = np.array([sign * 1e3 * world.creep, 0.0, 0.0])
 
     def find_pull(x: float) -> float:
         return -sign * float(world.wrench(State(0.0, np.eye(3), np.array([x, y, 0.0]), np.zeros(3), fast))[0])
 
     places = np.linspace(0.0, (world.hook.tip - world.hook.base_length) * 1.05, 600)
-    for _ in range(2):  # a peak may be narrower than the distance of the places
+    for _ in range(2):  # refined, since a peak may be narrower than the spacing
         pulls = [find_pull(x) for x in places.tolist()]
         at = int(np.argmax(pulls))
         places = np.linspace(places[max(at - 1, 0)], places[min(at + 1, len(places) - 1)], 41)
@@ -142,7 +142,7 @@ def _find_peak(world: SnapFit, sign: float, y: float) -> float:
 
 
 def force_along(design: Candidate, x: float, speed: float) -> float:
-    """F_X' [N] on the part at X' = `x` [m], straight and in the middle, that moves with `speed` [m/s] outwards.
+    """F_X' [N] on the centred part at X' = `x` [m], moving with `speed` [m/s] outwards.
 
     A world with memory is computed along a motion that leads there: from home, or, inwards, from home to the farthest
     position and back. Raises InputError with the place in the user's code if a world of their own fails there.
@@ -175,7 +175,7 @@ def _move_memory(design: Candidate, turns: Sequence[float], speed: float) -> lis
 
 
 def world_wrench(design: Candidate, state: State) -> Array:
-    """(6,) on the part at `state` [N, N·m]; InputError as in `force_along`."""
+    """(6,) wrench on the part at `state` [N, N·m]; InputError as in `force_along`."""
     return _ask(design.world, design.world.wrench, state)
 
 

@@ -1,4 +1,4 @@
-"""Candidate designs P out of a design file, as worlds that can be felt; every mistake named."""
+"""Candidate designs of a design file as renderable worlds; every mistake is reported."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ __all__ = ["ONLY", "Candidate", "Candidates", "DesignFile", "DesignTable", "load
 
 
 # --------------------------------------------------------------------------------------------------
-# A file of candidate designs P: hook sizes, angles, material; checked as a whole, every mistake named.
+# Design file: hook dimensions, angles, material; validated as a whole, every mistake is reported.
 #
 # title = "Cover clip" world = "snap_fit"               # or "outlet", or a world of your own: "groove.py:Groove", with
 # its parameters beam = "timoshenko"              # or "paper" force_scale = 1.0                # all torques of the
@@ -45,14 +45,14 @@ __all__ = ["ONLY", "Candidate", "Candidates", "DesignFile", "DesignTable", "load
 
 
 Positive = Gt(0)
-DesignName = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f/]+$", max_length=64)]  #: also of files of traces
+DesignName = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f/]+$", max_length=64)]  #: also of trace files
 Length = Annotated[q.Length, Positive]
 Angle = Annotated[q.Angle, Positive]
 Modulus = Annotated[q.Modulus, Positive]
 
 
 def _world_range(key: str) -> m.Form:
-    """What the worlds allow for `key`: in mm, GPa or degrees."""
+    """Permitted range of `key`, in mm, GPa or degrees."""
     ranges = {}
     for name, world in (("snap_fit", SnapFit), ("outlet", Outlet)):
         known = parameters(world).get(key) or parameters(world).get(f"{key}_deg")
@@ -65,13 +65,13 @@ def _world_range(key: str) -> m.Form:
 
 
 def _world_default(key: str) -> m.Without:
-    """What the world of the file takes where a design has no `key`, a length."""
+    """Default of `key`, a length, in the file's world."""
     known = next(found for world in (SnapFit, Outlet) if (found := parameters(world).get(key)))
     return m.Without(f"{1e3 * float(known.default):g} mm" if isinstance(known.default, int | float) else "")
 
 
 class DesignTable(BaseModel):
-    """One [design.NAME], with [common] filled in."""
+    """One [design.NAME] merged with [common]."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -164,7 +164,7 @@ class DesignTable(BaseModel):
     ] = None
 
 
-#: world → the keys that only its designs have
+#: world → keys that only its designs have
 ONLY = {"snap_fit": ("half_width", "clearance"), "outlet": ("plug_width", "opening", "arm", "lead_in")}
 
 
@@ -175,7 +175,7 @@ def _check_world(text: str) -> str:
 
 
 class DesignFile(BaseModel):
-    """A file of candidate designs: what they are made of, what they share, and one table for each."""
+    """File of candidate designs: world, common values, and one table for each design."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -210,7 +210,7 @@ _MISTAKES = 40  #: reported at once
 
 @dataclass(frozen=True)
 class Candidate:
-    """One design of a snap-fit, or of another world, as it can be rendered.
+    """Candidate design of a snap-fit or another world, as it is rendered.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ class Candidate:
 
     @property
     def hook(self) -> Hook | None:
-        """The hook it is about; None for a world of the user's own."""
+        """Its hook; None for a user's own world."""
         return self.world.hook if isinstance(self.world, SnapFit | Outlet) else None
 
 
@@ -348,7 +348,7 @@ def _material(name: str, design: DesignTable) -> tuple[float, float, bool]:
 
 
 def _mistakes_of_common(common: dict[str, Any]) -> list[str]:
-    """Mistakes in [common] itself: reported once, and not for every design."""
+    """Mistakes in [common], reported once instead of for every design."""
     try:
         DesignTable.model_validate(common)
     except ValidationError as cause:
@@ -386,7 +386,7 @@ def _candidate(name: str, file: DesignFile, values: dict[str, Any]) -> Candidate
 
 
 def own_candidate(file: WorldFile, name: str, values: dict[str, Any]) -> Candidate:
-    """The world in `file` as a design: `values` of its parameters (SI, or texts with a unit), and a `title`.
+    """The world in `file` as a design: `values` of its parameters (SI, or text with a unit), and a `title`.
 
     It is loaded once: what is felt and rated stays what it was when the session began. Raises InputError as
     `WorldFile.load` does, and for values that cannot be.

@@ -1,4 +1,4 @@
-"""A feel session while its servo runs: what is felt now, by whom, and what they say of it. Page and terminal share it.
+"""A feel session while its servo runs: current design, person, ratings. Shared by page and terminal.
 
 All state is here, so that both show the same: `DesignPanel` executes what a page sends, `terminal_input` the terminal's
 lines. A rating is on the disk before its method returns.
@@ -46,68 +46,68 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# Which of a servo's rows belong to which trial: by the number of the world in a row.
+# Assignment of the servo's rows to presentations, by the world's number in a row.
 
 
-_LONGEST = 600_000  #: ticks of one feeling that are kept: ten minutes
+_LONGEST = 600_000  #: ticks recorded of one presentation: ten minutes
 
 
 def world_key(number: int) -> str:
-    """The name by which a session's servo knows the world of design `number`, from 0 on: not a world's own name."""
+    """Name of the world of design `number` (from 0) in the session's servo; never the name of a catalogue world."""
     return f"design {number}"
 
 
 class FeltServo(Protocol):
-    """What a session needs of a servo."""
+    """Interface of a servo that a session uses."""
 
     @property
     def layout(self) -> RowLayout:
-        """Which numbers of a row are what."""
+        """Layout of a row."""
         ...
 
     def rows(self, cursor: int = 0) -> tuple[int, Array]:
-        """All rows (n, width) since `cursor`, and the cursor after them."""
+        """All rows (n, width) since `cursor`, and the new cursor."""
         ...
 
     def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
-        """Returns when the servo took it."""
+        """Set the world; returns when the servo has accepted it."""
         ...
 
     def set_torque_scale(self, scale: float) -> None:
-        """All torques of the handle times `scale`."""
+        """Scale all torques of the handle by `scale`."""
         ...
 
 
 @dataclass
 class LiveFeeling:
-    """One feeling, from when a design is chosen until the next one is."""
+    """One presentation of a design: from its selection to the next."""
 
     trace: Trace
     file: str  #: of the trace
     id: str
     person: str
     blind: bool
-    scale: float  #: all torques of the handle times this
+    scale: float  #: factor of all torques of the handle
     score: int | None = None
-    felt: bool = False  #: whether something could be felt of it so far, see `trace.is_felt`
+    felt: bool = False  #: whether it exceeded the perception limits so far, see `trace.is_felt`
     first: Array | None = None  #: its first tick
 
 
 @final
 class TraceCollector:
-    """Feelings by the number of their world in the servo's rows; every new world is a feeling."""
+    """Collects the presentations by the world's number in the servo's rows; every new world is a presentation."""
 
     def __init__(self) -> None:
         self._feelings: dict[int, LiveFeeling] = {}
         self._world = 0
 
     def begin(self, feeling: LiveFeeling, *, served: bool = False) -> None:
-        """From now on `feeling`; `served`: a servo has just been given its world."""
+        """Start `feeling`; `served`: a servo has just been given its world."""
         self._world += served
         self._feelings[self._world] = feeling
 
     def collect(self, layout: RowLayout, rows: Array) -> list[LiveFeeling]:
-        """Take `rows` (n, width) into the traces; returns the feelings that ended."""
+        """Append `rows` (n, width) to the traces; returns the presentations that ended."""
         worlds = rows[:, layout["world"].start]
         for number, feeling in self._feelings.items():
             room = max(_LONGEST - len(feeling.trace), 0)
@@ -120,7 +120,7 @@ class TraceCollector:
         return [self._feelings.pop(number) for number in ended]
 
     def end(self) -> list[LiveFeeling]:
-        """What was not ended by another feeling."""
+        """End the presentations that are still open."""
         left, self._feelings = list(self._feelings.values()), {}
         return left
 
@@ -135,15 +135,15 @@ def keep_feeling(session: FeelSession, feeling: LiveFeeling, *, gently: bool) ->
 
 
 # --------------------------------------------------------------------------------------------------
-# What a force at the part is in the hand: the motor's handle, its gains and the torque scale between them.
+# Scale between the force on the part and the force in the hand: handle, gains and torque scale.
 
 
-SMALLEST = 0.05  #: of gains that a session offers
+SMALLEST = 0.05  #: smallest gain that a session offers
 
 
 @dataclass(frozen=True)
 class ScaleLimits:
-    """How strong the designs of a session may be felt: gain times what the design file says.
+    """Limits of the torque scale in a session: gain times the scale of the design file.
 
     largest         gain
     reason          why not more, in words
@@ -157,7 +157,7 @@ class ScaleLimits:
 
 @dataclass(frozen=True)
 class TrueScale:
-    """The way from a force on the part along X' to the hand, in translation.
+    """Scale from a force on the part along X' to the force in the hand, in translation.
 
     >>> from haptorb.control.linkage import MOTOR_GAINS
     >>> from haptorb.devices.loader import load
@@ -168,27 +168,27 @@ class TrueScale:
 
     lever: float  #: torque on the handle per force on the part [m]
     arm: float  #: from the motor's centre to the hand [m]
-    limit: float  #: largest torque of the device [N·m]
+    limit: float  #: maximum torque of the device [N·m]
 
     @classmethod
     def of(cls, device: Device, gains: Gains) -> TrueScale:
-        """For `device` with `gains`. Raises InputError for a device without a handle."""
+        """The scale of `device` with `gains`. Raises InputError for a device without a handle."""
         rotor = require(device, SphericalMotor, "feeling designs").rotor
         return cls(gains.torques[0][1], rotor.handle_length, device.limits.torque)
 
     @property
     def hand_per_part(self) -> float:
-        """Force in the hand per force on the part: 0.2 on the default handle with the default gains."""
+        """Force in the hand per force on the part: 0.2 for the default handle with the default gains."""
         return round(self.lever / self.arm, 12)
 
     @property
     def whole(self) -> float:
-        """The torque scale at which one newton at the part is one newton in the hand."""
+        """Torque scale at which the force in the hand equals that on the part."""
         return round(self.arm / self.lever, 12) if self.lever else float("inf")
 
     @property
     def sentence(self) -> str:
-        """The scale in words, without a full stop."""
+        """Summary of the scale, without a full stop."""
         return (
             f"1 N at the part is {self.hand_per_part:.2g} N in the hand on the {1e3 * self.arm:.0f} mm handle at gain "
             f"1; gain {self.whole:.3g} is 1 : 1"
@@ -196,11 +196,11 @@ class TrueScale:
 
     @property
     def unknown_limits(self) -> ScaleLimits:
-        """The limits until they are computed."""
+        """Limits before they are computed."""
         return ScaleLimits(hand_per_part=self.hand_per_part)
 
     def find_saturation(self, peak: float) -> float:
-        """The torque scale at which a force of `peak` [N] on the part reaches the device's torque limit."""
+        """Torque scale at which a force of `peak` [N] on the part reaches the device's torque limit."""
         return self.limit / (self.lever * peak) if peak * self.lever else float("inf")
 
 
@@ -209,7 +209,7 @@ _SLOTS = ("a", "b")
 
 @final
 class LiveSession:
-    """One source of truth for page and terminal; every method may be called from any thread.
+    """State of a feel session, shared by page and terminal; every method may be called from any thread.
 
     session   where ratings and traces are kept
     designs   that can be felt, in the file's order
@@ -241,44 +241,44 @@ class LiveSession:
         self._scale = 1.0
         self.person = check_person(person, session.people())
         self.finished = False
-        self.version = 0  #: another number after every change
-        self.notify: Callable[[str], None] = lambda text: None  #: is called with what was rated or chosen, in words
+        self.version = 0  #: changes with every state change
+        self.notify: Callable[[str], None] = lambda text: None  #: called when a design is rated or chosen
         order = self._order
         self._pair = {"a": order[0], "b": order[1 % len(order)]}
         self._now = self._start(self._find_next(None))
         self._felt.begin(self._now)
 
-    # what there is
+    # queries
 
     @property
     def candidates(self) -> Candidates:
-        """The file that the designs are from."""
+        """File of the designs."""
         return self._session.candidates
 
     @property
     def current(self) -> Candidate:
-        """The design that is felt."""
+        """The design being rendered."""
         return self._now.trace.design
 
     @property
     def hidden(self) -> bool:
-        """Whether the designs are hidden from the person."""
+        """Whether the session is blind: designs are hidden from the person."""
         return self._blind
 
     @property
     def label(self) -> str:
-        """What the present design is called before the person: its title, or a number."""
+        """Label of the current design for the person: its title, or in a blind session a number."""
         return self._label(self.current)
 
     @property
     def _order(self) -> list[Candidate]:
-        """The designs as they are numbered for this person: shuffled, so that numbers and turns tell nothing."""
+        """Order of the designs for this person: shuffled, so that numbers and positions carry no information."""
         if self.person not in self._orders:
             self._orders[self.person] = self._random.sample(self.designs, len(self.designs))
         return self._orders[self.person]
 
     def describe(self) -> dict[str, Any]:
-        """Everything that the page shows, as plain JSON types; nothing in it reveals a hidden design."""
+        """State for the page as plain JSON types; in a blind session it does not identify designs."""
         with self._lock:
             order, last = self._order, {one.design: one.score for one in self._list_ratings()}
             return {
@@ -322,10 +322,10 @@ class LiveSession:
     def _label(self, design: Candidate) -> str:
         return f"Design {1 + self._order.index(design)}" if self._blind else design.title
 
-    # what a person does
+    # commands
 
     def rate(self, score: object, feeling: str = "") -> None:
-        """Keep what the person says of the design that is felt now, again if they change their mind.
+        """Store the person's rating of the current design; a second rating of a presentation replaces the first.
 
         `feeling` names what they were shown: refused if another design is felt by then.
         """
@@ -347,7 +347,7 @@ class LiveSession:
             self._tell(f"{self.label}: rated {score}" + (f" by {self.person}" if self.person else ""))
 
     def feel_next(self) -> None:
-        """Continue with one of the designs that this person rated least often, in random order."""
+        """Present one of the designs that this person rated least often, in random order."""
         with self._lock:
             self.feel(self._find_next(self.current))
 
@@ -355,10 +355,10 @@ class LiveSession:
         order, rated = self._order, Counter(one.design for one in self._list_ratings())
         start = 0 if after is None else 1 + order.index(after)
         turns = [order[(start + k) % len(order)] for k in range(len(order))]
-        return min(turns, key=lambda design: rated[design.name])  # the first of those
+        return min(turns, key=lambda design: rated[design.name])  # the first of them
 
     def feel(self, design: Candidate) -> None:
-        """Render `design` from the next tick on; a new feeling begins, also of the same design."""
+        """Render `design` from the next tick on; starts a new presentation, also of the same design."""
         with self._lock:
             self._check_running()
             if self._servo is not None:
@@ -368,17 +368,17 @@ class LiveSession:
             self._tell(f"now: {self.label}")
 
     def feel_slot(self, slot: str) -> None:
-        """Render what stands in slot "a" or "b"."""
+        """Render the design in slot "a" or "b"."""
         self.feel(self._pair[check_slot(slot)])
 
     def set_pair(self, slot: str, design: Candidate) -> None:
-        """Put `design` into slot "a" or "b"."""
+        """Assign `design` to slot "a" or "b"."""
         with self._lock:
             self._pair[slot] = design
             self._tell(f"{slot.upper()}: {self._label(design)}")
 
     def set_person(self, code: str) -> None:
-        """Another person feels from now on, with separate ratings and order."""
+        """Set the person who rates; each has separate ratings and order."""
         with self._lock:
             self._check_running()
             code = check_person(code, self._session.people())
@@ -423,25 +423,25 @@ class LiveSession:
             self._tell(f"gain {scale:g}")
 
     def set_limits(self, limits: ScaleLimits) -> None:
-        """What is known by now of how strong the designs may be felt."""
+        """Set the limits of the torque scale, once computed."""
         with self._lock:
             self.limits = limits
             self._tell(f"gain: at most {limits.largest:.3g}: {limits.reason}")
 
     def finish(self) -> None:
-        """The session ends; its servo is to be closed by who opened it."""
+        """Finish the session; its servo is closed by whoever opened it."""
         with self._lock:
             self.finished = True
             self._tell("finished")
 
-    # what the servo does
+    # servo
 
     def join(self, servo: FeltServo) -> None:
-        """From now on designs are rendered by `servo`, which renders `current` and knows all by their `world_key`."""
+        """Attach `servo`, which renders `current` and has all designs by their `world_key`."""
         self._servo = servo
 
     def collect(self) -> None:
-        """Take the servo's new rows into the traces; to be called several times a second."""
+        """Append the servo's new rows to the traces; to be called several times per second."""
         with self._lock:
             if self._servo is None:
                 return
@@ -453,7 +453,7 @@ class LiveSession:
             keep_feeling(self._session, feeling, gently=True)
 
     def close(self) -> None:
-        """Keep the traces of what was felt last; after the servo has ended."""
+        """Write the traces of the last presentation, after the servo has ended."""
         with self._lock:
             left = self._felt.end()
         for feeling in left:
@@ -480,17 +480,17 @@ class LiveSession:
 
 
 def check_slot(slot: object) -> str:
-    """`slot` itself, "a" or "b"; UnknownName for anything else."""
+    """Validate `slot`, "a" or "b"; UnknownName for anything else."""
     if slot not in _SLOTS:
         raise UnknownName("slot", str(slot)[:20], _SLOTS)
     return str(slot)
 
 
 # --------------------------------------------------------------------------------------------------
-# The terminal of a feel session: one line at a time; a line that is wrong is asked for again.
+# Terminal of a feel session: one command per line; wrong lines are reported and asked for again.
 
 
-_LOOK = 0.2  #: between two looks at whether the session has ended [s]
+_LOOK = 0.2  #: polling interval for the end of the session [s]
 
 HELP = (
     f"Type a score from {SCORES[0]} to {SCORES[1]} and press Enter. Enter alone: next design. a, b: feel A or B. "
@@ -499,10 +499,10 @@ HELP = (
 
 
 def execute_line(live: LiveSession, line: str) -> None:
-    """Do what `line` says. Raises InputError for what cannot be."""
+    """Execute the command `line`. Raises InputError for invalid commands."""
     line = line.removesuffix("\r")
     person = re.fullmatch("person(?: (.*))?", line, re.IGNORECASE | re.DOTALL)
-    if person is not None:  # as it was typed: another spelling of a code is refused, not changed
+    if person is not None:  # as typed: another spelling of a code is refused, not corrected
         live.set_person(person[1] or "")
         return
     match line.strip().lower() if line.strip().isalpha() else line:
@@ -534,14 +534,14 @@ def read_lines(live: LiveSession, lines: Iterator[str], tell: Callable[[str], No
 
 
 def wait_for_lines(descriptor: int, ended: Callable[[], bool]) -> Iterator[str]:
-    """The lines that come through `descriptor`, until it ends or `ended()`; a read that blocked could not be ended."""
+    """Lines from `descriptor` until it ends or `ended()`; polled, because a blocking read could not be interrupted."""
     rest = b""
     while not ended():
         if not select([descriptor], [], [], _LOOK)[0]:
             continue
         more = os.read(descriptor, 4096)
         if not more:
-            if rest:  # the last line of a pipe need not end
+            if rest:  # the last line of a pipe need not end with a line break
                 yield rest.decode("utf-8", "replace")
             return
         *whole, rest = (rest + more).split(b"\n")
@@ -550,19 +550,19 @@ def wait_for_lines(descriptor: int, ended: Callable[[], bool]) -> Iterator[str]:
 
 
 # --------------------------------------------------------------------------------------------------
-# The panel of a feel session in the console's page: what it shows, and what a page may ask for.
+# Panel of a feel session in the console page: its state and its commands.
 
 
 @final
 class DesignPanel:
-    """`live` as the console takes it (`console.designs.DesignSession`)."""
+    """Adapter of `live` to the console (`console.designs.DesignSession`)."""
 
     def __init__(self, live: LiveSession) -> None:
         self._live = live
 
     @property
     def version(self) -> int:
-        """Another number after every change."""
+        """Changes with every state change."""
         return self._live.version
 
     @property
@@ -571,11 +571,11 @@ class DesignPanel:
         return self._live.hidden
 
     def describe(self) -> dict[str, Any]:
-        """Everything that the page shows, as plain JSON types."""
+        """State for the page as plain JSON types."""
         return self._live.describe()
 
     def execute(self, command: Mapping[str, Any]) -> None:
-        """What a page asks for: {"act": NAME, ...}. Raises InputError for what cannot be."""
+        """Execute a page's command: {"act": NAME, ...}. Raises InputError for invalid commands."""
         live = self._live
         match command.get("act"):
             case "rate":

@@ -1,4 +1,4 @@
-"""The report of a session: one HTML file that needs nothing else, with geometry, forces, strain, stress and ratings."""
+"""Report of a feel session: one self-contained HTML file with geometry, forces, strain, stress and ratings."""
 
 from __future__ import annotations
 
@@ -44,40 +44,40 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The greatest force that was felt beside the one that was computed, and what makes the difference, in newtons.
+# Measured against computed peak force, and the causes of the difference [N].
 #
-# At the place where it was felt the world is asked again, one condition after another taken away: as it was; straight
-# and in the middle; slid quickly, with all of its friction. What is left to the computed peak is the way that was not
-# gone. The steps add up to the difference exactly.
+# The world is evaluated at the position of the measured peak while one deviation after another is removed: as
+# measured; straight and centred; at full sliding speed, with all friction. The rest of the difference to the computed
+# peak is displacement that was not travelled. The contributions sum to the difference exactly.
 
 
-AGREE = 0.05  #: share of the computed peak within which the felt one agrees
-_QUICK = 0.1  #: speed at which all friction is there [m/s], as in `course`
-_STILL = 1e-4  #: slower than this is no motion [m/s]
-_MIDDLE, _STRAIGHT = 5e-5, 0.3  #: within which a part is in the middle [m], and straight [°]
-_SHARE = 0.01  #: of the computed peak: smaller causes are left out
+AGREE = 0.05  #: relative tolerance between measured and computed peak
+_QUICK = 0.1  #: sliding speed with full friction [m/s], as in `course`
+_STILL = 1e-4  #: standstill below this speed [m/s]
+_MIDDLE, _STRAIGHT = 5e-5, 0.3  #: tolerances of centred [m] and straight [°] motion
+_SHARE = 0.01  #: smallest cause that is listed, relative to the computed peak
 _T, _PEAKS_X, _PEAKS_FX = (COLUMNS.index(name) for name in ("t_s", "x_m", "fx_n"))
 _ASKED, _GIVEN, _GAIN, _SATURATED = (len(COLUMNS) + HAND.index(name) for name in HAND)
 
 
 @dataclass(frozen=True)
 class PeakComparison:
-    """One way, "insertion" or "pull_out": computed and felt peak [N], and the causes of the difference."""
+    """Computed and measured peak [N] in one direction, "insertion" or "pull_out", and causes of the difference."""
 
     way: str
     computed: float
-    felt: float | None  #: None: the part was never moved this way
-    causes: tuple[tuple[str, float], ...] = ()  #: what, and how much it adds to the felt peak [N]; they add up
-    hand: str = ""  #: the part of it that did not reach the hand, and why; empty if all of it did
+    felt: float | None  #: None: the part was never moved in this direction
+    causes: tuple[tuple[str, float], ...] = ()  #: cause and its contribution [N]; their sum is the difference
+    hand: str = ""  #: force that did not reach the hand, and why; empty if none
 
     @property
     def agrees(self) -> bool:
-        """Whether both are the same within AGREE."""
+        """Whether both agree within AGREE."""
         return self.felt is not None and abs(self.felt - self.computed) <= AGREE * self.computed
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """In words: agreement, or every cause with its amount."""
+        """Agreement, or every cause with its contribution, as text."""
         name = self.way.replace("_", "-")
         if self.felt is None:
             return (f"{name}: computed {self.computed:.1f} N, not felt: the part was not moved this way",)
@@ -93,7 +93,7 @@ class PeakComparison:
 
 
 def compare_peaks(design: Candidate, run: InsertionForces, traces: Sequence[Array]) -> tuple[PeakComparison, ...]:
-    """Insertion and pull-out of `design`, felt in `traces` (n, 18), beside the computed `run`; () if never felt."""
+    """Compare insertion and pull-out of `design` in `traces` (n, 18) with the computed `run`; () without traces."""
     if not traces:
         return ()
     return tuple(_peaks_compare(design, run, traces, way) for way in ("insertion", "pull_out"))
@@ -153,7 +153,7 @@ def _explain_aside(row: Array) -> str:
 
 
 def _explain_hand(row: Array) -> str:
-    """The part of the force that did not reach the handle; empty if all of it did, or if unknown."""
+    """Force that did not reach the handle, as text; empty if none or unknown."""
     asked, given, gain, saturated = (float(row[k]) for k in (_ASKED, _GIVEN, _GAIN, _SATURATED))
     if np.isnan(asked) or asked <= 0.0:
         return ""
@@ -170,11 +170,11 @@ def _explain_hand(row: Array) -> str:
 
 
 # --------------------------------------------------------------------------------------------------
-# The candidates beside each other: force over displacement as computed and as felt, numbers, scores, the choice.
+# Comparison of the candidates: computed and measured force over displacement, quantities, ratings, choice.
 
 
 def comparison(candidates: Candidates, session: FeelSession | None = None) -> dict[str, dict[str, Any]]:
-    """Design → its numbers (SI), remarks, ratings and whether it was chosen: the table behind the plot."""
+    """Design → its quantities (SI), remarks, ratings and choice: the data of the plot."""
     scores = session.scores() if session else {}
     choice = session.choice() if session else None
     felt = collect_traces(session) if session else {}
@@ -207,7 +207,7 @@ def _list_shares(design: Candidate) -> dict[str, dict[str, float]]:
 
 
 def collect_traces(session: FeelSession) -> dict[str, list[Array]]:
-    """Design → every trace (n, 18) of it as it is now, by COLUMNS and HAND; those without a row left out."""
+    """Design → traces (n, 18) of its current version, by COLUMNS and HAND; empty ones left out."""
     found: dict[str, list[Array]] = {}
     now = {design.name: design.digest for design in session.candidates.designs}
     for feeling in session.feelings():
@@ -219,7 +219,7 @@ def collect_traces(session: FeelSession) -> dict[str, list[Array]]:
 
 
 def plot_comparison(candidates: Candidates, path: str | Path, session: FeelSession | None = None) -> Path:
-    """Draw the comparison into the PNG or SVG file at `path`; what was felt is dotted over what was computed."""
+    """Plot the comparison into the PNG or SVG file at `path`: lines computed, dots measured."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -262,28 +262,28 @@ def plot_comparison(candidates: Candidates, path: str | Path, session: FeelSessi
 
 
 # --------------------------------------------------------------------------------------------------
-# Pictures of one design for its report: the hook from the side, and force over displacement, computed and felt.
+# Figures of one design: side view of the hook, and computed and measured force over displacement.
 
 
-_DOTS = 4000  #: of forces in one picture: more cannot be distinguished
+_DOTS = 4000  #: points drawn in one figure: more cannot be distinguished
 _FIGURES_X, _FIGURES_FX = COLUMNS.index("x_m"), COLUMNS.index("fx_n")
 
 
 def draw_hook(hook: Hook) -> bytes:
-    """The hook from the side, to scale, as SVG."""
+    """Side view of the hook, to scale, as SVG."""
     x = np.unique([0.0, hook.base_length, hook.ramp_end, hook.peak, hook.tip])
     figure = _make_figure(6.4, 2.2)
     axes = figure.subplots()
     outline = np.vstack([np.column_stack([x, hook.section(x)]), [[hook.tip, 0.0], [0.0, 0.0]]]) * 1e3
     axes.fill(outline[:, 0], outline[:, 1], facecolor="#e3b778", edgecolor="#7a4d12")
-    axes.axvline(0.0, color="#22303c", linewidth=3)  # the wall that it grows from
+    axes.axvline(0.0, color="#22303c", linewidth=3)  # the wall at its root
     axes.set(xlabel="from the root (mm)", ylabel="mm", aspect="equal")
     axes.margins(x=0.04, y=0.25)
     return _save(figure)
 
 
 def draw_forces(design: Candidate, run: InsertionForces, traces: Sequence[Array]) -> bytes:
-    """The pull of the hand over X', as SVG: lines computed, dots felt."""
+    """Pull of the hand over X', as SVG: lines computed, dots measured."""
     figure = _make_figure(6.4, 3.4)
     axes = figure.subplots()
     for rows in traces:
@@ -327,7 +327,7 @@ th:first-child,td:first-child{text-align:left}th{color:#4d5f6e;font-weight:600}i
 
 
 def write_report(session: FeelSession, path: Path, facts: Sequence[str] = ()) -> Path:
-    """Write the report of `session` to `path`, whole or not at all; `facts` are sentences about device and scale."""
+    """Write the report of `session` to `path`, complete or not at all; `facts`: sentences on device and scale."""
     text = make_report(session, facts)
     try:
         with replace_file(path) as part:
@@ -338,7 +338,7 @@ def write_report(session: FeelSession, path: Path, facts: Sequence[str] = ()) ->
 
 
 def make_report(session: FeelSession, facts: Sequence[str] = ()) -> str:
-    """The report as HTML: the first of `facts` stands above everything."""
+    """The report as HTML; the first of `facts` is printed at the top."""
     candidates, felt = session.candidates, collect_traces(session)
     runs = {design.name: course(design) for design in candidates.designs}
     title = escape(candidates.title)
@@ -423,7 +423,7 @@ def _describe(design: Candidate, run: InsertionForces, traces: Sequence[Array]) 
 
 
 def _show_shares(world: SnapFit) -> list[str]:
-    """The greatest forces from the handbook's formula to the rendered ones, step by step."""
+    """Contributions to the peak forces, step by step."""
     ways = explain_peaks(world)
     rows = [
         ["handbook: P (μ + tan α)/(1 − μ tan α)", *(f"{one.handbook:.2f}" for one in ways)],

@@ -1,4 +1,4 @@
-"""What was felt and said of it, kept: ratings and the choice as JSON lines, every trace as CSV, in one folder.
+"""Stored feel session: ratings and choice as JSON lines, every trace as CSV, in one folder.
 
     FOLDER/ratings.jsonl          one line per rating, feeling or choice, on the disk before the next begins
     FOLDER/traces/NAME-0001.csv   pose of the target and wrench on it, tick by tick
@@ -54,12 +54,12 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The lines of a session's file: ratings, feelings, the choice; one JSON object each, read strictly.
+# Records of a session's file: ratings, presentations, choice; one JSON object per line, parsed strictly.
 
 
 @dataclass(frozen=True)
 class DesignRating:
-    """What a person said of a design after feeling it."""
+    """A person's rating of a design."""
 
     design: str
     digest: str
@@ -68,13 +68,13 @@ class DesignRating:
     comment: str
     time: str
     trace: str = ""
-    feeling: str = ""  #: which time it was felt; a later rating of the same feeling replaces an earlier one
+    feeling: str = ""  #: presentation that was rated; a later rating of the same presentation replaces an earlier one
     blind: bool = False  #: whether the designs were hidden from the person
 
 
 @dataclass(frozen=True)
 class Feeling:
-    """One design felt once by one person, from when it was chosen until the next one."""
+    """One presentation of a design to one person."""
 
     design: str
     digest: str
@@ -83,12 +83,12 @@ class Feeling:
     trace: str
     feeling: str = ""
     blind: bool = False
-    scale: float = 1.0  #: all torques of the handle times this
+    scale: float = 1.0  #: factor of all torques of the handle
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The design that was settled on, and why."""
+    """The selected design, and the reason."""
 
     design: str
     digest: str
@@ -100,17 +100,17 @@ class Choice:
 Record = DesignRating | Feeling | Choice
 
 _KINDS: dict[str, type[Record]] = {"rating": DesignRating, "feeling": Feeling, "choice": Choice}
-_TYPES: dict[str, tuple[type, ...]] = {"score": (int,), "blind": (bool,), "scale": (int, float)}  # others are texts
+_TYPES: dict[str, tuple[type, ...]] = {"score": (int,), "blind": (bool,), "scale": (int, float)}  # others are strings
 
 
 def write_line(record: Record) -> str:
-    """`record` as one line of JSON, without its end."""
+    """`record` as one line of JSON, without line end."""
     kind = next(name for name, known in _KINDS.items() if isinstance(record, known))
     return json.dumps({"kind": kind, **asdict(record)}, ensure_ascii=False)
 
 
 def parse_records(lines: Iterable[str]) -> tuple[list[Record], int]:
-    """The records in `lines`, and how many lines that are not empty hold none: cut short by a crash, or foreign."""
+    """Records in `lines`, and the number of invalid lines: truncated by a crash, or foreign."""
     found: list[Record] = []
     skipped = 0
     for line in lines:
@@ -140,36 +140,36 @@ def _parse_record(line: str) -> Record | None:
 
 
 def utc_now() -> str:
-    """The time of a record."""
+    """Time stamp of a record."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 # --------------------------------------------------------------------------------------------------
-# What the part went through while a design was felt, tick by tick, and its CSV file.
+# Trace of a presentation: state of the part at every tick, and its CSV file.
 
 
 COLUMNS = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
-#: what reached the handle: torque asked and given, the guard's share, whether the device was at its limit
+#: quantities at the handle: torque requested and commanded, guard's scale, whether the device was saturated
 HAND = ("asked_nm", "given_nm", "guard_gain", "saturated")
 
-_FORCE, _TORQUE = 0.1, 0.002  #: on the part [N], [N·m]
-_MOTION, _TURN = 0.5e-3, np.radians(1.0)  #: of the part since the first tick [m], [rad]
-FELT = "0.1 N or 2 mN·m on the part, or 0.5 mm or 1° of motion, since it was chosen"  #: in words
-_TRACE_MOST = 256 * 1024 * 1024  #: bytes of a trace
-_BLOCK = 500  #: rows that are written in one go
-_REST = 0.002  #: between two of them while a servo runs: this process has to keep its heart beating [s]
+_FORCE, _TORQUE = 0.1, 0.002  #: perception limits on the part [N], [N·m]
+_MOTION, _TURN = 0.5e-3, np.radians(1.0)  #: perception limits of motion since the first tick [m], [rad]
+FELT = "0.1 N or 2 mN·m on the part, or 0.5 mm or 1° of motion, since it was chosen"  #: as text
+_TRACE_MOST = 256 * 1024 * 1024  #: maximum size of a trace [bytes]
+_BLOCK = 500  #: rows written at a time
+_REST = 0.002  #: pause between two blocks while a servo runs: this process must send its keep-alive [s]
 
 
 @final
 class Trace:
-    """One feeling of one design, as it happens: append ticks or rows, then keep it with `FeelSession.keep`."""
+    """Trace of a presentation: append ticks or rows, then store it with `FeelSession.keep`."""
 
     def __init__(self, design: Candidate) -> None:
         self.design = design
         self._parts: list[Array] = []
 
     def append(self, target: State, wrench: Array) -> None:
-        """A tick: where the target was and what acted on it (6,); what reached the handle is unknown."""
+        """Append a tick: state of the object and wrench on it (6,); the quantities at the handle are unknown."""
         from scipy.spatial.transform import Rotation
 
         turn = Rotation.from_matrix(target.R_SR).as_quat()
@@ -177,7 +177,7 @@ class Trace:
         self._parts.append(np.array([row + [np.nan] * len(HAND)]))
 
     def extend(self, rows: Array) -> None:
-        """Ticks as (n, 18) by COLUMNS and HAND."""
+        """Append ticks (n, 18) by COLUMNS and HAND."""
         if len(rows):
             self._parts.append(rows)
 
@@ -197,7 +197,7 @@ class Trace:
 
 
 def is_felt(rows: Array, first: Array | None = None) -> bool:
-    """Whether something could be felt in `rows` (n, 14 or 18): FELT; `first` (14 or 18,) is the first tick of it."""
+    """Whether `rows` (n, 14 or 18) exceed the perception limits FELT; `first` (14 or 18,) is the first tick."""
     if not len(rows):
         return False
     start = rows[0] if first is None else first
@@ -211,7 +211,7 @@ def is_felt(rows: Array, first: Array | None = None) -> bool:
 
 
 def trace_rows(layout: RowLayout, rows: Array) -> Array:
-    """(n, 18) by COLUMNS and HAND: the ticks among the servo's `rows` (n, width) with a valid pose."""
+    """(n, 18) by COLUMNS and HAND: ticks of the servo's `rows` (n, width) with a valid pose."""
     known = rows[rows[:, layout["valid"].start] > 0]
     parts = [known[:, layout[name]] for name in ("t", "object", "object_q", "object_wrench")]
     torques = [np.linalg.norm(known[:, layout[name]][:, 3:], axis=1) for name in ("asked", "given")]
@@ -220,7 +220,7 @@ def trace_rows(layout: RowLayout, rows: Array) -> Array:
 
 
 def write_trace(path: Path, rows: Array, *, gently: bool = False) -> None:
-    """Write `rows` (n, 14 or 18), whole or not at all; `gently` while a servo of this process runs."""
+    """Write `rows` (n, 14 or 18), complete or not at all; `gently` while a servo of this process runs."""
     head = (COLUMNS + HAND)[: rows.shape[1]]
     try:
         with replace_file(path, sync=True) as part, part.open("w", newline="", encoding="utf-8") as file:
@@ -240,7 +240,7 @@ def _blocks(rows: Array) -> Iterator[Array]:
 
 
 def read_trace(path: Path) -> Array:
-    """(n, 18) rows by COLUMNS and HAND; NaN for what an older file does not have. RecordingError if it is no trace."""
+    """(n, 18) rows by COLUMNS and HAND; NaN for columns that an older file lacks. RecordingError if invalid."""
     try:
         text = read_text(path, "trace", RecordingError, _TRACE_MOST)
         head, *lines = csv.reader(text.splitlines())
@@ -253,14 +253,14 @@ def read_trace(path: Path) -> Array:
     return np.pad(found, ((0, 0), (0, missing)), constant_values=np.nan)
 
 
-_SESSION_MOST = 64 * 1024 * 1024  #: bytes of all ratings
+_SESSION_MOST = 64 * 1024 * 1024  #: maximum size of all ratings [bytes]
 _LONGEST = 40  #: of a person's code [characters]
 
-SCORES = SCALE  #: the scale that studies have as well
+SCORES = SCALE  #: the scale of studies
 
 
 def check_person(code: str, known: Iterable[str] = ()) -> str:
-    """`code` as it was typed; InputError if it is none, or one of the `known` codes in another spelling."""
+    """Validate the person's `code`; InputError if it is invalid or another spelling of a `known` one."""
     meant = suggest_code(code)
     if code and code != meant and meant:
         raise InputError(
@@ -276,7 +276,7 @@ def check_person(code: str, known: Iterable[str] = ()) -> str:
 
 
 class FeelSession:
-    """A folder of ratings and traces about one set of candidates; made if it is not there, continued if it is.
+    """Folder of ratings and traces of one set of candidates; created or continued.
 
     Raises InputError if the folder holds ratings of other designs only: it belongs to another file.
     """
@@ -284,7 +284,7 @@ class FeelSession:
     def __init__(self, folder: str | Path, candidates: Candidates) -> None:
         self.folder = Path(folder)
         self.candidates = candidates
-        self.skipped = 0  #: lines that could not be read the last time
+        self.skipped = 0  #: invalid lines at the last reading
         self._check_designs()
         try:
             (self.folder / "traces").mkdir(parents=True, exist_ok=True)
@@ -316,7 +316,7 @@ class FeelSession:
         feeling: str = "",
         blind: bool = False,
     ) -> DesignRating:
-        """Keep what `person` says of design `name`; on the disk when this returns."""
+        """Store the rating of design `name` by `person`, durably."""
         design = self.candidates[name]
         try:
             rating_of(name, SCORES).check_answer(Answer(score))
@@ -329,13 +329,13 @@ class FeelSession:
         return rating
 
     def choose(self, name: str, *, person: str = "", comment: str = "") -> Choice:
-        """Record that `name` is the one; a later choice replaces it, both stay on record."""
+        """Store the choice of `name`; a later choice replaces it, both remain on record."""
         choice = Choice(name, self.candidates[name].digest, person, comment, utc_now())
         self._write(choice)
         return choice
 
     def reserve(self, name: str) -> str:
-        """The name of a new trace of design `name`, whose file is there, without a row, until it is kept."""
+        """Reserve a name for a new trace of design `name`: creates an empty file."""
         folder = self.folder / "traces"
         taken = [p.stem.rsplit("-", 1)[1] for p in folder.glob("*.csv") if p.stem.rpartition("-")[0] == name]
         number = 1 + max((int(text) for text in taken if text.isdecimal()), default=0)
@@ -354,7 +354,7 @@ class FeelSession:
         scale: float = 1.0,
         gently: bool = False,
     ) -> str:
-        """Write `trace` to its file, by default a new one; returns the name to be given to `rate`.
+        """Write `trace` to its file, by default a new one; returns its name, for `rate`.
 
         `gently` while a servo of this process runs.
         """
@@ -368,11 +368,11 @@ class FeelSession:
         return name
 
     def trace(self, name: str) -> Array:
-        """(n, 14) rows of a kept trace, by COLUMNS."""
+        """(n, 14) rows of a stored trace, by COLUMNS."""
         return self.trace_with_hand(name)[:, : len(COLUMNS)]
 
     def trace_with_hand(self, name: str) -> Array:
-        """(n, 18) rows of a kept trace, by COLUMNS and HAND."""
+        """(n, 18) rows of a stored trace, by COLUMNS and HAND."""
         return read_trace(self.folder / name)
 
     def ratings(self) -> tuple[DesignRating, ...]:
@@ -382,7 +382,7 @@ class FeelSession:
         return tuple(one for one in given if not one.feeling or last[one.feeling] is one)
 
     def was_felt(self, name: str) -> bool:
-        """Whether a kept trace of design `name`, as it is now, has something that could be felt."""
+        """Whether a stored trace of the current version of design `name` exceeds the perception limits."""
         digest = self.candidates[name].digest
         return any(
             (one.design, one.digest) == (name, digest)
@@ -419,11 +419,11 @@ class FeelSession:
         return {name: (len(s), sum(s) / len(s) if s else math.nan) for name, s in given.items()}
 
     def people(self) -> tuple[str, ...]:
-        """Every person who rated, in the order of their first rating; "" for one without a code."""
+        """All persons who rated, in the order of their first rating; "" for one without a code."""
         return tuple(dict.fromkeys(rating.person for rating in self.ratings()))
 
     def find_outdated(self) -> tuple[DesignRating, ...]:
-        """Ratings of designs that have been changed, or removed, since."""
+        """Ratings of designs that have been changed or removed since."""
         now = {design.name: design.digest for design in self.candidates.designs}
         return tuple(rating for rating in self.ratings() if now.get(rating.design) != rating.digest)
 
@@ -431,7 +431,7 @@ class FeelSession:
         try:
             with self._path.open("ab+") as file:
                 end = file.seek(0, os.SEEK_END)
-                if end:  # a line cut short by a crash must not swallow this one
+                if end:  # a line truncated by a crash must not absorb this one
                     file.seek(end - 1)
                     if file.read(1) != b"\n":
                         file.write(b"\n")

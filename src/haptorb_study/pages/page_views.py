@@ -1,4 +1,4 @@
-"""What each page receives: the participant nothing that would reveal an answer, the experimenter everything."""
+"""State of a session for the pages: the participant's never reveals the prompt, the experimenter's has everything."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from haptorb_study.trial_device import TrialDevice
 __all__ = ["describe_study", "for_experimenter", "for_participant", "pen", "places"]
 
 
-_MOST_CODES = 100  #: that are shown, the newest
-_MOST_INCIDENTS = 200  #: that are shown, the newest
-_MOST_BUTTONS = 21  #: on a rating scale; beyond that a number is typed
+_MOST_CODES = 100  #: shown at most, the newest
+_MOST_INCIDENTS = 200  #: shown at most, the newest
+_MOST_BUTTONS = 21  #: of a rating scale; beyond, a number is typed
 
 
 def describe_study(study: Study, simulated: bool) -> dict[str, Any]:
-    """What does not change: texts, places on the drawing, and the noise that is to be played.
+    """Constant part of the state: texts, places on the drawing, and masking noise.
 
     Places are drawn where they are the answers; where they are to be found freely they would give them away.
     """
@@ -45,7 +45,7 @@ def places(study: Study) -> list[dict[str, float]]:
 
 
 def for_participant(manager: SessionManager) -> dict[str, Any]:
-    """State, task, progress; never what is prompted, nor which interval holds what.
+    """State, task and progress; never the prompt, nor which interval holds the comparison.
 
     stopped      who stopped, "" if none did or the session was resumed since
     unconfirmed  whether the coils were switched off, and the device has not confirmed it
@@ -86,7 +86,7 @@ def for_participant(manager: SessionManager) -> dict[str, Any]:
 
 
 def for_experimenter(manager: SessionManager, pages: int, draft: Any) -> dict[str, Any]:
-    """Everything: what is prompted, what is being answered, what the device did."""
+    """Complete state: prompt, answers, trips and incidents."""
     view = for_participant(manager) | {
         "trouble": manager.trouble or ("the study program has failed and is closing" if manager.dead else ""),
         "pages": pages,
@@ -113,7 +113,7 @@ def for_experimenter(manager: SessionManager, pages: int, draft: Any) -> dict[st
 
 
 def pen(trial_device: TrialDevice) -> dict[str, Any] | None:
-    """Where the tool is, seen from above [deg], and the force on it [N]: outwards, and sideways towards +x and +y."""
+    """Tool seen from above [deg], and the force on it [N]: radial, and tangential along +x and +y."""
     position, force = trial_device.position, trial_device.force
     if position is None:
         return None
@@ -128,7 +128,7 @@ def pen(trial_device: TrialDevice) -> dict[str, Any] | None:
     if force is not None and distance > 0:
         way = np.array(position) / distance
         out = float(force @ way)
-        # Along the sphere: towards the rim, and round it.
+        # Tangential: polar and azimuthal component.
         outward = np.array([x, y, 0.0]) / round_ if round_ else np.array([1.0, 0.0, 0.0])
         about_ = np.array([-outward[1], outward[0], 0.0])
         down = np.cos(np.radians(theta)) * outward - np.sin(np.radians(theta)) * np.array([0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-"""The report at an address of this computer: beside each recorded trial a link that plays it, as `haptorb view` does.
+"""Server of a report on this computer, with a link beside each recorded trial that plays it as `haptorb view` does.
 
 The page is plain HTML, so the token stands in its path: who does not know it gets nothing, and plays nothing.
 """
@@ -25,7 +25,7 @@ from haptorb_study.pages.trial_viewers import TrialViewers
 __all__ = ["REPORT_SERVER_PORT", "ReportServer"]
 
 
-REPORT_SERVER_PORT = 8768  #: unless another is asked for
+REPORT_SERVER_PORT = 8768  #: default
 
 _HEADERS = {
     "content-security-policy": "default-src 'none'; img-src data:; style-src 'unsafe-inline'; frame-ancestors 'none'",
@@ -37,7 +37,7 @@ _HEADERS = {
 
 @final
 class ReportServer:
-    """Serves the page `html`; its links `play/N` play the part number N of `parts` (FILE#t=FROM,TO), counted from 0.
+    """Serves the page `html`; its link `play/N` plays part N, from 0, of `parts` (FILE#t=FROM,TO).
 
     url  where it is, on this computer only. Raises InputError for a `port` that cannot be had.
     """
@@ -52,7 +52,7 @@ class ReportServer:
         self._server = server(Starlette(routes=routes))
 
     def serve(self, ready: Callable[[], None] = lambda: None) -> int | None:
-        """Serve until `close`, SIGINT or SIGTERM, whose number is returned; `ready` is called first."""
+        """Serve until `close`, SIGINT or SIGTERM, and return the signal's number; `ready` is called first."""
         numbers: list[int] = []
 
         def end(number: int) -> None:
@@ -69,7 +69,7 @@ class ReportServer:
         return numbers[0] if numbers else None
 
     def close(self) -> None:
-        """End `serve`; may be called from any thread, and twice."""
+        """End `serve`; may be called from any thread, repeatedly."""
         self._server.should_exit = True
 
     def _refuse(self, request: Request) -> Response | None:
@@ -83,7 +83,7 @@ class ReportServer:
         return self._refuse(request) or HTMLResponse(self._html, headers=_HEADERS)
 
     async def _play(self, request: Request) -> Response:
-        """Start a viewer, ask the page to come again until it answers, then send it there."""
+        """Start a viewer; the page reloads until its URL is known, then redirects."""
         if (refusal := self._refuse(request)) is not None:
             return refusal
         number = int(request.path_params["number"])

@@ -1,4 +1,4 @@
-"""The codes that are taken in a study's database, and one that is free, for the experimenter's page."""
+"""Runs sessions one after another in a thread: commands of the pages in, state out."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ __all__ = ["CodeList", "SessionManager", "check_text", "explain_fault", "try_ste
 
 @final
 class CodeList:
-    """What was known when `refresh` last ran; the pages read it, the sessions' thread refreshes it."""
+    """Codes in use and a free one; read by the pages, refreshed by the session thread."""
 
     def __init__(self, engine: Engine, study: Study) -> None:
         self._engine, self._study = engine, study
-        self.taken: tuple[dict[str, Any], ...] = ()  #: code, state, answered; people only
-        self.free = ""  #: a code that is free; empty: not known
+        self.taken: tuple[dict[str, Any], ...] = ()  #: code, state, answered; real participants only
+        self.free = ""  #: a free code; empty: unknown
 
     def refresh(self) -> None:
-        """Ask the database."""
+        """Query the database."""
         people = list_participants(self._engine, self._study)
         self.taken = tuple(
             {"code": one.code, "state": one.state, "answered": one.answered} for one in people if not one.simulated
@@ -47,11 +47,11 @@ class CodeList:
 
 
 # --------------------------------------------------------------------------------------------------
-# What goes wrong while a session is served: said in words, or left behind on the way out.
+# Faults while a session is served: reported as text, and never an obstacle to the shutdown.
 
 
 def check_text(command: Mapping[str, Any], name: str) -> str:
-    """The text `name` of a page's `command`, empty if there is none; InputError if it is no text."""
+    """Text `name` of a page's `command`, empty if missing; InputError if it is not a text."""
     value = command.get(name, "")
     if not isinstance(value, str):
         raise InputError(f"{name} must be a text; got {type(value).__name__}")
@@ -59,14 +59,14 @@ def check_text(command: Mapping[str, Any], name: str) -> str:
 
 
 def explain_fault(fault: BaseException) -> str:
-    """What it was, and where."""
+    """Type, message and place of an exception."""
     frames = traceback.extract_tb(fault.__traceback__)
     where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
     return f"{type(fault).__name__}: {fault}{where}"
 
 
 def try_step(do: Callable[[], object]) -> None:
-    """A step on the way out: its failure, foreseen or not, is reported, and the next step is taken all the same."""
+    """Run a shutdown step; an exception is reported, and the shutdown continues."""
     try:
         do()
     except Exception as fault:
@@ -75,22 +75,22 @@ def try_step(do: Callable[[], object]) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# Runs sessions one after another in a thread of its own: commands of the pages in, one state out.
+# Session thread.
 #
-# The thread may wait for the disk, a database far away, or a device that starts; the pages, the pen and Stop do not:
-# Stop goes through `SessionManager.halt`, which waits for no other thread.
+# The thread may wait for disk, database or device; the pages, the pen and Stop do not: Stop goes through
+# `SessionManager.halt`, which waits for no other thread.
 
 
-_TICK = 0.02  #: between two looks at the device [s]
-_WAITING = 100  #: commands that may wait at most: who sends more is no person
+_TICK = 0.02  #: polling interval of the device [s]
+_WAITING = 100  #: commands queued at most; a human cannot exceed this
 
-#: for a request of a page to the manager: reports to the page what was wrong, or nothing
+#: reports the mistake in a page's request to the page, if there is one
 Respond = Callable[[str], None]
 
 
 @final
 class SessionManager:
-    """One study, one participant at a time.
+    """One study, one participant at a time; commands are executed in a thread of its own.
 
     state   waiting (for a participant), starting (the device), consent, ready, then those of `TrialRunner`; declined,
             failed
@@ -106,30 +106,30 @@ class SessionManager:
     ) -> None:  # fmt: skip
         self.engine, self.study = engine, study
         self._start, self._beside, self._streams, self._open_session = start, beside, streams, open_session
-        self.halt = StopSwitch()  #: Stop, for every page and thread
+        self.halt = StopSwitch()  #: Stop switch, for every page and thread
         self.state = "waiting"
-        self.trouble = ""  #: why the last session ended as it did
+        self.trouble = ""  #: why the last session failed
         self.session: StoredSession | None = None
         self.runner: TrialRunner | None = None
         self.trial_device: TrialDevice | None = None
         self.log: list[dict[str, Any]] = []  #: answered trials of this session, newest last
         self.codes = CodeList(engine, study)
-        self.history: list[dict[str, Any]] = []  #: what happened in this session, or in the last one
-        self.stored = 0  #: answers of the last session that are stored
+        self.history: list[dict[str, Any]] = []  #: events of this session, or of the last one
+        self.stored = 0  #: stored answers of the last session
         self._recording: Path | None = None
         self._servo: Servo | None = None
         self._inbox: SimpleQueue[tuple[dict[str, Any], StopCount, Respond]] = SimpleQueue()
         self._ended = threading.Event()
-        self._died = ""  # why the thread ended by itself
-        self._next = 0.0  # look at the device
+        self._died = ""  # why the thread ended unexpectedly
+        self._next = 0.0  # next poll of the device
         self._thread = threading.Thread(target=self._run, name="sessions", daemon=True)
 
     def open(self) -> None:
-        """Start listening to `ask`."""
+        """Start the session thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """Coils off; a session that runs is left, resumable. May be called twice."""
+        """Switch the coils off; a running session is left and can be resumed. May be called repeatedly."""
         self._ended.set()
         self.halt.stop(None)  # the thread may be waiting for a database
         if self._thread.is_alive():
@@ -137,11 +137,11 @@ class SessionManager:
 
     @property
     def dead(self) -> bool:
-        """Whether the thread has ended without a request: no command would be executed."""
+        """Whether the thread has ended unexpectedly: commands would not be executed."""
         return bool(self._died) and not self._thread.is_alive()
 
     def ask(self, command: dict[str, Any], respond: Respond) -> None:
-        """Execute `command` soon; `respond` receives the mistake, if there is one."""
+        """Enqueue `command`; `respond` receives the mistake, if there is one."""
         if self._died:
             raise InputError(f"the study program has failed and is closing: {self._died}")
         if self._inbox.qsize() >= _WAITING:
@@ -150,8 +150,8 @@ class SessionManager:
 
     @property
     def now(self) -> str:
-        """The state, in one word; "paused" from the moment of a Stop."""
-        runner, session = self.runner, self.session  # the thread may put them away meanwhile
+        """State of the session; "paused" from the moment of a Stop."""
+        runner, session = self.runner, self.session  # the thread may reset them meanwhile
         state = runner.state if runner is not None else self.state
         if (
             self.halt.active
@@ -163,11 +163,11 @@ class SessionManager:
 
     @property
     def number(self) -> int:
-        """Of the session in the database; 0: none."""
+        """Number of the session in the database; 0: none."""
         return session.id if (session := self.session) is not None else 0
 
     def step(self, wait: float = 0.0) -> None:
-        """Obey the command that has waited longest, for which `wait` [s] are waited; and look at the device."""
+        """Execute the oldest command, waiting up to `wait` [s] for one, and poll the device."""
         try:
             command, asked, respond = self._inbox.get(timeout=wait) if wait > 0 else self._inbox.get_nowait()
         except Empty:
@@ -176,7 +176,7 @@ class SessionManager:
             self._try(lambda: self._execute(command, asked), respond)
         if monotonic() >= self._next:
             self._next = monotonic() + _TICK
-            # A session whose device or database went away can be resumed, so nothing is lost by ending it here.
+            # A session whose device or database fails can be resumed, so it is ended here.
             self._try(self._tick, None)
 
     def _run(self) -> None:
@@ -196,7 +196,7 @@ class SessionManager:
                 self.state, self.trouble = "failed", self._died
 
     def _try(self, do: Callable[[], None], respond: Respond | None) -> None:
-        """`do` it; an exception is reported, and this thread continues. None: without a page, so the session ends."""
+        """Call `do`, report exceptions; faults, failures of the servo and failures without a page end the session."""
         try:
             do()
         except HaptorbError as mistake:
@@ -205,7 +205,7 @@ class SessionManager:
             if respond is None or isinstance(mistake, ServoError):
                 self._end(str(mistake))
         except BaseException as fault:  # safety: study-fault
-            # Unexpected, so the session's state is unknown: off, and it can be resumed.
+            # Unexpected exception: the session's state is unknown, so switch off; it can be resumed.
             self.halt.stop(None)
             text = (
                 f"a fault in haptorb, please report it: {explain_fault(fault)}. Coils off; the session can be resumed"
@@ -227,7 +227,7 @@ class SessionManager:
                 self._end("", self.runner.state)
 
     def _record_stops(self) -> None:
-        """Keep the Stops of the time before the first trial; `TrialRunner` keeps the later ones."""
+        """Record Stops before the first trial; later ones are recorded by `TrialRunner`."""
         if self.runner is None and self.session is not None:
             for stopped in self.halt.take():
                 self.session.note("pause", stopped.why, at=stopped.at, later=True)
@@ -249,7 +249,7 @@ class SessionManager:
             raise InputError("no session is running")
         match do:
             case "answer":
-                # Of the trial that the page showed: a second click must not answer the next one.
+                # Answers name their trial: a double click must not answer the next one.
                 if command.get("trial") == runner.session.number:
                     self._answer(runner, command.get("value"))
             case "reply":
@@ -273,7 +273,7 @@ class SessionManager:
             self._end("", runner.state)
 
     def _begin(self, code: str, asked: StopCount) -> None:
-        """Take a participant in: session claimed, device started, nothing felt yet."""
+        """Open the session, lock it, start the device; no haptic output yet."""
         if self.session is not None:
             raise InputError(f"participant {self.session.code} has a running session: end it first")
         session = self._open_session(self.engine, self.study, code)
@@ -285,11 +285,11 @@ class SessionManager:
         try:
             self._recording = self._beside(session)
             self._servo = servo = self._start(self._recording)
-            self.halt.attach(servo, asked)  # before it is open: Stop reaches it from here on
+            self.halt.attach(servo, asked)  # before it opens: Stop reaches it from here on
             servo.open()
             trial_device = TrialDevice(self.study, servo)
-            trial_device.hold()  # the first time loads kernels; afterwards the pen must never be without data that long
-            trial_device.record(False)  # nothing is felt until the participant has agreed
+            trial_device.hold()  # the first call loads kernels, which would take too long later
+            trial_device.record(False)  # not recorded before consent
             self.trial_device = trial_device
             self._mark("session", {"session": session.id, "participant": session.code})
         except HaptorbError as failure:
@@ -312,7 +312,7 @@ class SessionManager:
         self.runner = TrialRunner(self.session, self.trial_device, recording, self._mark, halt=self.halt)
 
     def _execute_before_trials(self, do: str, asked: StopCount) -> None:
-        """What may be asked for while the participant is asked for consent."""
+        """Commands during the request for consent."""
         assert self.session is not None
         if do == "resume":
             if self.halt.active:
@@ -342,12 +342,12 @@ class SessionManager:
             self._streams.mark(kind, facts)
 
     def _end(self, trouble: str, state: str = "failed") -> None:
-        """Coils off, session released; the answers are already on disk."""
+        """Switch the coils off and release the session; the answers are already stored."""
         servo, session = self._servo, self.session
         self._servo = None
         if servo is not None:
             if state == "failed":
-                try_step(servo.stop)  # `close` may itself be what fails
+                try_step(servo.stop)  # `close` itself may fail
             try_step(servo.close)
         self.halt.detach()
         if session is not None:

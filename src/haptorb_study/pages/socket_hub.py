@@ -1,4 +1,4 @@
-"""Who is connected: participants' pages through one door, experimenters' through another that wants a token.
+"""WebSocket hub of the pages: participants', and experimenters', which need a token.
 
 Every page may stop. Stop is looked for in a message before anything else is, and goes straight to the servo.
 """
@@ -26,22 +26,22 @@ from haptorb_study.pages.trial_viewers import TrialViewers
 __all__ = ["StudySocketHub"]
 
 
-REFRESH = 1 / 100  #: between two refreshes of a pen that is steered from here [s]
-FRAME = 1 / 25  #: between two looks at what there is to tell [s]
-PATIENCE = 5.0  #: for an experimenter's token [s]
+REFRESH = 1 / 100  #: interval of the keep-alive of a pen steered from a page [s]
+FRAME = 1 / 25  #: interval of state updates to the pages [s]
+PATIENCE = 5.0  #: timeout for the experimenter's token [s]
 
-#: what an experimenter's page sends to end with the coils off; the rest of the message may be anything
+#: commands of an experimenter's page that end with the coils off, found in any message
 _STOPS = re.compile(r'"do"\s*:\s*"(stop|pause|leave|abort)"')
-#: what a participant may ask of the session manager; everything else steers, and steering is the experimenter's
+#: commands of a participant's page to the session manager; all others are the experimenter's
 _PARTICIPANT = frozenset({"agree", "answer", "reply", "skip", "interval"})
 _EXPERIMENTER = frozenset({"begin", "pause", "stop", "resume", "repeat", "engage", "leave", "abort", "skip", "view"})
 _IN_TRIAL = ("running", "time is up")
-_UNTOLD = 20  #: mistakes that were not yet sent to a page, at most
+_UNTOLD = 20  #: unsent error messages of a page at most
 
 
 @final
 class StudyPage:
-    """One connected page. `status`: what it knows, by kind of event."""
+    """A connected page. `status`: the last value sent, by kind of event."""
 
     def __init__(self, socket: WebSocket, participant: bool) -> None:
         self.socket, self.participant = socket, participant
@@ -49,13 +49,13 @@ class StudyPage:
         self.mistakes: list[str] = []
 
     def tell(self, mistake: str) -> None:
-        """Have it shown what was wrong; of too much at once only the newest."""
+        """Enqueue an error message for the page; only the newest are kept."""
         self.mistakes = [*self.mistakes[1 - _UNTOLD :], mistake]
 
 
 @final
 class StudySocketHub:
-    """Joins pages to the session manager."""
+    """Connects the pages with the session manager."""
 
     def __init__(
         self, manager: SessionManager, token: str, about: Mapping[str, Any], more: Mapping[str, Any],
@@ -63,23 +63,23 @@ class StudySocketHub:
     ) -> None:  # fmt: skip
         self._manager, self._token, self._participant_token = manager, token, participant_token
         self._about, self._more = dict(about), dict(more)
-        self._participants: list[StudyPage] = []  # the first has the pen and answers, the others only look on
+        self._participants: list[StudyPage] = []  # the first controls, the others observe
         self._experimenters: list[StudyPage] = []
-        self.viewers = TrialViewers()  #: of recorded trials, for the experimenter
+        self.viewers = TrialViewers()  #: players of recorded trials, for the experimenter
         self._draft: Any = None
         self._draft_of = -1
 
     async def keep(self) -> None:
-        """For as long as the server runs: the hand at rest on a pen that is steered from a page."""
+        """Repeat the position of a pen steered from a page, so that it does not expire, as long as the server runs."""
         while True:
             trial_device = self._manager.trial_device
             if trial_device is not None:
-                with suppress(Exception):  # the manager's thread notices by itself, and reports it
+                with suppress(Exception):  # the session thread detects and reports it itself
                     trial_device.hold()
             await asyncio.sleep(REFRESH)
 
     async def join_participant(self, socket: WebSocket) -> None:
-        """Serve a participant's page until it goes away; beyond this computer, if its first message is its token."""
+        """Serve a participant's page until it disconnects; from other computers only after its token."""
         await socket.accept()
         if not await self._shows(socket, self._participant_token):
             return
@@ -103,7 +103,7 @@ class StudySocketHub:
             self.part(page)
 
     async def _shows(self, socket: WebSocket, token: str) -> bool:
-        """Whether the first message is `token`, if one is needed; else the connection is closed."""
+        """Whether the first message is `token`, if one is required; otherwise the connection is closed."""
         if not token:
             return True
         try:
@@ -118,17 +118,17 @@ class StudySocketHub:
         return True
 
     def enter(self, page: StudyPage) -> None:
-        """`page` is there."""
+        """Register `page`."""
         (self._participants if page.participant else self._experimenters).append(page)
 
     def part(self, page: StudyPage) -> None:
-        """`page` went away. If it was the participant's, the coils go off until the session is resumed."""
+        """Unregister `page`. If it was the participant's, the coils are switched off until the session is resumed."""
         if page.participant and self._participants[0] is page:  # safety: participant-gone
             self._manager.halt.stop("the participant's page was closed")
         (self._participants if page.participant else self._experimenters).remove(page)
 
     def handle_message(self, page: StudyPage, text: str) -> None:
-        """One message of `page`: Stop before anything else. A wrong message raises nothing, `page` is informed."""
+        """Process a message of `page`, Stop before anything else. Mistakes are reported to `page`, never raised."""
         try:
             if page.participant:
                 if is_stop_request(text):  # safety: study-stop-first
@@ -147,7 +147,7 @@ class StudySocketHub:
         except HaptorbError as mistake:
             page.tell(str(mistake))
         # safety: study-message
-        except Exception as fault:  # for any content, the page's next Stop must be received
+        except Exception as fault:  # for any content: the page's next Stop must be received
             page.tell(f"this message cannot be processed: {type(fault).__name__}")
 
     async def _serve(self, page: StudyPage, about: Mapping[str, Any]) -> None:
@@ -161,14 +161,14 @@ class StudySocketHub:
                     page, message.get("text") or (message.get("bytes") or b"").decode("utf-8", "replace")
                 )
         except (WebSocketDisconnect, RuntimeError):
-            pass  # the page went away while something was on its way
+            pass  # the page disconnected during a transfer
         finally:
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
 
     def _receive_participant(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
         if do == "stop":
-            return  # `handle_message` has done it
+            return  # already done by `handle_message`
         if page is not self._participants[0]:
             raise InputError("another participant's page is open: close that one first")
         manager = self._manager
@@ -198,7 +198,7 @@ class StudySocketHub:
             self._manager.ask(command, page.tell)
 
     def _view(self, page: StudyPage, trial: Any) -> None:
-        """Have the recording of an answered trial of this session played."""
+        """Play the recording of an answered trial of this session."""
         if self._manager.now in _IN_TRIAL:
             raise InputError("a trial is running: stop it, or wait for the pause after it, to play a recording")
         parts = [row.get("recording") for row in self._manager.log if row["trial"] == trial]
@@ -207,7 +207,7 @@ class StudySocketHub:
         self.viewers.open(parts[-1], page.tell)
 
     async def _send(self, page: StudyPage, about: Mapping[str, Any]) -> None:
-        """Send what is new to `page`, some 25 times a second."""
+        """Send state changes to `page`, about 25 times per second."""
         await page.socket.send_text(json.dumps({"event": "about", **about}))
         while True:
             for text in self._collect_messages(page):
@@ -217,7 +217,7 @@ class StudySocketHub:
             await asyncio.sleep(FRAME)
 
     def _collect_messages(self, page: StudyPage) -> list[str]:
-        """Messages with what is new to `page`; a fault in one of them does not keep it from the next ones."""
+        """Messages with state changes for `page`; an exception in one does not block later ones."""
         news = []
         try:
             for event, what in self._events(page).items():
@@ -232,7 +232,7 @@ class StudySocketHub:
         return news
 
     def _events(self, page: StudyPage) -> dict[str, Any]:
-        """What `page` is to know now, by kind of event."""
+        """Current state for `page`, by kind of event."""
         manager = self._manager
         events: dict[str, Any] = {}
         if page.participant:

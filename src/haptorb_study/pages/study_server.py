@@ -1,4 +1,4 @@
-"""The addresses of the study's server: two pages, their files, and a socket for each."""
+"""Server of a study: the participant's and the experimenter's page, their files and WebSockets, on one port."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from haptorb_study.pages.socket_hub import StudySocketHub
 __all__ = ["PORT", "STATIC", "StudyServer", "application"]
 
 
-#: where the build hook puts the pages
+#: output of the web build
 STATIC = Path(__file__).parent.parent / "static"
 
 
@@ -60,15 +60,15 @@ def application(hub: StudySocketHub, where: PageAddress = PageAddress()) -> Star
     )
 
 
-PORT = 8766  #: default; the console's is another
-_LOOK = 0.05  #: between two looks whether the session manager runs [s]
-_SWITCH = 0.0005  #: for which another thread of this program may compute on while a Stop has come [s]
-_LAST_WORDS = 0.5  #: for the pages to show that it is not [s]
+PORT = 8766  #: default; the console has another
+_LOOK = 0.05  #: polling interval of the session thread [s]
+_SWITCH = 0.0005  #: longest time that another thread delays a Stop [s]
+_LAST_WORDS = 0.5  #: for the pages to show that the session thread failed [s]
 
 
 @final
 class StudyServer:
-    """Serves `manager` at `participant` and, to clients with the token in it, at `experimenter`.
+    """Serves the pages of `manager` at `participant` and, with the token in it, at `experimenter`.
 
     port   0 takes any free one
     more   what the experimenter's page shows besides: where answers are stored, and the forecast
@@ -92,7 +92,7 @@ class StudyServer:
         self.port = int(self._socket.getsockname()[1])
         participant_token = secrets.token_urlsafe(16) if where.exposed else ""
         self.participant = where.url(self.port) + (f"#{participant_token}" if participant_token else "")
-        # Behind the #: browsers keep that to themselves, so it is in no request, no log and no referrer.
+        # In the fragment (#), which browsers do not send: so it is in no request, log or referrer.
         self.experimenter = f"{where.url(self.port, 'experimenter')}#{token}"
         try:
             everything = {"places": places(manager.study), **(more or {})}
@@ -105,7 +105,7 @@ class StudyServer:
             raise
 
     def serve(self) -> int | None:
-        """Serve until `close`, SIGINT or SIGTERM; the signal's number is returned.
+        """Serve until `close`, SIGINT or SIGTERM; returns the signal's number.
 
         Raises ServoError, with the coils off, if the thread that runs the sessions ended by itself.
         """
@@ -134,7 +134,7 @@ class StudyServer:
         return signals_seen[0] if signals_seen else None
 
     async def _serve(self) -> bool:
-        """Serve until `close`, or until the session's thread has ended; returns whether it was that."""
+        """Serve until `close`, or until the session thread has ended; returns whether it has."""
         serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))
         dead = False
         while not serving.done():
@@ -148,7 +148,7 @@ class StudyServer:
         return dead
 
     def close(self) -> None:
-        """End `serve`; may be called from any thread, and twice."""
+        """End `serve`; may be called from any thread, repeatedly."""
         self._server.should_exit = True
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""Playing the recording of a trial from the experimenter's page: each in a viewer of its own, beside the study.
+"""Players of recorded trials: `haptorb view` in processes of their own, beside a running study.
 
 The study's process keeps a hand on a device, so it reads no recordings: `haptorb view` does, in another process.
 """
@@ -20,12 +20,12 @@ __all__ = ["TrialViewers"]
 
 
 _MOST = 3  #: viewers at the same time; another one ends the oldest
-_PATIENCE = 2.0  #: for one to end [s]
+_PATIENCE = 2.0  #: timeout for the end of a viewer [s]
 
 
 @final
 class TrialViewers:
-    """`urls`: trial's part of its recording → where it is played; "" while its viewer starts."""
+    """Viewers by part of a recording; `urls`: part → URL, "" while its viewer starts."""
 
     def __init__(self) -> None:
         self.urls: dict[str, str] = {}
@@ -34,7 +34,7 @@ class TrialViewers:
         self._closed = False
 
     def open(self, part: str, tell: Callable[[str], None]) -> None:
-        """Begin to play `part` (FILE#t=FROM,TO), unless it is; `tell` is called with what went wrong, from a thread.
+        """Start to play `part` (FILE#t=FROM,TO) unless it plays; a thread calls `tell` with a failure.
 
         Raises InputError if the file is gone.
         """

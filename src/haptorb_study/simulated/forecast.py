@@ -1,4 +1,4 @@
-"""Before anyone sits down: how long it takes, whether the coils stay cool enough, and which maps reach into each other.
+"""Forecast of a session: duration, coil temperature, overlap of the maps, and conditions that cannot be felt.
 
 The heat is that of the device's own thermal model under an assumed hand: for half of every trial the tool is
 somewhere
@@ -26,28 +26,28 @@ from haptorb_study.study_file import Study
 __all__ = ["FELT_SHARE", "Forecast", "Overlap", "Unfelt", "find_unfelt", "forecast", "load_squared", "overlap"]
 
 
-_NOTHING = 1e-6  #: [N], [N·m]: less is nothing
-FELT_SHARE = 0.5  #: of a trial's time in which the tool is within the map; an assumption
+_NOTHING = 1e-6  #: threshold of a perceptible wrench [N], [N·m]
+FELT_SHARE = 0.5  #: assumed fraction of a trial with the tool within the map
 _PAUSES = (2.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a session will be like."""
+    """Forecast of a session."""
 
     trials: int
     seconds: float  #: with pauses and breaks
     hottest_coil: str
     peak: float  #: winding temperature [K]
-    warn: float  #: [K]
-    derate: float  #: [K]
+    warn: float  #: warning temperature [K]
+    derate: float  #: derating temperature [K]
     pause: (
         float | None
-    )  #: more pause after each trial [s] with which it stays below derating; None: 80 s are not enough
+    )  #: additional pause after each trial [s] that avoids derating; None: 80 s are not enough
 
     @property
     def holds(self) -> bool:
-        """Whether no current will have to be reduced."""
+        """Whether the winding stays below the derating temperature."""
         return self.peak < self.derate
 
     def numbers(self) -> dict[str, Any]:
@@ -60,7 +60,7 @@ class Forecast:
 
     @property
     def sentence(self) -> str:
-        """For people."""
+        """Summary for users."""
         c = self.peak - 273.15
         begin = (
             f"{self.trials} trials, about {self.seconds / 60:.0f} min; hottest winding '{self.hottest_coil}' {c:.0f} °C"
@@ -76,7 +76,7 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Overlap:
-    """How far maps that are felt one at a time reach into each other."""
+    """Overlap of maps that are rendered one at a time."""
 
     pairs: int
     worst: float  #: [deg]
@@ -88,7 +88,7 @@ class Overlap:
 
     @property
     def sentence(self) -> str:
-        """For people."""
+        """Summary for users."""
         a, b = self.set_points
         return (
             f"{self.pairs} pairs of set-points have overlapping maps, set-points {a} and {b} by "
@@ -98,16 +98,16 @@ class Overlap:
 
 @dataclass(frozen=True)
 class Unfelt:
-    """A condition in which nothing can be felt, or no difference between levels, at the place of its trials.
+    """A condition whose world, or whose levels, cannot be felt at a set-point of its trials.
 
     Also one that is declared to be without force, and is not.
     """
 
     condition: str
     theta_deg: float  #: of the set-point
-    parameter: str  #: that is varied without effect; "": there is no force at all
-    most: float  #: [N] greatest force there, or [N·m] torque where only a torque is rendered
-    control: bool = False  #: whether it is declared to be without force (`no_force = true`)
+    parameter: str  #: varied without effect; "": the world renders nothing
+    most: float  #: largest force [N] there, or torque [N·m] if only torques are rendered
+    control: bool = False  #: whether it is declared without force (`no_force = true`)
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types."""
@@ -118,7 +118,7 @@ class Unfelt:
 
     @property
     def sentence(self) -> str:
-        """For people."""
+        """Summary for users."""
         where = f"condition '{self.condition}', set-point at θ = {self.theta_deg:g} deg"
         if self.control:
             return (
@@ -137,7 +137,7 @@ class Unfelt:
 
 
 def find_unfelt(study: Study) -> tuple[Unfelt, ...]:
-    """Conditions whose world gives nothing at the place of a trial or, if a level is varied, the same at each level.
+    """Conditions whose world renders nothing at a set-point, or the same at every level.
 
     A condition with `no_force` has to give nothing, and is found where it gives something.
     """
@@ -167,7 +167,7 @@ def find_unfelt(study: Study) -> tuple[Unfelt, ...]:
 
 
 def _sample_wrench(device: SphericalElectromagnet, study: Study, world: World, states: list[State]) -> Array:
-    """(n, 6) what is rendered of the wrench of `world` [N, N·m] at `states`."""
+    """(n, 6) rendered part of the wrench of `world` [N, N·m] at `states`."""
     part = tool_choice(device, study.render or None).choose_part(world)
     kept = np.array([part != "torque"] * 3 + [part != "force"] * 3, dtype=float)
     found: Array = np.array([world.wrench(state).copy() for state in states]).reshape(-1, 6) * kept
@@ -175,7 +175,7 @@ def _sample_wrench(device: SphericalElectromagnet, study: Study, world: World, s
 
 
 def _list_states(device: SphericalElectromagnet, point: SetPoint, world: World) -> list[State]:
-    """Where the tool is felt to be within the map of `point`, in contact, equally often at every angle."""
+    """Contact states within the map of `point`, evenly spaced in angle."""
     cut_off = world.cut_off_deg if isinstance(world, Dome) else 54.0
     turn, found = rotation_to_axis(point.direction), []
     for alpha in np.radians((np.arange(6) + 0.5) / 6 * cut_off):
@@ -187,7 +187,7 @@ def _list_states(device: SphericalElectromagnet, point: SetPoint, world: World) 
 
 
 def overlap(study: Study) -> Overlap | None:
-    """The overlap of the domes of all set-points in the widest condition; None where there is none."""
+    """Overlap of the domes of all set-points in the widest condition; None if there is none."""
     if not has_set_points(study):
         return None
     device, found = study.load_device(), []
@@ -201,7 +201,7 @@ def overlap(study: Study) -> Overlap | None:
 
 
 def load_squared(device: SphericalElectromagnet, study: Study, prompt: Prompt) -> Array:
-    """(m,) mean square current [A²] while the tool is within the map of `prompt`, in contact."""
+    """(m,) mean square current [A²] with the tool within the map of `prompt`, in contact."""
     point = study.point(prompt.set_point or study.points[0].number)
     world = study.make_world(prompt.condition, point.number, prompt.level or None).for_device(device)
     choice = tool_choice(device, study.render or None)
@@ -216,7 +216,7 @@ def load_squared(device: SphericalElectromagnet, study: Study, prompt: Prompt) -
 
 
 def forecast(study: Study, participant: int = 0) -> Forecast:
-    """Duration and heat of one session, as the `participant`-th person would have it."""
+    """Duration and coil temperature of the session of the `participant`-th participant (from 0)."""
     device = study.load_device()
     prompts = _list_prompts(study, participant)
     known: dict[tuple[str, int, float], Array] = {}
@@ -243,7 +243,7 @@ def forecast(study: Study, participant: int = 0) -> Forecast:
 
 
 def _list_prompts(study: Study, participant: int) -> list[Prompt]:
-    """The trials in their order; an adaptive procedure at its greatest length and first level."""
+    """Trials in their order; an adaptive procedure at its maximum length and first level."""
     procedure = procedure_of(study, plan(study, participant))
     lists = [
         iter(part.prompts if isinstance(part, FixedOrder) else [part.prompt] * part.expected)
@@ -258,7 +258,7 @@ def _list_prompts(study: Study, participant: int) -> list[Prompt]:
 def _peaks(
     device: SphericalElectromagnet, loads: list[Array], prompts: list[Prompt], seconds: float, pause: float
 ) -> Array:
-    """(m,) greatest winding temperature [K] over the session, from cold; resistance follows the temperature."""
+    """(m,) peak winding temperature [K] of the session, from ambient; with temperature-dependent resistance."""
     coils, heat = device.coils, device.coils.heat
     m = device.channels
     model = heat.network(m)

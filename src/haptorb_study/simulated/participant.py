@@ -1,4 +1,4 @@
-"""A simulated participant: a hand that trembles and a sense that errs, and nothing to go by but what the device gives.
+"""Simulated participant: sensorimotor model that answers prompts from the forces that the device delivers.
 
 Looking for a summit, it goes over the dome, then probes about the best place. Every probe is a force as felt: with an
 error of magnitude and of direction, and with a part of the pen's weight that people do not take out. From its slant a
@@ -37,12 +37,12 @@ __all__ = ["DeliveredForce", "Participant", "Traits"]
 
 
 # --------------------------------------------------------------------------------------------------
-# What a trial's world really feels like at a place: asked of the controller's model, given by the exact device.
+# Delivered force: commanded through the controller's model, evaluated with the exact device.
 
 
 @final
 class DeliveredForce:
-    """Force on a radial tool, current limits and model errors included; at rest, cold.
+    """Force on a radial tool, with current limits and model errors; static, at ambient temperature.
 
     The same chain as `haptorb.force_map`, as a vector and one place at a time.
     """
@@ -64,30 +64,30 @@ class DeliveredForce:
         return force
 
 
-_ONE_SIGMA = 1 / (0.6745 * 2**0.5)  # a difference noticed in 75 % of the pairs, as the spread of a single sensation
+_ONE_SIGMA = 1 / (0.6745 * 2**0.5)  # JND (75 % of the pairs) to the SD of a single sensation
 
 
 @dataclass(frozen=True)
 class Traits:
-    """The properties of a person; the defaults are those of a typical one."""
+    """Sensorimotor parameters of a person; the defaults are typical."""
 
     force_jnd: float = 0.085  #: relative; middle of 7 to 10 %
-    direction_jnd_deg: float = 22.0  #: of 18 to 32 deg
-    detection: float = 0.03  #: [N] less is not felt; assumed
-    gravity_left: float = 0.45  #: share of the pen's weight that is taken for the dome's force, on average; calibrated
-    motor_noise: float = 1.0e-3  #: spread of a placed pen [m] per direction; calibrated
+    direction_jnd_deg: float = 22.0  #: within 18 to 32 deg
+    detection: float = 0.03  #: [N] detection threshold; assumed
+    gravity_left: float = 0.45  #: mean fraction of the pen's weight that is attributed to the dome; calibrated
+    motor_noise: float = 1.0e-3  #: [m] SD of a placed pen per direction; calibrated
     tremor: float = 0.15e-3  #: [m] per direction; assumed
-    probes: int = 14  #: forces compared about the best place; calibrated
-    forgetting: float = 0.16  #: what the newest probe counts at least; calibrated
-    recall: float = 3.5e-3  #: typical spread of recalling a place away from the top [m] per direction; calibrated
-    recall_reach_deg: float = 9.5  #: how fast the top stops helping; calibrated
-    recall_spread: float = 0.6  #: of the logarithm of a trial's recall error; calibrated
+    probes: int = 14  #: forces compared near the best place; calibrated
+    forgetting: float = 0.16  #: minimum weight of the newest probe; calibrated
+    recall: float = 3.5e-3  #: typical SD of recalled places away from the top [m] per direction; calibrated
+    recall_reach_deg: float = 9.5  #: angle over which the top serves as a landmark; calibrated
+    recall_spread: float = 0.6  #: SD of the logarithm of a trial's recall error; calibrated
     lapse: float = 0.01  #: share of forced choices answered without attention; assumed
-    force_exponent: float = 0.8  #: of estimated over true strength; assumed
-    between: float = 0.12  #: how much people differ: of the logarithm of every trait above
+    force_exponent: float = 0.8  #: of estimated over true magnitude; assumed
+    between: float = 0.12  #: SD between persons of the logarithm of the parameters above
 
     def draw_person(self, draw: np.random.Generator) -> Traits:
-        """One person, drawn at random."""
+        """Draw one person at random."""
         names = ("force_jnd", "direction_jnd_deg", "gravity_left", "motor_noise", "tremor", "recall")
         factors = np.exp(self.between * draw.standard_normal(len(names)))
         return replace(self, **{n: getattr(self, n) * float(f) for n, f in zip(names, factors, strict=True)})
@@ -95,7 +95,7 @@ class Traits:
 
 @final
 class Participant:
-    """Answers prompts of one study; the same seed and the same prompt give the same answer, in any order."""
+    """Answers the prompts of one study; deterministic for seed and trial number."""
 
     def __init__(self, study: Study, seed: tuple[int, ...], traits: Traits | None = None) -> None:
         self._study, self._seed = study, seed
@@ -106,7 +106,7 @@ class Participant:
         self._coarse: dict[tuple[str, int, float], Array] = {}
 
     def answer(self, prompt: Prompt, number: int) -> Answer:
-        """The answer to trial `number`; it draws from a stream of its own, so a resumed session continues alike."""
+        """Answer trial `number` from a random stream of its own, so that a resumed session continues identically."""
         draw = np.random.default_rng([*self._seed, 1, number])
         if prompt.interval:
             return Answer(self._compare_intervals(prompt, draw), None, 2.0 + float(draw.exponential(1.5)))
@@ -121,13 +121,13 @@ class Participant:
         return Answer(value, (x, y, z), seconds)
 
     def _draw_position(self, prompt: Prompt, draw: np.random.Generator) -> Array:
-        """(3,) where the tool's magnet is when the answer is given [m]."""
+        """(3,) position of the tool's magnet at the answer [m]."""
         traits, contact = self.traits, self._device.contact_distance
         sharpness = self._sharpness(prompt)
         guess = self._ways[
             int(np.argmax(self._sweep_dome(prompt) * (1 + self._noise * draw.standard_normal(len(self._ways)))))
         ]
-        # How much of the pen's weight is taken out differs from trial to trial, by as much as is left on average.
+        # The uncompensated fraction of the pen's weight varies between trials, with an SD equal to its mean.
         left = traits.gravity_left * (1 + float(draw.standard_normal()))
         weight = left * self._device.tool.mass * GRAVITY
         for n in range(traits.probes):
@@ -137,7 +137,7 @@ class Participant:
             sideways = float(np.linalg.norm(away))
             if np.hypot(sideways, out) < traits.detection:
                 continue
-            # The map leans outwards by as much as the summit is away: tan kα = 2 F_t / F_r.
+            # The force tilts outwards with the distance of the summit: tan kα = 2 F_t / F_r.
             alpha = np.arctan2(2 * sideways, out) / sharpness
             summit = np.cos(alpha) * at - (np.sin(alpha) / max(sideways, 1e-12)) * away
             share = max(1.0 / (n + 1), traits.forgetting)
@@ -169,7 +169,7 @@ class Participant:
         return self._felt[key]
 
     def _sweep_dome(self, prompt: Prompt) -> Array:
-        """(n,) push [N] at every set-point, as a pen that goes over the dome meets it."""
+        """(n,) radial force [N] at every set-point, as in a sweep over the dome."""
         key = (prompt.condition, prompt.set_point, prompt.level)
         if key not in self._coarse:
             felt = self._force_model(prompt)
@@ -177,7 +177,7 @@ class Participant:
         return self._coarse[key]
 
     def _sense_force(self, prompt: Prompt, at: Array, weight: float, draw: np.random.Generator) -> Array:
-        """(3,) force as felt [N] at `at`, a unit vector, `weight` [N] of the pen mistaken for it."""
+        """(3,) perceived force [N] at `at`, a unit vector, with the pen's weight `weight` [N] attributed to it."""
         traits = self.traits
         force: Array = self._force_model(prompt).force(at) - np.array([0.0, 0.0, weight])
         size = float(np.linalg.norm(force))
@@ -188,7 +188,7 @@ class Participant:
         return felt
 
     def _compare_intervals(self, prompt: Prompt, draw: np.random.Generator) -> int:
-        """Interval, 1 or 2, that felt stronger."""
+        """Interval, 1 or 2, perceived as stronger."""
         if draw.random() < self.traits.lapse:
             return int(draw.integers(1, 3))
         if prompt.other:
@@ -204,12 +204,12 @@ class Participant:
         return float(np.linalg.norm(self._force_model(prompt).force(way)))
 
     def _rate(self, prompt: Prompt, draw: np.random.Generator) -> int:
-        """The stronger, the better: all that a simulated participant can have an opinion on. 1 N is the best."""
+        """Rating that grows with the force up to 1 N, the only preference of a simulated participant."""
         liking = min(1.0, self._strength(prompt)) + 0.1 * float(draw.standard_normal())
         return int(np.clip(round(prompt.low + liking * (prompt.high - prompt.low)), prompt.low, prompt.high))
 
     def _estimate(self, prompt: Prompt, draw: np.random.Generator) -> float:
-        """A number for the strength: by a power law (Stevens 1957), on a scale of one's own, 100 for 1 N or so.
+        """Magnitude estimate by a power law (Stevens 1957), on a personal scale of about 100 for 1 N.
 
         Of two digits, as most people answer.
         """
@@ -220,7 +220,7 @@ class Participant:
 
 
 def _move_on_sphere(way: Array, step: Array) -> Array:
-    """`way` (3,), a unit vector, moved over the sphere by `step` (2,) [rad]."""
+    """`way` (3,), a unit vector, moved on the sphere by `step` (2,) [rad]."""
     other = np.array([0.0, 1.0, 0.0]) if abs(way[1]) < 0.9 else np.array([1.0, 0.0, 0.0])
     one = np.cross(other, way)
     one /= np.linalg.norm(one)
@@ -233,7 +233,7 @@ def _move_on_sphere(way: Array, step: Array) -> Array:
 
 
 def _limit_tilt(way: Array, limit: float) -> Array:
-    """`way`, or where it leaves the workspace [rad from the top], the workspace's rim below it."""
+    """`way`, limited to the polar angle `limit` [rad]."""
     if way[2] >= np.cos(limit):
         return way
     round_ = np.array([way[0], way[1], 0.0])

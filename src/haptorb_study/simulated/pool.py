@@ -1,4 +1,4 @@
-"""One simulated participant who sits the whole study in memory, and what the measures make of the answers."""
+"""Pool of simulated participants: each answers a whole study in memory and yields one value of a measure."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from haptorb_study.study_file import Study
 __all__ = ["ADAPTIVE", "answer_study", "list_columns", "simulate_pool", "simulate_value"]
 
 
-ADAPTIVE = ("staircase", "bayesian")  #: procedures whose thresholds are their own
+ADAPTIVE = ("staircase", "bayesian")  #: procedures with thresholds of their own
 _CODE = "SIM"
 
 
 def simulate_value(
     study: Study, seed: tuple[int, ...], ordinal: int, measure: str, between: tuple[str, str] | None
 ) -> float:
-    """a − b of one simulated participant, the `ordinal`-th, or the measure itself; NaN where something is missing.
+    """a − b of the `ordinal`-th simulated participant, or the measure itself; NaN without data.
 
     `seed` decides everything that is drawn, so it matters neither where nor in which order participants are simulated.
     """
@@ -40,7 +40,7 @@ def simulate_value(
 
 
 def answer_study(study: Study, seed: tuple[int, ...], ordinal: int) -> tuple[Procedure, list[tuple[Prompt, Answer]]]:
-    """The procedure after all trials of one simulated participant, and what was asked and answered in turn."""
+    """The procedure after all trials of one simulated participant, and its prompts and answers."""
     somebody = Participant(study, seed)
     procedure: Procedure = procedure_of(study, plan(study, ordinal))
     responses: list[tuple[Prompt, Answer]] = []
@@ -52,7 +52,7 @@ def answer_study(study: Study, seed: tuple[int, ...], ordinal: int) -> tuple[Pro
 
 
 def list_columns(study: Study, responses: Iterable[tuple[Prompt, Answer]], code: str = _CODE) -> Columns:
-    """What measures read of the tidy table, for the participant `code`; without practice, as in every analysis."""
+    """Columns of the tidy table that measures use, for the participant `code`; without practice."""
     main = [(prompt, answer) for prompt, answer in responses if prompt.phase != "practice"]
     points = {point.number: point for point in study.points}
     ways = np.array([points[p.set_point].direction if p.set_point else (np.nan,) * 3 for p, _ in main]).reshape(-1, 3)
@@ -72,12 +72,12 @@ def list_columns(study: Study, responses: Iterable[tuple[Prompt, Answer]], code:
 
 
 # --------------------------------------------------------------------------------------------------
-# Where simulated participants are computed: in this process, on all its cores, or on a Dask cluster.
+# Execution of the pool: in this process, on all cores, or on a Dask cluster.
 #
-# Each participant has a seed of its own and results are kept by number, so all three give the same, bit for bit.
+# Each participant has its own seed and results are ordered by number, so all three agree bit for bit.
 
 
-_SHARES = 8  #: parts of the work per process, so that none waits long for the last
+_SHARES = 8  #: jobs per process, for load balance
 
 Job = tuple[bytes, tuple[tuple[tuple[int, ...], int], ...], str, tuple[str, str] | None]
 
@@ -86,7 +86,7 @@ def simulate_pool(
     study: Study, pool: int, seed: int, measure: str, between: tuple[str, str] | None, *, processes: int = 1,
     scheduler: str | None = None, progress: Callable[[int, int], None] | None = None,
 ) -> list[float]:  # fmt: skip
-    """Value of `measure` of each of `pool` simulated participants, in `processes` or on the cluster of `scheduler`.
+    """`measure` of each of `pool` simulated participants, computed in `processes` or on the cluster of `scheduler`.
 
     Raises InputError for a scheduler that does not answer or has other versions than this computer.
     """
@@ -109,7 +109,7 @@ def simulate_pool(
         return found
     import cloudpickle
 
-    packed: bytes = cloudpickle.dumps(study)  # a world of the user's own comes with its code
+    packed: bytes = cloudpickle.dumps(study)  # includes the code of a user's own world
     at_once = processes if scheduler is None else 8
     size = max(1, math.ceil(pool / (at_once * _SHARES)))
     jobs: list[Job] = [(packed, tuple(people[k : k + size]), measure, between) for k in range(0, pool, size)]
@@ -140,7 +140,7 @@ def _simulate_job(job: Job) -> dict[int, float]:
 def _simulate_part(
     packed: bytes, people: tuple[tuple[tuple[int, ...], int], ...], measure: str, between: tuple[str, str] | None
 ) -> dict[int, float]:
-    """Number → value of these people."""
+    """Number → value of these participants."""
     study = _unpack(packed)
     return {n: simulate_value(study, seed, n, measure, between) for seed, n in people}
 

@@ -1,4 +1,4 @@
-"""The power of a test over people for groups out of a pool, and the fewest people that reach a wanted one."""
+"""Power of a study: number of participants that detects an effect, estimated with simulated participants."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ from haptorb_study.study_file import Study
 __all__ = ["MOST_PEOPLE", "PEOPLE", "GroupPower", "Power", "power", "power_of"]
 
 
-MOST_PEOPLE = 500  #: beyond which nothing is searched
-_SLOW = 2000  #: groups at most for a test that takes long
+MOST_PEOPLE = 500  #: search limit
+_SLOW = 2000  #: groups at most for slow tests
 
 
 @final
 class GroupPower:
-    """By number of people, the share of groups of so many out of `pool` in which `test` shows p < `alpha`.
+    """Power by group size: share of groups drawn from `pool` in which `test` shows p < `alpha`.
 
     `seed` and the number of people decide what is drawn, so a power does not depend on which others were asked for.
     """
 
     def __init__(self, pool: Array, alpha: float, groups: int, seed: tuple[int, ...], test: PairTest = "t") -> None:
         self._pool, self._alpha, self._groups, self._seed, self._test = pool, alpha, groups, seed, test
-        self.found: dict[int, float] = {}  #: what was computed so far
+        self.found: dict[int, float] = {}  #: powers computed so far
 
     def power(self, people: int) -> float:
-        """Of groups of `people`."""
+        """Power of groups of `people`."""
         if people not in self.found:
             draw = np.random.default_rng([*self._seed, people])
             count = self._groups
             if self._test == "sign-flip" and people > EXACT_PEOPLE:
-                count = min(count, _SLOW)  # thousands of sign patterns for each group
+                count = min(count, _SLOW)  # thousands of sign patterns per group
             groups = self._pool[draw.integers(0, len(self._pool), (count, people))]
             self.found[people] = float(np.mean(decide_p(groups, self._test) < self._alpha))
         return self.found[people]
 
     @property
     def least(self) -> int:
-        """Fewest people with whom the test can show p < alpha at all."""
+        """Smallest group in which the test can show p < alpha."""
         return fewest_people(self._alpha, self._test)
 
     def find_fewest(self, wanted: float, start: int) -> int | None:
-        """The fewest people who reach the power `wanted`, searched from `start` on; None: more than MOST_PEOPLE.
+        """Smallest group with the power `wanted`, searched from `start`; None: above MOST_PEOPLE.
 
         Power is taken to grow with the number of people, as it does but for the last step of small numbers.
         """
@@ -66,46 +66,46 @@ class GroupPower:
 
 
 # --------------------------------------------------------------------------------------------------
-# How many participants a study needs to detect a difference between two conditions, estimated with simulated ones.
+# Power estimate from a pool of simulated participants.
 #
-# A pool of simulated participants sits the study once; each gives one paired difference. Groups of n are drawn from the
-# pool, and the test that the analysis uses (`decide_p`, the same function) is applied to each: its share of p < α is
-# the power at n. The fewest people who reach the wanted power are searched below and above the numbers that were asked
-# for. What is uncertain in that because the pool is finite is stated, by drawing whole pools from the pool.
+# Each simulated participant answers the study once and gives one paired difference. Groups of n are drawn from the
+# pool, and the test of the analysis (`decide_p`) is applied to each: the share of p < α is the power at n. The
+# smallest group with the wanted power is searched below and above the sizes asked for. The uncertainty due to the
+# finite pool is estimated by resampling the pool.
 
 
-PEOPLE = (6, 8, 10, 12, 16, 20, 24, 32, 48)  #: shown unless asked otherwise
-_GROUPS = 20_000  #: groups drawn per number of people
-_POOLS = 80  #: pools drawn from the pool
-_FEWER = 200  #: groups drawn from each of those
+PEOPLE = (6, 8, 10, 12, 16, 20, 24, 32, 48)  #: default group sizes
+_GROUPS = 20_000  #: groups drawn per group size
+_POOLS = 80  #: resamples of the pool
+_FEWER = 200  #: groups drawn from each resample
 _TEST_NAMES = {"t": "Student's paired t test", "sign-flip": "sign-flip test"}
 
 
 @dataclass(frozen=True)
 class Power:
-    """What was found; every interval is 95 % over pools."""
+    """Power estimate; every interval is 95 % over resampled pools."""
 
     measure: str
-    a: str  #: empty, as b is: the measure against zero, over all conditions
+    a: str  #: empty, like b: the measure against zero, over all conditions
     b: str
     pool: int
     difference: float  #: mean of a − b over the pool
-    spread: float  #: its standard deviation over people
+    spread: float  #: its standard deviation over participants
     alpha: float
     wanted: float
-    people: tuple[int, ...]  #: those asked for, and the fewest that reach `wanted`
-    power: tuple[float, ...]  #: by people
+    people: tuple[int, ...]  #: group sizes asked for, and the smallest that reaches `wanted`
+    power: tuple[float, ...]  #: by group size
     low: tuple[float, ...]
     high: tuple[float, ...]
-    needed: int | None  #: fewest that reach `wanted`; None: more than MOST_PEOPLE
+    needed: int | None  #: smallest group that reaches `wanted`; None: above MOST_PEOPLE
     needed_95: tuple[int | None, int | None]
-    least: int  #: fewest with whom the test can show anything at this alpha
+    least: int  #: smallest group in which the test can be significant
     test: PairTest = "t"
     unit: str = ""  #: of the difference
 
     @property
     def sentence(self) -> str:
-        """For people."""
+        """Summary for users."""
         most = f"more than {MOST_PEOPLE}"
         low, high = (most if n is None else str(n) for n in self.needed_95)
         needed = most if self.needed is None else f"about {self.needed}"
@@ -139,7 +139,7 @@ def power(
     test: PairTest | None = None, processes: int = 1, scheduler: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Power:  # fmt: skip
-    """Power of `study` to see `measure` differ `between` two conditions; `progress` (done, of).
+    """Power of `study` for the difference of `measure` `between` two conditions; `progress` (done, in all).
 
     What is not given is that of the study's plan: its first test, its level divided by the number of its tests (if p is
     corrected), its number of people; without a plan the first two conditions, α = 0.05 and Student's test. `scheduler`
@@ -167,7 +167,7 @@ def power(
 def _check_question(
     study: Study, measure: str | None, between: tuple[str, str] | None
 ) -> tuple[str, tuple[str, str] | None]:
-    """`measure` and conditions, those of the study where they are not given; InputError for what it does not have."""
+    """Validate `measure` and conditions, with the study's own as default."""
     known = MEASURES[study.procedure]
     measure = measure or known[0]
     if measure not in known:
@@ -190,7 +190,7 @@ def power_of(
     pairs: Sequence[float], people: Sequence[int] = PEOPLE, alpha: float = 0.05, wanted: float = 0.8,
     what: tuple[str, str, str] = ("difference", "a", "b"), seed: int = 0, test: PairTest = "t", unit: str = "",
 ) -> Power:  # fmt: skip
-    """Power from the paired differences of a pool, for groups of `people` and of the fewest who reach `wanted`.
+    """Power from the paired differences of a pool, for groups of `people` and for the smallest that reaches `wanted`.
 
     `what` is (measure, a, b), `unit` that of the differences.
     """
@@ -200,7 +200,7 @@ def power_of(
     if len(d) < 4:
         raise InputError("fewer than 4 simulated participants have a difference: the procedure ends too soon")
     draw = np.random.default_rng([seed, 2])
-    # The k-th pool is the k-th resample, the 0th the pool itself; groups come from that pool with replacement.
+    # Pool k is resample k, pool 0 the pool itself; groups are drawn from it with replacement.
     pools = np.vstack([d, d[draw.integers(0, len(d), (_POOLS, len(d)))]])
     drawn = [GroupPower(pool, alpha, _FEWER if k else _GROUPS, (seed, 3, k), test) for k, pool in enumerate(pools)]
     whole, parts = drawn[0], drawn[1:]
@@ -218,7 +218,7 @@ def power_of(
 
 
 def _check_numbers(people: Sequence[int], alpha: float, wanted: float, test: str) -> None:
-    """InputError for numbers with which there is no power, before a pool is simulated."""
+    """Validate group sizes and levels before a pool is simulated."""
     if not 0 < alpha < 0.5 or not 0.1 <= wanted < 1:
         raise InputError(f"needs 0 < alpha < 0.5 and 0.1 ≤ power < 1; got {alpha:g} and {wanted:g}")
     if not people or any(isinstance(n, bool) or not isinstance(n, int) or not 2 <= n <= MOST_PEOPLE for n in people):

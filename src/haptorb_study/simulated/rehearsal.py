@@ -1,4 +1,4 @@
-"""A study with simulated participants: the same database, the same procedures, marked as simulated throughout."""
+"""Rehearsal of a study: simulated participants, marked as such, in the same database with the same procedures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def rehearse(
     traits: Traits | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Let simulated participants SIM01, SIM02 ... (from `first`) sit the study; returns trials answered.
+    """Run the study with simulated participants SIM01, SIM02 ... (from `first`); returns the number of trials answered.
 
     `progress` receives (trials done, trials in all at most). A rehearsal that was interrupted is resumed.
     """
@@ -44,7 +44,7 @@ def rehearse(
 
 
 def answer_rest(session: StoredSession, participant: Participant, progress: Callable[[int], None] | None = None) -> int:
-    """Answer everything that is left of `session`; returns how many trials that were."""
+    """Answer the remaining trials of `session`; returns their number."""
     answered = 0
     while (prompt := session.prompt) is not None:
         session.answer(participant.answer(prompt, session.number), driver="sim")

@@ -1,4 +1,4 @@
-"""How large a difference is beside the spread of people: d_z and Hedges' g_av, with intervals."""
+"""Effect sizes of paired differences: d_z and Hedges' g_av, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ __all__ = ["EffectSize", "effect_size"]
 
 @dataclass(frozen=True)
 class EffectSize:
-    """Standardized differences of pairs (Lakens 2013); NaN where there is no spread to measure them by."""
+    """Standardised mean difference of pairs (Lakens 2013); NaN without spread."""
 
     d_z: float  #: mean difference over the standard deviation of the differences
     d_z_95: tuple[float, float]  #: exact for normal differences: noncentral t
-    g_av: float  #: over the root mean of both variances, corrected for few people (Hedges)
+    g_av: float  #: over the root mean variance of both conditions, with Hedges' correction for small samples
     g_av_95: tuple[float, float]  #: noncentral t, after Algina & Keselman 2003; approximate
 
 
@@ -57,12 +57,12 @@ def effect_size(differences: ArrayLike, spread: float | None = None, confidence:
 
 
 def _shift_interval(t: float, freedom: int, confidence: float) -> tuple[float, float]:
-    """The noncentralities for which `t` is at the upper and at the lower end of its distribution."""
+    """Noncentralities for which `t` is the upper and the lower quantile."""
     from scipy.optimize import brentq
     from scipy.special import nctdtr
 
     def find_shift(share: float) -> float:
-        """Where the probability of less than `t` is `share`; it falls with the noncentrality."""
+        """P(T < t) − `share`, which decreases with the noncentrality."""
         step = 2.0 + abs(t)
         low, high = t - step, t + step
         while nctdtr(freedom, low, t) < share:

@@ -1,4 +1,4 @@
-"""How much answers tell of what was asked: information transferred, in bits, from a confusion matrix (Miller & Nicely).
+"""Information transfer from a confusion matrix, in bits (Miller & Nicely 1955).
 
 T = H(answers) − H(answers | prompts). Counted from few answers as if shares were probabilities (plug-in), T is too
 large: by chance alone, answers seem to follow prompts. Four formulations are reported:
@@ -33,22 +33,22 @@ _SHUFFLES = 199
 
 @dataclass(frozen=True)
 class Information:
-    """Information transferred [bit] and what it can be compared with."""
+    """Information transferred [bit], with its maximum and chance level."""
 
-    bits: float  #: corrected for few answers, 0 to `most`; NaN with fewer than two answers to a prompt on average
-    low: float  #: 95 %, jackknife over people, Student's; NaN for one person, and where all are alike
+    bits: float  #: bias-corrected, 0 to `most`; NaN below two answers per prompt on average
+    low: float  #: 95 %, jackknife over participants (Student); NaN for one participant, and where all agree
     high: float
-    most: float  #: [bit] of the prompts, if every one were distinguished
+    most: float  #: [bit] entropy of the prompts: all distinguished
     plug_in: float
     miller_madow: float
-    chance: float  #: plug-in of shuffled answers, on average
-    p: float  #: of at least so much by chance, one-sided, by shuffling; not less than 1/200
+    chance: float  #: mean of the plug-in estimate of shuffled answers
+    p: float  #: one-sided, permutation test; at least 1/200
     trials: int
     people: int
 
 
 def transfer_information(counts: ArrayLike, *, seed: int = 0) -> Information:
-    """From `counts` (people, prompts, answers) of answers; answers are shuffled within each person.
+    """Information transferred in `counts` (people, prompts, answers); the test shuffles answers within participants.
 
     InputError for counts that are negative, or none at all.
 
@@ -65,16 +65,16 @@ def transfer_information(counts: ArrayLike, *, seed: int = 0) -> Information:
     most = float(_entropy(table.sum(axis=1)))
     low = high = math.nan
     if trials < 2 * int(np.count_nonzero(table.sum(axis=1))):
-        bits = math.nan  # an answer that occurred once says nothing about those that did not occur
+        bits = math.nan  # answers that occur once carry no estimate of the unseen ones
     if people > 1 and math.isfinite(bits):
         from scipy.special import stdtrit
 
         without = np.array([_correct_information(table - one) for one in each])
         error = math.sqrt((people - 1) / people * float(np.sum((without - without.mean()) ** 2)))
         half = float(stdtrit(people - 1, 0.975)) * error
-        # What the jackknife would correct tells how far off the estimate may be besides its scatter.
+        # The jackknife's bias estimate widens the interval.
         other = people * bits - (people - 1) * float(without.mean())
-        if error > 1e-12:  # people who all answer alike show no spread to go by
+        if error > 1e-12:  # identical participants show no spread
             low, high = max(0.0, min(bits, other) - half), min(most, max(bits, other) + half)
     plug_in = float(plug_in_information(table))
     cells, rows, columns = ((table > 0).sum(), (table.sum(axis=1) > 0).sum(), (table.sum(axis=0) > 0).sum())
@@ -88,7 +88,7 @@ def transfer_information(counts: ArrayLike, *, seed: int = 0) -> Information:
 
 
 def plug_in_information(counts: ArrayLike) -> Array:
-    """(...) information transferred [bit] of `counts` (..., prompts, answers), shares taken for probabilities.
+    """(...) plug-in estimate [bit] from `counts` (..., prompts, answers).
 
     >>> float(plug_in_information([[1, 1], [1, 1]]))
     0.0
@@ -100,7 +100,7 @@ def plug_in_information(counts: ArrayLike) -> Array:
 
 
 def _correct_information(table: Array) -> float:
-    """Of `table` (prompts, answers), after Chao & Shen."""
+    """Estimate from `table` (prompts, answers) after Chao & Shen."""
     each = table.sum(axis=1)
     asked = each > 0
     rows = _unseen_entropy(table[asked])
@@ -122,7 +122,7 @@ def _unseen_entropy(counts: Array) -> Array:
     """
     n = counts.sum(axis=1, keepdims=True)
     once = (counts == 1).sum(axis=1, keepdims=True)
-    once = np.where(once == n, n - 1, once)  # all met once: nothing would be left
+    once = np.where(once == n, n - 1, once)  # all singletons: the coverage estimate would be zero
     share = (1 - once / n) * counts / n
     met = 1 - (1 - share) ** n
     terms = share * np.log2(np.where(share > 0, share, 1.0)) / np.where(met > 0, met, 1.0)
@@ -131,7 +131,7 @@ def _unseen_entropy(counts: Array) -> Array:
 
 
 def _shuffle(each: Array, seed: int) -> Array:
-    """(shuffles,) plug-in information after shuffling each person's answers over the prompts."""
+    """(shuffles,) plug-in estimates with each participant's answers shuffled over the prompts."""
     draw = np.random.default_rng(seed)
     _, prompts, answers = each.shape
     asked, given = [], []

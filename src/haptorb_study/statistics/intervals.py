@@ -1,4 +1,4 @@
-"""Intervals of one person's share of answers (Wilson) and of means over people (Student)."""
+"""Confidence intervals of proportions (Wilson), of means over participants (Student), and of mean proportions."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def wilson(right: int, of: int, confidence: float = 0.95) -> tuple[float, float]
 
 
 def mean_interval(values: ArrayLike, confidence: float = 0.95) -> tuple[Array, Array]:
-    """(low, high), shape (...), Student's interval of the mean over people; values (people, ...), NaN left out.
+    """(low, high), shape (...): Student's interval of the mean over participants; values (people, ...), NaN left out.
 
     People are the units that a study draws: with few of them a percentile bootstrap is too narrow, by (n − 1)/n in
     the variance and by the normal quantile in place of t. With fewer than two people there is no interval: NaN.
@@ -52,31 +52,31 @@ def mean_interval(values: ArrayLike, confidence: float = 0.95) -> tuple[Array, A
 
 
 # --------------------------------------------------------------------------------------------------
-# Interval of the share of right answers, or of any choice, over all people of whom the participants are a sample.
+# Interval of a mean proportion over the population from which the participants are sampled.
 #
-# People differ. Their own shares have a mean m, and their answers an intraclass correlation ρ: 0 where all people are
-# alike, 1 where everybody answers always right or always wrong. Counted answers are then beta-binomial. For each m that
-# may be the truth, ρ is the one that makes the answers most probable, and m belongs to the interval while
+# Participants differ. Their proportions have a mean m, and their answers an intraclass correlation ρ: 0 where all
+# participants are equal, 1 where each is always right or always wrong. Counts are then beta-binomial. For each
+# candidate m, ρ is its maximum-likelihood estimate, and m belongs to the interval while
 #
 #     N (p̂ − m)²/V(m) ≤ c,    V(m) = m (1 − m) Σ (1 + (nᵢ − 1) ρ(m))/nᵢ / N,    c = N t²/(N − 1 + t²)
 #
-# and the answers are not much less probable than with the best m: by at most N/2 log(1 + t₉₉²/(N − 1)) in log
-# likelihood. p̂ is the mean of N people's shares, of nᵢ answers each; t and t₉₉ are Student's quantiles for 95 and 99 %
-# with N − 1 degrees of freedom. V is the spread about m and not about p̂, and c makes up for that: in the middle of the
-# range this is nearly Student's interval. Near 100 % it stays inside, and allows for people who are often wrong and are
-# missing from a sample that is nearly always right: V(m) is large wherever only a large ρ explains the answers.
+# and the likelihood at m is not much below the maximum: by at most N/2 log(1 + t₉₉²/(N − 1)) in its
+# logarithm. p̂ is the mean of N participants' shares, of nᵢ answers each; t and t₉₉ are Student's quantiles for 95 and
+# 99 % with N − 1 degrees of freedom. V is the variance about m, not about p̂, which c corrects: in the middle of the
+# range this is nearly Student's interval. Near 100 % it stays within [0, 1], and includes a population with rare
+# participants who are often wrong: V(m) is large wherever only a large ρ explains the answers.
 
 
-_MEANS = np.sin(np.linspace(0, np.pi / 2, 98)[1:-1]) ** 2  #: considered, denser near 0 and 1
-_FINER = 24  #: parts of a step between them, at each end of the interval
-_POSITIVE = np.append(0.0, np.geomspace(2e-4, 0.999, 46))  #: correlations considered
-_NEGATIVE = np.array([0.98, 0.8, 0.6, 0.4, 0.2])  #: parts of the greatest negative correlation
-_SHARE_INTERVAL_TINY = 1e-12  #: from 0 and 1, which are no mean of a beta distribution
-_WIDER = 0.2  #: of what the interval may miss: what the likelihood alone may miss
+_MEANS = np.sin(np.linspace(0, np.pi / 2, 98)[1:-1]) ** 2  #: candidate means, denser near 0 and 1
+_FINER = 24  #: subdivisions of a step at each end of the interval
+_POSITIVE = np.append(0.0, np.geomspace(2e-4, 0.999, 46))  #: candidate correlations
+_NEGATIVE = np.array([0.98, 0.8, 0.6, 0.4, 0.2])  #: fractions of the largest negative correlation
+_SHARE_INTERVAL_TINY = 1e-12  #: distance from 0 and 1, which are no mean of a beta distribution
+_WIDER = 0.2  #: share of the error probability that the likelihood criterion takes
 
 
 def share_interval(right: ArrayLike, of: ArrayLike, confidence: float = 0.95) -> tuple[float, float]:
-    """Interval of the mean over people of each one's share `right` (people,) out of `of` (people,), of = 0 left out.
+    """Interval of the mean over participants of their proportions `right` (people,) of `of` (people,); of = 0 left out.
 
     With fewer than two people there is no interval: NaN.
 
@@ -98,13 +98,13 @@ def share_interval(right: ArrayLike, of: ArrayLike, confidence: float = 0.95) ->
 
 @final
 class _CountedAnswers:
-    """Right answers `k` out of `n` (people,) each, and how far a mean of everybody's share is from explaining them."""
+    """Beta-binomial model of correct answers `k` out of `n` (people,), and the criterion for a mean proportion."""
 
     def __init__(self, k: Array, n: Array, confidence: float) -> None:
         from scipy.special import stdtrit
 
         people = len(n)
-        self.share = float((k / n).mean())  #: mean over people
+        self.share = float((k / n).mean())  #: mean over participants
         self._pairs, self._times = np.unique(np.stack([k, n]), axis=1, return_counts=True)
         miss = 1 - confidence
         square, wide = (float(stdtrit(people - 1, 1 - part * miss / 2)) ** 2 for part in (1.0, _WIDER))
@@ -112,10 +112,10 @@ class _CountedAnswers:
         self._drop = people / 2 * float(np.log1p(wide / (people - 1)))
         logs, effect = self._fit(_MEANS)
         self._best = float(logs.max())
-        self.coarse = self._judge(_MEANS, logs, effect)  #: (96,) how far the means considered are outside
+        self.coarse = self._judge(_MEANS, logs, effect)  #: (96,) criterion at the candidate means
 
     def exceed(self, means: Array) -> Array:
-        """(m,) how far `means` (m,), above 0 and below 1, are outside of the interval; not above 0 within it."""
+        """(m,) criterion at `means` (m,), within (0, 1); at most 0 inside the interval."""
         return self._judge(means, *self._fit(means))
 
     def _judge(self, means: Array, logs: Array, effect: Array) -> Array:
@@ -124,12 +124,12 @@ class _CountedAnswers:
         return away - 1.0
 
     def _fit(self, means: Array) -> tuple[Array, Array]:
-        """(m,) greatest log likelihood at `means` (m,), and mean over people of (1 + (n − 1) ρ)/n there."""
+        """(m,) maximum log likelihood at `means` (m,), and mean over participants of (1 + (n − 1) ρ)/n there."""
         correlations, logs = _log_probabilities(means, self._pairs)
         total = logs @ self._times
         best = np.clip(np.argmax(total, axis=1), 1, total.shape[1] - 2)
         rows = np.arange(len(means))
-        # The top of a parabola through three points: without it, the correlation would jump from mean to mean.
+        # Parabola through three points, so that the correlation is continuous in the mean.
         before, here, after = (total[rows, best + shift] for shift in (-1, 0, 1))
         bend = np.minimum(before - 2 * here + after, -1e-12)
         step = np.clip((before - after) / (2 * bend), -1.0, 1.0)
@@ -141,7 +141,7 @@ class _CountedAnswers:
 
 
 def _cross(counts: _CountedAnswers, inside: float, outside: float) -> float:
-    """Where the interval ends, between a mean `inside` of it and one `outside`, which may be 0 or 1."""
+    """End of the interval between a mean `inside` and a mean `outside`, which may be 0 or 1."""
     means = np.linspace(inside, outside, _FINER + 1)
     beyond = np.append(counts.exceed(np.clip(means[:-1], _SHARE_INTERVAL_TINY, 1 - _SHARE_INTERVAL_TINY)), np.inf)
     beyond[0] = min(float(beyond[0]), 0.0)
@@ -153,7 +153,7 @@ def _cross(counts: _CountedAnswers, inside: float, outside: float) -> float:
 
 
 def _log_probabilities(means: Array, pairs: Array) -> tuple[Array, Array]:
-    """(m, r) correlations at `means` (m,), and (m, r, k) log probability of `pairs`, without binomial coefficients.
+    """(m, r) correlations at `means` (m,), and (m, r, k) log probabilities of `pairs`, without binomial coefficients.
 
     Negative correlations, as answers that alternate have, are those that the same formula allows (Prentice 1986): with
     γ = ρ/(1 − ρ) the probability of k answers out of n is Π(m + γ j) Π(1 − m + γ j)/Π(1 + γ j), over j < k, n − k, n.

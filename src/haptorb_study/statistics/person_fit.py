@@ -1,4 +1,4 @@
-"""The psychometric function of each person: estimates, intervals, how well it fits, and what the trials cannot tell."""
+"""Psychometric function of one participant: estimates, confidence intervals, goodness of fit, and notes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = [
 
 
 Interval = tuple[float, float]
-#: what trials do not determine
+#: notes on what the trials do not determine
 ONE_LEVEL = "answers at one level only: they determine no function"
 UPPER_LIMIT = "the answers change from one level to the next: the spread has only an upper limit"
 FLAT = "the answers hardly depend on the level: the spread has only a lower limit"
@@ -38,12 +38,12 @@ NO_LIMIT = "the answers set no limit to the spread: too few trials, or nearly al
 REVERSED = "the answers fall with the level: the keys were probably reversed"
 LAPSES = f"more than {200 * MOST_LAPSES:.0f} % of the trials seem to be answered at random: no interval"
 _UNKNOWN = (math.nan, math.nan)
-_SAMPLES = 400  #: simulated repetitions of a person's trials
+_SAMPLES = 400  #: simulated repetitions for the goodness of fit
 
 
 @dataclass(frozen=True)
 class PersonFit:
-    """The function of greatest likelihood, and 95 % intervals; 0 and ±∞ are open ends, NaN is unknown.
+    """Maximum-likelihood function and 95 % intervals; 0 and ±∞ are open limits, NaN is unknown.
 
     A curve that falls with the level has a negative spread.
     """
@@ -54,23 +54,23 @@ class PersonFit:
     spread_95: Interval
     guess_95: Interval
     lapse_95: Interval
-    deviance: float  #: of the greatest likelihood against a share of its own for every level
-    p_fit: float  #: share of simulated repetitions with so great a deviance or a greater one
+    deviance: float  #: against the saturated model
+    p_fit: float  #: share of simulated repetitions with at least this deviance
     notes: tuple[str, ...] = field(default=())
 
     @property
     def middle(self) -> float:
-        """Threshold; NaN where its interval has an open end."""
+        """Point of subjective equality; NaN where its interval has an open limit."""
         return self.curve.middle if all(map(math.isfinite, self.middle_95)) else math.nan
 
     @property
     def spread(self) -> float:
-        """NaN where its interval has an open end."""
+        """Spread; NaN where its interval has an open limit."""
         low, high = self.spread_95
         return abs(self.curve.spread) if low > 0 and math.isfinite(high) else math.nan
 
     def numbers(self) -> dict[str, Any]:
-        """As plain JSON types; what is not a number, or an end that does not exist, is None."""
+        """As plain JSON types; NaN and open limits are None."""
         curve = self.curve
         return {
             "trials": self.trials,
@@ -84,7 +84,7 @@ class PersonFit:
 
 
 def psychometric_fit(levels: ArrayLike, yes: ArrayLike, of: ArrayLike) -> PsychometricCurve:
-    """Posterior means for one person: `yes` (n,) out of `of` (n,) at `levels` (n,), ascending; γ = λ.
+    """Posterior means for one participant: `yes` (n,) out of `of` (n,) at `levels` (n,), ascending; γ = λ.
 
     With the priors of psignifit 4, so that everybody has a number to be compared, whatever the answers. InputError with
     fewer than two levels.
@@ -98,7 +98,7 @@ def psychometric_fit(levels: ArrayLike, yes: ArrayLike, of: ArrayLike) -> Psycho
 
 
 def fit_person(likelihood: SlopeLikelihood, person: int, *, seed: int = 0, samples: int = _SAMPLES) -> PersonFit:
-    """The fit of one of the people in `likelihood`; without `samples` its goodness is not computed.
+    """Fit of one participant in `likelihood`; `samples` = 0: without goodness of fit.
 
     With answers at one level only, nothing is known: all numbers are NaN.
     """
@@ -120,7 +120,7 @@ def fit_person(likelihood: SlopeLikelihood, person: int, *, seed: int = 0, sampl
 def _note(
     likelihood: SlopeLikelihood, person: int, curve: PsychometricCurve, middle_95: Interval, spread_95: Interval
 ) -> list[str]:
-    """What the trials of one person cannot tell."""
+    """Notes on what one participant's trials do not determine."""
     found = []
     if likelihood.too_many_lapses[person]:
         return [LAPSES]
@@ -145,7 +145,7 @@ def _note(
 
 
 def _check_fit(likelihood: SlopeLikelihood, person: int, seed: int, samples: int) -> tuple[float, float]:
-    """Deviance, and the share of simulated repetitions, each fitted, with at least this deviance (Wichmann 2001)."""
+    """Deviance, and share of simulated repetitions, each fitted, with at least this deviance (Wichmann & Hill 2001)."""
     yes, of = likelihood.answered.yes[person], likelihood.answered.of[person]
     shares = likelihood.nearby(person)
     log_no = np.log1p(-shares).T
@@ -162,7 +162,7 @@ def _check_fit(likelihood: SlopeLikelihood, person: int, seed: int, samples: int
 
 
 def _saturate(yes: Array, of: Array) -> Array:
-    """(k,) log likelihood of answers (k, levels) with a share of its own for every level."""
+    """(k,) log likelihood of the saturated model for answers (k, levels)."""
     from scipy.special import xlogy
 
     share = yes / np.maximum(of, 1)
@@ -171,12 +171,12 @@ def _saturate(yes: Array, of: Array) -> Array:
 
 
 def central_interval(axis: Array, mass: Array) -> Interval:
-    """Central 95 % of `mass` (n,) at `axis` (n,), equal steps: a step's probability is spread over the step."""
+    """Central 95 % of `mass` (n,) at `axis` (n,), equal steps, with each mass uniform over its step."""
     return _quantiles(_edges(axis), mass)
 
 
 def find_median(axis: Array, mass: Array) -> float:
-    """Median of `mass` (n,) at `axis` (n,), as `central_interval` has its ends."""
+    """Median of `mass` (n,) at `axis` (n,), with each mass uniform over its step."""
     return float(np.interp(0.5, np.append(0.0, np.cumsum(mass)) / mass.sum(), _edges(axis)))
 
 
@@ -186,7 +186,7 @@ def _edges(axis: Array) -> Array:
 
 
 def _quantiles(edges: Array, mass: Array) -> Interval:
-    """2.5 and 97.5 % of `mass` (n,) in cells between `edges` (n + 1,)."""
+    """2.5 and 97.5 % quantiles of `mass` (n,) in cells between `edges` (n + 1,)."""
     sums = np.append(0.0, np.cumsum(mass)) / mass.sum()
     low, high = np.interp((0.025, 0.975), sums, edges)
     return float(low), float(high)

@@ -1,4 +1,4 @@
-"""The group behind some people: mean and standard deviation of threshold and log spread, from everybody's answers.
+"""Hierarchical model: population mean and SD of threshold and log spread from all participants' answers.
 
 Every person has a threshold μ_i ~ N(M, T²), a log spread log σ_i ~ N(S, U²) and a lapse rate λ_i ~ Beta(1, 1/m − 1).
 The likelihood of one person's answers is known on a grid and integrated over these distributions. M, S and m maximise
@@ -24,45 +24,45 @@ from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
 __all__ = ["NormalEffect", "Population", "fit_group", "fit_normal_effect", "fit_population"]
 
 
-_TYPICAL_LAPSE, _LAPSE_SPREAD = 0.02, 1.0  #: of the group's mean lapse rate: median, standard deviation of its log
-#: mean lapse rates of groups, equally probable up to the last, over which the slope's interval is taken; and shapes a
-#: of their distributions Beta(a, a/m − a): many near zero, or people who are alike
+_TYPICAL_LAPSE, _LAPSE_SPREAD = 0.02, 1.0  #: prior of the mean lapse rate: median, and SD of its logarithm
+#: candidate mean lapse rates, equally probable up to the last, over which the slope's interval is averaged, and
+#: shapes a of their distributions Beta(a, a/m − a): many near zero, or equal participants
 _MEAN_LAPSES = np.array([0.005, 0.02, 0.04, 0.065, 0.09, 0.12])
 _LAPSE_MODELS = [(float(mean), shape) for shape in (1.0, 20.0) for mean in _MEAN_LAPSES]
-#: of the slope's standard error per unit of the mean lapse rate: a slope and a lapse rate from the same few answers
-#: differ together, which the information of neither says. Chosen on simulated groups, tested on others (documentation)
+#: widening of the slope's standard error per unit of mean lapse rate, for the correlation of slope and lapse rate that
+#: the information neglects. Chosen on simulated populations, tested on others (documentation)
 _WIDER = 3.2
-_HIERARCHICAL_CUT = 1.9207  #: half of the 95 % quantile of χ² with one degree of freedom
-_SHALLOW = 2.0  #: of the levels' range: spreads that may be greater are averaged as slopes
+_HIERARCHICAL_CUT = 1.9207  #: likelihood ratio at 95 %: half of the χ²₁ quantile
+_SHALLOW = 2.0  #: in level ranges: populations with larger spreads are averaged as slopes
 _PASSES = 6
-_CANDIDATES, _TRIED = 24, 25  #: standard deviations and means that are compared before anything is refined
+_CANDIDATES, _TRIED = 24, 25  #: grid of SDs and means before refinement
 
 
 @dataclass(frozen=True)
 class NormalEffect:
-    """A quantity that differs between people."""
+    """Population mean and SD of a normal effect."""
 
     mean: float  #: of the population
     mean_95: tuple[float, float]
-    sd: float  #: between people
+    sd: float  #: between participants
     sd_95: tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Population:
-    """The group's psychometric function."""
+    """Psychometric function of the population."""
 
     people: int
     threshold: NormalEffect
     log_spread: NormalEffect
     lapse: float  #: mean lapse rate
     by_slope: bool = (
-        False  #: whether it is the function of the mean slope, because somebody's spread has no upper limit
+        False  #: whether mean slope and intercept are estimated, because a participant's spread is unbounded
     )
 
 
 def fit_group(likelihood: SlopeLikelihood) -> Population | None:
-    """The group behind the people in `likelihood`; None with fewer than two whose answers do not fall with the level.
+    """Population of the participants in `likelihood`; None below two whose answers do not fall with the level.
 
     Where everybody's spread has an upper limit, thresholds and log spreads are normal over people. Where somebody's has
     none, or one beyond twice the range of the levels, a logarithm has no place for it: then slopes and intercepts are
@@ -86,28 +86,28 @@ def fit_group(likelihood: SlopeLikelihood) -> Population | None:
     least = max(float(np.diff(answered.levels).min()) / 6, span / 300)
     grid = PsychometricGrid.enclose(kept, limits=(middle - far, middle + far), spreads=(least, most))
     found = fit_population(grid)
-    if 2 * np.count_nonzero(ends[:, 0] == 0) > len(ends):  # steeper than most people's levels resolve
+    if 2 * np.count_nonzero(ends[:, 0] == 0) > len(ends):  # steeper than the levels of most participants resolve
         spread = found.log_spread
         found = replace(found, log_spread=replace(spread, mean_95=(-np.inf, spread.mean_95[1])))
     return found
 
 
 def _average_slopes(answered: LevelCounts) -> Population:
-    """The function of the mean slope and intercept over people, with open ends where these are not told from zero."""
+    """Function of the mean slope and intercept over participants, with open limits where these may be zero."""
     from scipy.special import stdtrit
 
-    # Of a shallow function only (1 − 2λ) b is told: lapses are those of the model above without data.
+    # A shallow function determines only (1 − 2λ) b: the lapse rate is that of the prior above.
     likelihood = SlopeLikelihood(answered, _weigh_lapses(np.log(_TYPICAL_LAPSE)))
     slopes, value, scores, intercepts = likelihood.common
     people = len(scores)
     t = float(stdtrit(people - 1, 0.975))
-    # Everybody's score at a common slope, with an intercept of their own: its mean by its spread over people.
+    # Score test of a common slope with individual intercepts: mean score over its spread between participants.
     at = int(value.sum(axis=0).argmax())
     error = np.sqrt(scores.var(axis=0, ddof=1) / people)
-    # By chance as much as the likelihood is curved, with the normal quantile, where people differ less than by chance.
+    # If participants differ less than by chance, the spread is that of the likelihood, with the normal quantile.
     expected = np.sqrt(np.maximum(-np.gradient(scores.mean(axis=0), slopes), 1e-12) / people)
     above = _tail(scores.mean(axis=0), error, expected, people)
-    # With another mean lapse rate the same (1 − 2λ) b belongs to another b.
+    # At another mean lapse rate the same (1 − 2λ) b belongs to another b.
     same = (1 - 2 * _MEAN_LAPSES[:, None]) / (1 - 2 * _TYPICAL_LAPSE) * slopes
     above = _share_lapses() @ np.array([np.interp(row, slopes, above) for row in same])
     told = (above < 0.025) | (above > 0.975)
@@ -129,7 +129,7 @@ def _average_slopes(answered: LevelCounts) -> Population:
         log_95 = (float(np.log(span / steep)), float(np.log(span / shallow)) if shallow > 0 else np.inf)
     else:  # falling
         log_95 = (np.nan, np.nan)
-    # Fieller: levels at which the mean of c + b u is not told from zero.
+    # Fieller: levels at which the mean of c + b u does not differ from zero.
     two, one, zero = slope**2 - t * t * rise, slope * intercept - t * t * both, intercept**2 - t * t * shift
     inner = one * one - two * zero
     low, high = -np.inf, np.inf
@@ -152,7 +152,7 @@ def _average_slopes(answered: LevelCounts) -> Population:
 
 
 def fit_normal_effect(values: Array, likelihoods: Array) -> NormalEffect:
-    """One quantity x_i ~ N(mean, sd²), whose likelihoods (people, n) are known at `values` (n,), equal steps.
+    """Fit x_i ~ N(mean, sd²) to likelihoods (people, n) at `values` (n,), equal steps.
 
     InputError with fewer than two people.
     """
@@ -166,7 +166,7 @@ def fit_normal_effect(values: Array, likelihoods: Array) -> NormalEffect:
     used = max(sd, floor)
     mean = _mean_at(fine, finer, np.array([used]))
     score, information = _scores(fine, finer, mean, np.array([used]))
-    # Each score as it would be without its person (MacKinnon, White 1985), since some tell much more than others.
+    # Jackknife scores (MacKinnon & White 1985), since participants are unequally informative.
     share = np.clip(information[:, 0] / information.sum(), 0.0, 0.9)
     left_out = score[:, 0] / (1 - share)
     error = np.sqrt((people - 1) / people * (left_out**2).sum()) / information.sum()
@@ -175,7 +175,7 @@ def fit_normal_effect(values: Array, likelihoods: Array) -> NormalEffect:
 
 
 def fit_population(grid: PsychometricGrid) -> Population:
-    """The group behind the people whose answers `grid` has. InputError with fewer than two people."""
+    """Fit the population of the participants in `grid`. InputError with fewer than two participants."""
     likelihoods, alone = (array[grid.answered.of.any(axis=1)] for array in (grid.likelihoods, grid.posterior))
     people = len(likelihoods)
     if people < 2:
@@ -213,7 +213,7 @@ def fit_population(grid: PsychometricGrid) -> Population:
 def _bound_log_spread(
     likelihoods: Array, axes: tuple[Array, Array], at: Array, sds: tuple[float, float]
 ) -> tuple[float, tuple[float, float]]:
-    """S and its 95 % interval: Student's with each distribution of lapse rates, weighted by how likely it is."""
+    """S and its 95 % interval: Student's, averaged over distributions of lapse rates by their likelihood."""
     from scipy.optimize import brentq
 
     people, found, logs = len(likelihoods), [], []
@@ -242,7 +242,7 @@ def _bound_log_spread(
 
 
 def _share_lapses() -> Array:
-    """(6,) weights of the mean lapse rates, each that of the rates nearest to it."""
+    """(6,) weights of the mean lapse rates: widths of their cells."""
     edges = np.concatenate([[0.0], (_MEAN_LAPSES[1:] + _MEAN_LAPSES[:-1]) / 2, _MEAN_LAPSES[-1:]])
     found: Array = np.diff(edges) / edges[-1]
     return found
@@ -251,7 +251,7 @@ def _share_lapses() -> Array:
 def _place_scores(
     known: Array, axes: tuple[Array, Array], at: Array, sds: tuple[float, float]
 ) -> tuple[Array, Array, float]:
-    """As `_joint_scores` by (M, S) alone, of likelihoods (people, m, s) whose lapse rates are integrated over."""
+    """As `_joint_scores` for (M, S) only, from likelihoods (people, m, s) with lapse rates integrated out."""
     bases, least = [], []
     for values, mean, sd in zip(axes, at, sds, strict=True):
         least.append(_least_sd(values, sd))
@@ -272,7 +272,7 @@ def _place_scores(
 
 
 def _tail(away: Array, error: Array, expected: Array, people: int) -> Array:
-    """Probability of more than `away`, by the standard errors and quantiles of `_halve`."""
+    """Probability of more than `away`, with the standard errors and quantiles of `_halve`."""
     from scipy.special import ndtr, stdtr
 
     alike = _halve(error, expected, people) == 1.96 * expected
@@ -282,7 +282,7 @@ def _tail(away: Array, error: Array, expected: Array, people: int) -> Array:
 
 
 def _halve(error: Array, expected: Array, people: int) -> Array:
-    """Half of the 95 % intervals from standard errors by people's differences, and those `expected` by likelihood.
+    """Half widths of 95 % intervals, from sandwich standard errors or those `expected` from the likelihood.
 
     Those of the likelihood serve where people differ less than they do by chance in 999 of 1000 groups.
     """
@@ -294,7 +294,7 @@ def _halve(error: Array, expected: Array, people: int) -> Array:
 
 
 def _refine(values: Array, likelihoods: Array) -> tuple[Array, Array]:
-    """(g,) and (people, g): between the grid's points, with steps of a quarter of the most certain person's spread."""
+    """(g,) and (people, g): interpolation to steps of a quarter of the most certain participant's SD."""
     from scipy.interpolate import CubicSpline
 
     mass = likelihoods / likelihoods.sum(axis=1, keepdims=True)
@@ -306,7 +306,7 @@ def _refine(values: Array, likelihoods: Array) -> tuple[Array, Array]:
 
 
 def _estimate_sd(values: Array, likelihoods: Array) -> tuple[float, tuple[float, float], float]:
-    """Standard deviation between people, its 95 % interval, and the least that the grid can tell from zero."""
+    """SD between participants, its 95 % interval, and the smallest that the grid resolves."""
     from scipy.interpolate import CubicSpline
 
     floor = float(values[1] - values[0])
@@ -316,7 +316,7 @@ def _estimate_sd(values: Array, likelihoods: Array) -> tuple[float, tuple[float,
     joint = np.maximum(likelihoods @ _normal(values, mean, candidates), 1e-300)
     logs = np.log(joint).sum(axis=0) - np.log(np.maximum(information.sum(axis=0), 1e-12)) / 2
     above = np.linspace(np.log(candidates[0]), np.log(candidates[-1]), 600)[1:]
-    # Below the least candidate nothing can be integrated; near zero the likelihood is linear in the variance.
+    # Below the smallest candidate the grid cannot be integrated; near zero the likelihood is linear in the variance.
     below = np.linspace(0.0, floor, 30)
     slope = (logs[1] - logs[0]) / (candidates[1] ** 2 - candidates[0] ** 2)
     sds = np.append(below, np.exp(above))
@@ -338,7 +338,7 @@ def _normal(values: Array, mean: Array, sd: Array) -> Array:
 
 
 def _mean_at(values: Array, likelihoods: Array, sd: Array) -> Array:
-    """(k,) means of greatest likelihood, one for each standard deviation: the best of some, then Newton's steps."""
+    """(k,) maximum-likelihood mean for each SD: grid search, then Newton steps."""
     mass = likelihoods / likelihoods.sum(axis=1, keepdims=True)
     places = mass @ values
     away = float(np.sqrt(np.maximum(mass @ values**2 - places**2, 0.0)).max())
@@ -356,7 +356,7 @@ def _mean_at(values: Array, likelihoods: Array, sd: Array) -> Array:
 
 
 def _scores(values: Array, likelihoods: Array, mean: Array, sd: Array) -> tuple[Array, Array]:
-    """(people, k) derivatives of the log likelihood by the mean, and its negative second derivatives."""
+    """(people, k) derivatives of the log likelihood with respect to the mean, and its negative second derivatives."""
     weights = _normal(values, mean, sd)
     away = (values[:, None] - mean) / sd**2
     total = np.maximum(likelihoods @ weights, 1e-300)
@@ -366,7 +366,7 @@ def _scores(values: Array, likelihoods: Array, mean: Array, sd: Array) -> tuple[
 
 
 def _weigh(values: Array, mean: float, sd: float) -> Array:
-    """(n,) probabilities on a grid too coarse for a smaller standard deviation than its step."""
+    """(n,) probabilities on a grid whose step limits the SD."""
     return _normal(values, np.array([mean]), np.array([_least_sd(values, sd)]))[:, 0]
 
 
@@ -375,7 +375,7 @@ def _least_sd(values: Array, sd: float) -> float:
 
 
 def _weigh_lapses(log_mean: float, shape: float = 1.0) -> Array:
-    """(9,) probabilities of the lapse rates' cells under Beta(a, a/m − a), m = exp(log_mean), a = `shape`."""
+    """(9,) probabilities of the cells of the lapse rate under Beta(a, a/m − a), m = exp(log_mean), a = `shape`."""
     from scipy.special import betainc
 
     if shape == 1.0:
@@ -389,7 +389,7 @@ def _weigh_lapses(log_mean: float, shape: float = 1.0) -> Array:
 def _joint_scores(
     likelihoods: Array, axes: tuple[Array, Array], at: Array, sds: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """(people, 3) derivatives by (M, S, log m), and (3, 3) the sum of their negative derivatives (Louis 1982)."""
+    """(people, 3) scores for (M, S, log m), and (3, 3) their observed information (Louis 1982)."""
     people = len(likelihoods)
     parts = []
     for values, mean, sd in zip(axes, at[:2], sds, strict=True):
@@ -419,12 +419,12 @@ def _joint_scores(
     score[:, 2] -= (at[2] - np.log(_TYPICAL_LAPSE)) / _LAPSE_SPREAD**2 / people
     information[2, 2] += 1 / _LAPSE_SPREAD**2
     size = np.linalg.eigvalsh(information)
-    if size[0] <= 1e-6 * size[-1]:  # far from the maximum: the scores' own spread serves as a step's scale
+    if size[0] <= 1e-6 * size[-1]:  # far from the maximum: the scores' spread scales the step
         information = score.T @ score + np.diag(np.diag(np.abs(information))) * 0.1
     return score, information
 
 
 def _limit_step(step: Array, x: Array, y: Array) -> Array:
-    """No further than a tenth of the grid at a time, and a factor e of the lapse rate."""
+    """Limit a step to a tenth of the grid and a factor e of the lapse rate."""
     most = np.array([np.ptp(x) / 10, np.ptp(y) / 10, 1.0])
     return np.clip(step, -most, most)

@@ -1,4 +1,4 @@
-"""Stevens' power law ψ = k φⁿ of one person's estimates, least squares in the logarithms (Stevens 1957)."""
+"""Stevens' power law ψ = k φⁿ for one participant's magnitude estimates, least squares in logarithms (Stevens 1957)."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ class PowerLaw:
     """log ψ = log_at_reference + exponent · log(φ/reference); NaN with fewer than two levels."""
 
     exponent: float
-    log_at_reference: float  #: natural logarithm of the estimate that the law gives at the reference
+    log_at_reference: float  #: natural logarithm of the law at the reference
 
 
 def fit_power_law(levels: ArrayLike, estimates: ArrayLike, reference: float) -> PowerLaw:
-    """The law of `estimates` (n,) of `levels` (n,), all above zero, as the reference is.
+    """Fit the law to `estimates` (n,) at `levels` (n,); all positive, as the reference.
 
     >>> law = fit_power_law([1.0, 2.0, 4.0], [10.0, 20.0, 40.0], 2.0)
     >>> round(law.exponent, 3), round(float(np.exp(law.log_at_reference)), 3)

@@ -1,4 +1,4 @@
-"""The psychometric function, share of answers over the level of a stimulus, and the answers it is fitted to."""
+"""Psychometric function: share of answers over the level of a stimulus, and counts of answers by level."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class PsychometricCurve:
     0.5
     """
 
-    middle: float  #: level where Φ = ½; of a comparison the point of subjective equality
+    middle: float  #: level where Φ = ½: the point of subjective equality
     spread: float  #: standard deviation of the normal distribution, in units of the level
-    guess: float  #: γ, share at levels far below
-    lapse: float  #: λ, 1 − share at levels far above
+    guess: float  #: γ, asymptote at low levels
+    lapse: float  #: λ, 1 − asymptote at high levels
 
     def __call__(self, x: ArrayLike) -> Array:
         """p at `x`, of its shape."""
@@ -39,7 +39,7 @@ class PsychometricCurve:
 
 @dataclass(frozen=True)
 class LevelCounts:
-    """Counted answers: `yes` (people, n) out of `of` (people, n) at `levels` (n,), ascending."""
+    """Counts of answers: `yes` (people, n) out of `of` (people, n) at `levels` (n,), ascending."""
 
     levels: Array
     yes: Array
@@ -55,7 +55,7 @@ class LevelCounts:
 
     @property
     def pooled(self) -> tuple[Array, Array, Array]:
-        """(levels, yes, of), (n,) each, over all people: for drawing, no fit is made of it."""
+        """(levels, yes, of), (n,) each, pooled over participants; for drawing, not for fits."""
         return self.levels, self.yes.sum(axis=0), self.of.sum(axis=0)
 
 

@@ -1,4 +1,4 @@
-"""Likelihood and posterior of psychometric functions on a grid that all participants share; nothing to converge."""
+"""Likelihood and posterior of psychometric functions on a grid shared by all participants, without iteration."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from haptorb_study.statistics.psychometric import LevelCounts, PsychometricCurve
 __all__ = ["LAPSE_EDGES", "PsychometricGrid"]
 
 
-#: limits of the cells of the lapse rate; a rate's probability is that of its cell, so that no density is too sharp
+#: edges of the cells of the lapse rate; integrating over cells keeps the density bounded
 LAPSE_EDGES = np.array([0.0, 0.004, 0.011, 0.021, 0.035, 0.055, 0.085, 0.13, 0.2, 0.3])
 _PSYCHOMETRIC_GRID_LAPSES = (LAPSE_EDGES[1:] + LAPSE_EDGES[:-1]) / 2
-_FARTHEST = 1 / 2  #: of the levels' range: how far outside it thresholds are considered
-_FINEST = 0.6  #: step of the grid in standard deviations of the most certain participant
-_POINTS = (21, 81)  #: fewest and most, per axis
+_FARTHEST = 1 / 2  #: in level ranges: extent of the threshold axis beyond the levels
+_FINEST = 0.6  #: grid step in SDs of the most certain participant
+_POINTS = (21, 81)  #: minimum and maximum, per axis
 
 
 @dataclass(frozen=True)
 class PsychometricGrid:
-    """Thresholds × spreads × lapse rates at which the likelihood of everybody's answers is computed.
+    """Grid of thresholds × spreads × lapse rates with the likelihood of all participants' answers.
 
     guess   γ; None: it equals the lapse rate
     target  the threshold is where the share is this much; None: where Φ = ½
@@ -41,7 +41,7 @@ class PsychometricGrid:
         cls, answered: LevelCounts, guess: float | None = None, target: float | None = None,
         limits: tuple[float, float] | None = None, spreads: tuple[float, float] | None = None,
     ) -> PsychometricGrid:  # fmt: skip
-        """A grid over the region of remaining probability, as fine as the most certain participant needs it.
+        """Grid over the region of non-negligible posterior, as fine as the most certain participant needs.
 
         limits    of the thresholds; None: half of the levels' range beyond the levels on either side
         spreads   least and greatest; None: from a sixth of the least distance of two levels to twice their range
@@ -52,7 +52,7 @@ class PsychometricGrid:
         least, most = spreads or (max(float(np.diff(x).min()) / 6, span / 300), 2 * span)
         narrow, wide = float(np.log(least)), float(np.log(most))
         axes = np.linspace(low, high, 33), np.linspace(narrow, wide, 17)
-        for _ in range(3):  # again where the grid was too coarse for the most certain person
+        for _ in range(3):  # repeat where the grid was too coarse for the most certain participant
             rough = cls(answered, *axes, guess, target)
             mass = rough.posterior
             one, sure = _zoom(rough.thresholds, mass.sum(axis=(2, 3)), low, high)
@@ -64,13 +64,13 @@ class PsychometricGrid:
 
     @property
     def lapses(self) -> Array:
-        """(9,) lapse rates, the middles of their cells."""
+        """(9,) lapse rates: centres of their cells."""
         middles: Array = _PSYCHOMETRIC_GRID_LAPSES
         return middles
 
     @cached_property
     def _logs(self) -> tuple[Array, Array]:
-        """(points, levels) logarithms of the probability of yes and of no."""
+        """(points, levels) log probabilities of yes and of no."""
         from scipy.special import ndtr, ndtri
 
         x, spreads = self.answered.levels, np.exp(self.log_spreads)
@@ -90,20 +90,20 @@ class PsychometricGrid:
         return len(self.thresholds), len(self.log_spreads), len(_PSYCHOMETRIC_GRID_LAPSES)
 
     def log_likelihoods(self, yes: Array, of: Array, points: NDArray[np.intp] | None = None) -> Array:
-        """(k, points) of k people's or samples' answers, (k, levels) each; without the binomial coefficients."""
+        """(k, points) of k participants' or samples' answers, (k, levels) each; without binomial coefficients."""
         log_yes, log_no = self._logs if points is None else (logs[points] for logs in self._logs)
         found: Array = yes @ log_yes.T + (of - yes) @ log_no.T
         return found
 
     @cached_property
     def likelihoods(self) -> Array:
-        """(people, thresholds, spreads, lapse rates), each person's greatest 1."""
+        """(people, thresholds, spreads, lapse rates), scaled to a maximum of 1 per participant."""
         logs = self.log_likelihoods(self.answered.yes, self.answered.of)
         relative: Array = np.exp(logs - logs.max(axis=1, keepdims=True)).reshape(-1, *self.shape)
         return relative
 
     def curve_at(self, point: int) -> PsychometricCurve:
-        """The function at one point of the grid, counted as `log_likelihoods` does."""
+        """The function at one point of the grid, indexed as in `log_likelihoods`."""
         from scipy.special import ndtri
 
         i, j, k = (int(n) for n in np.unravel_index(point, self.shape))
@@ -119,7 +119,7 @@ class PsychometricGrid:
 
     @cached_property
     def priors(self) -> tuple[Array, Array, Array]:
-        """(m,), (s,) and (9,) prior probabilities, those of psignifit 4 (Schütt et al. 2016), for one person alone.
+        """(m,), (s,) and (9,) prior probabilities of psignifit 4 (Schütt et al. 2016), for a single participant.
 
         Threshold: flat over the levels, falling as a raised cosine to zero half of their range outside. Width (5 to
         95 %, 3.29 spreads): flat from twice the least distance of two levels to the range, falling to zero at that
@@ -142,7 +142,7 @@ class PsychometricGrid:
 
     @cached_property
     def posterior(self) -> Array:
-        """(people, m, s, 9) probability of every point after each person's own answers only."""
+        """(people, m, s, 9) posterior from each participant's own answers."""
         one, two, three = self.priors
         mass = self.likelihoods * one[:, None, None] * two[:, None] * three
         normal: Array = mass / mass.sum(axis=(1, 2, 3), keepdims=True)
@@ -150,13 +150,13 @@ class PsychometricGrid:
 
 
 def _cosine(x: Array) -> Array:
-    """1 at 0, 0 from 1 on, a raised cosine between."""
+    """Raised cosine from 1 at 0 to 0 at 1 and beyond."""
     found: Array = (1 + np.cos(np.pi * np.clip(x, 0, 1))) / 2
     return found
 
 
 def _zoom(axis: Array, mass: Array, least: float, most: float) -> tuple[Array, bool]:
-    """Points between the limits that hold all but 1e-4 of everybody's `mass` (people, n), equally far apart.
+    """Equally spaced points within the limits that contain all but 1e-4 of each participant's `mass` (people, n).
 
     And whether `axis` was fine enough to tell.
     """

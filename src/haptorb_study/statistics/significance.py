@@ -1,4 +1,4 @@
-"""How probable what was found is by chance: exact guessing, paired differences, and several tests at once."""
+"""Significance tests: exact binomial, paired differences, and correction for multiple tests."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ Correction = Literal["holm", "bonferroni", "none"]
 TESTS: tuple[PairTest, ...] = get_args(PairTest)
 CORRECTIONS: tuple[Correction, ...] = get_args(Correction)
 
-EXACT_PEOPLE = 14  #: people up to whom all signs are tried
-_DRAWN = 5_000  #: sign patterns beyond, the observed one among them
-_AT_ONCE = 1 << 22  #: numbers held at a time
+EXACT_PEOPLE = 14  #: participants up to whom all sign patterns are enumerated
+_DRAWN = 5_000  #: sign patterns sampled above, with the observed one
+_AT_ONCE = 1 << 22  #: array elements at a time
 
 
 def binomial_tail(right: int, of: int, chance: float) -> float:
-    """Probability of at least so many right answers by guessing: the binomial tail, exactly.
+    """P(X ≥ right) of the binomial distribution: probability of so many correct answers by guessing.
 
     >>> round(binomial_tail(3, 3, 0.5), 3)
     0.125
@@ -49,7 +49,7 @@ def binomial_tail(right: int, of: int, chance: float) -> float:
 
 
 def decide_p(differences: ArrayLike, test: PairTest = "t") -> Array:
-    """(...) two-sided p that `differences` (..., people) are zero on average. Both analysis and power ask here.
+    """(...) two-sided p of a zero mean of `differences` (..., people); shared by analysis and power estimate.
 
     t          Student's test of the mean; the 95 % interval of `mean_interval` excludes zero where p < 0.05
     sign-flip  signs of all differences are exchangeable: all patterns up to 14 people, beyond 5 000, the observed one
@@ -78,7 +78,7 @@ def decide_p(differences: ArrayLike, test: PairTest = "t") -> Array:
 
 
 def check_test(name: str) -> PairTest:
-    """`name` of a test over people, or InputError."""
+    """Validate the `name` of a test over participants; InputError if it is unknown."""
     for known in TESTS:
         if name == known:
             return known
@@ -86,7 +86,7 @@ def check_test(name: str) -> PairTest:
 
 
 def fewest_people(alpha: float, test: PairTest = "t") -> int:
-    """Fewest people with whom `test` can show p < `alpha` at all: with the signs of n people p is at least 2/2ⁿ.
+    """Smallest sample in which `test` can show p < `alpha`: with n sign flips p is at least 2/2ⁿ.
 
     >>> fewest_people(0.05), fewest_people(0.05, "sign-flip")
     (2, 6)
@@ -98,7 +98,7 @@ def fewest_people(alpha: float, test: PairTest = "t") -> int:
 
 
 def correct_p(p: Sequence[float], correction: Correction = "holm") -> tuple[float, ...]:
-    """`p` of several tests, adjusted so that any false one among them has at most the probability alpha.
+    """Adjust the `p` of several tests: family-wise error rate at most alpha.
 
     holm        the smallest times their number, the next times one fewer ..., never falling (Holm 1979)
     bonferroni  each times their number
@@ -125,7 +125,7 @@ def correct_p(p: Sequence[float], correction: Correction = "holm") -> tuple[floa
 
 
 def _flip_signs(groups: Array) -> Array:
-    """(groups,) p of each row (people,), as many rows at a time as the memory bears."""
+    """(groups,) p of each row (people,), in blocks that fit into memory."""
     people = groups.shape[1]
     signs = _signs(people).T
     step = max(1, _AT_ONCE // signs.shape[1])
@@ -139,7 +139,7 @@ def _flip_signs(groups: Array) -> Array:
 
 @cache
 def _signs(people: int) -> Array:
-    """(patterns, people): all up to one common sign, or drawn ones with the observed."""
+    """(patterns, people): all patterns up to a common sign, or sampled ones with the observed."""
     if people <= EXACT_PEOPLE:
         return np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=people - 1)])
     drawn: Array = np.random.default_rng(people).choice((-1.0, 1.0), (_DRAWN, people))

@@ -1,4 +1,4 @@
-"""What one person's answers tell of a psychometric function: its greatest likelihood, and limits, some of them open.
+"""Likelihood of one participant's psychometric function in slope and intercept, with intervals that may be open.
 
 p(x) = λ + (1 − 2λ) Φ(c + b u), with u = (x − middle of the levels)/range of the levels. In slope b and intercept c a
 function that does not depend on the level is an ordinary point, b = 0, and keys that were taken for each other are b
@@ -29,21 +29,21 @@ __all__ = ["MOST_LAPSES", "Direction", "SlopeLikelihood"]
 
 
 Direction = Literal["rising", "falling", "unknown"]
-MOST_LAPSES = 0.13  #: greatest lapse rate in either tail that is considered: beyond, there is no interval
+MOST_LAPSES = 0.13  #: highest lapse rate of either asymptote: beyond it, there is no interval
 _SLOPE_LIKELIHOOD_LAPSES = (LAPSE_EDGES[1:] + LAPSE_EDGES[:-1]) / 2
 _USUAL = LAPSE_EDGES[1:] <= MOST_LAPSES + 1e-9
-_SLOPE_LIKELIHOOD_CUT = 1.9207  #: half of the 95 % quantile of χ² with one degree of freedom
-_SMALL = 12.0  #: trials; by simulation: with few of them the likelihood ratio is greater than χ² by this much over them
-_BEND = 1.2  #: slopes are equally far apart up to here, from here on in their logarithm
-_STEEPEST = 60.0  #: spread of a sixtieth of the range; and six times the inverse of the least distance of two levels
-_TAIL = 3.2  #: standard deviations beyond the outermost level that intercepts reach
-_SLOPES, _FINE = 41, 25  #: slopes at which everybody's likelihood is computed first, and then each person's
+_SLOPE_LIKELIHOOD_CUT = 1.9207  #: half of the 95 % quantile of χ²₁
+_SMALL = 12.0  #: trials; small-sample correction of the likelihood ratio, by simulation: 1 + 12/trials
+_BEND = 1.2  #: slope up to which the grid is linear, logarithmic beyond
+_STEEPEST = 60.0  #: range/60 as the smallest spread; at most 6 over the least distance of two levels
+_TAIL = 3.2  #: standard deviations that intercepts extend beyond the outermost level
+_SLOPES, _FINE = 41, 25  #: slopes of the common grid, and of each participant's refined grid
 _TINY = 1e-12
 
 
 @dataclass(frozen=True)
 class SlopeLikelihood:
-    """Everybody's answers, each person by themselves; all arrays by person.
+    """Likelihood of each participant's answers; all arrays by participant.
 
     weights  (9,) probabilities of the lapse rates' cells; None: equal up to `MOST_LAPSES`
     """
@@ -53,7 +53,7 @@ class SlopeLikelihood:
 
     @cached_property
     def scale(self) -> tuple[float, float]:
-        """Middle and range of the levels."""
+        """Centre and range of the levels."""
         x = self.answered.levels
         return float(x[0] + x[-1]) / 2, float(x[-1] - x[0])
 
@@ -66,7 +66,7 @@ class SlopeLikelihood:
 
     @cached_property
     def log_weights(self) -> Array:
-        """(9,) logarithms; −∞ where a lapse rate is not considered."""
+        """(9,) log weights; −∞ where a lapse rate is excluded."""
         if self.weights is None:
             cells = np.diff(np.minimum(LAPSE_EDGES, MOST_LAPSES))
             cells = cells / cells.sum()
@@ -78,23 +78,23 @@ class SlopeLikelihood:
 
     @cached_property
     def cuts(self) -> Array:
-        """(people,) by how much the log likelihood may be below its greatest value inside an interval."""
+        """(people,) cut-off: decrease of the log likelihood at the limits of an interval."""
         found: Array = _SLOPE_LIKELIHOOD_CUT * (1 + _SMALL / np.maximum(self.answered.of.sum(axis=1), 1))
         return found
 
     @cached_property
     def steepest(self) -> float:
-        """The slope from which on the function is a step, for these levels."""
+        """Slope from which on the function is a step at these levels."""
         return min(_STEEPEST, 6 / float(np.diff(self.units).min()))
 
     # --- likelihood ---------------------------------------------------------------------------------------------------
 
     def log_likelihood(self, slopes: Array, intercepts: Array) -> Array:
-        """(people, ...) with λ integrated over, of each person's own slopes and intercepts (people, ...)."""
+        """(people, ...) with λ integrated out, at slopes and intercepts (people, ...)."""
         return self._differentiate(slopes, intercepts)[0]
 
     def _differentiate(self, slopes: Array, intercepts: Array) -> tuple[Array, Array, Array]:
-        """Log likelihood, its derivative by the intercept, and the information on it, (people, n) each."""
+        """Log likelihood, its derivative with respect to the intercept, and the information on it, (people, n) each."""
         from scipy.special import ndtr
 
         used = np.flatnonzero(np.isfinite(self.log_weights))
@@ -118,7 +118,7 @@ class SlopeLikelihood:
         return most + np.log(total), (share * firsts).sum(axis=0), (share * informations).sum(axis=0)
 
     def _climb(self, slopes: Array, intercepts: Array, steps: int) -> tuple[Array, Array, Array]:
-        """Best intercepts near those given, their log likelihood and information: scoring, never downwards."""
+        """Maximise over the intercept by Fisher scoring, never downhill: intercept, value, information."""
         limit = _TAIL + np.abs(slopes) / 2
         c = np.clip(intercepts, -limit, limit)
         value, first, information = self._differentiate(slopes, c)
@@ -137,7 +137,7 @@ class SlopeLikelihood:
 
     @cached_property
     def _rough(self) -> tuple[Array, Array, Array, Array]:
-        """Slopes (s,), best intercepts and log likelihoods (people, s), and the greatest with each rate of lapses."""
+        """Slopes (s,), best intercepts and log likelihoods (people, s), and the maximum for each lapse rate."""
         from scipy.special import ndtr
 
         bend = np.arcsinh(self.steepest / _BEND)
@@ -162,7 +162,7 @@ class SlopeLikelihood:
 
     @cached_property
     def _profile(self) -> tuple[Array, Array, Array, Array]:
-        """Slopes, best intercepts, log likelihoods and information of the intercepts, (people, f) each.
+        """Profile likelihood: slopes, best intercepts, log likelihoods, information on intercepts, (people, f) each.
 
         Only where a person's likelihood is not negligible; slopes are equally far apart in asinh(b/1.2).
         """
@@ -182,7 +182,7 @@ class SlopeLikelihood:
 
     @cached_property
     def _dense(self) -> tuple[Array, Array, Array]:
-        """Slopes, log likelihoods and intercepts (people, 32 f) by splines, and never below the computed points."""
+        """Slopes, log likelihoods and intercepts (people, 32 f) by spline interpolation of the profile."""
         from scipy.interpolate import CubicSpline
 
         slopes, c, value, _ = self._profile
@@ -198,7 +198,7 @@ class SlopeLikelihood:
 
     @cached_property
     def slope_95(self) -> tuple[Array, Array]:
-        """(low, high) of b for each person; −∞ and ∞ where the likelihood does not fall towards a step."""
+        """(low, high) of b for each participant; ±∞ where the likelihood does not fall towards a step."""
         slopes, value, _ = self._dense
         inside = value >= value.max(axis=1, keepdims=True) - self.cuts[:, None]
         first = inside.argmax(axis=1)
@@ -212,18 +212,18 @@ class SlopeLikelihood:
 
     @cached_property
     def too_many_lapses(self) -> NDArray[np.bool_]:
-        """(people,) whether lapse rates above `MOST_LAPSES` are clearly more likely than all below."""
+        """(people,) whether lapse rates above `MOST_LAPSES` are clearly more likely than those below."""
         best = self.by_lapse
         found: NDArray[np.bool_] = best[:, ~_USUAL].max(axis=1) - best[:, _USUAL].max(axis=1) > 2 * self.cuts
         return found
 
     def direction(self, person: int) -> Direction:
-        """Whether it is established that the share of answers rises or falls with the level."""
+        """Established direction of the function over the level: rising, falling or unknown."""
         low, high = (float(end[person]) for end in self.slope_95)
         return "rising" if low > 0 else "falling" if high < 0 else "unknown"
 
     def spread_95(self, person: int) -> tuple[float, float]:
-        """Of the spread, in units of the level; 0 and ∞ are open ends, NaN without an interval.
+        """95 % interval of the spread, in units of the level; 0 and ∞ are open limits, NaN: no interval.
 
         Where the direction is not established, the lower limit is that of both: nobody knows how the keys were taken.
         """
@@ -235,7 +235,7 @@ class SlopeLikelihood:
         return span / steep, (span / shallow if shallow > 0 else math.inf)
 
     def threshold_95(self, person: int) -> tuple[float, float]:
-        """Of the level where Φ = ½; −∞ and ∞ are open ends, both where the answers tell nothing of it.
+        """95 % interval of the point of subjective equality; ±∞ are open limits, both if it is undetermined.
 
         Where the direction is not established and more likely rises, keys are taken to be as instructed.
         """
@@ -249,7 +249,7 @@ class SlopeLikelihood:
             return -math.inf, math.inf
         ends = np.concatenate([-low[known] / b[known], -high[known] / b[known]])
         least, most = float(ends.min()), float(ends.max())
-        if self.direction(person) == "unknown":  # at b = 0 thresholds are infinite, on the side that c has there
+        if self.direction(person) == "unknown":  # at b = 0 thresholds are infinite, with the sign of c
             flat = int(np.abs(b).argmin())
             least = -math.inf if high[flat] > 0 else least
             most = math.inf if low[flat] < 0 else most
@@ -257,19 +257,19 @@ class SlopeLikelihood:
 
     @cached_property
     def estimates(self) -> tuple[Array, Array]:
-        """(people,) slopes and intercepts of greatest likelihood."""
+        """(people,) maximum-likelihood slopes and intercepts."""
         slopes, value, intercepts = self._dense
         rows, best = np.arange(len(slopes)), value.argmax(axis=1)
         return slopes[rows, best], intercepts[rows, best]
 
     @property
     def by_lapse(self) -> Array:
-        """(people, 9) greatest log likelihood with each lapse rate, without weights."""
+        """(people, 9) maximum log likelihood for each lapse rate, without weights."""
         return self._rough[3]
 
     @cached_property
     def common(self) -> tuple[Array, Array, Array, Array]:
-        """Slopes (n,), the same for all people, and log likelihood, its derivative, best intercept (people, n)."""
+        """Slopes (n,) common to all participants; log likelihood, its derivative and best intercept (people, n)."""
         from scipy.interpolate import CubicSpline
 
         slopes, c, value, _ = self._rough
@@ -281,14 +281,14 @@ class SlopeLikelihood:
         return dense, spline(fine), spline(fine, 1) / (_BEND * np.cosh(fine)), middles
 
     def curve(self, person: int, lapse: float) -> PsychometricCurve:
-        """The function of greatest likelihood, with `lapse`; a falling one has a negative spread."""
+        """Maximum-likelihood function with `lapse`; a falling one has a negative spread."""
         b, c = (float(one[person]) for one in self.estimates)
         middle, span = self.scale
         b = b if abs(b) > 1e-6 else math.copysign(1e-6, b)
         return PsychometricCurve(middle - span * c / b, span / b, lapse, lapse)
 
     def lapses(self, person: int) -> Array:
-        """(9,) probabilities of the lapse rates' cells at the greatest likelihood, before the person's own weights."""
+        """(9,) posterior of the lapse rate at the maximum-likelihood function."""
         from scipy.special import ndtr
 
         slopes, intercepts = self.estimates
@@ -303,7 +303,7 @@ class SlopeLikelihood:
         return found
 
     def nearby(self, person: int, far: float = 3.5, count: int = 13) -> Array:
-        """(points, levels) probabilities of functions near the most likely one, lapses too: to fit repetitions at."""
+        """(points, levels) probabilities of functions near the most likely one, with lapses."""
         from scipy.special import ndtr
 
         slopes, c, value, information = (one[person] for one in self._profile)
@@ -317,13 +317,13 @@ class SlopeLikelihood:
         return found
 
     def _falls_more_likely(self, person: int) -> bool:
-        """Whether a falling function explains the answers better than every rising one."""
+        """Whether the best falling function is more likely than the best rising one."""
         slopes, value = self._dense[0][person], self._dense[1][person]
         rising, falling = (value[side].max(initial=-np.inf) for side in (slopes >= 0, slopes < 0))
         return bool(falling > rising + 0.1)
 
     def _outline(self, person: int) -> tuple[Array, Array, Array]:
-        """Slopes, and the least and greatest intercept inside the interval at each, its two tips among them.
+        """Outline of the confidence region: slopes, lower and upper intercept at each, with both tips.
 
         Between slopes, squares of the distances from the best intercept are interpolated: near a tip they are linear.
         """
@@ -345,7 +345,7 @@ class SlopeLikelihood:
 
     @cached_property
     def _region(self) -> tuple[Array, Array, Array, Array, NDArray[np.bool_]]:
-        """Slopes, the best, least and greatest intercept at each, ±∞ without an end, and which are inside.
+        """Confidence region: slopes, best, lower and upper intercept (±∞ if open), and the mask of slopes inside.
 
         The root of the likelihood's fall is nearly linear in the intercept: Newton's steps need few.
         """

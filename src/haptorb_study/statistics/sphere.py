@@ -1,4 +1,4 @@
-"""Directions on the sphere: errors as vectors in local axes, mean direction, and spread."""
+"""Directional statistics on the sphere: errors in local axes, mean direction, and spread."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from haptorb.errors import InputError
 __all__ = ["DirectionSpread", "error_vectors", "find_away_axes", "local_axes", "summarize_directions"]
 
 
-_SPHERE_TINY = 1e-9  #: of a unit vector: below it a direction is not known
+_SPHERE_TINY = 1e-9  #: norm below which a direction is undefined
 
 
 @dataclass(frozen=True)
 class DirectionSpread:
-    """Directions about their mean (Fisher 1953; Mardia & Jupp 2000, §10.3)."""
+    """Mean direction and concentration (Fisher 1953; Mardia & Jupp 2000, §10.3)."""
 
     count: int
-    theta_deg: float  #: mean direction from the top [deg]; NaN where the directions cancel
-    phi_deg: float  #: about the vertical [deg]
-    resultant: float  #: mean resultant length, 0 to 1; 1: all alike
-    kappa: float  #: concentration, (n − 1)/(n − n·resultant); infinite where all are alike, NaN for one direction
-    spread_deg: float  #: standard deviation in each of two directions, 1/√κ [deg]; means little below κ = 3
+    theta_deg: float  #: polar angle of the mean direction [deg]; NaN where the directions cancel
+    phi_deg: float  #: azimuth [deg]
+    resultant: float  #: mean resultant length, 0 to 1; 1: identical
+    kappa: float  #: concentration, (n − 1)/(n − n·resultant); infinite for identical directions, NaN for one
+    spread_deg: float  #: SD in each of two tangential directions, 1/√κ [deg]; of little meaning below κ = 3
 
 
 def local_axes(ways: ArrayLike) -> tuple[Array, Array]:
-    """(up, round): unit tangents (..., 3) at `ways` (..., 3), along the meridian to the top, and along φ.
+    """(up, round): unit tangents (..., 3) at `ways` (..., 3), towards the top and along φ.
 
     NaN at the top itself, and at the bottom, where every way leads away.
 
@@ -47,7 +47,7 @@ def local_axes(ways: ArrayLike) -> tuple[Array, Array]:
 
 
 def find_away_axes(ways: ArrayLike, hand_deg: float) -> Array:
-    """(..., 3) unit tangents at `ways` (..., 3) that lead away from a hand at `hand_deg` about the vertical, from +x.
+    """(..., 3) unit tangents at `ways` (..., 3) away from a hand at the azimuth `hand_deg`.
 
     The horizontal direction from the hand to the vertical axis, in the tangent plane; known at the top too. NaN where
     that direction is the normal.
@@ -65,7 +65,7 @@ def find_away_axes(ways: ArrayLike, hand_deg: float) -> Array:
 
 
 def error_vectors(asked: ArrayLike, answered: ArrayLike) -> Array:
-    """(n, 3) errors [deg] in the tangent planes at `asked` (n, 3): as long as the arc to `answered`, and that way.
+    """(n, 3) errors [deg] in the tangent planes at `asked` (n, 3): length and direction of the arc to `answered`.
 
     Their lengths are angles, so a component is a share of the angle along its axis. NaN where the answer lies opposite,
     every way being equally short, and where an answer is missing (NaN).

@@ -45,7 +45,7 @@ high = 10
 
 
 def _fake() -> Any:
-    spec = importlib.util.spec_from_file_location("fake_servo", Path(__file__).with_name("fake_servo.py"))
+    spec = importlib.util.spec_from_file_location("fake_servo", Path(__file__).parents[1] / "fake_servo.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -236,7 +236,7 @@ def test_the_console_survives_them(n, capfd, caplog):
 
 @pytest.mark.parametrize("n", AMOUNTS)
 def test_a_study_survives_them(n, tmp_path, monkeypatch, capfd, caplog):
-    pages = _module(TESTS / "study" / "test_pages.py")
+    pages = _module(TESTS / "study" / "pages" / "test_pages.py")
     monkeypatch.chdir(tmp_path)
     with no_news(capfd, caplog):
         host = pages.StudyHost(pages.study_of(pages.STUDY), tmp_path / "s.db")
